@@ -1,0 +1,78 @@
+"""The command line: `indentfit COMMAND`, one module of this package for each command.
+
+A command's module is imported when that command runs, so that `--help` is quick. Whatever goes wrong ends here: an
+IndentfitError as its own lines on stderr with its own exit code, a usage error with 2, Ctrl-C with 130, a bug with 1.
+"""
+
+import errno
+import importlib
+import traceback
+
+import click
+
+from ..errors import CaseError, IndentfitError
+
+COMMANDS = {
+    "init": "Write a commented case to start from.",
+    "validate": "Show every error of a case, or what it says.",
+    "simulate": "Compute the curves of a case, and its stresses.",
+    "fit": "Find the parameters that its curves ask for.",
+    "materials": "List, describe or check materials.",
+}
+INTERRUPTED = 130
+
+
+class Commands(click.Group):
+    """Commands by name, each the click command `command` of the module of that name, imported when it is run."""
+
+    def list_commands(self, ctx):
+        return list(COMMANDS)
+
+    def get_command(self, ctx, name):
+        if name not in COMMANDS:
+            return None
+        return importlib.import_module(f"{__name__}.{name}").command
+
+    def format_commands(self, ctx, formatter):
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except IndentfitError as error:
+            _say(error, ctx.params["debug"])
+            ctx.exit(error.exit_code)
+        except KeyboardInterrupt:
+            click.echo("interrupted", err=True)
+            ctx.exit(INTERRUPTED)
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except Exception as error:
+            if isinstance(error, OSError) and error.errno == errno.EPIPE:
+                raise  # the reader of our output has gone: click ends quietly
+            _report(error, ctx.params["debug"])
+            ctx.exit(1)
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.version_option(None, "--version", package_name="indentfit", message="%(prog)s %(version)s")
+def main(debug):
+    """Material parameters of soft tissue from indentation, by inverse finite elements."""
+
+
+def _say(error, debug):
+    """The lines of an expected error on stderr."""
+    if debug:
+        traceback.print_exception(error)
+    for line in error.problems if isinstance(error, CaseError) else [str(error)]:
+        click.echo(f"error: {' '.join(line.splitlines())}", err=True)
+
+
+def _report(error, debug):
+    """One line on stderr for an error that nobody foresaw; its traceback only when asked for."""
+    if debug:
+        traceback.print_exception(error)
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    click.echo(f"error: a bug in indentfit ({what}); please report it, and what `indentfit --debug ...` adds", err=True)

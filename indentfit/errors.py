@@ -1,0 +1,62 @@
+"""What can go wrong, each kind with the exit code that the command line ends with."""
+
+
+class IndentfitError(Exception):
+    """Root of every error that indentfit raises on purpose; its text is one line for the user."""
+
+    exit_code = 1
+
+
+class InputError(IndentfitError):
+    """The user's input is wrong; the text names file, key, value and remedy."""
+
+    exit_code = 2
+
+
+class CaseError(InputError):
+    """A case file that cannot be used. `problems` holds one line for each error found."""
+
+    def __init__(self, problems):
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class CurveError(InputError):
+    """A force-displacement curve that cannot be used."""
+
+
+class MaterialError(InputError):
+    """A material that cannot be found, loaded, parsed or given its parameters."""
+
+
+class MeshError(InputError):
+    """A sample and an indenter that cannot be meshed as asked."""
+
+
+class OutputError(InputError):
+    """A result folder that cannot be written, or must not be overwritten."""
+
+
+class ConvergenceError(IndentfitError):
+    """The mechanics did not converge.
+
+    displacement: indenter displacement that could not be reached, mm; step, iteration: where the
+    solver stopped; cause: the likely reason, in words.
+    """
+
+    exit_code = 3
+
+    def __init__(self, cause, displacement=float("nan"), step=0, iteration=0):
+        self.cause, self.displacement, self.step, self.iteration = cause, displacement, step, iteration
+        super().__init__(
+            f"no equilibrium at {displacement:.4g} mm (step {step}, iteration {iteration}): {cause}"
+        )
+
+    def __reduce__(self):
+        return type(self), (self.cause, self.displacement, self.step, self.iteration)
+
+
+class FitError(IndentfitError):
+    """The fit stopped before it converged; its result is still written."""
+
+    exit_code = 4

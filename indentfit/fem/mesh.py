@@ -1,0 +1,296 @@
+"""Quarter samples of bricks: graded towards the indenter's edge and the top, with mesh lines on the footprint.
+
+Axes: y is the indentation axis (base y = 0, top y = thickness), the strip's long side lies along x. The planes x = 0 and
+z = 0 are planes of symmetry. All lengths in mm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from skfem import MeshHex, MeshQuad
+
+from indentfit.errors import MeshError
+
+# The grading of the whole family: an element near the footprint's edge is EDGE times `size` wide, and its width grows
+# with the distance from the edge (GROWTH times `size` per mm) up to `size`; along a strip elements are ALONG times
+# longer, because the fields hardly change there. Found by the error-cost study in tests/benchmarks/grading.py.
+EDGE, GROWTH, ALONG = 0.05, 0.40, 2.0
+DEFAULT_ELEMENTS = 1500
+
+
+@dataclass(frozen=True)
+class Grading:
+    """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm."""
+
+    size: float
+    edge: float
+
+    def width(self, distance):
+        """Wanted element width at a distance from the footprint's edge, mm."""
+        return np.minimum(self.size, self.edge + GROWTH * self.size * np.asarray(distance))
+
+
+def quarter(sample, indenter, mesh):
+    """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables.
+
+    Returns a MeshHex with the boundaries top, base, x0, z0 and footprint (the facets that may touch the indenter).
+    Raises MeshError where the indenter does not fit on the sample.
+    """
+    if mesh.size is not None:
+        return _quarter(sample, indenter, mesh.size)
+    return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS))
+
+
+def _size_for(sample, indenter, elements):
+    """Size at which the mesh has about that many elements, by bisection on the logarithm."""
+    low, high = np.log(0.01), np.log(5 * sample.thickness)
+    for _ in range(30):
+        middle = (low + high) / 2
+        if _count(sample, indenter, np.exp(middle)) > elements:
+            low = middle
+        else:
+            high = middle
+    sizes = [np.exp(low), np.exp(high)]
+    return min(sizes, key=lambda size: abs(np.log(_count(sample, indenter, size) / elements)))
+
+
+def _count(sample, indenter, size):
+    """Number of elements at a size, without merging the patches."""
+    plane, layers = _parts(sample, indenter, size)
+    return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in plane) * (layers.size - 1)
+
+
+def _quarter(sample, indenter, size):
+    plane, layers = _parts(sample, indenter, size)
+    mesh = extrude(merge(plane), layers)
+    x, z = footprint(indenter, sample)
+    inside = {
+        "strip": lambda p: (p[0] < x) & (p[2] < z),
+        "cylinder": lambda p: np.hypot(p[0], p[2]) < x,
+        "sphere": lambda p: np.hypot(p[0], p[2]) < x,
+    }[indenter.shape]
+    top, eps = sample.thickness, 1e-9 * sample.thickness
+    return mesh.with_boundaries(
+        {
+            "top": lambda p: p[1] > top - eps,
+            "base": lambda p: p[1] < eps,
+            "x0": lambda p: p[0] < eps,
+            "z0": lambda p: p[2] < eps,
+            "footprint": lambda p: (p[1] > top - eps) & inside(p),
+        }
+    )
+
+
+def footprint(indenter, sample):
+    """Half-lengths (x, z) of the region of the top that may come into contact, mm.
+
+    A sharp edge confines the contact to the footprint's material face. A rounded one, and a sphere, can also be met
+    by material from beside it: half a radius more, but no more than the sample has.
+    """
+    if indenter.shape == "strip":
+        return indenter.length / 2 + indenter.edge_radius / 2, indenter.width / 2 + indenter.edge_radius / 2
+    if indenter.shape == "cylinder":
+        return (indenter.diameter / 2 + indenter.edge_radius / 2,) * 2
+    return (indenter.diameter / 2,) * 2
+
+
+def _parts(sample, indenter, size):
+    """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
+    edge = EDGE * size
+    if getattr(indenter, "edge_radius", 0):
+        edge = min(edge, indenter.edge_radius / 3)
+    grading = Grading(size, edge)
+    layers = sample.thickness - graded(0, sample.thickness, grading, at=0, least=2)[::-1]
+    layers[0], layers[-1] = 0.0, sample.thickness
+    if indenter.shape == "strip" and sample.shape == "disc":
+        return _strip_on_disc(sample.diameter / 2, indenter, grading), layers
+    if indenter.shape == "strip":
+        return [_strip_on_block(sample, indenter, grading)], layers
+    return _round_punch(sample, _radius_to_resolve(sample, indenter), grading), layers
+
+
+def _radius_to_resolve(sample, indenter):
+    """Radius at which a round indenter's contact ends: its own, or a sphere's contact radius at a tenth of the thickness."""
+    if indenter.shape == "cylinder":
+        return indenter.diameter / 2
+    return min(np.sqrt(indenter.diameter / 2 * sample.thickness / 10), indenter.diameter / 2)
+
+
+# ---- one direction -----------------------------------------------------------------------------------------------
+
+
+def graded(start, stop, grading, at, least=1):
+    """Positions from start to stop, whose spacing follows the grading's width at the distance from `at`."""
+    fine = np.linspace(start, stop, 4001)
+    density = 1 / grading.width(np.abs(fine - at))
+    count = np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine))])
+    number = max(least, int(np.ceil(count[-1] - 1e-9)))
+    nodes = np.interp(np.linspace(0, count[-1], number + 1), count, fine)
+    nodes[0], nodes[-1] = start, stop
+    return nodes
+
+
+def _across(half_width, end, grading):
+    """Positions from 0 to end with a line on half_width, fine on both sides of it."""
+    inner = graded(0, half_width, grading, at=half_width, least=2)
+    return inner, graded(half_width, end, grading, at=half_width, least=2)
+
+
+def _along(half_length, end, grading):
+    """Positions along the strip: even where it overhangs the sample, else with a line on its end."""
+    coarse = Grading(ALONG * grading.size, ALONG * grading.size)
+    if half_length >= end * (1 - 1e-6):
+        return graded(0, end, coarse, at=end, least=4)
+    ending = Grading(ALONG * grading.size, grading.edge)
+    inner, outer = _across(half_length, end, ending)
+    return np.concatenate([inner, outer[1:]])
+
+
+# ---- the plane ---------------------------------------------------------------------------------------------------
+
+
+def _strip_on_block(sample, indenter, grading):
+    inner, outer = _across(indenter.width / 2, sample.width / 2, grading)
+    x = _along(indenter.length / 2, sample.length / 2, grading)
+    return np.array(np.meshgrid(x, np.concatenate([inner, outer[1:]]), indexing="ij"))
+
+
+def _strip_on_disc(radius, indenter, grading):
+    """A band under the strip, and the cap beside it as three patches that meet in one inner point.
+
+    Every corner of the cap is near 90 deg, so no element degenerates where the strip's edge leaves the disc.
+    """
+    half = indenter.width / 2
+    chord = np.sqrt(radius**2 - half**2)
+    if half > 0.9 * radius:
+        raise MeshError(f"indenter.width = {2 * half:g} mm: too wide to mesh on a disc of diameter {2 * radius:g} mm")
+    x = _along(indenter.length / 2, chord, grading)
+    inner, outer = _across(half, half + 0.55 * (radius - half), grading)
+    split = int(np.clip(np.argmin(np.abs(x - 0.5 * chord)), 1, x.size - 2))
+
+    band = np.array(np.meshgrid(x, inner, indexing="ij"))
+    rim = np.sqrt(radius**2 - inner**2)  # the band's lines reach the rim
+    stretch = np.clip((x - x[split]) / (chord - x[split]), 0, 1)[:, None]
+    band[0] += stretch**2 * (rim - chord)[None, :]
+
+    low, high = np.arcsin(half / radius), np.pi / 2
+    shares = (outer - half) / (outer[-1] - half)
+    middle = low + 0.5 * (high - low)
+    rise = _arc(radius, low + shares * (middle - low))
+    centre = np.array([0.52 * chord, half + 0.46 * (radius - half)])
+    bottom = np.array([x, np.full_like(x, half)])
+    left = np.array([np.zeros_like(outer), outer])
+    spoke = _line(bottom[:, split], centre, shares)
+    level = _line(left[:, -1], centre, x[: split + 1] / x[split])
+    outwards = _line(centre, rise[:, -1], (x[split:] - x[split]) / (chord - x[split]))
+    crown = _arc(radius, np.linspace(high, middle, split + 1))
+    up = _line(left[:, -1], np.array([0.0, radius]), np.linspace(0, 1, x.size - split))
+    return [
+        band,
+        transfinite(bottom[:, : split + 1], level, left, spoke),
+        transfinite(bottom[:, split:], outwards, spoke, rise),
+        transfinite(level, crown, up, outwards),
+    ]
+
+
+def _round_punch(sample, a, grading):
+    """Three patches inside the circle of radius a, two rings of quadrilaterals from there to the sample's side."""
+    outer = sample.diameter / 2 if sample.shape == "disc" else min(sample.length, sample.width) / 2
+    if a > 0.95 * outer:
+        raise MeshError(f"the indenter's contact radius {a:g} mm leaves no room on the sample (half-width {outer:g} mm)")
+    radii = graded(0, a, grading, at=a, least=3)[::-1]
+    core = 0.4 * a
+    rings = radii[radii > core * 1.05][::-1]
+    around = max(3, int(np.ceil(a * np.pi / 4 / grading.size)))
+    s = np.linspace(0, 1, around + 1)
+    corner = 0.75 * core * np.ones(2)
+    bottom, left = _line(np.zeros(2), np.array([core, 0]), s), _line(np.zeros(2), np.array([0, core]), s)
+    right, top = _line(np.array([core, 0]), corner, s), _line(np.array([0, core]), corner, s)
+    patches = [transfinite(bottom, top, left, right)]
+    reach = graded(a, _reach(sample), grading, at=a, least=2)
+    for side, first in ((right, 0.0), (top, np.pi / 2)):
+        angles = np.linspace(first, np.pi / 4, around + 1)
+        shares = np.concatenate([[0], (rings - core) / (a - core)])
+        circle = _arc(a, angles)
+        inner = side[:, :, None] + (circle - side)[:, :, None] * shares
+        wall = _wall(sample, angles, first)
+        share = (reach - a) / (reach[-1] - a)
+        outer_ring = circle[:, :, None] + (wall - circle)[:, :, None] * share
+        patches += [inner, outer_ring]
+    return patches
+
+
+def _reach(sample):
+    return sample.diameter / 2 if sample.shape == "disc" else max(sample.length, sample.width) / 2
+
+
+def _wall(sample, angles, first):
+    """Points of the sample's side that belong to angles from the x axis (first = 0) or from the z axis to the diagonal."""
+    if sample.shape == "disc":
+        return _arc(sample.diameter / 2, angles)
+    corner = np.array([sample.length / 2, sample.width / 2])
+    if first == 0:
+        return np.array([np.full_like(angles, corner[0]), corner[1] * np.tan(angles)])
+    return np.array([corner[0] * np.tan(np.pi / 2 - angles), np.full_like(angles, corner[1])])
+
+
+def _arc(radius, angles):
+    return radius * np.array([np.cos(angles), np.sin(angles)])
+
+
+def _line(start, stop, shares):
+    return start[:, None] + (stop - start)[:, None] * shares
+
+
+def transfinite(bottom, top, left, right):
+    """Grid (2, m, n) that fills four sides: bottom, top (2, m) and left, right (2, n) (Gordon and Hall 1973)."""
+    u0, u1, v0, v1 = (_share(side) for side in (bottom, top, left, right))
+    du, dv = (u1 - u0)[:, None], (v1 - v0)[None, :]
+    u = (u0[:, None] + v0[None, :] * du) / (1 - du * dv)
+    v = v0[None, :] + u * dv
+    sides = (1 - v) * bottom[:, :, None] + v * top[:, :, None] + (1 - u) * left[:, None, :] + u * right[:, None, :]
+    a, b, c, d = (p[:, None, None] for p in (bottom[:, 0], bottom[:, -1], top[:, 0], top[:, -1]))
+    return sides - ((1 - u) * (1 - v) * a + u * (1 - v) * b + (1 - u) * v * c + u * v * d)
+
+
+def _share(side):
+    """Share of a side's length at each of its points."""
+    length = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(side)))])
+    return length / length[-1]
+
+
+# ---- assembly ----------------------------------------------------------------------------------------------------
+
+
+def merge(patches):
+    """One MeshQuad of (x, z) from patches (2, m, n); points closer than 1e-6 of its extent become one."""
+    points, cells, offset = [], [], 0
+    for patch in patches:
+        m, n = patch.shape[1:]
+        number = np.arange(m * n).reshape(m, n) + offset
+        cell = np.array([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]).reshape(4, -1)
+        points.append(patch.reshape(2, -1))
+        cells.append(cell)
+        offset += m * n
+    p, t = np.hstack(points), np.hstack(cells)
+    keys = np.round(p / (1e-6 * np.abs(p).max())).astype(np.int64)
+    _, first, inverse = np.unique(keys, axis=1, return_index=True, return_inverse=True)
+    t = inverse.reshape(-1)[t]
+    p = p[:, first]
+    negative = _areas(p, t) < 0
+    t[:, negative] = t[::-1, negative]
+    return MeshQuad(np.ascontiguousarray(p), np.ascontiguousarray(t))
+
+
+def _areas(p, t):
+    x, z = p[:, t]
+    return 0.5 * ((x[2] - x[0]) * (z[3] - z[1]) - (x[3] - x[1]) * (z[2] - z[0]))
+
+
+def extrude(plane, heights):
+    """MeshHex of a MeshQuad in (x, z) and the heights of its layers along y."""
+    n, layers = plane.p.shape[1], heights.size
+    x, z = plane.p
+    p = np.array([np.tile(x, layers), np.repeat(heights, n), np.tile(z, layers)])
+    a, b, c, d = (plane.t[:, None, :] + n * np.arange(layers - 1)[None, :, None]).reshape(4, -1)
+    return MeshHex(p, np.array([a, d, a + n, b, d + n, c, b + n, c + n]))

@@ -1,0 +1,152 @@
+"""Curves: what a CSV file may look like, and how each wrong one is refused."""
+
+import numpy as np
+import pytest
+
+from indentfit.curve import Curve, read_curve, unit_factor, write_curve
+from indentfit.errors import CurveError
+
+POINTS = [(0.0, 0.0), (0.1, 7.0), (0.2, 15.0), (0.3, 24.0), (0.4, 34.0)]
+ROWS = "".join(f"{d},{f}\n" for d, f in POINTS)
+HEADER = "displacement_mm,force_mN\n"
+
+
+@pytest.fixture
+def curve_of(tmp_path):
+    """Reads a text or bytes as a curve file."""
+
+    def read(content):
+        path = tmp_path / "curve.csv"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_curve(path)
+
+    return read
+
+
+def refusal(curve_of, content):
+    with pytest.raises(CurveError) as caught:
+        curve_of(content)
+    assert len(str(caught.value).splitlines()) == 1
+    assert "curve.csv: " in str(caught.value)
+    return str(caught.value).split("curve.csv: ", 1)[1]
+
+
+def assert_is_the_curve(curve):
+    np.testing.assert_allclose(curve.displacement, [d for d, _ in POINTS], rtol=1e-13)
+    np.testing.assert_allclose(curve.force, [f for _, f in POINTS], rtol=1e-13)
+
+
+GOOD = {
+    "plain": HEADER + ROWS,
+    "a BOM": "\ufeff" + HEADER + ROWS,
+    "CRLF": (HEADER + ROWS).replace("\n", "\r\n"),
+    "old Mac line ends": (HEADER + ROWS).replace("\n", "\r"),
+    "no last line end": (HEADER + ROWS).rstrip(),
+    "comments and blank lines": "# sample 3\n\n" + HEADER + "# loading\n" + ROWS + "\n\n",
+    "spaces": HEADER.replace(",", " , ") + ROWS.replace(",", " ,  "),
+    "quotes": '"displacement_mm","force_mN"\n' + ROWS,
+    "tabs": (HEADER + ROWS).replace(",", "\t"),
+    "semicolons": (HEADER + ROWS).replace(",", ";"),
+    "semicolons and decimal commas": (HEADER + ROWS).replace(",", ";").replace(".", ","),
+    "columns the other way": "force_mN,displacement_mm\n" + "".join(f"{f},{d}\n" for d, f in POINTS),
+    "another column": "time_s,displacement_mm,force_mN\n" + "".join(f"9,{d},{f}\n" for d, f in POINTS),
+    "micrometres and newtons": "displacement_um,force_N\n" + "".join(f"{d * 1e3},{f / 1e3}\n" for d, f in POINTS),
+    "micro sign": "displacement_µm,force_mN\n" + "".join(f"{d * 1e3},{f}\n" for d, f in POINTS),
+    "metres and micronewtons": "displacement_m,force_uN\n" + "".join(f"{d / 1e3},{f * 1e3}\n" for d, f in POINTS),
+    "rounding below zero": HEADER + ROWS.replace("0.0,0.0", "-1e-17,0.0"),
+    "a little negative force at first": HEADER + ROWS.replace("0.0,0.0", "0.0,-0.1"),
+}
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_curve_is_read_whatever_wrote_it(curve_of, name):
+    curve = curve_of(GOOD[name])
+    if "negative" in name:
+        assert curve.force[0] == -0.1
+    else:
+        assert_is_the_curve(curve)
+    assert curve.displacement[0] >= 0
+
+
+def test_grams_of_force_become_millinewtons(curve_of):
+    curve = curve_of("displacement_mm,force_gf\n" + ROWS)
+    np.testing.assert_allclose(curve.force, 9.80665 * np.array([f for _, f in POINTS]), rtol=1e-12)  # standard gravity
+
+
+BAD = {
+    "an empty file": ("", "empty"),
+    "blank lines only": ("\n\n", "empty"),
+    "comments only": ("# nothing\n", "empty"),
+    "a header only": (HEADER, "0 points"),
+    "too few points": (HEADER + "0.1,1\n0.2,2\n0.3,3\n0.4,4\n", "4 points; a curve needs at least 5"),
+    "no header": (ROWS, "line 1: header '0.0,0.0' has no column displacement_mm"),
+    "a wrong header": ("depth,load\n" + ROWS, "'depth,load' has no column displacement_mm; it must be"),
+    "a header without units": ("displacement,force\n" + ROWS, "no column displacement_mm"),
+    "no force": ("displacement_mm,load_mN\n" + ROWS, "no column force_mN"),
+    "two forces": ("displacement_mm,force_mN,force_N\n" + ROWS, "2 columns of force"),
+    "a unit of another kind": ("displacement_mm,force_kPa\n" + ROWS, "'force_kPa' is in kPa"),
+    "an unknown unit": ("displacement_mm,force_foo\n" + ROWS, "unknown unit 'foo'; use mN"),
+    "a wild unit": ("displacement_mm,force_9**9**9\n" + ROWS, "no readable unit"),
+    "an endless unit": ("displacement_mm,force_" + "x" * 10_000 + "\n" + ROWS, "unknown unit"),
+    "text in a number column": (HEADER + ROWS + "0.5,abc\n", "line 7: 'abc' is not a number"),
+    "a missing number": (HEADER + ROWS + "0.5,\n", "line 7: '' is not a number"),
+    "digits grouped by underscores": (HEADER + ROWS + "0.5,1_0\n", "line 7: '1_0' is not a number"),
+    "NaN": (HEADER + ROWS + "0.5,nan\n", "line 7: 'nan' is not a finite number"),
+    "infinity": (HEADER + ROWS + "0.5,inf\n", "line 7: 'inf' is not a finite number"),
+    "a missing column": (HEADER + ROWS + "0.5\n", "line 7: '0.5' has 1 columns, the header 2"),
+    "decimal commas between commas": (HEADER + "0,1,7,0\n" + ROWS, "line 2: '0,1,7,0' has 4 columns, the header 2;"),
+    "unsorted displacements": (HEADER + ROWS + "0.25,40\n", "line 7: displacement 0.25 mm comes after 0.4 mm; sort"),
+    "a duplicate displacement": (HEADER + ROWS + "0.4,40\n", "line 7: displacement 0.4 mm is given twice"),
+    "unloading": (HEADER + ROWS + "0.3,2\n0.2,1\n", "keep the loading only"),
+    "a negative displacement": (HEADER + "-0.1,1\n" + ROWS, "line 2: displacement -0.1 mm is negative"),
+    "only zero force": (HEADER + "".join(f"{d},0\n" for d, _ in POINTS), "every force is zero"),
+    "tension": (HEADER + "".join(f"{d},{-f}\n" for d, f in POINTS), "line 6: force -34 mN"),
+    "Latin-1": ("# Größe\n".encode("latin-1") + (HEADER + ROWS).encode(), "line 1: not UTF-8"),
+    "UTF-16": ((HEADER + ROWS).encode("utf-16"), "line 1: not UTF-8"),
+    "a spreadsheet": (b"PK\x03\x04\x14\x00\x06\x00\xff\xfe", "not UTF-8"),
+    "a line of a book": (HEADER + ROWS + "0.5," + "x" * 100_000 + "\n", "line 7: 'xxx"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_wrong_curve_is_refused_in_one_line(curve_of, name):
+    content, said = BAD[name]
+    message = refusal(curve_of, content)
+    assert said in message
+    assert len(message) < 250
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    for path, said in ((tmp_path / "none.csv", "no such file"), (tmp_path, "not a file")):
+        with pytest.raises(CurveError, match=said):
+            read_curve(path)
+
+
+def test_a_curve_reads_back_as_it_was_written(tmp_path):
+    rng = np.random.default_rng(0)
+    curve = Curve(np.cumsum(rng.random(50) + 1e-3), rng.random(50) + 0.1)
+    write_curve(tmp_path / "curve.csv", curve)
+    again = read_curve(tmp_path / "curve.csv")
+    assert np.array_equal(again.displacement, curve.displacement)
+    assert np.array_equal(again.force, curve.force)
+
+
+def test_a_curve_cannot_be_changed():
+    curve = Curve([0.0, 1.0], [0.0, 2.0])
+    with pytest.raises(ValueError, match="read-only"):
+        curve.force[0] = 1.0
+
+
+def test_a_curve_needs_a_force_for_each_displacement():
+    with pytest.raises(CurveError, match="one force for each displacement"):
+        Curve([0.0, 1.0], [0.0])
+
+
+def test_a_long_record_is_read(curve_of):
+    rows = "".join(f"{n / 1e6:.7f},{n / 1e3:.4f}\n" for n in range(1, 100_001))
+    assert curve_of(HEADER + rows).force.size == 100_000
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("Pa", 1e-3), ("MPa", 1e3), ("N/m^2", 1e-3), ("kPa", 1.0)])
+def test_units_of_pressure_are_turned_into_kilopascals(unit, factor):
+    assert unit_factor(unit, "kPa") == pytest.approx(factor, rel=1e-13)

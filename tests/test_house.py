@@ -1,0 +1,75 @@
+"""The house of the project: a module imports only from rooms above its own, and names say what things are."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+HOUSE = Path(__file__).parent.parent / "indentfit"
+ROOMS = ("errors", "curve", "material", "case", "experiment", "fem", "inverse", "study", "report", "cli")
+DRAWING = {"matplotlib", "jinja2", "meshio"}
+MODULES = sorted(HOUSE.rglob("*.py"))
+MATERIALS = sorted((HOUSE.parent / "materials").glob("*.py"))
+
+
+def imports(path, package):
+    """Full dotted names that a module imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            home = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            base = ".".join([*home, *([node.module] if node.module else [])])
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def package_of(path):
+    return ".".join(path.relative_to(HOUSE.parent).parent.parts)
+
+
+def rooms_used(path):
+    for name in imports(path, package_of(path)):
+        first, _, rest = name.partition(".")
+        if first == "indentfit" and rest.split(".")[0] in ROOMS:
+            yield rest.split(".")[0]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOUSE)))
+def test_a_module_imports_only_from_rooms_above_it(path):
+    room = path.relative_to(HOUSE).with_suffix("").parts[0]
+    if room == "__init__":
+        assert not list(rooms_used(path))
+        return
+    assert room in ROOMS, f"{room} is no room of the house"
+    below = [other for other in rooms_used(path) if ROOMS.index(other) > ROOMS.index(room)]
+    assert not below, f"{path.name} imports from {below}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOUSE)))
+def test_only_reports_draw(path):
+    if path.relative_to(HOUSE).parts[0] != "report":
+        assert not DRAWING & {name.partition(".")[0] for name in imports(path, package_of(path))}
+
+
+@pytest.mark.parametrize("path", MATERIALS, ids=lambda path: path.name)
+def test_a_material_knows_nothing_but_what_a_material_is(path):
+    ours = {name for name in imports(path, "indentfit.materials") if name.startswith("indentfit.")}
+    assert all(name.startswith("indentfit.material.") for name in ours)
+
+
+@pytest.mark.parametrize("path", MODULES + MATERIALS, ids=lambda path: path.name)
+def test_names_say_what_things_are(path):
+    """Nothing is called data, utils, manager or handler."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    names = [path.stem, *(node.name for node in ast.walk(tree) if isinstance(node, kinds))]
+    names += [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+    names += [node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)]
+    words = {word for name in names for word in name.lower().split("_")}
+    assert not words & {"data", "util", "utils", "manager", "handler"}
+
+
+@pytest.mark.parametrize("path", MODULES + MATERIALS, ids=lambda path: path.name)
+def test_a_module_says_what_it_is(path):
+    text = path.read_text(encoding="utf-8")
+    assert not text.strip() or ast.get_docstring(ast.parse(text))
