@@ -1,15 +1,23 @@
 """Contact with a rigid indenter: unilateral, Coulomb friction with elastic slip, integrated on the facets of the top.
 
 The indenter is a signed distance g(x) (positive outside) that moves down by the indentation depth. At a point of the
-footprint with gradient n = dg/dx and penetration -g > 0,
+footprint with gradient n = dg/dx, moved by x - c relative to the indenter,
 
-    pressure   p = e (-g)                                        (nominal, on the undeformed area)
-    friction   T = T_old + e (1 - n n) (dx - dc), |T| <= f p      (radial return; dx, dc: this step's motion of body, indenter)
+    pressure   p = max(0, p0 - e g)                         (nominal, on the undeformed area)
+    friction   T = (1 - n n) (T0 + e_t (x - c - anchor)),  |T| <= f p   (radial return)
     traction on the body  p n - T
 
-with one penalty e for both. The penalty is made harmless by being large (see PENALTY) and its error is reported with every
-result: for small 1/e the energy of the contact springs is the energy that is missing in the body, so its derivative by the
-depth is the force that is missing (`Touch.energy`).
+p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each converged step: they take over
+the step's p and T while the anchor of a sticking point stays where the point began to stick. What the springs e and
+e_t still give way is therefore one step's worth of traction, not all of it; its effect on the force is reported with
+every result (`Contact.penalty_error`). The springs can so be soft enough for a short Newton iteration: stiffer ones
+make points chatter between stick and slip.
+
+The points are the facets' nodes (trapezoidal rule; Simpson's on quadratic facets): one point, one state, so no element is
+asked to stick and slip at once.
+
+Friction "stick" under a sharp edge ties the footprint to the indenter: a point that may let go while it carries friction has
+no continuous law. Where the contact grows (sphere, rounded edge) "stick" is a friction coefficient of STICK.
 
 A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the only candidate: flat,
 unilateral, free to slip. A rounded edge is a signed distance in the current configuration.
@@ -21,44 +29,51 @@ import numba
 import numpy as np
 from skfem import FacetBasis
 
-PENALTY = 1e5  # e = PENALTY * shear modulus / thickness
+NORMAL, TANGENTIAL = 2e4, 5e2  # springs e and e_t in units of shear modulus / thickness
+STICK = 10.0
 _DOWN, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
-class History:
-    """What friction remembers of the last equilibrium: positions x (n_f, n_q, 3) mm, friction T (n_f, n_q, 3) kPa, depth mm."""
+class Springs:
+    """Stiffnesses of the contact against penetration and slip, kPa/mm."""
 
-    x: np.ndarray
+    normal: float
+    tangential: float
+
+
+@dataclass(frozen=True)
+class History:
+    """Multipliers p0 (n_f, n_q) and T0 (n_f, n_q, 3) in kPa and the anchors (n_f, n_q, 3) in mm, in the indenter's frame."""
+
+    pressure: np.ndarray
     friction: np.ndarray
-    depth: float
+    anchor: np.ndarray
 
 
 @dataclass(frozen=True)
 class Touch:
     """The contact at one displacement: pressure (n_f, n_q) and friction (n_f, n_q, 3) in kPa, and what follows.
 
-    D: derivative (n_f, n_q, 3, 3) of the traction by the position; slipping, touching: (n_f, n_q) of bool;
-    x: current positions, mm; traction: of the indenter on the body reversed, -(p n - T).
+    place: positions in the indenter's frame, mm; traction: of the body on the indenter, T - p n, kPa;
+    D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool; history: the one it started from.
     """
 
-    x: np.ndarray
-    depth: float
+    place: np.ndarray
     gap: np.ndarray
     normal: np.ndarray
     pressure: np.ndarray
     friction: np.ndarray
     traction: np.ndarray
+    touching: np.ndarray
     slipping: np.ndarray
+    history: History = field(repr=False)
     D: np.ndarray | None = field(repr=False)
 
-    @property
-    def touching(self):
-        return self.pressure > 0
-
-    @property
-    def history(self):
-        return History(self.x, self.friction, self.depth)
+    def advanced(self):
+        """History for the next step. A point that slips, or does not touch, is anchored where it is now."""
+        moved = (self.slipping | ~self.touching)[..., None]
+        return History(self.pressure, self.friction, np.where(moved, self.place, self.history.anchor))
 
 
 class Contact:
@@ -68,11 +83,12 @@ class Contact:
     """
 
     def __init__(self, solid, indenter, thickness):
-        order = 5 if solid.element == "q1p0" else 7
         facets = solid.mesh.boundaries["footprint"]
-        basis = FacetBasis(solid.mesh, type(solid.basis.elem.elem)(), facets=facets, intorder=order)
+        basis = FacetBasis(solid.mesh, type(solid.basis.elem.elem)(), facets=facets, quadrature=_at_nodes(solid.element))
         self.thickness, self.indenter = thickness, indenter
-        self.friction = np.inf if indenter.friction == "stick" else float(indenter.friction)
+        sharp = indenter.shape != "sphere" and not indenter.edge_radius
+        self.tied = indenter.friction == "stick" and sharp
+        self.friction = (np.inf if sharp else STICK) if indenter.friction == "stick" else float(indenter.friction)
         shape = np.array([basis.basis[i][0].value for i in range(basis.Nbfun)])  # (n_n, n_f, n_q)
         self.shape = np.ascontiguousarray(np.broadcast_to(shape, (basis.Nbfun, *basis.dx.shape)).transpose(1, 2, 0))
         self.weights = np.ascontiguousarray(basis.dx)
@@ -84,58 +100,53 @@ class Contact:
 
     def rest(self):
         """History of the untouched sample."""
-        return History(self.X, np.zeros_like(self.X), 0.0)
+        return History(np.zeros(self.weights.shape), np.zeros_like(self.X), self.X)
 
     def field(self, u):
         """Displacements (n_f, n_q, 3) at the contact points."""
         return np.einsum("fqn,fni->fqi", self.shape, u[self.dofs])
 
-    def touch(self, u, depth, history, penalty, derivative=True):
-        """Contact at displacements u (n,) and a depth in mm, after a history; penalty in kPa/mm."""
-        x = self.X + self.field(u)
-        gap, n, H = signed_distance(self.indenter, x, self.thickness - depth)
-        touching = gap <= 0
-        p = np.where(touching, -penalty * gap, 0.0)
-        pull, T, slipping, m, size = self._stick_or_slip(x, depth, history, penalty, n, p, touching)
-        D = self._derivative(penalty, n, H, p, pull, slipping, m, size, touching) if derivative else None
-        return Touch(x, depth, gap, n, p, T, T - p[..., None] * n, slipping, D)
-
-    def _stick_or_slip(self, x, depth, history, penalty, n, p, touching):
-        """Trial pull, friction by radial return, where it slips, its direction and the trial's size."""
-        if self.friction == 0:
-            zero = np.zeros_like(x)
-            return zero, zero, np.zeros(p.shape, dtype=bool), zero, np.ones_like(p)
-        motion = x - history.x + (depth - history.depth) * _UP
-        pull = (history.friction + penalty * motion) * touching[..., None]
+    def touch(self, u, depth, history, springs, derivative=True):
+        """Contact at displacements u (n,) and a depth in mm, after a history, with Springs."""
+        place = self.X + self.field(u) + depth * _UP
+        gap, n, H = signed_distance(self.indenter, place, self.thickness)
+        p = history.pressure - springs.normal * gap
+        touching = (p >= 0) | self.tied
+        p = np.where(touching, p, 0.0)
+        pull = self._pull(place, history, springs, touching)
         trial = pull - np.einsum("fqi,fqi->fq", pull, n)[..., None] * n
         size = np.sqrt(np.einsum("fqi,fqi->fq", trial, trial))
-        slipping = touching & (size > self.friction * p) if np.isfinite(self.friction) else np.zeros_like(touching)
-        m = trial / np.where(size > 0, size, 1.0)[..., None]
-        T = np.where(slipping[..., None], np.where(slipping, self.friction * p if np.isfinite(self.friction) else 0, 0)[..., None] * m, trial)
-        return pull, T, slipping, m, np.where(size > 0, size, 1.0)
+        limit = np.full_like(p, np.inf) if np.isinf(self.friction) else self.friction * p
+        slipping = touching & (size > limit)
+        size = np.where(size > 0, size, 1.0)
+        T = np.where(slipping, limit / size, 1.0)[..., None] * trial if slipping.any() else trial
+        D = self._derivative(springs, n, H, p, pull, trial, size, slipping, touching) if derivative else None
+        return Touch(place, gap, n, p, T, T - p[..., None] * n, touching, slipping, history, D)
 
-    def _derivative(self, penalty, n, H, p, pull, slipping, m, size, touching):
+    def _pull(self, place, history, springs, touching):
+        """Friction (n_f, n_q, 3) that sticking would need."""
+        if self.friction == 0:
+            return np.zeros_like(place)
+        return (history.friction + springs.tangential * (place - history.anchor)) * touching[..., None]
+
+    def _derivative(self, springs, n, H, p, pull, trial, size, slipping, touching):
         """D = d(T - p n)/dx, consistent with the radial return."""
-        eye = np.eye(3)
         nn = n[..., :, None] * n[..., None, :]
-        D = touching[..., None, None] * penalty * nn
-        curved = H is not None
-        if curved:
+        D = touching[..., None, None] * springs.normal * nn
+        if H is not None:
             D = D - p[..., None, None] * H
         if self.friction == 0:
             return D
-        trial = penalty * (eye - nn)
-        if curved:
+        stick = springs.tangential * (np.eye(3) - nn)
+        if H is not None:
             pn = np.einsum("fqi,fqi->fq", pull, n)
-            trial = trial - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
-        friction = trial
+            stick = stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
         if slipping.any():
-            f = self.friction
-            along = m[..., :, None] * m[..., None, :]
-            turn = np.einsum("fqij,fqjk->fqik", eye - along, trial)
-            slip = (f * p / size)[..., None, None] * turn - f * penalty * m[..., :, None] * n[..., None, :]
-            friction = np.where(slipping[..., None, None], slip, trial)
-        return D + touching[..., None, None] * friction
+            f, m = self.friction, trial / size[..., None]
+            turn = stick - m[..., :, None] * np.einsum("fqi,fqij->fqj", m, stick)[..., None, :]
+            slip = (f * p / size)[..., None, None] * turn - f * springs.normal * m[..., :, None] * n[..., None, :]
+            stick = np.where(slipping[..., None, None], slip, stick)
+        return D + touching[..., None, None] * stick
 
     def residual(self, touch):
         """Nodal forces (n,) of the contact in the residual, mN."""
@@ -165,10 +176,23 @@ class Contact:
         change = np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + _UP)
         return float(np.sum(self.weights * change[..., 1]))
 
-    def energy(self, touch, penalty):
-        """Energy in the contact springs of the quarter, mN mm: what the penalty takes from the body."""
-        squares = touch.pressure**2 + np.einsum("fqi,fqi->fq", touch.friction, touch.friction)
-        return float(np.sum(self.weights * squares) / (2 * penalty))
+    def penalty_error(self, touch, v, springs):
+        """Force of the quarter that the springs' give withholds, mN, to first order; v (n,): du/d(depth).
+
+        By reciprocity a motion r imposed on the contact changes the force by the integral of r . dt/d(depth).
+        """
+        change = np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + _UP)
+        give = (touch.pressure - touch.history.pressure) / springs.normal
+        slip = (touch.friction - touch.history.friction) / springs.tangential * ~touch.slipping[..., None]
+        r = (slip - give[..., None] * touch.normal) * touch.touching[..., None]
+        return float(np.sum(self.weights[..., None] * r * change))
+
+
+def _at_nodes(element):
+    """Quadrature (points, weights) of the reference facet with its points at the nodes (trapezoidal rule, Simpson's for Q2)."""
+    points, weights = {"q1p0": ([0, 1], [1 / 2, 1 / 2]), "q2p1": ([0, 1 / 2, 1], [1 / 6, 4 / 6, 1 / 6])}[element]
+    s, t = np.meshgrid(points, points)
+    return np.array([s.ravel(), t.ravel()]), np.outer(weights, weights).ravel()
 
 
 @numba.njit(cache=True, nogil=True)

@@ -1,0 +1,225 @@
+"""Equilibrium along the indentation: steps of depth, Newton with a full linearisation, cutback and regrowth.
+
+A step starts from the tangent prediction u + du/dd * step (one solve with the factor at hand) and is repeated with half its
+length when Newton fails. The derivative dF/dd that comes with the prediction makes the curve a cubic between steps, so
+the outputs asked for do not decide how many steps are taken.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from indentfit.errors import ConvergenceError
+
+MAX_ITERATIONS = 18
+FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
+SMALLEST_STEP = 1e-4  # of the last depth
+EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
+
+
+@dataclass
+class Counts:
+    """Steps, cutbacks and Newton iterations of one run."""
+
+    steps: int = 0
+    cutbacks: int = 0
+    iterations: int = 0
+
+
+@dataclass(frozen=True)
+class Load:
+    """What one run of a model is made of: material, bulk modulus kPa, fibre direction (3,), contact springs."""
+
+    material: object
+    kappa: float
+    fibre: np.ndarray
+    springs: object
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A converged step: depth mm, displacements u (n,) mm, pressure modes, contact, force mN and dF/dd mN/mm of the quarter.
+
+    penalty_error: force withheld by the contact springs, mN; direction: du/dd (n,).
+    """
+
+    depth: float
+    u: np.ndarray
+    pressure: np.ndarray
+    touch: object
+    force: float
+    stiffness: float
+    penalty_error: float
+    direction: np.ndarray = field(repr=False)
+
+
+def indent(body, contact, fixed, load, solver, depths, options, counts, progress=None):
+    """Equilibria from zero to the last of the depths (mm, rising); the first one is the untouched sample.
+
+    body: fem.element.Solid or fem.forms.FormSolid; fixed: constrained dofs; solver: fem.linear.LinearSolver;
+    options: the case's solver table; counts: Counts, added to; progress: called with the share done.
+    Raises ConvergenceError where no smaller step helps.
+    """
+    last = float(depths[-1])
+    largest = min(options.max_step or np.inf, last / FIRST_STEPS)
+    step, path = largest, [_untouched(body, contact, fixed, load, solver)]
+    while path[-1].depth < last * (1 - 1e-12):
+        here = path[-1]
+        step = min(step, largest, last - here.depth)
+        depth = last if here.depth + 1.01 * step > last else here.depth + step
+        try:
+            there, iterations = _step(body, contact, fixed, load, solver, here, depth, options, counts)
+        except ConvergenceError as error:
+            counts.cutbacks += 1
+            step /= 2
+            solver.forget()
+            if step < SMALLEST_STEP * last:
+                raise ConvergenceError(error.cause, depth, counts.steps + 1, error.iteration) from error
+            continue
+        counts.steps += 1
+        path.append(there)
+        if progress is not None:
+            progress(depth / last)
+        if iterations <= EASY:
+            step *= 1.5
+        elif iterations >= HARD:
+            step /= 1.5
+    return path
+
+
+def _untouched(body, contact, fixed, load, solver):
+    u = np.zeros(body.n_dofs)
+    state = body.state(u, load.fibre)
+    pressure = body.pressure(state, load.kappa)
+    system = _System(body, contact, fixed, load, contact.rest(), 0.0)
+    system.assemble(u, pressure)
+    return system.equilibrium(u, solver)
+
+
+def _step(body, contact, fixed, load, solver, here, depth, options, counts):
+    """The equilibrium at a depth, by Newton from the tangent prediction; also how many iterations it took."""
+    system = _System(body, contact, fixed, load, here.touch.advanced(), depth)
+    u, pressure = _predicted(system, here, depth)
+    first = None
+    for iteration in range(MAX_ITERATIONS):
+        size, scale = system.assemble(u, pressure)
+        if not np.isfinite(size):
+            raise ConvergenceError("stresses became infinite", depth, iteration=iteration)
+        if size <= options.tolerance * scale:
+            return system.equilibrium(u, solver), iteration
+        first = first or size
+        counts.iterations += 1
+        du = solver.solve(system.matrix, -system.residual)
+        u, pressure = _line_search(system, u, pressure, du, depth, iteration)
+    cause = f"residual still {size / scale:.1e} of the contact force after {MAX_ITERATIONS} iterations"
+    raise ConvergenceError(cause + _chatter(system), depth, iteration=MAX_ITERATIONS)
+
+
+def _predicted(system, here, depth):
+    """Displacements and pressures on the path's tangent, on a shorter piece of it where that would invert an element."""
+    for share in (1.0, 0.5, 0.25, 0.0):
+        u = here.u + share * (depth - here.depth) * here.direction
+        state = system.body.state(u, system.load.fibre)
+        if state.valid:
+            linear = system.linear_pressure(here.u, u - here.u)
+            return u, here.pressure + linear
+    raise ConvergenceError("an element turned inside out", depth)
+
+
+def _line_search(system, u, pressure, du, depth, iteration):
+    """Displacements and pressures after the longest of the steps 1, 1/2, ... that the residual stands."""
+    change = system.pressure_change(u, pressure, du)
+    before = system.merit(u, pressure)
+    tried = []
+    for share in (1.0, 0.5, 0.25, 0.1, 0.02):
+        merit = system.merit(u + share * du, pressure + share * change)
+        if merit < (1.0 if iteration > 3 else 2.0) * before:
+            return u + share * du, pressure + share * change
+        tried.append((merit, share))
+    merit, share = min(tried)
+    if not np.isfinite(merit):
+        raise ConvergenceError("an element turned inside out", depth, iteration=iteration)
+    return u + share * du, pressure + share * change
+
+
+def _chatter(system):
+    touch = system.touch
+    slipping, touching = int(touch.slipping.sum()), int(touch.touching.sum())
+    return f" ({touching} of {touch.gap.size} contact points touch, {slipping} slip); try a finer mesh or an edge radius"
+
+
+class _System:
+    """Residual and tangent of body and contact at one depth."""
+
+    def __init__(self, body, contact, fixed, load, history, depth):
+        self.body, self.contact, self.fixed, self.load = body, contact, fixed, load
+        self.history, self.depth = history, depth
+
+    def assemble(self, u, pressure):
+        """Sets residual and matrix at u; returns the norms of the residual and of the contact forces."""
+        load = self.load
+        state = self.body.state(u, load.fibre)
+        self.state = state
+        residual, values = self.body.tangent(u, state, load.material, pressure, load.kappa, load.fibre)
+        self.touch = self.contact.touch(u, self.depth, self.history, load.springs)
+        forces = self.contact.residual(self.touch)
+        self.contact.add_tangent(self.touch, values)
+        residual += forces
+        self.fixed.constrain(residual, values)
+        self.residual, self.matrix = residual, self.body.matrix(values)
+        return np.linalg.norm(residual), np.linalg.norm(forces)
+
+    def merit(self, u, pressure):
+        """Norm of the residual at given pressures, infinite where an element is inverted."""
+        state = self.body.state(u, self.load.fibre)
+        if not state.valid:
+            return np.inf
+        with np.errstate(all="ignore"):
+            residual = self.body.residual(u, state, self.load.material, pressure, self.load.fibre)
+        residual += self.contact.residual(self.contact.touch(u, self.depth, self.history, self.load.springs, False))
+        residual[self.fixed.dofs] = 0
+        size = float(np.linalg.norm(residual))
+        return size if np.isfinite(size) else np.inf
+
+    def linear_pressure(self, u, du):
+        """Change of the pressure modes along du, linearised at u."""
+        return self.load.kappa * np.einsum("emni,eni->em", self.body.dilatation_map(u), du[self.body.dofs])
+
+    def pressure_change(self, u, pressure, du):
+        """Newton's change of the iterated pressures that goes with du."""
+        return self.body.pressure(self.state, self.load.kappa) - pressure + self.linear_pressure(u, du)
+
+    def equilibrium(self, u, solver):
+        """The converged step at u with its tangent direction and stiffness."""
+        by_depth = self.contact.by_depth(self.touch)
+        by_depth[self.fixed.dofs] = 0
+        direction = solver.solve(self.matrix, -by_depth)
+        return Equilibrium(
+            depth=self.depth,
+            u=u,
+            pressure=self.body.pressure(self.state, self.load.kappa),
+            touch=self.touch,
+            force=self.contact.force(self.touch),
+            stiffness=self.contact.stiffness(self.touch, direction),
+            penalty_error=self.contact.penalty_error(self.touch, direction, self.load.springs),
+            direction=direction,
+        )
+
+
+class Fixed:
+    """Dofs (n_fixed,) held at zero, as identity rows and columns of the tangent."""
+
+    def __init__(self, body, dofs):
+        self.dofs = np.unique(dofs)
+        held = np.zeros(body.n_dofs, dtype=bool)
+        held[self.dofs] = True
+        rows = np.repeat(np.arange(body.n_dofs, dtype=np.int32), np.diff(body.indptr))
+        self._entries = np.flatnonzero(held[rows] | held[body.indices])
+        diagonal = np.flatnonzero(rows == body.indices)
+        self._diagonal, self._free_diagonal = diagonal[held], diagonal[~held]
+
+    def constrain(self, residual, values):
+        """Zeroes the held rows and columns in place and puts a typical stiffness on their diagonal."""
+        residual[self.dofs] = 0
+        values[self._entries] = 0
+        values[self._diagonal] = np.mean(np.abs(values[self._free_diagonal]))

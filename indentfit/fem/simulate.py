@@ -1,0 +1,197 @@
+"""The forward model: from a case and parameters to force-displacement curves, with what they cost and how exact they are."""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from indentfit.curve import Curve
+from indentfit.errors import ConvergenceError
+from indentfit.fem import linear, newton
+from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
+from indentfit.fem.element import Solid
+from indentfit.fem.mesh import quarter
+
+QUARTERS = 4
+FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
+
+
+@dataclass(frozen=True)
+class TestResult:
+    """One simulated test: its curve at the outputs asked for (full-sample force) and the facts of its solution.
+
+    penalty_error: share of the last force that the contact penalty takes away; edge_slip: largest motion of the material
+    under a sharp edge away from it, as a share of the indenter's half-width (0 where the edge is rounded);
+    fields: the last equilibrium, for stresses and files (fem.fields).
+    """
+
+    __test__ = False  # not a test of pytest's
+
+    name: str
+    angle: int
+    displacement: np.ndarray
+    force: np.ndarray
+    facts: dict = field(default_factory=dict)
+    last: object = field(default=None, repr=False)
+
+    @property
+    def curve(self):
+        return Curve(self.displacement, self.force)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """All tests of a case, its mesh and the solver's facts."""
+
+    tests: tuple[TestResult, ...]
+    mesh: dict
+    solver: dict
+
+    def as_json(self):
+        """The stable keys of `simulate --json`."""
+        return {
+            "tests": [
+                {
+                    "name": test.name,
+                    "angle": test.angle,
+                    "displacement_mm": test.displacement.tolist(),
+                    "force_mN": test.force.tolist(),
+                    "facts": test.facts,
+                }
+                for test in self.tests
+            ],
+            "mesh": self.mesh,
+            "solver": self.solver,
+        }
+
+
+def simulate(case, parameters=None, progress=None):
+    """Simulation of every test of a case, at given parameters (name -> value) or at its start values.
+
+    progress: called with (test name, share of its depth done). Raises ConvergenceError.
+    """
+    model = Model(case)
+    material = case.material_class(**(parameters or case.start_values()))
+    return model.simulate(material, case, progress)
+
+
+class Model:
+    """A meshed sample with its indenter, ready to be run with many materials: mesh, bases and pattern are set up once."""
+
+    def __init__(self, case):
+        started = time.perf_counter()
+        self.sample, self.options = case.sample, case.solver
+        self.mesh = quarter(case.sample, case.indenter, case.mesh)
+        self.body = _body(self.mesh, case.solver)
+        self.contact = Contact(self.body, case.indenter, case.sample.thickness)
+        self.fixed = newton.Fixed(self.body, _held(self.body.basis, case.sample.base))
+        modes = linear.rigid_body_modes(self.body.basis.doflocs[:, ::3]) if case.solver.linear == "pyamg" else None
+        self.solver = linear.LinearSolver(case.solver.linear, modes)
+        self.setup_seconds = time.perf_counter() - started
+
+    def simulate(self, material, case, progress=None):
+        """Simulation of all tests of a case that shares this model's sample, indenter, mesh and solver."""
+        kappa = case.material.bulk_modulus(material.shear_modulus)
+        tests = []
+        for test in case.tests:
+            report = (lambda share, name=test.name: progress(name, share)) if progress else None
+            tests.append(self.run(material, kappa, test.angle, case.outputs(test), test.name, report))
+        return Simulation(tuple(tests), self.mesh_facts(), self._sum(tests))
+
+    def run(self, material, kappa, angle, depths, name="", progress=None):
+        """TestResult of one test: material, bulk modulus in kPa, fibre angle in degrees, output depths in mm, rising."""
+        started = time.perf_counter()
+        depths = np.asarray(depths, dtype=float)
+        work, counts = newton.Counts(), self.solver.counts
+        before = (counts.factorizations, counts.solves, counts.krylov_iterations)
+        stiffness = self.options.penalty * material.shear_modulus / self.sample.thickness
+        springs = Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
+        load = newton.Load(material, kappa, FIBRES[angle], springs)
+        self.solver.forget()
+        try:
+            path = newton.indent(
+                self.body, self.contact, self.fixed, load, self.solver, depths, self.options, work, progress
+            )
+        except ConvergenceError as error:
+            raise ConvergenceError(
+                f"test {name!r}: {error.cause}" if name else error.cause, error.displacement, error.step, error.iteration
+            ) from error
+        after = (counts.factorizations, counts.solves, counts.krylov_iterations)
+        facts = {
+            "steps": work.steps,
+            "cutbacks": work.cutbacks,
+            "newton_iterations": work.iterations,
+            **dict(zip(("factorizations", "solves", "krylov_iterations"), np.subtract(after, before).tolist(), strict=True)),
+            "wall_seconds": time.perf_counter() - started,
+            "penalty_error": path[-1].penalty_error / max(path[-1].force, 1e-300),
+            "edge_slip": self._edge_slip(path[-1]),
+            "touching": float(path[-1].touch.touching.mean()),
+            "slipping": float(path[-1].touch.slipping.mean()),
+        }
+        force = QUARTERS * interpolate(path, depths, self._starts_smoothly())
+        return TestResult(name, angle, depths, force, facts, path[-1])
+
+    def mesh_facts(self):
+        return {
+            "elements": int(self.mesh.nelements),
+            "dofs": int(self.body.n_dofs),
+            "element": self.body.element,
+            "smallest_mm": float(np.min(self.body.volume) ** (1 / 3)),
+        }
+
+    def _sum(self, tests):
+        totals = ("steps", "cutbacks", "newton_iterations", "factorizations", "solves", "krylov_iterations", "wall_seconds")
+        return {
+            "linear": self.solver.name,
+            "assembly": self.options.assembly,
+            **{key: sum(test.facts[key] for test in tests) for key in totals},
+            "setup_seconds": self.setup_seconds,
+            "penalty_error": max(abs(test.facts["penalty_error"]) for test in tests),
+            "edge_slip": max(test.facts["edge_slip"] for test in tests),
+        }
+
+    def _starts_smoothly(self):
+        """Whether the untouched sample's stiffness is the curve's: not with Coulomb friction, nor where contact grows."""
+        flat = self.contact.indenter.shape != "sphere" and not self.contact.indenter.edge_radius
+        return flat and self.contact.friction in (0.0, np.inf)
+
+    def _edge_slip(self, equilibrium):
+        indenter = self.contact.indenter
+        if indenter.shape == "sphere" or indenter.edge_radius:
+            return 0.0
+        x, _, z = self.mesh.p
+        top = self.mesh.p[1] > self.sample.thickness * (1 - 1e-9)
+        u = equilibrium.u[self.body.basis.nodal_dofs]
+        if indenter.shape == "strip":
+            half, at, out = indenter.width / 2, z, u[2]
+        else:
+            half, at = indenter.diameter / 2, np.hypot(x, z)
+            out = (u[0] * x + u[2] * z) / np.where(at > 0, at, 1)
+        return float(np.max(np.abs(out[top & (np.abs(at - half) < 1e-6 * half)])) / half)
+
+
+def _body(mesh, options):
+    if options.assembly == "forms":
+        from indentfit.fem.forms import FormSolid
+
+        return FormSolid(mesh, options.element)
+    return Solid(mesh, options.element)
+
+
+def _held(basis, base):
+    """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it."""
+    component = {"x0": "u^1", "z0": "u^3"}
+    held = [basis.get_dofs(plane).all([name]) for plane, name in component.items()]
+    held.append(basis.get_dofs("base").all(["u^2"] if base == "sliding" else None))
+    return np.concatenate(held)
+
+
+def interpolate(path, depths, smooth_start):
+    """Force (n,) of a path of equilibria at depths (n,) mm: cubic between steps, by forces and exact stiffnesses."""
+    d = np.array([point.depth for point in path])
+    F = np.array([point.force for point in path])
+    k = np.array([point.stiffness for point in path])
+    if not smooth_start:  # the parabola through the first step with its end's stiffness
+        k[0] = 2 * F[1] / d[1] - k[1]
+    return CubicHermiteSpline(d, F, k)(depths)
