@@ -210,7 +210,7 @@ def test_every_key_that_init_only_mentions_is_a_key(tmp_path):
     run("init", tmp_path / "case")
     path = tmp_path / "case" / "case.toml"
     text = path.read_text()
-    for key, value in [("size", 0.4), ("elements", 3000), ("weight", 0.5), ("population", 16), ("workers", 2)]:
+    for key, value in [("size", 0.4), ("elements", 3000), ("weight", 0.5), ("population", 8), ("workers", 2)]:
         assert f"# {key} = {value} " in text
         (changed := tmp_path / "case" / "changed.toml").write_text(text.replace(f"# {key} =", f"{key} ="))
         assert run("validate", changed).exit_code == 0, key

@@ -61,8 +61,8 @@ curve = "curves/perpendicular.csv"
 [fit]
 method = "ga"        # ga (genetic algorithm) or least_squares
 seed = 0             # of the random numbers
-# population = 16    # individuals of a generation
-# generations = 15   # generations at most
+# population = 8     # individuals of a generation
+# generations = 6    # generations at most
 # workers = 2        # processes; by default one for each core
 # tolerance = 1e-6   # relative change of the objective below which the search ends
 

@@ -7,10 +7,10 @@ footprint with gradient n = dg/dx, moved by x - c relative to the indenter,
     friction   T = (1 - n n) (T0 + e_t (x - c - anchor)),  |T| <= f p   (radial return)
     traction on the body  p n - T
 
-p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each converged step: they take over
-the step's p and T while the anchor of a sticking point stays where the point began to stick. What the springs e and
-e_t still give way is therefore one step's worth of traction, not all of it; its effect on the force is reported with
-every result (`Contact.penalty_error`). The springs can so be soft enough for a short Newton iteration: stiffer ones
+p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each step: they take over the last
+step's p and T and their rates, while the anchor of a sticking point stays where the point began to stick. What the
+springs e and e_t still give way is therefore a step's departure from the straight path, not the whole traction; its
+effect on the force is reported with every result (`Contact.penalty_error`). The springs can so be soft enough for a short Newton iteration: stiffer ones
 make points chatter between stick and slip.
 
 The points are the facets' nodes (trapezoidal rule; Simpson's on quadratic facets): one point, one state, so no element is
@@ -29,7 +29,7 @@ import numba
 import numpy as np
 from skfem import FacetBasis
 
-NORMAL, TANGENTIAL = 2e4, 5e2  # springs e and e_t in units of shear modulus / thickness
+NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
 _DOWN, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
@@ -40,6 +40,9 @@ class Springs:
 
     normal: float
     tangential: float
+
+    def scaled(self, share):
+        return Springs(self.normal * share, self.tangential * share)
 
 
 @dataclass(frozen=True)
@@ -68,12 +71,22 @@ class Touch:
     touching: np.ndarray
     slipping: np.ndarray
     history: History = field(repr=False)
+    unilateral: bool
     D: np.ndarray | None = field(repr=False)
 
-    def advanced(self):
-        """History for the next step. A point that slips, or does not touch, is anchored where it is now."""
+    def advanced(self, rate=None, step=0.0):
+        """History for a step of the depth in mm: multipliers extrapolated with the traction's rate (n_f, n_q, 3), kPa/mm.
+
+        A point that slips, or does not touch, is anchored where it is now.
+        """
         moved = (self.slipping | ~self.touching)[..., None]
-        return History(self.pressure, self.friction, np.where(moved, self.place, self.history.anchor))
+        anchor = np.where(moved, self.place, self.history.anchor)
+        if rate is None:
+            return History(self.pressure, self.friction, anchor)
+        along = np.einsum("fqi,fqi->fq", rate, self.normal)
+        pressure = self.pressure - step * along
+        friction = self.friction + step * (rate - along[..., None] * self.normal) * ~moved
+        return History(np.maximum(pressure, 0) if self.unilateral else pressure, friction, anchor)
 
 
 class Contact:
@@ -121,7 +134,7 @@ class Contact:
         size = np.where(size > 0, size, 1.0)
         T = np.where(slipping, limit / size, 1.0)[..., None] * trial if slipping.any() else trial
         D = self._derivative(springs, n, H, p, pull, trial, size, slipping, touching) if derivative else None
-        return Touch(place, gap, n, p, T, T - p[..., None] * n, touching, slipping, history, D)
+        return Touch(place, gap, n, p, T, T - p[..., None] * n, touching, slipping, history, not self.tied, D)
 
     def _pull(self, place, history, springs, touching):
         """Friction (n_f, n_q, 3) that sticking would need."""
@@ -171,21 +184,23 @@ class Contact:
         """Force on the indenter that the quarter carries, mN, positive when pressing."""
         return float(np.sum(self.weights * touch.traction[..., 1]))
 
-    def stiffness(self, touch, v):
-        """dF/d(depth) of the quarter, mN/mm, when the displacements change by v (n,) per mm."""
-        change = np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + _UP)
-        return float(np.sum(self.weights * change[..., 1]))
+    def rate(self, touch, v):
+        """Change (n_f, n_q, 3) of the traction on the indenter with the depth, kPa/mm; v (n,): du/d(depth)."""
+        return np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + _UP)
 
-    def penalty_error(self, touch, v, springs):
-        """Force of the quarter that the springs' give withholds, mN, to first order; v (n,): du/d(depth).
+    def stiffness(self, rate):
+        """dF/d(depth) of the quarter, mN/mm, from the traction's rate."""
+        return float(np.sum(self.weights * rate[..., 1]))
+
+    def penalty_error(self, touch, rate, springs):
+        """Force of the quarter that the springs' give withholds, mN, to first order.
 
         By reciprocity a motion r imposed on the contact changes the force by the integral of r . dt/d(depth).
         """
-        change = np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + _UP)
         give = (touch.pressure - touch.history.pressure) / springs.normal
         slip = (touch.friction - touch.history.friction) / springs.tangential * ~touch.slipping[..., None]
         r = (slip - give[..., None] * touch.normal) * touch.touching[..., None]
-        return float(np.sum(self.weights[..., None] * r * change))
+        return float(np.sum(self.weights[..., None] * r * rate))
 
 
 def _at_nodes(element):

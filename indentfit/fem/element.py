@@ -51,7 +51,7 @@ class Solid:
         self.grads = np.ascontiguousarray(grads.transpose(2, 3, 0, 1))
         self.weights = np.ascontiguousarray(self.basis.dx)
         self.volume = self.weights.sum(axis=1)
-        self.modes = _pressure_modes(self.basis.global_coordinates().value, self.weights, n_modes)
+        self.modes = _pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
         self.means = np.einsum("emq,eq->em", self.modes, self.weights)  # modes of the constant 1
         self.indptr, self.indices, self.positions = _pattern(self.dofs[:, :, 0] // 3, self.basis.N // 3)
 

@@ -13,7 +13,7 @@ import scipy.sparse.linalg as spla
 
 from indentfit.errors import ConvergenceError, InputError
 
-MAX_KRYLOV = 14  # GMRES steps on a stale factor before a new one is cheaper
+MAX_KRYLOV = 8  # GMRES steps on a stale factor before a new one is cheaper
 TOLERANCE = 1e-4  # relative residual of one solve inside a Newton iteration
 
 

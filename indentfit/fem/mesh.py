@@ -15,8 +15,8 @@ from indentfit.errors import MeshError
 # with the distance from the edge (GROWTH times `size` per mm) up to `size`; along a strip elements are ALONG times
 # longer, because the fields hardly change there, but RIM times `size` where they leave the sample: the corner between its free
 # side and the indenter is singular too and costs 2 % of the force if left coarse.
-EDGE, GROWTH, ALONG, RIM = 0.10, 0.80, 2.0, 0.12
-DEFAULT_ELEMENTS = 1500
+EDGE, GROWTH, ALONG, RIM = 0.10, 0.80, 2.0, 0.30
+DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,15 @@ class Grading:
         return np.minimum(self.size, self.edge + GROWTH * self.size * np.asarray(distance))
 
 
-def quarter(sample, indenter, mesh):
-    """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables.
+def quarter(sample, indenter, mesh, element="q1p0"):
+    """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the default size.
 
     Returns a MeshHex with the boundaries top, base, x0, z0 and footprint (the facets that may touch the indenter).
     Raises MeshError where the indenter does not fit on the sample.
     """
     if mesh.size is not None:
         return _quarter(sample, indenter, mesh.size)
-    return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS))
+    return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element]))
 
 
 def _size_for(sample, indenter, elements):
@@ -99,7 +99,7 @@ def _parts(sample, indenter, size):
     """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
     edge = EDGE * size
     if getattr(indenter, "edge_radius", 0):
-        edge = min(edge, indenter.edge_radius / 3)
+        edge = min(edge, max(indenter.edge_radius / 2, edge / 4))
     grading = Grading(size, edge)
     layers = sample.thickness - graded(0, sample.thickness, grading, at=0, least=2)[::-1]
     layers[0], layers[-1] = 0.0, sample.thickness
@@ -170,14 +170,15 @@ def _strip_on_disc(radius, indenter, grading):
 
     band = np.array(np.meshgrid(x, inner, indexing="ij"))
     rim = np.sqrt(radius**2 - inner**2)  # the band's lines reach the rim
-    stretch = np.clip((x - x[split]) / (chord - x[split]), 0, 1)[:, None]
+    straight = max(x[split], min(indenter.length / 2, x[-2]))  # a line on the strip's end stays straight
+    stretch = np.clip((x - straight) / (chord - straight), 0, 1)[:, None]
     band[0] += stretch**2 * (rim - chord)[None, :]
 
     low, high = np.arcsin(half / radius), np.pi / 2
     shares = (outer - half) / (outer[-1] - half)
     middle = low + 0.5 * (high - low)
     rise = _arc(radius, low + shares * (middle - low))
-    centre = np.array([0.52 * chord, half + 0.46 * (radius - half)])
+    centre = np.array([0.8 * x[split], half + 0.4 * (radius - half)])
     bottom = np.array([x, np.full_like(x, half)])
     left = np.array([np.zeros_like(outer), outer])
     spoke = _line(bottom[:, split], centre, shares)
@@ -201,15 +202,17 @@ def _round_punch(sample, a, grading):
     radii = graded(0, a, grading, at=a, least=3)[::-1]
     core = 0.4 * a
     rings = radii[radii > core * 1.05][::-1]
-    around = max(3, int(np.ceil(a * np.pi / 4 / grading.size)))
+    around = max(4, int(np.ceil(a * np.pi / 4 / grading.size)), int(np.ceil(4 * np.sqrt(a / grading.size))))
     s = np.linspace(0, 1, around + 1)
     corner = 0.75 * core * np.ones(2)
+    diagonal = np.pi / 4 if sample.shape == "disc" else np.arctan2(sample.width, sample.length)
+    diagonal = np.clip(diagonal, np.pi / 8, 3 * np.pi / 8)
     bottom, left = _line(np.zeros(2), np.array([core, 0]), s), _line(np.zeros(2), np.array([0, core]), s)
     right, top = _line(np.array([core, 0]), corner, s), _line(np.array([0, core]), corner, s)
     patches = [transfinite(bottom, top, left, right)]
     reach = graded(a, _reach(sample), grading, at=a, least=2)
     for side, first in ((right, 0.0), (top, np.pi / 2)):
-        angles = np.linspace(first, np.pi / 4, around + 1)
+        angles = np.linspace(first, diagonal, around + 1)
         shares = np.concatenate([[0], (rings - core) / (a - core)])
         circle = _arc(a, angles)
         inner = side[:, :, None] + (circle - side)[:, :, None] * shares
@@ -230,8 +233,8 @@ def _wall(sample, angles, first):
         return _arc(sample.diameter / 2, angles)
     corner = np.array([sample.length / 2, sample.width / 2])
     if first == 0:
-        return np.array([np.full_like(angles, corner[0]), corner[1] * np.tan(angles)])
-    return np.array([corner[0] * np.tan(np.pi / 2 - angles), np.full_like(angles, corner[1])])
+        return np.array([np.full_like(angles, corner[0]), corner[1] * np.tan(angles) / np.tan(angles[-1])])
+    return np.array([corner[0] * np.tan(np.pi / 2 - angles) / np.tan(np.pi / 2 - angles[-1]), np.full_like(angles, corner[1])])
 
 
 def _arc(radius, angles):

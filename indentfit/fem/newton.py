@@ -5,13 +5,15 @@ length when Newton fails. The derivative dF/dd that comes with the prediction ma
 the outputs asked for do not decide how many steps are taken.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from indentfit.errors import ConvergenceError
 
-MAX_ITERATIONS = 18
+MAX_ITERATIONS = 15
+MAX_DAMPED = 25
+SOFTER = 1 / 3  # what a cutback makes of the contact springs; their error is reported
 FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
 SMALLEST_STEP = 1e-4  # of the last depth
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
@@ -35,12 +37,16 @@ class Load:
     fibre: np.ndarray
     springs: object
 
+    def softened(self):
+        return replace(self, springs=self.springs.scaled(SOFTER))
+
 
 @dataclass(frozen=True)
 class Equilibrium:
     """A converged step: depth mm, displacements u (n,) mm, pressure modes, contact, force mN and dF/dd mN/mm of the quarter.
 
-    penalty_error: force withheld by the contact springs, mN; direction: du/dd (n,).
+    penalty_error: force withheld by the contact springs, mN; direction: du/dd (n,); rate: of the
+    contact's traction.
     """
 
     depth: float
@@ -51,6 +57,7 @@ class Equilibrium:
     stiffness: float
     penalty_error: float
     direction: np.ndarray = field(repr=False)
+    rate: np.ndarray = field(repr=False)
 
 
 def indent(body, contact, fixed, load, solver, depths, options, counts, progress=None):
@@ -72,6 +79,7 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
         except ConvergenceError as error:
             counts.cutbacks += 1
             step /= 2
+            load = load.softened()
             solver.forget()
             if step < SMALLEST_STEP * last:
                 raise ConvergenceError(error.cause, depth, counts.steps + 1, error.iteration) from error
@@ -97,22 +105,52 @@ def _untouched(body, contact, fixed, load, solver):
 
 
 def _step(body, contact, fixed, load, solver, here, depth, options, counts):
-    """The equilibrium at a depth, by Newton from the tangent prediction; also how many iterations it took."""
-    system = _System(body, contact, fixed, load, here.touch.advanced(), depth)
-    u, pressure = _predicted(system, here, depth)
-    first = None
+    """The equilibrium at a depth from the tangent prediction, and how many iterations it took: by Newton, else damped."""
+    system = _System(body, contact, fixed, load, here.touch.advanced(here.rate, depth - here.depth), depth)
+    try:
+        return _newton(system, *_predicted(system, here, depth), solver, options, counts)
+    except ConvergenceError:
+        solver.forget()
+        return _damped(system, here.u, here.pressure, solver, options, counts)
+
+
+def _newton(system, u, pressure, solver, options, counts):
+    hard = 0
     for iteration in range(MAX_ITERATIONS):
         size, scale = system.assemble(u, pressure)
-        if not np.isfinite(size):
-            raise ConvergenceError("stresses became infinite", depth, iteration=iteration)
         if size <= options.tolerance * scale:
             return system.equilibrium(u, solver), iteration
-        first = first or size
         counts.iterations += 1
         du = solver.solve(system.matrix, -system.residual)
-        u, pressure = _line_search(system, u, pressure, du, depth, iteration)
-    cause = f"residual still {size / scale:.1e} of the contact force after {MAX_ITERATIONS} iterations"
-    raise ConvergenceError(cause + _chatter(system), depth, iteration=MAX_ITERATIONS)
+        u, pressure, share = _line_search(system, u, pressure, du, iteration)
+        hard = hard + 1 if share < 0.5 else 0
+        if hard == 3:
+            break
+    raise system.failure(size / scale, iteration)
+
+
+def _damped(system, u, pressure, solver, options, counts):
+    """Pseudo-transient continuation: Newton with nodal dampers in the tangent, which fade as the residual falls.
+
+    Where the tangent loses definiteness (surface folding at the end of the strip, points about to open) a Newton step points
+    anywhere; the dampers make it a step of overdamped motion towards the nearest stable equilibrium. They are not in the
+    residual, so what is reached is an equilibrium of the undamped body (Kelley and Keyes 1998).
+    """
+    damping, before = 1.0, None
+    for iteration in range(MAX_DAMPED):
+        size, scale = system.assemble(u, pressure)
+        if not np.isfinite(size):
+            break
+        if size <= options.tolerance * scale:
+            return system.equilibrium(u, solver), MAX_ITERATIONS
+        damping = 1.0 if before is None else damping * float(np.clip(size / before, 0.2, 2.0))
+        before = size
+        counts.iterations += 1
+        du = solver.solve(system.damped(damping), -system.residual)
+        u, pressure, share = _line_search(system, u, pressure, du, 0, growth=1.5)
+        if share < 0.5:
+            damping *= 4
+    raise system.failure(size / scale, iteration)
 
 
 def _predicted(system, here, depth):
@@ -126,26 +164,22 @@ def _predicted(system, here, depth):
     raise ConvergenceError("an element turned inside out", depth)
 
 
-def _line_search(system, u, pressure, du, depth, iteration):
-    """Displacements and pressures after the longest of the steps 1, 1/2, ... that the residual stands."""
+def _line_search(system, u, pressure, du, iteration, growth=2.0):
+    """Displacements and pressures after the longest of the steps 1, 1/2, ... that the residual stands, and its share."""
     change = system.pressure_change(u, pressure, du)
     before = system.merit(u, pressure)
     tried = []
     for share in (1.0, 0.5, 0.25, 0.1, 0.02):
         merit = system.merit(u + share * du, pressure + share * change)
-        if merit < (1.0 if iteration > 3 else 2.0) * before:
-            return u + share * du, pressure + share * change
-        tried.append((merit, share))
-    merit, share = min(tried)
+        tried.append((merit, -share))
+        if merit < (1.0 if iteration > 3 else growth) * before:
+            break
+    else:
+        merit, share = min(tried)
+        share = -share
     if not np.isfinite(merit):
-        raise ConvergenceError("an element turned inside out", depth, iteration=iteration)
-    return u + share * du, pressure + share * change
-
-
-def _chatter(system):
-    touch = system.touch
-    slipping, touching = int(touch.slipping.sum()), int(touch.touching.sum())
-    return f" ({touching} of {touch.gap.size} contact points touch, {slipping} slip); try a finer mesh or an edge radius"
+        raise system.failure(np.inf, iteration, "an element turned inside out")
+    return u + share * du, pressure + share * change, share
 
 
 class _System:
@@ -154,6 +188,19 @@ class _System:
     def __init__(self, body, contact, fixed, load, history, depth):
         self.body, self.contact, self.fixed, self.load = body, contact, fixed, load
         self.history, self.depth = history, depth
+
+    def failure(self, size, iteration, cause=None):
+        """ConvergenceError that tells what the contact did when the iteration ended."""
+        touch = self.touch
+        state = f"{int(touch.touching.sum())} of {touch.gap.size} contact points touch, {int(touch.slipping.sum())} slip"
+        cause = cause or f"residual still {size:.1e} of the contact force after {iteration + 1} iterations"
+        return ConvergenceError(f"{cause} ({state}); try a coarser mesh or an edge radius", self.depth, iteration=iteration)
+
+    def damped(self, damping):
+        """The tangent with nodal dampers: shear modulus times size of the node's share of the body, times `damping`."""
+        values = self.matrix.data.copy()
+        values[self.fixed.diagonal] += damping * self.load.material.shear_modulus * self.fixed.sizes
+        return self.body.matrix(values)
 
     def assemble(self, u, pressure):
         """Sets residual and matrix at u; returns the norms of the residual and of the contact forces."""
@@ -194,20 +241,25 @@ class _System:
         by_depth = self.contact.by_depth(self.touch)
         by_depth[self.fixed.dofs] = 0
         direction = solver.solve(self.matrix, -by_depth)
+        rate = self.contact.rate(self.touch, direction)
         return Equilibrium(
             depth=self.depth,
             u=u,
             pressure=self.body.pressure(self.state, self.load.kappa),
             touch=self.touch,
             force=self.contact.force(self.touch),
-            stiffness=self.contact.stiffness(self.touch, direction),
-            penalty_error=self.contact.penalty_error(self.touch, direction, self.load.springs),
+            stiffness=self.contact.stiffness(rate),
+            penalty_error=self.contact.penalty_error(self.touch, rate, self.load.springs),
             direction=direction,
+            rate=rate,
         )
 
 
 class Fixed:
-    """Dofs (n_fixed,) held at zero, as identity rows and columns of the tangent."""
+    """Dofs (n_fixed,) held at zero, as identity rows and columns of the tangent; and where its diagonal is.
+
+    diagonal: places (n,) of the diagonal in the CSR data; sizes: cube root of each dof's share of the volume, mm.
+    """
 
     def __init__(self, body, dofs):
         self.dofs = np.unique(dofs)
@@ -215,11 +267,14 @@ class Fixed:
         held[self.dofs] = True
         rows = np.repeat(np.arange(body.n_dofs, dtype=np.int32), np.diff(body.indptr))
         self._entries = np.flatnonzero(held[rows] | held[body.indices])
-        diagonal = np.flatnonzero(rows == body.indices)
-        self._diagonal, self._free_diagonal = diagonal[held], diagonal[~held]
+        self.diagonal = np.flatnonzero(rows == body.indices)
+        self._held, self._free = self.diagonal[held], self.diagonal[~held]
+        shares = np.zeros(body.n_dofs)
+        np.add.at(shares, body.dofs, (body.volume / body.dofs.shape[1])[:, None, None])
+        self.sizes = np.cbrt(shares)
 
     def constrain(self, residual, values):
         """Zeroes the held rows and columns in place and puts a typical stiffness on their diagonal."""
         residual[self.dofs] = 0
         values[self._entries] = 0
-        values[self._diagonal] = np.mean(np.abs(values[self._free_diagonal]))
+        values[self._held] = np.mean(np.abs(values[self._free]))

@@ -82,7 +82,7 @@ class Model:
     def __init__(self, case):
         started = time.perf_counter()
         self.sample, self.options = case.sample, case.solver
-        self.mesh = quarter(case.sample, case.indenter, case.mesh)
+        self.mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element)
         self.body = _body(self.mesh, case.solver)
         self.contact = Contact(self.body, case.indenter, case.sample.thickness)
         self.fixed = newton.Fixed(self.body, _held(self.body.basis, case.sample.base))
@@ -105,8 +105,7 @@ class Model:
         depths = np.asarray(depths, dtype=float)
         work, counts = newton.Counts(), self.solver.counts
         before = (counts.factorizations, counts.solves, counts.krylov_iterations)
-        stiffness = self.options.penalty * material.shear_modulus / self.sample.thickness
-        springs = Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
+        springs = self._springs(material, angle)
         load = newton.Load(material, kappa, FIBRES[angle], springs)
         self.solver.forget()
         try:
@@ -131,6 +130,13 @@ class Model:
         }
         force = QUARTERS * interpolate(path, depths, self._starts_smoothly())
         return TestResult(name, angle, depths, force, facts, path[-1])
+
+    def _springs(self, material, angle):
+        """Contact springs in proportion to the sample's stiffness under the indenter, which fibres across it raise."""
+        moduli = material.moduli()
+        young = moduli["E_along"] if angle == 90 else moduli["E_across"]
+        stiffness = self.options.penalty * (material.shear_modulus + young / 3) / 2 / self.sample.thickness
+        return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
 
     def mesh_facts(self):
         return {

@@ -1,0 +1,68 @@
+"""Progress on stderr: a bar with an estimate on a terminal, otherwise a line about every ten seconds.
+
+    with progress("fit", total=240) as step:
+        step(12, "objective 0.91 mN")
+"""
+
+import contextlib
+import os
+import sys
+import time
+
+import click
+
+INTERVAL = 10.0  # seconds between two lines
+
+
+@contextlib.contextmanager
+def progress(title, total):
+    """Context that gives a function step(done, note=""): how much of `total` is done (it may be a fraction), and a remark."""
+    if sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
+        with _bar(title, total) as step:
+            yield step
+    else:
+        yield _Lines(title, total).step
+
+
+@contextlib.contextmanager
+def _bar(title, total):
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = [
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}", markup=False),
+    ]
+    # stdout is the result: rich must leave it alone
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
+        task = bar.add_task(title, total=total, note="")
+        yield lambda done, note="": bar.update(task, completed=done, note=note)
+
+
+class _Lines:
+    """Says where the work is, but not more often than every INTERVAL seconds."""
+
+    def __init__(self, title, total):
+        self.title, self.total = title, total
+        self.started = self.spoken = time.monotonic()
+
+    def step(self, done, note=""):
+        now = time.monotonic()
+        if now - self.spoken < INTERVAL:
+            return
+        self.spoken = now
+        share = min(max(done / self.total, 0.0), 1.0) if self.total else 1.0
+        past = now - self.started
+        left = f", about {_duration(past * (1 - share) / share)} left" if share > 0 else ""
+        click.echo(f"{self.title}: {share:.0%} after {_duration(past)}{left}{f'; {note}' if note else ''}", err=True)
+
+
+def _duration(seconds):
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,0 +1,87 @@
+"""`indentfit simulate`: the curves of a case at given parameters, and its stress fields."""
+
+import importlib.metadata
+
+import click
+
+from ..case import read_case
+from ..fem.fields import recover
+from ..fem.simulate import Model
+from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
+from ..report.text import simulation_lines
+from .progress import progress
+
+
+@click.command(short_help="Compute the curves of a case, and its stresses.")
+@click.argument("case", type=click.Path())
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
+@click.option("--vtu", is_flag=True, help="Write the fields at the last displacement, too (needs -o).")
+def command(case, overrides, as_json, output, overwrite, vtu):
+    """Compute the force-displacement curves of the case file CASE.
+
+    A parameter that the case leaves free has its start value; another one by --set material.NAME.start=VALUE.
+    """
+    if output is None and (vtu or overwrite):
+        raise click.UsageError(f"{'--vtu' if vtu else '--overwrite'} needs -o DIR")
+    read = read_case(case, overrides)
+    if output is not None:
+        refuse_existing(output, overwrite)
+    for warning in read.warnings():
+        click.echo(f"warning: {warning}", err=True)
+    material = read.material_class(**read.start_values())
+    model = Model(read)
+    simulation = _simulated(model, material, read)
+    if output is not None:
+        _write(output, overwrite, read, model, material, simulation, vtu)
+    if as_json:
+        click.echo(json_text(simulation.as_json()))
+        return
+    click.echo("\n".join(simulation_lines(simulation, read, material)))
+    if output is not None:
+        click.echo(f"written   {output}")
+
+
+def _simulated(model, material, case):
+    """The Simulation, with its progress on stderr."""
+    order = {test.name: n for n, test in enumerate(case.tests)}
+    with progress("simulate", total=len(case.tests)) as step:
+        return model.simulate(material, case, lambda name, share: step(order[name] + share, name))
+
+
+def _write(path, overwrite, case, model, material, simulation, vtu):
+    """The result folder: simulation.json, curves.csv, the figure, the case, and asked, the fields."""
+    from ..report.plots import force_displacement  # matplotlib is slow to import
+
+    simulated = {test.name: test.curve for test in simulation.tests}
+    measured = [(test.name, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
+    with result_folder(path, overwrite) as folder:
+        again = copy_case(case, folder)
+        write_json(folder / "simulation.json", {**_origin(case, material, again), **simulation.as_json()})
+        write_curves(folder / "curves.csv", simulated)
+        force_displacement(measured, list(simulated.items()), folder / "force_displacement")
+        if vtu:
+            _write_fields(folder / "fields", case, model, material, simulation)
+
+
+def _origin(case, material, overrides):
+    """What the result is of: enough to get it again."""
+    return {
+        "format": "indentfit.simulation/1",
+        "indentfit": importlib.metadata.version("indentfit"),
+        "title": case.title,
+        "case_hash": case.hash,
+        "overrides": list(overrides),
+        "parameters": {name: getattr(material, name) for name in type(material).parameters},
+    }
+
+
+def _write_fields(folder, case, model, material, simulation):
+    from ..report.vtu import file_names, write_vtu
+
+    folder.mkdir()
+    kappa = case.material.bulk_modulus(material.shear_modulus)
+    for test, name in zip(simulation.tests, file_names([test.name for test in simulation.tests]), strict=True):
+        write_vtu(folder / f"{name}.vtu", recover(model, test, material, kappa))

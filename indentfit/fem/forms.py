@@ -1,0 +1,147 @@
+"""The solid as plain scikit-fem forms: slow and readable, the oracle that the compiled loop of `element.py` is held to.
+
+Displacements u and a pressure p, discontinuous between elements, such that for all test functions v and q
+
+    ∫ (∂ψ/∂F + p J F⁻ᵀ) : ∇v = 0,    ∫ q (J - 1 - p/κ) = 0,    F = 1 + ∇u,  J = det F.
+
+ψ depends on the isochoric invariants I = J^(-n/3) i, where i is an invariant of C = FᵀF and n its degree in F.
+Newton's step (du, dp) solves
+
+    ∫ (∂²ψ/∂F² : ∇du + p ∂(J F⁻ᵀ)/∂F : ∇du) : ∇v + ∫ dp J F⁻ᵀ : ∇v = -∫ (∂ψ/∂F + p J F⁻ᵀ) : ∇v,
+    ∫ q J F⁻ᵀ : ∇du - ∫ q dp/κ = -∫ q (J - 1 - p/κ).
+
+p is a sum of modes q_k that are orthonormal on each element, so the second line gives p + dp element by element, which
+leaves K = A + κ Σ b_k b_kᵀ with b_k = ∫ q_k J F⁻ᵀ : ∇v, and on the right the pressure that follows from u.
+
+Everything is written on the undeformed body, with the first Piola stress P = ∂ψ/∂F; the compiled loop works with
+Kirchhoff stresses and spatial gradients. Besides the bases, quadrature and modes the two share nothing.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+from skfem import BilinearForm, Functional, LinearForm
+from skfem.helpers import ddot, det, grad, identity, inv, mul, prod, trace, transpose
+
+from indentfit.fem.element import Solid, State
+from indentfit.material import invariant_gradients, invariants
+
+DEGREES = (2, 4, 2, 4)  # in F, of the invariants I1, I2, I4, I5
+DIRECTIONS = np.eye(9).reshape(9, 3, 3, 1, 1)  # the nine components of a second-order tensor
+
+
+@LinearForm
+def internal_forces(v, w):
+    return ddot(w.P, grad(v))
+
+
+@BilinearForm
+def stiffness(u, v, w):
+    return ddot(np.einsum("ijkl...,kl...->ij...", w.A, grad(u)), grad(v))
+
+
+@LinearForm
+def dilatation(v, w):
+    return w.q * ddot(w.cofactor, grad(v))
+
+
+@Functional
+def mode_of_J(w):
+    return w.q * w.J
+
+
+class FormSolid(Solid):
+    """A meshed sample whose forces and tangent are assembled from the forms above; all else as in `element.Solid`."""
+
+    def state(self, u, fibre):
+        F = self._deformation(u)
+        J = det(F)
+        theta = [mode_of_J.elemental(self.basis, q=q, J=J) for q in self._modes()]
+        with np.errstate(all="ignore"):  # wild displacements: the state is not valid then
+            return State(invariants(F, fibre).reshape(4, -1), np.transpose(theta), bool(J.min() > 0))
+
+    def residual(self, u, state, material, pressure, fibre):
+        return internal_forces.assemble(self.basis, P=self._piola(u, state, material, pressure, fibre))
+
+    def tangent(self, u, state, material, pressure, kappa, fibre):
+        F, p = self._deformation(u), self._field(pressure)
+        A = stiffness.elemental(self.basis, A=moduli(F, fibre, *self._derivatives(state, material), p))
+        K = A.data.reshape(*A.local_shape, -1)
+        for q in self._modes():
+            b = dilatation.elemental(self.basis, q=q, cofactor=cofactor(F)).data.reshape(A.local_shape[0], -1)
+            K = K + kappa * b[:, None] * b[None, :]
+        matrix = sp.coo_matrix((K.ravel(), A.indices), A.shape).tocsr()  # keeps zeros: it has the cached pattern
+        return self.residual(u, state, material, self.pressure(state, kappa), fibre), matrix.data
+
+    def dilatation_map(self, u):
+        C = cofactor(self._deformation(u))
+        B = [dilatation.elemental(self.basis, q=q, cofactor=C).tolocal() for q in self._modes()]
+        return np.moveaxis(B, 0, 1).reshape(*self.means.shape, -1, 3)
+
+    def stress(self, u, state, material, pressure, fibre):
+        F = self._deformation(u)
+        P = self._piola(u, state, material, pressure, fibre)
+        sigma = np.einsum("ik...,jk...->ij...", P, F) / det(F)
+        return np.array([sigma[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
+
+    def _deformation(self, u):
+        du = grad(self.basis.interpolate(u))
+        return identity(du) + du
+
+    def _modes(self):
+        return np.moveaxis(self.modes, 1, 0)
+
+    def _field(self, pressure):
+        return np.einsum("em,emq->eq", pressure, self.modes)
+
+    def _derivatives(self, state, material):
+        first, second = material.gradient(state.I), material.hessian(state.I)
+        return first.reshape(4, *self.weights.shape), second.reshape(4, 4, *self.weights.shape)
+
+    def _piola(self, u, state, material, pressure, fibre):
+        F, (first, _) = self._deformation(u), self._derivatives(state, material)
+        P = np.einsum("a...,aij...->ij...", first, invariant_gradients(F, fibre))
+        return P + self._field(pressure) * cofactor(F)
+
+
+def cofactor(F):
+    """J F⁻ᵀ, the derivative of J by F."""
+    return det(F) * transpose(inv(F))
+
+
+def moduli(F, a0, first, second, p):
+    """∂P/∂F at a fixed pressure p, shape (3, 3, 3, 3, ...), of an energy with these derivatives by its invariants."""
+    D, G, J = invariant_gradients(F, a0), transpose(inv(F)), det(F)
+    columns = []
+    for H in DIRECTIONS:
+        H = H + np.zeros_like(F)
+        bend = np.einsum("a...,aij...->ij...", first, invariant_second_derivatives(F, a0, H))
+        stretch = np.einsum("ab...,bij...,ij...->a...", second, D, H, optimize=True)
+        swell = J * p * (ddot(G, H) * G - product(G, transpose(H), G))
+        columns.append(bend + np.einsum("a...,aij...->ij...", stretch, D) + swell)
+    return np.moveaxis(np.array(columns).reshape(3, 3, *F.shape), (0, 1), (2, 3))
+
+
+def invariant_second_derivatives(F, a0, H):
+    """∂²I/∂F² : H of I1, I2, I4, I5, shape (4, 3, 3, ...)."""
+    C, dC = product(transpose(F), F), product(transpose(H), F) + product(transpose(F), H)
+    Fa, Ca, Ha, dCa = mul(F, a0), mul(C, a0), mul(H, a0), mul(dC, a0)
+    full = [  # of the invariants i of C
+        2 * H,
+        2 * (trace(dC) * F + trace(C) * H - product(H, C) - product(F, dC)),
+        2 * prod(Ha, a0),
+        2 * (prod(Ha, Ca) + prod(Fa, dCa) + prod(mul(H, Ca) + mul(F, dCa), a0)),
+    ]
+    G, scale, GH = transpose(inv(F)), det(F) ** (-1 / 3), ddot(transpose(inv(F)), H)
+    turn = product(G, transpose(H), G)  # minus the change of F⁻ᵀ
+    out = []
+    for n, d2i, I, dI in zip(DEGREES, full, invariants(F, a0), invariant_gradients(F, a0), strict=True):
+        out.append(scale**n * d2i - n / 3 * (GH * (dI + n / 3 * I * G) + ddot(dI, H) * G - I * turn))
+    return np.array(out)
+
+
+def product(*tensors):
+    """Product of second-order tensors, each (3, 3, ...)."""
+    first, *rest = tensors
+    for tensor in rest:
+        first = np.einsum("ik...,kj...->ij...", first, tensor)
+    return first

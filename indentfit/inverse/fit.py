@@ -1,0 +1,194 @@
+"""The inversion: from a case to parameters, their errors, and how the search went."""
+
+import importlib.metadata
+import platform
+import time
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from indentfit.case import require_fittable
+from indentfit.curve import Curve
+from indentfit.fem.simulate import Model
+from indentfit.inverse import genetic
+from indentfit.inverse.identifiability import NOTE, identifiability
+from indentfit.inverse.least_squares import Optimum, least_squares, polish
+from indentfit.inverse.objective import problem_of, rmse
+from indentfit.inverse.workers import Pool
+
+FORMAT = 1
+PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
+MESH_NOTE = "the error of the mesh is not assessed by `fit`; compare with a finer mesh"
+SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """What `fit` found, as plain numbers, lists and dictionaries; None stands for what is not known.
+
+    parameters: name -> value, stderr, min, max, unit, interval (95 %), at_bound, verdict, and for fixed ones value and
+    unit; `free` gives the order of covar, correlation, singular_values (mN) and directions (a row for each of them).
+    objective: equation (1), mN; sum_of_squares: sum of w RMSE^2, mN^2; rmse: test -> mN; redchi: mN^2. nfev: different
+    sets of parameters run; runs: solves of one test. failures: parameters and cause of each failed evaluation.
+    curves: test -> fitted Curve (not part of the JSON). Units: mm, mN, kPa, s.
+    """
+
+    method: str
+    seed: int
+    success: bool
+    message: str
+    parameters: dict[str, dict]
+    free: list[str]
+    objective: float | None
+    sum_of_squares: float | None
+    rmse: dict[str, float]
+    redchi: float | None
+    covar: list | None
+    correlation: list | None
+    singular_values: list | None
+    directions: list | None
+    nfev: int
+    runs: int
+    seconds: float
+    history: list[dict]
+    failures: list[dict]
+    notes: list[str]
+    solver: dict
+    mesh: dict
+    case_hash: str
+    title: str
+    versions: dict[str, str]
+    format_version: int = FORMAT
+    curves: dict[str, Curve] = field(default_factory=dict, repr=False)
+
+    def as_json(self):
+        """The stable keys of result.json."""
+        return {key: value for key, value in asdict(self).items() if key != "curves"}
+
+
+def fit(case, progress=None):
+    """FitResult of a case: its free parameters by `case.fit.method`, on `case.fit.workers` processes.
+
+    progress: called with (share done, note). Raises CaseError where there is nothing to fit, MeshError; a fit that does
+    not converge is no error but `success` False. Scripts need `if __name__ == "__main__":`, see `workers`.
+    """
+    require_fittable(case)
+    started, problem = time.perf_counter(), problem_of(case)
+    model = Model(case)  # refuses a mesh that cannot be, before any worker is started
+    with Pool(case) as pool:
+        optimum, said = METHODS[case.fit.method](problem, pool, case.fit, progress or (lambda share, note: None))
+        facts = _facts_at(pool, problem, optimum)
+    return _result(case, problem, optimum, said, pool, _solver(model, case, pool, facts), model.mesh_facts(), started)
+
+
+def _genetic(problem, pool, options, progress):
+    """The genetic algorithm, then Gauss-Newton on the same objective from its best."""
+    found = genetic.search(problem, pool, options, lambda share, note: progress(SHARE_OF_SEARCH * share, note))
+    said = f"genetic algorithm: {found.message}"
+    if found.best is None:
+        message = f"the mechanics failed at every point tried{_cause(pool)}"
+        return Optimum(None, None, False, message, found.history), said
+    end = polish(problem, pool, found.best, options.tolerance, _rest(progress))
+    improved = f"{found.best.objective:.6g} to {end.best.objective:.6g} mN"
+    said += f"; then Gauss-Newton on equation (1) from its best, {len(end.history)} steps, {improved}"
+    return Optimum(end.best, end.derivatives, end.success, end.message, [*found.history, *end.history]), said
+
+
+def _least_squares(problem, pool, options, progress):
+    found = least_squares(problem, pool, problem.start, options.tolerance, progress)
+    return found, f"least squares from the start values, {len(found.history)} steps"
+
+
+METHODS = {"ga": _genetic, "least_squares": _least_squares}
+
+
+def _rest(progress):
+    return lambda share, note: progress(SHARE_OF_SEARCH + (1 - SHARE_OF_SEARCH) * share, note)
+
+
+def _cause(pool):
+    return f", at last: {pool.failures[-1].cause}" if pool.failures else ""
+
+
+def _facts_at(pool, problem, optimum):
+    """The facts of the runs at the optimum, one dictionary for each test; these runs are known already."""
+    if optimum.best is None:
+        return ()
+    return pool.evaluate([problem.at_reference(optimum.best.parameters)])[0].facts
+
+
+def _solver(model, case, pool, facts):
+    worst = {key: max((abs(one[key]) for one in facts), default=None) for key in ("penalty_error", "edge_slip")}
+    return {
+        "linear": model.solver.name,
+        "assembly": case.solver.assembly,
+        "workers": pool.workers,
+        "run_seconds": pool.seconds,
+        **worst,
+    }
+
+
+def _result(case, problem, optimum, said, pool, solver, mesh, started):
+    best, tests = optimum.best, problem.tests
+    known = identifiability(problem, best, optimum.derivatives) if optimum.derivatives else None
+    return FitResult(
+        method=case.fit.method,
+        seed=case.fit.seed,
+        success=optimum.success,
+        message=f"{said}; {optimum.message}",
+        parameters=_parameters(case, best.parameters if best else problem.start, known),
+        free=list(problem.free),
+        objective=best and best.objective,
+        sum_of_squares=best and best.sum_of_squares,
+        rmse={test.name: rmse(test, force) for test, force in zip(tests, best.forces, strict=True)} if best else {},
+        redchi=known and _number(known.redchi),
+        covar=known and _numbers(known.covar),
+        correlation=known and _numbers(known.correlation),
+        singular_values=known and _numbers(known.singular_values),
+        directions=known and _numbers(known.directions),
+        nfev=pool.evaluations,
+        runs=pool.runs,
+        seconds=time.perf_counter() - started,
+        history=optimum.history,
+        failures=[{"parameters": failure.parameters, "cause": failure.cause} for failure in pool.failures],
+        notes=[NOTE, MESH_NOTE],
+        solver=solver,
+        mesh=mesh,
+        case_hash=case.hash,
+        title=case.title,
+        versions={name: importlib.metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
+        curves=_curves(tests, best),
+    )
+
+
+def _parameters(case, values, known):
+    """name -> what is known of it, in the order of the model."""
+    free, found = list(case.free), {}
+    for name, parameter in case.material_class.parameters.items():
+        found[name] = {"value": values[name], "unit": parameter.unit, "fixed": name not in free}
+        if name in free:
+            bounds, n = case.free[name], free.index(name)
+            found[name] |= {
+                "start": bounds.start,
+                "min": bounds.min,
+                "max": bounds.max,
+                "stderr": known and _number(known.stderr[n]),
+                "interval": known and _numbers(known.interval[n]),
+                "at_bound": known and (known.at_bound[n] or None),
+                "verdict": known.verdicts[n] if known else "not known: the fit stopped before its errors were found",
+            }
+    return found
+
+
+def _curves(tests, best):
+    if best is None:
+        return {}
+    return {test.name: Curve(test.curve.displacement, force) for test, force in zip(tests, best.forces, strict=True)}
+
+
+def _number(value):
+    return float(value) if np.isfinite(value) else None
+
+
+def _numbers(array):
+    return [_numbers(row) if np.ndim(row) else _number(row) for row in array]

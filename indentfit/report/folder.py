@@ -1,0 +1,191 @@
+"""The result folder: written under a temporary name, renamed when whole, never overwritten unasked."""
+
+import contextlib
+import csv
+import json
+import math
+import os
+import shlex
+import shutil
+import uuid
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from ..errors import OutputError
+
+RESULTS = ("result.json", "simulation.json")  # what tells a result folder from any other
+FILES = (*RESULTS, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
+FIGURES = (".svg", ".png")
+
+
+@contextlib.contextmanager
+def result_folder(path, overwrite=False):
+    """Context that gives a temporary folder beside `path`, and renames it to `path` when the block ends well.
+
+    When the block fails, the temporary folder goes and whatever `path` held stays. Raises OutputError where the
+    folder cannot be written, exists, or (with overwrite) is not a result folder.
+    """
+    target = refuse_existing(path, overwrite)
+    temporary = _beside(target, "partial")
+    try:
+        temporary.mkdir()
+        yield temporary
+        refuse_existing(path, overwrite)  # it may have come into being meanwhile
+        _put_in_place(temporary, target)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def refuse_existing(path, overwrite=False):
+    """Raise OutputError unless a result folder can be written at `path`: ask before a long computation.
+
+    With overwrite, an earlier result folder and an empty folder may be replaced, and nothing else. Returns the
+    folder's absolute path, symbolic links followed.
+    """
+    try:
+        target = Path(path).resolve()
+        if os.path.lexists(target):
+            _refuse_what_is_there(path, target, overwrite)
+        target.lstat()  # FileNotFoundError, unless the name itself is wrong
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(f"{path}: cannot be used ({reason}); choose another folder") from error
+    if not target.parent.is_dir():
+        raise OutputError(f"{path}: there is no folder {target.parent}; create it, or choose another folder")
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        raise OutputError(f"{path}: {target.parent} is read-only; choose another folder")
+    return target
+
+
+def write_json(path, value):
+    """Write a value as JSON."""
+    Path(path).write_text(json_text(value) + "\n", encoding="utf-8")
+
+
+def json_text(value):
+    """A value as strict JSON: NumPy numbers and arrays as plain ones, NaN and infinity, which JSON has not, as null."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def write_curves(path, simulated, measured=None):
+    """Write curves (name -> Curve) as one CSV with the columns test, displacement_mm, force_mN.
+
+    measured: name -> Curve with the same displacements, or None; its forces make a fourth column, measured_force_mN.
+    """
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        extra = ["measured_force_mN"] if measured else []
+        table.writerow(["test", "displacement_mm", "force_mN", *extra])
+        for name, curve in simulated.items():
+            columns = [curve.displacement.tolist(), curve.force.tolist()]
+            if measured:
+                given = measured.get(name)
+                columns.append(given.force.tolist() if given is not None else [""] * len(columns[0]))
+            table.writerows([name, *row] for row in zip(*columns, strict=True))
+
+
+def copy_case(case, folder):
+    """Copy the case file, verbatim, as case.toml into a folder, with the curves and the plugin it names, to be run again.
+
+    A file that the case names by a path inside of its own folder keeps that path; one from elsewhere goes to curves/ or
+    plugins/. Returns the overrides (KEY=VALUE) with which the copy is the case that was run: those of this run, then
+    the new places of such files. Where there are any, run_again.txt says so.
+    """
+    folder = Path(folder)
+    places = _places([name for _, name, _, _ in _files_named(case)])
+    moved = []
+    for key, name, room, ending in _files_named(case):
+        if name not in places:
+            places[name] = _free_place(f"{room}/{PurePath(name).name}", places)
+        if places[name] != _inside(name):
+            moved.append(f"{key}={json.dumps(places[name] + ending, ensure_ascii=False)}")
+    for name, place in {**places, case.path.name: "case.toml"}.items():
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(case.path.parent / name, folder / place)
+    overrides = (*case.overrides, *moved)
+    if overrides:
+        (folder / "run_again.txt").write_text(_run_again(overrides), encoding="utf-8")
+    return overrides
+
+
+def _files_named(case):
+    """Key, file name, folder for it, and what the key holds after the name, of each file that the case names."""
+    for test in case.tests:
+        if test.curve is not None:
+            yield f"test.{test.name}.curve", test.curve, "curves", ""
+    file, colon, kind = (case.material.model or "").rpartition(":")
+    if colon and file.endswith(".py"):
+        yield "material.model", file, "plugins", f":{kind}"
+
+
+def _places(names):
+    """File name -> its place in the result folder, for those that can keep their place."""
+    return {name: place for name in names if (place := _inside(name))}
+
+
+def _inside(name):
+    """A path as it is written inside of a folder; None where it leads out of it or to one of the result's own files."""
+    path = PurePath(name)
+    if path.is_absolute() or ".." in path.parts or path.parts[0].lower() in FILES:
+        return None
+    return None if len(path.parts) == 1 and path.suffix.lower() in FIGURES else path.as_posix()
+
+
+def _free_place(place, places):
+    path, taken = PurePath(place), {other.lower() for other in places.values()}
+    choices = (path.with_stem(path.stem + (f"-{n}" if n > 1 else "")) for n in range(1, len(taken) + 2))
+    return next(one.as_posix() for one in choices if one.as_posix().lower() not in taken)
+
+
+def _run_again(overrides):
+    options = " ".join(f"--set {shlex.quote(one)}" for one in overrides)
+    return (
+        "case.toml is a verbatim copy. The case that was run had keys set on the command line, or files from outside of its\n"
+        f"folder, which are now in curves/ or plugins/. To run it again, add to the command:\n\n{options}\n"
+    )
+
+
+def _refuse_what_is_there(path, target, overwrite):
+    if not target.is_dir():
+        raise OutputError(f"{path}: a file has that name; choose another folder")
+    if not overwrite:
+        raise OutputError(f"{path}: the folder exists; choose another one, or add --overwrite to replace it")
+    if any(target.iterdir()) and not any((target / name).is_file() for name in RESULTS):
+        raise OutputError(f"{path}: not a result folder of indentfit, so it is not overwritten; choose another folder")
+
+
+def _beside(target, what):
+    return target.with_name(f".{target.name[:60]}.{uuid.uuid4().hex[:8]}.{what}")
+
+
+def _put_in_place(temporary, target):
+    """Rename, with what was there moved aside first, and back again if the renaming fails."""
+    if not target.exists():
+        temporary.rename(target)
+        return
+    aside = _beside(target, "old")
+    target.rename(aside)
+    try:
+        temporary.rename(target)
+    except OSError:
+        aside.rename(target)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+
+
+def _plain(value):
+    """Dictionaries, lists, numbers, strings and None in place of what NumPy and paths hold them in."""
+    if isinstance(value, dict):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, PurePath) else value

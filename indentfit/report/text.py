@@ -1,0 +1,86 @@
+"""Results as text for a terminal."""
+
+import numpy as np
+
+
+def simulation_lines(simulation, case, material):
+    """A Simulation in words, line by line: its curves as a table, then the mesh, the solver and how exact the contact is."""
+    yield from _material(case, material)
+    yield ""
+    for tests in _of_equal_displacement(simulation.tests):
+        yield from _table(tests)
+        yield ""
+    yield from _mesh(simulation.mesh)
+    yield from _solver(simulation.solver)
+    yield from _contact(simulation)
+
+
+def _material(case, material):
+    parameters = type(material).parameters
+    values = ", ".join(
+        f"{name} = {getattr(material, name):g}{_unit(one)}{' (start value)' if name in case.free else ''}"
+        for name, one in parameters.items()
+    )
+    yield f"{case.material.model or case.material.energy}: {values}"
+
+
+def _unit(parameter):
+    return f" {parameter.unit}" if parameter.unit not in ("", "1") else ""
+
+
+def _of_equal_displacement(tests):
+    """The tests in groups that can share a table."""
+    groups = []
+    for test in tests:
+        for group in groups:
+            if np.array_equal(group[0].displacement, test.displacement):
+                group.append(test)
+                break
+        else:
+            groups.append([test])
+    return groups
+
+
+def _table(tests):
+    """One line for each displacement, one column of forces for each test."""
+    names = [f"{test.name} ({test.angle}°)" for test in tests]
+    widths = [max(10, len(name)) for name in names]
+    yield "  displacement  force, mN"
+    yield "  " + "  ".join(["          mm", *(f"{name:>{width}}" for name, width in zip(names, widths, strict=True))])
+    for n, displacement in enumerate(tests[0].displacement):
+        forces = (f"{test.force[n]:>{width}.3f}" for test, width in zip(tests, widths, strict=True))
+        yield "  " + "  ".join([f"{displacement:>12.4f}", *forces])
+
+
+def _mesh(mesh):
+    kind = {"q1p0": "eight-node bricks", "q2p1": "27-node bricks"}.get(mesh["element"], mesh["element"])
+    yield (
+        f"mesh      {mesh['elements']:,} {kind}, {mesh['dofs']:,} degrees of freedom, quarter sample; "
+        f"smallest element {mesh['smallest_mm']:.3g} mm"
+    )
+
+
+def _solver(solver):
+    loop = "" if solver["assembly"] == "compiled" else ", assembled by the readable forms"
+    yield (
+        f"solver    {_count(solver['steps'], 'step')} ({_count(solver['cutbacks'], 'cutback')}), "
+        f"{_count(solver['newton_iterations'], 'Newton iteration')}, "
+        f"{_count(solver['factorizations'], 'factorization')} by {solver['linear']}{loop}; "
+        f"{solver['wall_seconds'] + solver['setup_seconds']:.1f} s"
+    )
+
+
+def _contact(simulation):
+    """How far the contact is from ideal, at the last displacement of each test."""
+    width = max(len(test.name) for test in simulation.tests)
+    for n, test in enumerate(simulation.tests):
+        facts = test.facts
+        slip = f"; slip across the edge {facts['edge_slip']:.2%} of the half-width" if facts["edge_slip"] else ""
+        yield (
+            f"{'contact' if n == 0 else '':<8}  {test.name:<{width}}  penalty takes {facts['penalty_error']:.3%} of the "
+            f"force; {facts['touching']:.0%} of the footprint touches, {facts['slipping']:.0%} slips{slip}"
+        )
+
+
+def _count(number, what):
+    return f"{number:,} {what}{'' if number == 1 else 's'}"

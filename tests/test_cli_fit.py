@@ -1,0 +1,173 @@
+"""`indentfit fit`: what it prints, what it writes and how it ends."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from indentfit.case import read_case
+from indentfit.cli import fit as cli_fit
+from indentfit.cli import main
+from indentfit.curve import read_curve
+from indentfit.fem.simulate import Model
+from indentfit.inverse.fit import fit
+
+CASE = """
+[sample]
+shape = "disc"
+diameter = 14
+thickness = 3.3
+base = "sliding"
+[indenter]
+shape = "strip"
+width = 2
+length = 20
+friction = 0
+[mesh]
+elements = 60
+[material]
+model = "neo_hookean"
+[material.parameters]
+mu = { start = 1, min = 0.1, max = 10 }
+[[test]]
+name = "parallel"
+angle = 0
+curve = "curve.csv"
+[fit]
+method = "ga"
+workers = 1
+"""
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch):
+    """One test of a material with one parameter: a fit costs a single run."""
+    (tmp_path / "gel").mkdir()
+    (tmp_path / "gel" / "case.toml").write_text(CASE)
+    lines = [f"{0.05 * n:.2f},{3.5 * n:.2f}" for n in range(1, 6)]
+    (tmp_path / "gel" / "curve.csv").write_text("displacement_mm,force_mN\n" + "\n".join(lines) + "\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "gel" / "case.toml"
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["fit", *map(str, arguments)])
+
+
+def test_a_fit_writes_its_folder_and_says_what_it_found(case, tmp_path):
+    done = run(case)
+    assert done.exit_code == 0, done.output
+    folder = tmp_path / "gel-result"
+    names = {path.name for path in folder.iterdir()}
+    assert {"result.json", "curves.csv", "fit.svg", "fit.png", "case.toml", "curve.csv"} <= names
+    assert (folder / "case.toml").read_text() == CASE
+    result = json.loads((folder / "result.json").read_text())
+    mu = result["parameters"]["mu"]
+    assert mu["min"] <= mu["interval"][0] < mu["value"] < mu["interval"][1] <= mu["max"]
+    assert f"{mu['value']:.6g}" in done.stdout
+    assert mu["verdict"] in done.stdout
+    assert "gel-result" in done.stdout
+    assert "equation (1)" in done.stdout
+
+
+def test_the_json_on_stdout_is_the_one_in_the_folder_and_keeps_its_keys(case, tmp_path):
+    done = run(case, "--json", "-o", "r")
+    result = json.loads(done.stdout)
+    assert result == json.loads((tmp_path / "r" / "result.json").read_text())
+    keys = (
+        "format_version method seed success message parameters free objective sum_of_squares rmse redchi covar "
+        "correlation singular_values directions nfev runs seconds history failures notes solver mesh case_hash title "
+        "versions overrides"
+    )
+    assert set(result) == set(keys.split())
+    assert result["format_version"] == 1
+    assert result["case_hash"] == read_case(case).hash
+    # Equation (1) of the curves in curves.csv, by hand: one test of weight 1.
+    rows = [line.split(",") for line in (tmp_path / "r" / "curves.csv").read_text().splitlines()]
+    assert rows[0] == ["test", "displacement_mm", "force_mN", "measured_force_mN"]
+    squares = [(float(row[2]) - float(row[3])) ** 2 for row in rows[1:]]
+    assert result["objective"] == pytest.approx((sum(squares) / len(squares)) ** 0.5, rel=1e-9)
+    assert [float(row[3]) for row in rows[1:]] == read_curve(case.parent / "curve.csv").force.tolist()
+
+
+def test_options_are_keys_of_the_case(case):
+    result = json.loads(run(case, "--json", "--method", "least_squares", "--seed", 7).stdout)
+    assert (result["method"], result["seed"]) == ("least_squares", 7)
+    assert {"fit.method=least_squares", "fit.seed=7"} <= set(result["overrides"])
+
+
+def test_a_folder_that_exists_is_refused_before_any_run(case, tmp_path, monkeypatch):
+    (tmp_path / "gel-result").mkdir()
+    monkeypatch.setattr(cli_fit, "fit", lambda *_: pytest.fail("a run was started"))
+    done = run(case)
+    assert done.exit_code == 2
+    assert "gel-result" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--set", "material.mu=1"],
+        ["--set", "test.parallel.depth=0.2"],
+        ["--workers", "0"],
+        ["--method", "annealing"],
+        ["--seed", "-1"],
+        ["-o", "no/such/folder"],
+    ],
+)
+def test_wrong_input_ends_with_2_and_leaves_nothing(case, tmp_path, arguments):
+    assert run(case, *arguments).exit_code == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["gel"]
+
+
+def test_a_fit_that_does_not_converge_ends_with_4_and_is_written(case, tmp_path, monkeypatch):
+    from indentfit.errors import ConvergenceError
+
+    def never(self, *_, **__):
+        raise ConvergenceError("the gel tears", 0.1, 3, 4)
+
+    monkeypatch.setattr(Model, "run", never)
+    done = run(case)
+    assert done.exit_code == 4
+    assert "the gel tears" in done.stderr
+    result = json.loads((tmp_path / "gel-result" / "result.json").read_text())
+    assert result["success"] is False
+    assert result["objective"] is None
+    assert "the gel tears" in result["failures"][0]["cause"]
+
+
+def test_an_earlier_result_is_replaced_when_asked(case):
+    assert run(case).exit_code == 0
+    assert run(case).exit_code == 2
+    assert run(case, "--overwrite").exit_code == 0
+
+
+def test_warnings_go_to_stderr(case):
+    done = run(case, "--json", "--set", "material.bulk_ratio=5")
+    json.loads(done.stdout)
+    assert "warning" in done.stderr
+
+
+def test_a_script_can_fit_without_the_command_line(case):
+    result = fit(read_case(case))
+    assert result.free == ["mu"]
+    assert result.curves["parallel"].force.shape == (5,)
+
+
+def test_the_quickstart_comes_back_to_its_truth_within_its_intervals(tmp_path):
+    from pathlib import Path
+
+    quickstart = Path(__file__).parent.parent / "cases" / "quickstart" / "case.toml"
+    command = [sys.executable, "-c", "from indentfit.cli import main; main()"]
+    done = subprocess.run(
+        [*command, "fit", str(quickstart), "--json", "-o", str(tmp_path / "r")], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    parameters = json.loads(done.stdout)["parameters"]
+    for name, truth in {"mu": 1.2, "zeta": 3.0, "phi": 0.8}.items():
+        low, high = parameters[name]["interval"]
+        assert low <= truth <= high
+    assert parameters["mu"]["value"] == pytest.approx(1.2, rel=0.01)

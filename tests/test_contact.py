@@ -1,0 +1,318 @@
+"""Contact: forces worked out by hand, distances and derivatives against differences, what an anchor remembers."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from indentfit.case import Indenter, Mesh, Sample
+from indentfit.fem.contact import STICK, Contact, History, Springs, signed_distance
+from indentfit.fem.element import Solid
+from indentfit.fem.mesh import quarter
+
+UP = np.array([0.0, 1.0, 0.0])
+SPRINGS = Springs(normal=1000.0, tangential=300.0)  # kPa/mm
+DEPTH = 0.02  # mm
+AREA = 1.0 * 2.0  # mm^2, of the quarter footprint of a strip 2 mm wide on a block 4 mm long
+
+STRIP, CYLINDER, SPHERE = (
+    {"shape": "strip", "width": 2, "length": 10},
+    {"shape": "cylinder", "diameter": 2.4},
+    {"shape": "sphere", "diameter": 5},
+)
+INDENTERS = {
+    "sharp strip": STRIP,
+    "rounded strip": STRIP | {"edge_radius": 0.2},
+    "short rounded strip": STRIP | {"length": 2.4, "edge_radius": 0.2},
+    "sharp cylinder": CYLINDER,
+    "rounded cylinder": CYLINDER | {"edge_radius": 0.2},
+    "sphere": SPHERE,
+}
+ROUNDED = [name for name in INDENTERS if name.startswith(("rounded", "short"))]
+by_indenter = pytest.mark.parametrize("name", INDENTERS)
+
+
+def contact_of(indenter, friction, element="q1p0", elements=200):
+    """Contact (and its solid) of a block of 4 x 1 x 4 mm."""
+    sample = Sample(shape="block", length=4, width=4, thickness=1, base="sliding")
+    punch = Indenter(friction=friction, **indenter)
+    solid = Solid(quarter(sample, punch, Mesh(elements=elements)), element)
+    return Contact(solid, punch, sample.thickness), solid
+
+
+def shifted(solid, by):
+    """Displacements that move the whole body by a vector, mm."""
+    return np.tile(np.asarray(by, float), solid.n_dofs // 3)
+
+
+def total(forces):
+    return forces.reshape(-1, 3).sum(axis=0)
+
+
+# ---- by hand --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("element", ["q1p0", "q2p1"])
+def test_a_flat_punch_presses_with_spring_times_penetration(element):
+    contact, solid = contact_of(STRIP, 0.5, element, elements=60)
+    touch = contact.touch(shifted(solid, [0, 0, 0]), DEPTH, contact.rest(), SPRINGS)
+    assert touch.touching.all()
+    assert_allclose(touch.gap, -DEPTH, rtol=1e-12)
+    assert_allclose(touch.pressure, 20.0, rtol=1e-12)  # 1000 kPa/mm * 0.02 mm
+    assert_allclose(touch.friction, 0, atol=1e-12)
+    assert contact.weights.sum() == pytest.approx(AREA, rel=1e-12)
+    assert contact.force(touch) == pytest.approx(40.0, rel=1e-12)  # mN, on 2 mm^2
+    assert_allclose(total(contact.residual(touch)), [0, 40.0, 0], atol=1e-11)  # minus the force on the body
+
+
+def test_pressure_takes_over_the_multiplier():
+    contact, solid = contact_of(STRIP, 0.0)
+    history = History(np.full(contact.weights.shape, 7.0), np.zeros_like(contact.X), contact.X)
+    touch = contact.touch(shifted(solid, [0, 0, 0]), DEPTH, history, SPRINGS)
+    assert_allclose(touch.pressure, 27.0, rtol=1e-12)
+
+
+def test_a_separated_point_carries_nothing():
+    contact, solid = contact_of(STRIP, 0.5)
+    touch = contact.touch(shifted(solid, [0.01, -0.001, 0.02]), 0.0, contact.rest(), SPRINGS)
+    assert not touch.touching.any() and not touch.slipping.any()
+    assert not touch.traction.any() and not touch.D.any()
+    assert contact.force(touch) == 0
+    assert not contact.residual(touch).any()
+
+
+def test_a_lifted_edge_opens_alone():
+    """A top that slopes by 0.01 from the middle of the footprint on: only the half that is still met carries."""
+    contact, solid = contact_of(STRIP, 0.0)
+    u = np.zeros(solid.n_dofs)
+    u[1::3] = -0.04 * solid.basis.doflocs[2, ::3]  # falls along z, from 0 to -0.04 at the edge z = 1
+    touch = contact.touch(u, DEPTH, contact.rest(), SPRINGS)
+    z = contact.X[..., 2]
+    assert np.array_equal(touch.touching, z <= 0.5 + 1e-12)
+    assert_allclose(touch.pressure, np.maximum(1000 * (0.02 - 0.04 * z), 0), atol=1e-10)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.5])
+@pytest.mark.parametrize("direction", [[1.0, 0, 0], [0, 0, -1.0], [0.6, 0, 0.8]])
+def test_sliding_friction_is_f_times_p_and_opposes_the_motion(friction, direction):
+    contact, solid = contact_of(STRIP, friction)
+    direction = np.array(direction)
+    u = shifted(solid, 0.1 * direction)  # sticking would need 30 kPa, f p is 4 or 10
+    touch = contact.touch(u, DEPTH, contact.rest(), SPRINGS)
+    assert touch.slipping.all()
+    assert_allclose(np.linalg.norm(touch.friction, axis=-1), friction * 20.0, rtol=1e-12)
+    on_body = -total(contact.residual(touch))
+    assert_allclose(on_body, -friction * 40.0 * direction - 40.0 * UP, atol=1e-10)
+    assert on_body @ direction < 0
+
+
+def test_below_the_limit_friction_is_elastic():
+    contact, solid = contact_of(STRIP, 0.5)
+    touch = contact.touch(shifted(solid, [0, 0, 0.03]), DEPTH, contact.rest(), SPRINGS)
+    assert not touch.slipping.any()
+    assert_allclose(touch.friction, 9.0 * np.broadcast_to([0, 0, 1.0], touch.friction.shape), atol=1e-11)  # of 10 kPa
+
+
+def test_friction_takes_over_its_multiplier_and_counts_from_the_anchor():
+    contact, solid = contact_of(STRIP, 0.5)
+    pull = np.broadcast_to([2.0, 0, 0], contact.X.shape)
+    anchor = contact.X + np.array([0, 0, 0.01])
+    touch = contact.touch(shifted(solid, [0, 0, 0.02]), DEPTH, History(contact.rest().pressure, pull, anchor), SPRINGS)
+    assert_allclose(touch.friction, np.broadcast_to([2.0, 0, 3.0], pull.shape), atol=1e-11)
+
+
+def test_without_friction_nothing_holds():
+    contact, solid = contact_of(STRIP, 0.0)
+    touch = contact.touch(shifted(solid, [0.5, 0, 0.5]), DEPTH, contact.rest(), SPRINGS)
+    assert not touch.friction.any() and not touch.slipping.any()
+
+
+def test_stick_under_a_sharp_edge_ties_and_may_pull():
+    contact, solid = contact_of(STRIP, "stick")
+    touch = contact.touch(shifted(solid, [0.4, -0.01, 0]), 0.0, contact.rest(), SPRINGS)
+    assert contact.tied and touch.touching.all() and not touch.slipping.any()
+    assert_allclose(touch.pressure, -10.0, rtol=1e-10)
+    assert_allclose(touch.friction[..., 0], 120.0, rtol=1e-12)
+
+
+def test_stick_under_a_sphere_is_a_large_coefficient():
+    contact, _ = contact_of(SPHERE, "stick")
+    assert not contact.tied and contact.friction == STICK
+
+
+def test_a_sphere_presses_by_the_depth_under_its_cap():
+    contact, solid = contact_of(SPHERE, 0.0)
+    touch = contact.touch(shifted(solid, [0, 0, 0]), 0.1, contact.rest(), SPRINGS)
+    rho = np.hypot(contact.X[..., 0], contact.X[..., 2])
+    gap = np.hypot(rho, 2.5 - 0.1) - 2.5  # the top stays flat, the centre is 2.4 mm above it
+    assert_allclose(touch.pressure, np.maximum(-1000 * gap, 0), atol=1e-9)
+    assert not touch.touching.all() and touch.touching.any()
+    expected = np.sum(contact.weights * touch.pressure * 2.4 / np.hypot(rho, 2.4))
+    assert contact.force(touch) == pytest.approx(expected, rel=1e-12)
+
+
+# ---- what a step leaves behind --------------------------------------------------------------------------------------
+
+
+def test_a_sticking_point_keeps_its_anchor():
+    contact, solid = contact_of(STRIP, 0.5)
+    touch = contact.touch(shifted(solid, [0, 0, 0.03]), DEPTH, contact.rest(), SPRINGS)
+    after = touch.advanced()
+    assert_allclose(after.anchor, contact.X)
+    assert_allclose(after.pressure, touch.pressure)
+    assert_allclose(after.friction, touch.friction)
+
+
+def test_a_slipping_point_is_anchored_where_it_is():
+    contact, solid = contact_of(STRIP, 0.5)
+    u = shifted(solid, [0, 0, 0.1])
+    after = contact.touch(u, DEPTH, contact.rest(), SPRINGS).advanced()
+    assert_allclose(after.anchor - contact.X, np.broadcast_to([0, DEPTH, 0.1], contact.X.shape), atol=1e-14)
+    unmoved = contact.touch(u, DEPTH, after, SPRINGS)  # without more motion it holds the friction that it slid with
+    assert_allclose(unmoved.friction[..., 2], 10.0, rtol=1e-12)
+    back = contact.touch(shifted(solid, [0, 0, 0.09]), DEPTH, after, SPRINGS)  # moved back, it sticks with less
+    assert not back.slipping.any()
+    assert_allclose(back.friction[..., 2], 10.0 - 3.0, rtol=1e-12)
+
+
+def test_a_point_that_does_not_touch_forgets():
+    contact, solid = contact_of(STRIP, 0.5)
+    away = shifted(solid, [0.3, -0.1, 0.2])
+    pull = History(np.ones(contact.weights.shape), np.ones_like(contact.X), contact.X)
+    after = contact.touch(away, 0.0, pull, SPRINGS).advanced()
+    assert not after.pressure.any() and not after.friction.any()
+    assert_allclose(after.anchor - contact.X, np.broadcast_to([0.3, -0.1, 0.2], contact.X.shape), atol=1e-14)
+
+
+def test_multipliers_follow_the_rate_of_the_tractions():
+    """Pressed by 5 kPa and pulled by 3 kPa along z per 0.01 mm of depth, sticking; then the same half as far."""
+    contact, solid = contact_of(STRIP, 0.5)
+    touch = contact.touch(shifted(solid, [0, 0, 0.03]), DEPTH, contact.rest(), SPRINGS)
+    rate = np.broadcast_to([0, 500.0, 300.0], contact.X.shape)  # of T - p n, n downwards
+    after = touch.advanced(rate, 0.005)
+    assert_allclose(after.pressure, 20.0 + 2.5, rtol=1e-12)
+    assert_allclose(after.friction, np.broadcast_to([0, 0, 9.0 + 1.5], contact.X.shape), atol=1e-11)
+    assert not touch.advanced(-10 * rate, 0.005).pressure.any()  # it cannot come to pull
+
+
+# ---- distances ------------------------------------------------------------------------------------------------------
+
+
+def samples(indenter, n=400):
+    """Points around and slightly inside an indenter whose lowest point is at y = 1."""
+    rng = np.random.default_rng(0)
+    x = rng.uniform([-2, 0.4, -2], [2, 1.3, 2], (n, 3))
+    return x[np.abs(signed_distance(indenter, x, 1.0)[0]) < 0.6]
+
+
+@pytest.mark.parametrize("name", [*ROUNDED, "sphere"])
+def test_distance_has_a_unit_gradient_and_the_right_derivatives(name):
+    indenter, h = Indenter(friction=0, **INDENTERS[name]), 1e-6
+    x = samples(indenter)
+    r = indenter.edge_radius  # points above the rounding's centre, inside the flat face, have no unique nearest face
+    x = x[x[:, 1] < 1.0 + r] if r else x
+    _, n, H = signed_distance(indenter, x, 1.0)
+    assert_allclose(np.linalg.norm(n, axis=1), 1, rtol=1e-12)
+    ahead, behind = ([signed_distance(indenter, x + s * h * e, 1.0) for e in np.eye(3)] for s in (1, -1))
+    slopes = np.stack([(a[0] - b[0]) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    turns = np.stack([(a[1] - b[1]) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    assert_allclose(slopes, n, atol=1e-8)
+    assert_allclose(turns, H, atol=1e-6 * max(1.0, np.max(np.abs(H))))
+    assert np.max(np.abs(H)) > 0.1
+
+
+@pytest.mark.parametrize("name", ROUNDED)
+def test_distance_of_a_rounded_punch_by_hand(name):
+    """Radius 0.2: the flat face, the middle of the rounding at 45 deg, and the side above it."""
+    indenter = Indenter(friction=0, **INDENTERS[name])
+    edge = 1.0 if indenter.shape == "strip" else 1.2
+    away = 0.5 * np.sqrt(0.5)
+    points = [[0, 0.7, 0], [0, 1.2 - away, edge - 0.2 + away], [0, 1.5, edge + 0.3], [0, 0.7, edge - 0.3]]
+    gap, n, _ = signed_distance(indenter, np.array(points), 1.0)
+    assert_allclose(gap, [0.3, 0.3, 0.3, 0.3], rtol=1e-12)
+    assert_allclose(n, [-UP, [0, -np.sqrt(0.5), np.sqrt(0.5)], [0, 0, 1], -UP], atol=1e-12)
+
+
+def test_distance_at_the_corner_of_a_short_rounded_strip_is_a_spheres():
+    indenter = Indenter(friction=0, **INDENTERS["short rounded strip"])
+    gap, n, H = signed_distance(indenter, np.array([[1.0 + 0.4, 1.2 - 0.2, 0.8 + 0.4]]), 1.0)
+    assert gap[0] == pytest.approx(0.6 - 0.2)
+    assert_allclose(n[0], np.array([2, -1, 2]) / 3, rtol=1e-12)
+    assert_allclose(H[0], (np.eye(3) - np.outer(n[0], n[0])) / 0.6, atol=1e-12)
+
+
+def test_distance_from_a_sphere_by_hand():
+    indenter = Indenter(friction=0, **SPHERE)
+    gap, n, H = signed_distance(indenter, np.array([[0, 0.6, 0], [3.0, 3.5, 4.0], [0, 1.1, 0]]), 1.0)
+    assert_allclose(gap, [0.4, 2.5, -0.1], rtol=1e-12)
+    assert_allclose(n, [-UP, [0.6, 0, 0.8], -UP], atol=1e-12)
+    assert_allclose(H[0], np.diag([1, 0, 1]) / 2.9, atol=1e-12)
+
+
+# ---- derivatives ----------------------------------------------------------------------------------------------------
+
+
+def mixed_state(name, friction):
+    """A random state in which points are open, stick and slip: (contact, solid, function of (u, depth), u, depth)."""
+    contact, solid = contact_of(INDENTERS[name], friction, elements=400)
+    rng = np.random.default_rng(1)
+    depth = 0.15 if name == "sphere" else DEPTH
+    u = rng.uniform(-1, 1, solid.n_dofs) * np.tile([0.03, 0.06, 0.03], solid.n_dofs // 3)
+    shape = contact.weights.shape
+    pressure, friction = rng.uniform(0, 20, shape), rng.uniform(-4, 4, (*shape, 3))
+    history = History(pressure, friction, contact.X + rng.uniform(-0.01, 0.01, (*shape, 3)))
+
+    def touch(u, depth=depth):
+        return contact.touch(u, depth, history, SPRINGS)
+
+    return contact, solid, touch, u, depth
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5, "stick"])
+@by_indenter
+def test_traction_is_differentiated_exactly(name, friction):
+    """D against differences, point by point, with open, sticking and slipping points together."""
+    _, solid, touch, u, _ = mixed_state(name, friction)
+    here, h = touch(u), 1e-6
+    if friction == 0.5:
+        assert here.touching.any() and not here.touching.all()
+        assert here.slipping.any() and (here.touching & ~here.slipping).any()
+    ahead, behind = ([touch(u + s * h * shifted(solid, e)) for e in np.eye(3)] for s in (1, -1))
+    for other in (*ahead, *behind):  # no point changes its state within the difference
+        assert np.array_equal(other.touching, here.touching) and np.array_equal(other.slipping, here.slipping)
+    D = np.stack([(a.traction - b.traction) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    assert np.max(np.abs(here.D - D)) < 1e-7 * np.max(np.abs(D))
+
+
+@pytest.mark.parametrize("name", ["rounded strip", "rounded cylinder", "sphere"])
+def test_contact_tangent_and_depth_derivatives_are_those_of_its_forces(name):
+    contact, solid, touch, u, depth = mixed_state(name, 0.5)
+    here, h = touch(u), 1e-7
+    v = np.random.default_rng(2).uniform(-1, 1, solid.n_dofs)
+    values = np.zeros(solid.indices.size)
+    contact.add_tangent(here, values)
+    change = (contact.residual(touch(u + h * v)) - contact.residual(touch(u - h * v))) / (2 * h)
+    assert np.max(np.abs(solid.matrix(values) @ v - change)) < 1e-6 * np.max(np.abs(change))
+    deeper, higher = touch(u, depth + h), touch(u, depth - h)
+    by_depth = (contact.residual(deeper) - contact.residual(higher)) / (2 * h)
+    assert np.max(np.abs(contact.by_depth(here) - by_depth)) < 1e-6 * np.max(np.abs(by_depth))
+    deeper, higher = touch(u + h * v, depth + h), touch(u - h * v, depth - h)
+    rate = (deeper.traction - higher.traction) / (2 * h)
+    assert np.max(np.abs(contact.rate(here, v) - rate)) < 1e-6 * np.max(np.abs(rate))
+    stiffness = (contact.force(deeper) - contact.force(higher)) / (2 * h)
+    assert contact.stiffness(contact.rate(here, v)) == pytest.approx(stiffness, rel=1e-6)
+
+
+@by_indenter
+def test_force_is_the_sum_of_the_nodal_forces(name):
+    contact, _, touch, u, _ = mixed_state(name, 0.5)
+    here = touch(u)
+    assert total(contact.residual(here))[1] == pytest.approx(contact.force(here), rel=1e-12)
+
+
+@by_indenter
+def test_friction_lies_in_the_face_and_within_its_limit(name):
+    _, _, touch, u, _ = mixed_state(name, 0.5)
+    here = touch(u)
+    assert np.max(np.abs(np.einsum("fqi,fqi->fq", here.friction, here.normal))) < 1e-12
+    assert np.all(np.linalg.norm(here.friction, axis=-1) <= 0.5 * here.pressure * (1 + 1e-12))
+    assert np.all(here.pressure >= 0)

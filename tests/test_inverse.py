@@ -1,0 +1,449 @@
+"""The inversion: its objective, its searches and what it says about its own certainty.
+
+Most searches here run on curves in closed form, `Formula`, where truth and derivatives are known exactly.
+"""
+
+import os
+import signal
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from indentfit.case import Fit, Range, read_case
+from indentfit.curve import Curve, write_curve
+from indentfit.errors import CaseError, ConvergenceError
+from indentfit.fem.simulate import Model, simulate
+from indentfit.inverse import genetic, workers
+from indentfit.inverse.fit import fit
+from indentfit.inverse.identifiability import identifiability, verdict
+from indentfit.inverse.least_squares import least_squares, polish
+from indentfit.inverse.objective import (
+    Candidate,
+    Problem,
+    Target,
+    best_scale,
+    equation_one,
+    misfit,
+    problem_of,
+    rmse,
+    sum_of_squares,
+)
+from indentfit.inverse.workers import Evaluation, Pool
+
+DEPTH = np.linspace(0.02, 0.3, 15)
+TRUTH = {"mu": 1.5, "zeta": 4.0, "phi": 0.7}
+FREE = {
+    "mu": Range(start=1.0, min=0.1, max=10.0),
+    "zeta": Range(start=8.0, min=0.0, max=20.0),
+    "phi": Range(start=2.0, min=0.0, max=5.0),
+}
+
+
+def formula(mu, zeta, phi):
+    """Curves of two tests that depend on the parameters much as indentations do, and stiffen."""
+    along = mu * (40 + 0.5 * zeta) * DEPTH * (1 + DEPTH + 0.5 * phi * DEPTH)
+    across = mu * (40 + 9 * zeta**0.8 + 6 * phi) * DEPTH * (1 + 0.2 * phi**0.5 * DEPTH)
+    return along, across
+
+
+class Formula:
+    """A pool whose forward model is `formula`; `broken` says where it fails."""
+
+    def __init__(self, broken=lambda parameters: False):
+        self.broken, self.runs, self.failures = broken, 0, []
+
+    def evaluate(self, points, progress=None):
+        self.runs += 2 * len(points)
+        evaluations = [self.evaluation(point) for point in points]
+        self.failures += [one for one in evaluations if one.cause]
+        return evaluations
+
+    def evaluation(self, point):
+        if self.broken(point):
+            return Evaluation(point, None, "broken here", 0.0, ({}, {}))
+        return Evaluation(point, formula(**point), None, 0.0, ({}, {}))
+
+
+def problem(forces=None, scale="mu", free=FREE, weights=(0.5, 0.5)):
+    names = ("parallel", "perpendicular")
+    forces = forces or formula(**TRUTH)
+    tests = tuple(Target(n, Curve(DEPTH, f), w) for n, f, w in zip(names, forces, weights, strict=True))
+    start = {name: free[name].start if name in free else value for name, value in TRUTH.items()}
+    return Problem(tests, start, free, scale)
+
+
+def bent(seed=0, noise=0.3):
+    """Curves that the model cannot follow exactly."""
+    rng = np.random.default_rng(seed)
+    return tuple(force + noise * rng.standard_normal(force.size) for force in formula(**TRUTH))
+
+
+# The objective
+
+
+def test_equation_one_is_the_weighted_sum_of_rmses():
+    """By hand: RMSE 2 mN of the first test (misfits 2, -2, 2, -2, 2), 1 mN of the second; 0.75 * 2 + 0.25 * 1."""
+    target = Curve(np.arange(1, 6) / 10, [1, 2, 3, 4, 5])
+    tests = Target("a", target, 0.75), Target("b", target, 0.25)
+    forces = target.force + np.array([2, -2, 2, -2, 2]), target.force - 1
+    assert [rmse(test, force) for test, force in zip(tests, forces, strict=True)] == [2.0, 1.0]
+    assert equation_one(tests, forces) == 1.75
+    assert sum_of_squares(tests, forces) == 3.25
+    squares = sum(np.sum(misfit(test, force) ** 2) for test, force in zip(tests, forces, strict=True))
+    assert squares == pytest.approx(3.25, rel=1e-14)
+
+
+@pytest.mark.parametrize("weights", [(0.5, 0.5), (0.9, 0.1), (1.0, 0.0)])
+def test_the_best_scale_is_the_best_of_a_fine_scan(weights):
+    tests = problem(bent(), weights=weights).tests
+    forces = formula(1.0, 6.0, 0.2)
+    found = best_scale(tests, forces)
+    scan = np.linspace(0.8, 1.2, 4001) * found
+    values = [equation_one(tests, [s * f for f in forces]) for s in scan]
+    assert found == pytest.approx(scan[np.argmin(values)], rel=2e-4)
+    assert equation_one(tests, [found * f for f in forces]) <= min(values)
+
+
+def test_the_best_scale_respects_its_bounds_and_meets_an_exact_curve():
+    tests, forces = problem().tests, formula(1.0, 4.0, 0.7)
+    assert best_scale(tests, forces) == pytest.approx(1.5, rel=1e-12)
+    assert best_scale(tests, forces, 2.0, 3.0) == 2.0
+    assert best_scale(tests, forces, 0.0, 1.0) == 1.0
+
+
+def test_the_search_without_the_scale_finds_what_the_full_search_finds():
+    """At every zeta, phi the best mu under equation (1) by Nelder-Mead over mu alone is that of `best_scale`."""
+    whole = problem(bent())
+    for zeta, phi in [(2.0, 0.3), (9.0, 3.0)]:
+        best = whole.judge_best_scale({"mu": 1.0, "zeta": zeta, "phi": phi}, formula(1.0, zeta, phi))
+        full = minimize(
+            lambda mu, zeta=zeta, phi=phi: equation_one(whole.tests, formula(mu[0], zeta, phi)),
+            [1.2], method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-14},
+        )  # fmt: skip
+        assert best.objective == pytest.approx(full.fun, rel=1e-9)
+        assert best.parameters["mu"] == pytest.approx(full.x[0], rel=1e-5)
+
+
+# The searches
+
+
+@pytest.mark.parametrize("scale", ["mu", None])
+def test_least_squares_comes_back_to_the_truth(scale):
+    found = least_squares(problem(scale=scale), Formula(), problem().start)
+    assert found.success
+    for name, value in TRUTH.items():
+        assert found.best.parameters[name] == pytest.approx(value, rel=2e-3), name
+
+
+def test_the_genetic_algorithm_and_its_polish_come_back_to_the_truth():
+    options = Fit(population=12, generations=12, seed=1)
+    found = genetic.search(problem(), Formula(), options)
+    objectives = [row["objective"] for row in found.history]
+    assert len(objectives) == 12
+    assert objectives == sorted(objectives, reverse=True)
+    end = polish(problem(), Formula(), found.best)
+    assert end.success
+    for name, value in TRUTH.items():
+        assert end.best.parameters[name] == pytest.approx(value, rel=2e-3), name
+
+
+def test_the_polish_ends_at_the_optimum_of_equation_one_and_not_of_the_squares():
+    """The oracle is Nelder-Mead on equation (1) itself, from several places."""
+    whole = problem(bent(3, 1.0))
+    start = whole.judge(dict(TRUTH), formula(1.0, 4.0, 0.7))
+    found = polish(whole, Formula(), start, 1e-9)
+
+    def value(x):
+        return equation_one(whole.tests, formula(*x)) if min(x) >= 0 else 1e9
+
+    options = {"xatol": 1e-8, "fatol": 1e-12, "maxiter": 4000}
+    starts = [(1.5, 4.0, 0.7), (1.2, 6.0, 2.0), (1.7, 3.0, 0.3)]
+    oracle = min((minimize(value, s, method="Nelder-Mead", options=options) for s in starts), key=lambda r: r.fun)
+    assert found.best.objective == pytest.approx(oracle.fun, rel=2e-4)
+    squares = least_squares(whole, Formula(), TRUTH)
+    assert squares.best.objective > found.best.objective
+    assert squares.best.sum_of_squares < found.best.sum_of_squares
+
+
+def test_an_optimum_outside_of_the_bounds_ends_at_the_bound_and_says_so():
+    free = {**FREE, "zeta": Range(start=8.0, min=5.0, max=20.0)}
+    whole = problem(bent(), free=free)
+    for found in (
+        least_squares(whole, Formula(), whole.start),
+        polish(whole, Formula(), whole.judge(whole.start, formula(**{**whole.start, "mu": 1.0}))),
+    ):
+        assert found.best.parameters["zeta"] == pytest.approx(5.0, abs=0.005)
+        known = identifiability(whole, found.best, found.derivatives)
+        assert known.at_bound[1] == "lower"
+        assert known.verdicts[1].startswith("at its lower bound")
+        assert known.interval[1, 0] == 5.0
+
+
+def test_failures_never_stop_a_search_and_are_never_its_result():
+    """A third of the range does not converge, the start among it."""
+    pool = Formula(broken=lambda parameters: parameters["zeta"] > 6.5)
+    found = genetic.search(problem(), pool, Fit(population=12, generations=10))
+    assert pool.failures
+    assert found.best.objective < 1.0
+    assert found.best.parameters["zeta"] <= 6.5
+    again = equation_one(problem().tests, formula(**found.best.parameters))
+    assert found.best.objective == pytest.approx(again, rel=1e-9)
+
+
+def test_least_squares_steps_around_what_fails():
+    """From 5, the first full step would lead below 2.5 or above 5.5, where nothing converges."""
+    free = {**FREE, "zeta": Range(start=5.4, min=0.0, max=20.0)}
+    pool = Formula(broken=lambda parameters: not 2.5 < parameters["zeta"] < 5.5)
+    found = least_squares(problem(free=free), pool, problem(free=free).start)
+    assert found.success
+    assert found.best.parameters["zeta"] == pytest.approx(4.0, rel=1e-3)
+
+
+def test_a_search_that_fails_everywhere_says_why():
+    pool = Formula(broken=lambda parameters: True)
+    assert genetic.search(problem(), pool, Fit(population=4, generations=2)).best is None
+    found = least_squares(problem(), pool, problem().start)
+    assert (found.best, found.success) == (None, False)
+    assert "broken here" in found.message
+
+
+def test_a_derivative_that_cannot_be_had_ends_the_search_with_its_best():
+    pool = Formula(broken=lambda parameters: parameters["phi"] != 2.0)
+    found = least_squares(problem(), pool, problem().start)
+    assert not found.success
+    assert found.derivatives is None
+    assert found.best.parameters == {"mu": 1.0, "zeta": 8.0, "phi": 2.0}
+    assert "phi" in found.message
+
+
+def test_only_the_scale_free_needs_one_run():
+    whole, pool = problem(free={"mu": FREE["mu"]}), Formula()
+    found = genetic.search(whole, pool, Fit())
+    assert found.best.parameters["mu"] == pytest.approx(1.5, rel=1e-12)
+    assert pool.runs == 2
+
+
+# Identifiability
+
+
+def test_errors_and_correlation_are_those_of_linear_regression():
+    """One test, F = a d + b d^2 + noise: NumPy's polynomial fit is the oracle, bounds far away."""
+    rng = np.random.default_rng(4)
+    d = np.linspace(0.1, 1, 20)
+    force = 3 * d + 2 * d**2 + 0.1 * rng.standard_normal(20)
+    design = np.column_stack([d, d**2])
+    theta, squares = np.linalg.lstsq(design, force, rcond=None)[:2]
+    covar = np.linalg.inv(design.T @ design) * squares[0] / 18
+    free = {"a": Range(start=1, min=-50, max=50), "b": Range(start=1, min=-50, max=50)}
+    whole = Problem((Target("t", Curve(d, force), 0.3),), {"a": 1, "b": 1}, free, None)
+    best = whole.judge(dict(zip("ab", theta.tolist(), strict=True)), (design @ theta,))
+    known = identifiability(whole, best, (design * 100,))
+    np.testing.assert_allclose(known.covar, covar, rtol=1e-9)
+    np.testing.assert_allclose(known.stderr, np.sqrt(np.diag(covar)), rtol=1e-9)
+    assert known.correlation[0, 1] == pytest.approx(covar[0, 1] / np.sqrt(covar[0, 0] * covar[1, 1]), rel=1e-9)
+    assert known.redchi == pytest.approx(squares[0] / 18, rel=1e-9)
+    np.testing.assert_allclose(known.interval[:, 1] - theta, 2.10092 * known.stderr, rtol=1e-5)  # t, 18 of freedom
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say():
+    """95 % of 300 noise draws; the band is three standard errors of that share."""
+    inside = []
+    for seed in range(300):
+        whole = problem(bent(seed, 0.05))
+        found = least_squares(whole, Formula(), TRUTH)
+        interval = identifiability(whole, found.best, found.derivatives).interval
+        inside.append([low <= TRUTH[n] <= high for n, (low, high) in zip(TRUTH, interval, strict=True)])
+    assert np.all(np.abs(np.mean(inside, axis=0) - 0.95) < 0.038)
+
+
+def test_a_parameter_that_the_curves_do_not_see_is_not_determined_and_harms_no_other():
+    d = np.linspace(0.1, 1, 20)
+    free = {"a": Range(start=1, min=0, max=50), "b": Range(start=1, min=0, max=50)}
+    whole = Problem((Target("t", Curve(d, 3 * d + 0.01 * np.cos(40 * d)), 1.0),), {"a": 1, "b": 1}, free, None)
+    best = whole.judge({"a": 3.0, "b": 7.0}, (3 * d,))
+    known = identifiability(whole, best, (np.column_stack([50 * d, 0 * d]),))
+    assert known.verdicts[0].startswith("determined")
+    assert "not determined" in known.verdicts[1]
+    assert known.interval[1].tolist() == [0.0, 50.0]
+    assert 0 < known.stderr[0] < 0.01
+    assert not np.isfinite(known.stderr[1])
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "at_bound", "said"),
+    [
+        (2.0, 0.06, "", "determined (+-3 %)"),
+        (2.0, 1.0, "", "weakly determined (+-50 %)"),
+        (0.2, 0.5, "", "not determined by these curves: +-0.5 is more than the value itself"),
+        (2.0, 9.0, "", "not determined by these curves: +-9 spans the whole allowed range"),
+        (0.0, 0.1, "lower", "at its lower bound; the curves ask for a value beyond it, or leave it open by 0.1"),
+        (5.0, 0.1, "upper", "at its upper bound; determined (+-2 %)"),
+        (0.0, 7.0, "lower", "at its lower bound; not determined by these curves: +-7 spans the whole allowed range"),
+    ],
+)
+def test_a_verdict_says_it_in_words(value, half, at_bound, said):
+    assert verdict(value, half, Range(start=1, min=0, max=5), at_bound) == said
+
+
+# The workers and the true model, on a coarse mesh without friction
+
+
+def coarse(folder, *overrides):
+    """A case whose curves the forward model made itself at TRUTH."""
+    (folder / "curves").mkdir(exist_ok=True)
+    text = """
+        [sample]
+        shape = "disc"
+        diameter = 14
+        thickness = 3.3
+        base = "sliding"
+        [indenter]
+        shape = "strip"
+        width = 2
+        length = 20
+        friction = 0
+        [mesh]
+        elements = 60
+        [material]
+        model = "transversely_isotropic"
+        [material.parameters]
+        mu = { start = 1, min = 0.1, max = 10 }
+        zeta = { start = 3, min = 0, max = 20 }
+        phi = { start = 1, min = 0, max = 5 }
+        [[test]]
+        name = "parallel"
+        angle = 0
+        curve = "curves/parallel.csv"
+        [[test]]
+        name = "perpendicular"
+        angle = 90
+        curve = "curves/perpendicular.csv"
+    """
+    path = folder / "case.toml"
+    path.write_text("\n".join(line.strip() for line in text.splitlines()))
+    depths = [f"test.{name}.{key}" for name in ("parallel", "perpendicular") for key in ("depth=0.2", "points=8")]
+    for test in simulate(read_case(path, depths), TRUTH).tests:
+        write_curve(folder / "curves" / f"{test.name}.csv", test.curve)
+    return read_case(path, ["fit.method=least_squares", "fit.workers=1", *overrides])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("coarse")
+    coarse(folder)
+    return folder
+
+
+@pytest.fixture
+def case(folder):
+    return lambda *overrides: read_case(folder / "case.toml", ["fit.method=least_squares", "fit.workers=1", *overrides])
+
+
+def test_a_fit_comes_back_to_the_parameters_that_made_the_curves(case):
+    result = fit(case())
+    assert result.success
+    assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.002)
+    assert result.parameters["zeta"]["value"] == pytest.approx(4.0, rel=0.02)
+    assert result.parameters["phi"]["value"] == pytest.approx(0.7, rel=0.1)
+    assert result.objective < 0.01
+    assert result.nfev <= 40
+    assert result.solver["penalty_error"] < 0.005
+    assert result.mesh["elements"] > 30
+    assert result.case_hash == case().hash
+    assert not result.failures
+
+
+def test_a_small_genetic_search_lands_near_too(case):
+    result = fit(case("fit.method=ga", "fit.population=6", "fit.generations=3"))
+    assert result.success
+    assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.01)
+    assert result.parameters["zeta"]["value"] == pytest.approx(4.0, rel=0.1)
+    assert [row["phase"] for row in result.history[:4]] == ["ga", "ga", "ga", "polish"]
+
+
+def test_forces_are_proportional_to_the_scale(case):
+    """The search without mu rests on it: f(mu, zeta, phi) = mu f(1, zeta, phi), to the solver's tolerance."""
+    whole, model = problem_of(case()), Model(case())
+    assert (whole.scale, whole.searched) == ("mu", ["zeta", "phi"])
+    kind = case().material_class
+    one, two = (model.simulate(kind(mu=mu, zeta=4, phi=0.7), case()).tests for mu in (1.0, 3.7))
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_allclose(b.force, 3.7 * a.force, rtol=1e-6)
+
+
+@pytest.mark.parametrize("overrides", [["material.kappa=1000"], ["material.mu=1.5"]])
+def test_nothing_is_dropped_where_the_force_is_not_proportional(case, overrides):
+    assert problem_of(case(*overrides)).scale is None
+
+
+def test_any_number_of_workers_gives_the_same_forces_bit_by_bit(case):
+    points = [{"mu": 1.0, "zeta": zeta, "phi": phi} for zeta, phi in [(1.0, 0.2), (15.0, 3.0), (6.0, 0.9)]]
+    with Pool(case(), 1) as alone:
+        one = alone.evaluate(points)
+    with Pool(case(), 2) as pair:
+        two = pair.evaluate(points[::-1])[::-1]
+        again = pair.evaluate(points)
+        assert pair.runs == 6  # the second time they were known
+    for a, b, c in zip(one, two, again, strict=True):
+        for x, y, z in zip(a.forces, b.forces, c.forces, strict=True):
+            assert np.array_equal(x, y)
+            assert np.array_equal(x, z)
+
+
+def test_a_run_that_fails_is_recorded_with_its_cause_and_the_others_go_on(case):
+    bad, good = {"mu": 1.0, "zeta": -3.0, "phi": 1.0}, {"mu": 1.0, "zeta": 3.0, "phi": 1.0}
+    with Pool(case(), 1) as pool:
+        failed, fine = pool.evaluate([bad, good])
+    assert failed.forces is None
+    assert "zeta = -3" in failed.cause
+    assert fine.forces is not None
+    assert pool.failures == [failed]
+
+
+def test_no_equilibrium_is_a_cause_too(case, monkeypatch):
+    def never(*_, **__):
+        raise ConvergenceError("the fibres buckle", 0.1, 3, 4)
+
+    model = SimpleNamespace(run=never)
+    run = workers.run(model, case(), tuple(case().start_values().items()), 0)
+    assert run.force is None
+    assert "the fibres buckle" in run.cause
+
+
+def test_a_lost_worker_costs_time_only(case):
+    points = [{"mu": 1.0, "zeta": zeta, "phi": 1.0} for zeta in (1.0, 5.0)]
+    with Pool(case(), 2) as pool:
+        before = pool.evaluate(points[:1])
+        os.kill(next(iter(pool._executor._processes)), signal.SIGKILL)
+        after = pool.evaluate(points)
+    assert all(one.forces is not None for one in after)
+    assert np.array_equal(after[0].forces[0], before[0].forces[0])
+
+
+def test_a_case_with_nothing_to_fit_is_refused_before_any_run(case):
+    with pytest.raises(CaseError):
+        fit(case("material.mu=1", "material.zeta=1", "material.phi=1"))
+
+
+def test_a_fit_that_fails_everywhere_is_a_result_without_numbers(case, monkeypatch):
+    def never(self, *_, **__):
+        raise ConvergenceError("the fibres buckle", 0.1, 3, 4)
+
+    monkeypatch.setattr(Model, "run", never)
+    for overrides in ([], ["fit.method=ga", "fit.population=4", "fit.generations=1"]):
+        result = fit(case(*overrides))
+        assert not result.success
+        assert "the fibres buckle" in result.message
+        assert result.objective is None
+        assert result.parameters["mu"]["stderr"] is None
+        assert all("the fibres buckle" in failure["cause"] for failure in result.failures)
+
+
+def test_a_candidate_keeps_its_parameters():
+    parameters = dict(TRUTH)
+    candidate = problem().judge(parameters, formula(1.0, 4.0, 0.7))
+    parameters["mu"] = 9.0
+    assert isinstance(candidate, Candidate)
+    assert candidate.parameters["mu"] == 1.5

@@ -1,0 +1,162 @@
+"""Linear solves: every solver gives the same solution, a stale factor still gives the right one, failures are named."""
+
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from indentfit.case import Indenter, Mesh, Sample
+from indentfit.errors import ConvergenceError, InputError
+from indentfit.fem.element import Solid
+from indentfit.fem.linear import LinearSolver, rigid_body_modes
+from indentfit.fem.mesh import quarter
+from indentfit.fem.newton import Fixed
+from indentfit.material import load
+
+E1 = np.eye(3)[0]
+
+
+class Problem:
+    """The tangent A of a coarse supported quarter at a small displacement, a load b, its rigid-body modes."""
+
+    def __init__(self, bulk_ratio=20.0, supported=True):
+        sample = Sample(shape="block", length=6, width=6, thickness=3, base="bonded")
+        mesh = quarter(sample, Indenter(shape="strip", width=2, length=20, friction=0.5), Mesh(elements=120))
+        self.solid = Solid(mesh)
+        basis, self.size = self.solid.basis, 2e-3
+        held = basis.get_dofs("base").all() if supported else np.array([], dtype=int)
+        self.fixed = Fixed(self.solid, held)
+        self.modes = rigid_body_modes(basis.doflocs[:, ::3])
+        self.bulk_ratio, rng = bulk_ratio, np.random.default_rng(0)
+        self.u = self.size * rng.uniform(-1, 1, self.solid.n_dofs)
+        self.A, _ = self.tangent(self.u)
+        self.b = rng.standard_normal(self.solid.n_dofs)
+        self.b[held] = 0
+
+    def tangent(self, u):
+        material = load("transversely_isotropic")(mu=1.49, zeta=4.68, phi=0.68)
+        kappa, state = self.bulk_ratio * material.mu, self.solid.state(u, E1)
+        forces, values = self.solid.tangent(u, state, material, self.solid.pressure(state, kappa), kappa, E1)
+        if self.fixed.dofs.size:
+            self.fixed.constrain(forces, values)
+        return self.solid.matrix(values), forces
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return Problem()
+
+
+def installed(kind):
+    if kind == "pardiso":
+        pytest.importorskip("pypardiso")
+    return kind
+
+
+@pytest.mark.parametrize("kind", ["pardiso", "superlu", "pyamg"])
+def test_every_solver_gives_the_same_solution(problem, kind):
+    solver = LinearSolver(installed(kind), problem.modes)
+    assert solver.name == kind
+    x = solver.solve(problem.A, problem.b, tolerance=1e-10)
+    dense = np.linalg.solve(problem.A.toarray(), problem.b)
+    assert np.linalg.norm(problem.A @ x - problem.b) <= 1e-10 * np.linalg.norm(problem.b)
+    assert_allclose(x, dense, atol=1e-6 * np.max(np.abs(dense)))
+    assert solver.counts.factorizations == solver.counts.solves == 1
+
+
+def test_the_tangent_may_be_unsymmetric(problem):
+    rng, A = np.random.default_rng(1), problem.A.copy()
+    A.data *= 1 + 0.05 * rng.uniform(-1, 1, A.data.size)
+    dense = np.linalg.solve(A.toarray(), problem.b)
+    for kind in ("superlu", "auto"):
+        assert_allclose(LinearSolver(kind).solve(A, problem.b, 1e-12), dense, atol=1e-8 * np.max(np.abs(dense)))
+
+
+@pytest.mark.parametrize("kind", ["pardiso", "superlu"])
+def test_a_stale_factor_solves_the_current_matrix(problem, kind):
+    solver = LinearSolver(installed(kind))
+    solver.solve(problem.A, problem.b)
+    B, _ = problem.tangent(1.2 * problem.u)
+    for tolerance in (1e-4, 1e-8):
+        x = solver.solve(B, problem.b, tolerance)
+        assert np.linalg.norm(B @ x - problem.b) <= tolerance * np.linalg.norm(problem.b)
+    assert solver.counts.factorizations == 1
+    assert solver.counts.krylov_iterations > 0
+    old = LinearSolver(kind).solve(problem.A, problem.b, 1e-12)
+    assert np.linalg.norm(B @ old - problem.b) > 1e-4 * np.linalg.norm(problem.b)  # the matrix did change
+
+
+@pytest.mark.parametrize("kind", ["pardiso", "superlu"])
+def test_a_matrix_too_far_from_the_factor_is_factorised_anew(problem, kind):
+    solver, rng = LinearSolver(installed(kind)), np.random.default_rng(2)
+    solver.solve(problem.A, problem.b)
+    n = problem.A.shape[0]
+    B = problem.A.copy()
+    B.data *= np.exp(rng.uniform(-3, 3, B.data.size))
+    B.setdiag(B.diagonal() + 20 * np.abs(B).sum(axis=1).max() * rng.uniform(0.01, 1, n))
+    x = solver.solve(B, problem.b, 1e-8)
+    assert np.linalg.norm(B @ x - problem.b) <= 1e-8 * np.linalg.norm(problem.b)
+    assert solver.counts.factorizations == 2
+
+
+def test_forget_asks_for_a_new_factor(problem):
+    solver = LinearSolver()
+    solver.solve(problem.A, problem.b)
+    solver.solve(problem.A, problem.b)
+    assert solver.counts.factorizations == 1
+    solver.forget()
+    solver.solve(problem.A, problem.b)
+    assert solver.counts.factorizations == 2
+
+
+def test_no_load_no_displacement(problem):
+    solver = LinearSolver()
+    assert not solver.solve(problem.A, np.zeros_like(problem.b)).any()
+    assert solver.counts.factorizations == 0
+
+
+@pytest.mark.parametrize("kind", ["pardiso", "superlu", "pyamg"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_nan_and_infinity_are_refused(problem, kind, wrong):
+    A, b = problem.A.copy(), problem.b.copy()
+    A.data[7] = wrong
+    with pytest.raises(ConvergenceError, match="NaN"):
+        LinearSolver(installed(kind), problem.modes).solve(A, problem.b)
+    b[3] = wrong
+    with pytest.raises(ConvergenceError, match="NaN"):
+        LinearSolver(installed(kind), problem.modes).solve(problem.A, b)
+
+
+@pytest.mark.parametrize("kind", ["pardiso", "superlu"])
+def test_a_body_without_support_is_refused(kind):
+    loose = Problem(supported=False)
+    with pytest.raises(ConvergenceError, match="singular"):
+        LinearSolver(installed(kind)).solve(loose.A, loose.b)
+
+
+@pytest.mark.parametrize("kind", ["pardiso", "superlu"])
+def test_a_matrix_with_an_empty_row_is_refused(problem, kind):
+    A = problem.A.copy()
+    free = np.flatnonzero(problem.b)[0]
+    A.data[A.indptr[free] : A.indptr[free + 1]] = 0
+    A.data[A.indices == free] = 0
+    solver = LinearSolver(installed(kind))
+    with pytest.raises(ConvergenceError, match="singular"):
+        solver.solve(A, problem.b)
+    x = solver.solve(problem.A, problem.b)  # and the solver is still good for the next matrix
+    assert np.linalg.norm(problem.A @ x - problem.b) <= 1e-4 * np.linalg.norm(problem.b)
+
+
+def test_without_pardiso_superlu_takes_over_and_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pypardiso", None)
+    assert LinearSolver("auto").name == "superlu"
+    with pytest.raises(InputError, match="not installed"):
+        LinearSolver("pardiso")
+
+
+def test_rigid_body_modes_need_no_force():
+    loose = Problem(supported=False)
+    at_rest, _ = loose.tangent(np.zeros_like(loose.u))
+    assert np.linalg.matrix_rank(loose.modes) == 6
+    assert np.max(np.abs(at_rest @ loose.modes)) < 1e-11 * np.max(np.abs(at_rest.data))
