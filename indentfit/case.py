@@ -307,7 +307,7 @@ class Fit(Section):
     method: Literal["ga", "least_squares"] = Field(default="ga", description="method of the search")
     seed: int = Field(default=0, ge=0, lt=2**32, description="seed of the random numbers")
     population: int = Field(default=8, ge=4, le=10_000, description="individuals of a generation, genetic algorithm")
-    generations: int = Field(default=6, ge=1, le=10_000, description="generations at most, genetic algorithm")
+    generations: int = Field(default=4, ge=1, le=10_000, description="generations at most, genetic algorithm")
     workers: int | None = Field(default=None, ge=1, le=1024, description="processes; by default one for each core")
     tolerance: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] = Field(
         default=1e-6, description="relative change of the objective below which the search ends"

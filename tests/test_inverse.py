@@ -306,6 +306,8 @@ def coarse(folder, *overrides):
         friction = 0
         [mesh]
         elements = 60
+        [solver]
+        element = "q1p0"
         [material]
         model = "transversely_isotropic"
         [material.parameters]

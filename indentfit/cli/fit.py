@@ -17,9 +17,7 @@ from .progress import progress
 @click.option("--method", type=click.Choice(["ga", "least_squares"]), help="The same as --set fit.method=...")
 @click.option("--workers", type=int, metavar="N", help="Processes; the same as --set fit.workers=N")
 @click.option("--seed", type=int, metavar="N", help="The same as --set fit.seed=N")
-@click.option(
-    "-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default FOLDER_OF_CASE-result."
-)
+@click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-result.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 def command(case, overrides, method, workers, seed, output, overwrite, as_json):

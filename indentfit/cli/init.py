@@ -62,7 +62,7 @@ curve = "curves/perpendicular.csv"
 method = "ga"        # ga (genetic algorithm) or least_squares
 seed = 0             # of the random numbers
 # population = 8     # individuals of a generation
-# generations = 6    # generations at most
+# generations = 4    # generations at most
 # workers = 2        # processes; by default one for each core
 # tolerance = 1e-6   # relative change of the objective below which the search ends
 

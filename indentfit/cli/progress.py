@@ -16,7 +16,7 @@ INTERVAL = 10.0  # seconds between two lines
 
 @contextlib.contextmanager
 def progress(title, total):
-    """Context that gives a function step(done, note=""): how much of `total` is done (it may be a fraction), and a remark."""
+    """Context that gives a function step(done, note=""): how much of `total` is done, whole or not, and a remark."""
     if sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
         with _bar(title, total) as step:
             yield step
@@ -26,20 +26,20 @@ def progress(title, total):
 
 @contextlib.contextmanager
 def _bar(title, total):
+    from rich import progress as parts
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = [
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}", markup=False),
+        parts.TextColumn("{task.description}", markup=False),
+        parts.BarColumn(),
+        parts.TaskProgressColumn(),
+        parts.TimeElapsedColumn(),
+        parts.TextColumn("left"),
+        parts.TimeRemainingColumn(),
+        parts.TextColumn("{task.fields[note]}", markup=False),
     ]
     # stdout is the result: rich must leave it alone
-    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
+    with parts.Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
         task = bar.add_task(title, total=total, note="")
         yield lambda done, note="": bar.update(task, completed=done, note=note)
 

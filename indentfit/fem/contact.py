@@ -102,7 +102,7 @@ class Contact:
         sharp = indenter.shape != "sphere" and not indenter.edge_radius
         self.tied = indenter.friction == "stick" and sharp
         self.friction = (np.inf if sharp else STICK) if indenter.friction == "stick" else float(indenter.friction)
-        shape = np.array([basis.basis[i][0].value for i in range(basis.Nbfun)])  # (n_n, n_f, n_q)
+        shape = np.array([np.asarray(basis.basis[i][0]) for i in range(basis.Nbfun)])  # (n_n, n_f, n_q)
         self.shape = np.ascontiguousarray(np.broadcast_to(shape, (basis.Nbfun, *basis.dx.shape)).transpose(1, 2, 0))
         self.weights = np.ascontiguousarray(basis.dx)
         self.X = np.ascontiguousarray(np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1))

@@ -1,26 +1,26 @@
 """Fields of a simulated test at its last displacement: displacement, Cauchy stress, volume ratio and contact pressure.
 
-All of them belong to the quarter sample (x >= 0, z >= 0) and to its undeformed vertices and elements.
+All of them belong to the quarter sample (x >= 0, z >= 0) and to its undeformed nodes and elements.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from skfem import Basis, ElementHex1, MeshHex
 
-from indentfit.fem.element import XX, YY, ZZ, Solid
+from indentfit.fem.element import XX, YY, ZZ
 from indentfit.fem.simulate import FIBRES
 
 
 @dataclass(frozen=True)
 class Fields:
-    """Fields on the vertices (n_v) and elements (n_el) of a mesh, mm and kPa.
+    """Fields on nodes (n_v, 3), mm, and elements (n_el, 8 or 27) of nodes in scikit-fem's order; mm and kPa.
 
-    displacement (n_v, 3); stress: Cauchy, in the order xx yy zz xy yz xz, nodal (n_v, 6) and mean of each element (n_el, 6);
+    displacement (n_v, 3); nodal_stress (n_v, 6), and cell_stress (n_el, 6), its mean: Cauchy, xx yy zz xy yz xz;
     volume_ratio (n_el,): J; contact_pressure (n_v,): on the undeformed area, zero outside of the footprint.
     """
 
-    mesh: MeshHex
+    nodes: np.ndarray
+    elements: np.ndarray
     displacement: np.ndarray
     nodal_stress: np.ndarray
     cell_stress: np.ndarray
@@ -30,13 +30,13 @@ class Fields:
 
 def recover(model, result, material, kappa):
     """Fields of a TestResult that fem.simulate.Model `model` gave with a material and its bulk modulus, kPa."""
-    body = model.body if type(model.body) is Solid else Solid(model.mesh, model.body.element)
-    u, fibre = result.last.u, FIBRES[result.angle]
+    body, u, fibre = model.body, result.last.u, FIBRES[result.angle]
     state = body.state(u, fibre)
     stress = body.stress(u, state, material, body.pressure(state, kappa), fibre)
     return Fields(
-        mesh=model.mesh,
-        displacement=u[body.basis.nodal_dofs].T,
+        nodes=body.basis.doflocs[:, ::3].T,
+        elements=_elements(body),
+        displacement=u.reshape(-1, 3),
         nodal_stress=nodal_stress(body, stress),
         cell_stress=cell_stress(body, stress),
         volume_ratio=state.theta[:, 0] / body.means[:, 0],
@@ -55,30 +55,35 @@ def cell_stress(body, stress):
 
 
 def nodal_stress(body, stress):
-    """Stresses (n_v, 6) at the vertices: means of the integration points around, by volume and nearness.
+    """Stresses (n_v, 6) at the nodes: means of the integration points around, by volume and nearness.
 
-    The weight of a point is its volume times the vertex's trilinear shape function there (lumped L2 projection), so no
-    nodal value exceeds those that it is made of.
+    A point's nearness to a node is 1 at the node and falls linearly to 0 at the next one in each direction of the
+    element (the lumped L2 projection on trilinear cells between the nodes), so a nodal stress never exceeds those that
+    it is made of.
     """
-    linear = Basis(body.mesh, ElementHex1(), quadrature=body.basis.quadrature)
-    shape = np.array([linear.basis[i][0].value for i in range(linear.Nbfun)])
-    weights = np.broadcast_to(shape, (linear.Nbfun, *body.weights.shape)) * body.weights  # (8, n_el, n_q)
-    corners = linear.element_dofs
-    out = np.array([_gathered(corners, np.einsum("neq,eq->ne", weights, one), linear.N) for one in stress])
-    return (out / _gathered(corners, weights.sum(axis=2), linear.N)).T[linear.nodal_dofs[0]]
+    places = body.basis.elem.elem.doflocs  # (n_n, 3) of the reference element
+    points = body.basis.quadrature[0].T  # (n_q, 3)
+    intervals = np.unique(places[:, 0]).size - 1
+    nearness = np.prod(np.maximum(1 - intervals * np.abs(places[:, None] - points), 0), axis=2)
+    nodes, n_nodes = _elements(body), body.n_dofs // 3
+    share = np.einsum("nq,eq->en", nearness, body.weights)
+    total = np.einsum("nq,eq,seq->sen", nearness, body.weights, stress)
+    return np.array([_sums(nodes, one, n_nodes) for one in total]).T / _sums(nodes, share, n_nodes)[:, None]
 
 
 def contact_pressure(body, contact, touch):
-    """Contact pressure (n_v,) in kPa: that of the contact points at each vertex, mean of its facets by area."""
+    """Contact pressure (n_v,) in kPa: that of the contact points at each node, mean of its facets by area."""
     at_node = contact.shape.argmax(axis=2)  # the contact points are the facets' nodes
-    nodes = np.take_along_axis(contact.dofs[:, :, 0], at_node, axis=1) // 3
-    n_nodes = body.n_dofs // 3
-    total = _gathered(nodes, contact.weights * touch.pressure, n_nodes)
-    area = _gathered(nodes, contact.weights, n_nodes)
-    nodal = np.divide(total, area, out=np.zeros(n_nodes), where=area > 0)
-    return nodal[body.basis.nodal_dofs[0] // 3]
+    nodes, n_nodes = np.take_along_axis(contact.dofs[:, :, 0], at_node, axis=1) // 3, body.n_dofs // 3
+    total = _sums(nodes, contact.weights * touch.pressure, n_nodes)
+    area = _sums(nodes, contact.weights, n_nodes)
+    return np.divide(total, area, out=np.zeros(n_nodes), where=area > 0)
 
 
-def _gathered(places, values, length):
-    """Sums of values by place."""
+def _elements(body):
+    return body.dofs[:, :, 0] // 3
+
+
+def _sums(places, values, length):
+    """Sums (length,) of the values that belong to each place."""
     return np.bincount(places.ravel(), weights=values.ravel(), minlength=length)

@@ -14,6 +14,7 @@ import scipy.sparse.linalg as spla
 from indentfit.errors import ConvergenceError, InputError
 
 MAX_KRYLOV = 8  # GMRES steps on a stale factor before a new one is cheaper
+HOPELESS = 0.3  # relative residual of one solve with a stale factor above which GMRES would take too many steps
 TOLERANCE = 1e-4  # relative residual of one solve inside a Newton iteration
 
 
@@ -77,8 +78,11 @@ class LinearSolver:
         x = self._factor.solve(b)
         if not np.isfinite(x).all():
             return x, False
-        if np.linalg.norm(A @ x - b) <= tolerance * size:
+        left = np.linalg.norm(A @ x - b) / size
+        if left <= tolerance:
             return x, True
+        if left > HOPELESS and steps == MAX_KRYLOV:
+            return x, False
         M = spla.LinearOperator(A.shape, self._factor.solve, dtype=float)
         counter = _Counter()
         x, _ = spla.gmres(

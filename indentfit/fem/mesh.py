@@ -11,58 +11,60 @@ from skfem import MeshHex, MeshQuad
 
 from indentfit.errors import MeshError
 
-# The grading of the whole family: an element near the footprint's edge is EDGE times `size` wide, and its width grows
-# with the distance from the edge (GROWTH times `size` per mm) up to `size`; along a strip elements are ALONG times
-# longer, because the fields hardly change there, but RIM times `size` where they leave the sample: the corner between its free
-# side and the indenter is singular too and costs 2 % of the force if left coarse.
+# The grading of the whole family: an element at the footprint's edge is EDGE times `size` wide (less under an indenter that is
+# narrow against the thickness), and its width grows with the distance from the edge, by GROWTH times `size` over 0.3
+# thicknesses, up to `size`. Along a strip elements are ALONG times longer, because the fields hardly change there, but RIM
+# times `size` where they leave the sample: that corner is singular too and costs 1 to 2 % of the force if left coarse.
 EDGE, GROWTH, ALONG, RIM = 0.10, 0.80, 2.0, 0.30
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 
 
 @dataclass(frozen=True)
 class Grading:
-    """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm."""
+    """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm; `reach`: 0.3 thicknesses."""
 
     size: float
     edge: float
+    reach: float
 
     def width(self, distance):
         """Wanted element width at a distance from the footprint's edge, mm."""
-        return np.minimum(self.size, self.edge + GROWTH * self.size * np.asarray(distance))
+        return np.minimum(self.size, self.edge + GROWTH * self.size / self.reach * np.asarray(distance))
 
 
-def quarter(sample, indenter, mesh, element="q1p0"):
-    """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the default size.
+def quarter(sample, indenter, mesh, element="q1p0", depth=None):
+    """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the default size,
+    the largest depth (mm) how far a sphere's contact will reach.
 
     Returns a MeshHex with the boundaries top, base, x0, z0 and footprint (the facets that may touch the indenter).
     Raises MeshError where the indenter does not fit on the sample.
     """
     if mesh.size is not None:
-        return _quarter(sample, indenter, mesh.size)
-    return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element]))
+        return _quarter(sample, indenter, mesh.size, depth)
+    return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth), depth)
 
 
-def _size_for(sample, indenter, elements):
+def _size_for(sample, indenter, elements, depth):
     """Size at which the mesh has about that many elements, by bisection on the logarithm."""
     low, high = np.log(0.01), np.log(5 * sample.thickness)
     for _ in range(30):
         middle = (low + high) / 2
-        if _count(sample, indenter, np.exp(middle)) > elements:
+        if _count(sample, indenter, np.exp(middle), depth) > elements:
             low = middle
         else:
             high = middle
     sizes = [np.exp(low), np.exp(high)]
-    return min(sizes, key=lambda size: abs(np.log(_count(sample, indenter, size) / elements)))
+    return min(sizes, key=lambda size: abs(np.log(_count(sample, indenter, size, depth) / elements)))
 
 
-def _count(sample, indenter, size):
+def _count(sample, indenter, size, depth):
     """Number of elements at a size, without merging the patches."""
-    plane, layers = _parts(sample, indenter, size)
+    plane, layers = _parts(sample, indenter, size, depth)
     return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in plane) * (layers.size - 1)
 
 
-def _quarter(sample, indenter, size):
-    plane, layers = _parts(sample, indenter, size)
+def _quarter(sample, indenter, size, depth):
+    plane, layers = _parts(sample, indenter, size, depth)
     mesh = extrude(merge(plane), layers)
     x, z = footprint(indenter, sample)
     inside = {
@@ -95,26 +97,29 @@ def footprint(indenter, sample):
     return (indenter.diameter / 2,) * 2
 
 
-def _parts(sample, indenter, size):
+def _parts(sample, indenter, size, depth):
     """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
-    edge = EDGE * size
+    reach = 0.3 * sample.thickness
+    half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(sample, indenter, depth)
+    edge = EDGE * size * min(1.0, half / reach)
     if getattr(indenter, "edge_radius", 0):
         edge = min(edge, max(indenter.edge_radius / 2, edge / 4))
-    grading = Grading(size, edge)
+    grading = Grading(size, edge, reach)
     layers = sample.thickness - graded(0, sample.thickness, grading, at=0, least=2)[::-1]
     layers[0], layers[-1] = 0.0, sample.thickness
     if indenter.shape == "strip" and sample.shape == "disc":
         return _strip_on_disc(sample.diameter / 2, indenter, grading), layers
     if indenter.shape == "strip":
         return [_strip_on_block(sample, indenter, grading)], layers
-    return _round_punch(sample, _radius_to_resolve(sample, indenter), grading), layers
+    return _round_punch(sample, _radius_to_resolve(sample, indenter, depth), grading), layers
 
 
-def _radius_to_resolve(sample, indenter):
-    """Radius at which a round indenter's contact ends: its own, or a sphere's contact radius at a tenth of the thickness."""
+def _radius_to_resolve(sample, indenter, depth):
+    """Radius at which a round indenter's contact ends: its own, or a sphere's by Hertz at the largest depth."""
     if indenter.shape == "cylinder":
         return indenter.diameter / 2
-    return min(np.sqrt(indenter.diameter / 2 * sample.thickness / 10), indenter.diameter / 2)
+    depth = depth or sample.thickness / 10
+    return min(np.sqrt(indenter.diameter / 2 * depth), indenter.diameter / 2)
 
 
 # ---- one direction -----------------------------------------------------------------------------------------------
@@ -140,8 +145,8 @@ def _across(half_width, end, grading):
 def _along(half_length, end, grading):
     """Positions along the strip: even where it overhangs the sample, else with a line on its end."""
     if half_length >= end * (1 - 1e-6):
-        return graded(0, end, Grading(ALONG * grading.size, RIM * grading.size), at=end, least=4)
-    ending = Grading(ALONG * grading.size, grading.edge)
+        return graded(0, end, Grading(ALONG * grading.size, RIM * grading.size, grading.reach), at=end, least=2)
+    ending = Grading(ALONG * grading.size, grading.edge, grading.reach)
     inner, outer = _across(half_length, end, ending)
     return np.concatenate([inner, outer[1:]])
 

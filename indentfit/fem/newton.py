@@ -12,7 +12,9 @@ import numpy as np
 from indentfit.errors import ConvergenceError
 
 MAX_ITERATIONS = 15
-MAX_DAMPED = 25
+MAX_DAMPED = 30
+WITHHELD, MAX_AUGMENTATIONS = 2e-3, 3  # share of the force that the springs may withhold
+LEASH = 0.03  # largest motion of a point in one iteration, of the last depth
 SOFTER = 1 / 3  # what a cutback makes of the contact springs; their error is reported
 FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
 SMALLEST_STEP = 1e-4  # of the last depth
@@ -39,6 +41,12 @@ class Load:
 
     def softened(self):
         return replace(self, springs=self.springs.scaled(SOFTER))
+
+    def stiffened(self, springs):
+        """Back towards the springs that a softened load began with."""
+        if self.springs.normal >= springs.normal * SOFTER:
+            return replace(self, springs=springs)
+        return replace(self, springs=self.springs.scaled(1 / SOFTER))
 
 
 @dataclass(frozen=True)
@@ -69,13 +77,14 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
     """
     last = float(depths[-1])
     largest = min(options.max_step or np.inf, last / FIRST_STEPS)
-    step, path = largest, [_untouched(body, contact, fixed, load, solver)]
+    springs = load.springs
+    step, path = largest, [untouched(body, contact, fixed, load, solver)]
     while path[-1].depth < last * (1 - 1e-12):
         here = path[-1]
         step = min(step, largest, last - here.depth)
         depth = last if here.depth + 1.01 * step > last else here.depth + step
         try:
-            there, iterations = _step(body, contact, fixed, load, solver, here, depth, options, counts)
+            there, iterations = _step(body, contact, fixed, load, solver, here, depth, LEASH * last, options, counts)
         except ConvergenceError as error:
             counts.cutbacks += 1
             step /= 2
@@ -85,7 +94,8 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
                 raise ConvergenceError(error.cause, depth, counts.steps + 1, error.iteration) from error
             continue
         counts.steps += 1
-        path.append(there)
+        load = load.stiffened(springs)
+        path.append(_augmented(body, contact, fixed, load, solver, there, LEASH * last, options, counts))
         if progress is not None:
             progress(depth / last)
         if iterations <= EASY:
@@ -95,7 +105,20 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
     return path
 
 
-def _untouched(body, contact, fixed, load, solver):
+def _augmented(body, contact, fixed, load, solver, there, leash, options, counts):
+    """The step solved again at its depth with its own multipliers while the springs withhold too much of the force."""
+    for _ in range(MAX_AUGMENTATIONS):
+        if abs(there.penalty_error) <= WITHHELD * abs(there.force):
+            break
+        try:
+            there, _ = _step(body, contact, fixed, load, solver, there, there.depth, leash, options, counts)
+        except ConvergenceError:
+            break  # the larger penalty error is reported
+    return there
+
+
+def untouched(body, contact, fixed, load, solver):
+    """The state before indentation, with the direction and stiffness in which it leaves."""
     u = np.zeros(body.n_dofs)
     state = body.state(u, load.fibre)
     pressure = body.pressure(state, load.kappa)
@@ -104,9 +127,10 @@ def _untouched(body, contact, fixed, load, solver):
     return system.equilibrium(u, solver)
 
 
-def _step(body, contact, fixed, load, solver, here, depth, options, counts):
+def _step(body, contact, fixed, load, solver, here, depth, leash, options, counts):
     """The equilibrium at a depth from the tangent prediction, and how many iterations it took: by Newton, else damped."""
-    system = _System(body, contact, fixed, load, here.touch.advanced(here.rate, depth - here.depth), depth)
+    history = here.touch.advanced(here.rate, depth - here.depth)
+    system = _System(body, contact, fixed, load, history, depth, leash)
     try:
         return _newton(system, *_predicted(system, here, depth), solver, options, counts)
     except ConvergenceError:
@@ -143,7 +167,7 @@ def _damped(system, u, pressure, solver, options, counts):
             break
         if size <= options.tolerance * scale:
             return system.equilibrium(u, solver), MAX_ITERATIONS
-        damping = 1.0 if before is None else damping * float(np.clip(size / before, 0.2, 2.0))
+        damping = 1.0 if before is None else damping * float(np.clip(size / before, 0.2, 2.0)) / 2
         before = size
         counts.iterations += 1
         du = solver.solve(system.damped(damping), -system.residual)
@@ -165,11 +189,15 @@ def _predicted(system, here, depth):
 
 
 def _line_search(system, u, pressure, du, iteration, growth=2.0):
-    """Displacements and pressures after the longest of the steps 1, 1/2, ... that the residual stands, and its share."""
+    """Displacements and pressures after the longest of the steps 1, 1/2, ... that the residual stands, and its share.
+
+    No step moves a point by more than the leash: near an instability Newton points far away.
+    """
     change = system.pressure_change(u, pressure, du)
     before = system.merit(u, pressure)
     tried = []
-    for share in (1.0, 0.5, 0.25, 0.1, 0.02):
+    longest = min(1.0, system.leash / max(np.abs(du).max(), 1e-300))
+    for share in longest * np.array([1.0, 0.5, 0.25, 0.1, 0.02]):
         merit = system.merit(u + share * du, pressure + share * change)
         tried.append((merit, -share))
         if merit < (1.0 if iteration > 3 else growth) * before:
@@ -179,15 +207,15 @@ def _line_search(system, u, pressure, du, iteration, growth=2.0):
         share = -share
     if not np.isfinite(merit):
         raise system.failure(np.inf, iteration, "an element turned inside out")
-    return u + share * du, pressure + share * change, share
+    return u + share * du, pressure + share * change, share / longest
 
 
 class _System:
     """Residual and tangent of body and contact at one depth."""
 
-    def __init__(self, body, contact, fixed, load, history, depth):
+    def __init__(self, body, contact, fixed, load, history, depth, leash=np.inf):
         self.body, self.contact, self.fixed, self.load = body, contact, fixed, load
-        self.history, self.depth = history, depth
+        self.history, self.depth, self.leash = history, depth, leash
 
     def failure(self, size, iteration, cause=None):
         """ConvergenceError that tells what the contact did when the iteration ended."""

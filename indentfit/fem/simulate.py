@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
+from threadpoolctl import threadpool_limits
 
 from indentfit.curve import Curve
 from indentfit.errors import ConvergenceError
@@ -14,6 +15,8 @@ from indentfit.fem.element import Solid
 from indentfit.fem.mesh import quarter
 
 QUARTERS = 4
+RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
+THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 
 
@@ -82,7 +85,8 @@ class Model:
     def __init__(self, case):
         started = time.perf_counter()
         self.sample, self.options = case.sample, case.solver
-        self.mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element)
+        depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+        self.mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element, depth)
         self.body = _body(self.mesh, case.solver)
         self.contact = Contact(self.body, case.indenter, case.sample.thickness)
         self.fixed = newton.Fixed(self.body, _held(self.body.basis, case.sample.base))
@@ -101,8 +105,12 @@ class Model:
 
     def run(self, material, kappa, angle, depths, name="", progress=None):
         """TestResult of one test: material, bulk modulus in kPa, fibre angle in degrees, output depths in mm, rising."""
-        started = time.perf_counter()
         depths = np.asarray(depths, dtype=float)
+        with threadpool_limits(1 if self.body.n_dofs < THREADS_PAY else None):
+            return self._run(material, kappa, angle, depths, name, progress)
+
+    def _run(self, material, kappa, angle, depths, name, progress):
+        started = time.perf_counter()
         work, counts = newton.Counts(), self.solver.counts
         before = (counts.factorizations, counts.solves, counts.krylov_iterations)
         springs = self._springs(material, angle)
@@ -130,6 +138,13 @@ class Model:
         }
         force = QUARTERS * interpolate(path, depths, self._starts_smoothly())
         return TestResult(name, angle, depths, force, facts, path[-1])
+
+    def stiffness(self, material, kappa, angle):
+        """Small-strain stiffness of the full sample, mN/mm, under a flat indenter that slips freely or sticks."""
+        springs = self._springs(material, angle).scaled(RIGID)  # one linear solve: nothing can chatter
+        load = newton.Load(material, kappa, FIBRES[angle], springs)
+        self.solver.forget()
+        return QUARTERS * newton.untouched(self.body, self.contact, self.fixed, load, self.solver).stiffness
 
     def _springs(self, material, angle):
         """Contact springs in proportion to the sample's stiffness under the indenter, which fibres across it raise."""

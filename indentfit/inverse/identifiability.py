@@ -25,9 +25,9 @@ class Identifiability:
     """What the derivatives at the optimum say, in the order of the free parameters.
 
     stderr (n,), interval (n, 2) within the bounds, in the parameters' units (nan, and the bounds, where undetermined);
-    covar (n, n); correlation (n, n); singular_values (n,) falling, of the misfits' derivatives by the parameters relative
-    to their values (to their ranges at a bound), mN; directions (n, n), a row for each; redchi: the residual variance of
-    one point, mN^2; at_bound: "lower", "upper" or "" each.
+    covar (n, n); correlation (n, n); singular_values (n,) falling, mN, of the misfits' derivatives by the parameters
+    relative to their values (to their ranges at a bound); directions (n, n), a row for each; redchi: the residual
+    variance of one point, mN^2; at_bound: "lower", "upper" or "" each.
     """
 
     stderr: np.ndarray

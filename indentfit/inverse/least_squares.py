@@ -16,7 +16,7 @@ RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of 
 EVALUATIONS = 40  # at most, of the curves; their derivatives not counted
 ENDS = {1: "the gradient vanished", 2: "the sum of squares stood still", 3: "the steps became small",
         4: "the sum of squares stood still and the steps became small"}  # fmt: skip
-STEPS_OF_POLISH = 12
+STEPS_OF_POLISH = 20
 WIDEST = 0.5  # of the ranges: the first trust region of the polish
 SHORTEST = 1e-4  # of the ranges: a shorter step is no step
 

@@ -90,7 +90,7 @@ def write_curves(path, simulated, measured=None):
 
 
 def copy_case(case, folder):
-    """Copy the case file, verbatim, as case.toml into a folder, with the curves and the plugin it names, to be run again.
+    """Copy the case file, verbatim, as case.toml, with the curves and the plugin it names, to be run again.
 
     A file that the case names by a path inside of its own folder keeps that path; one from elsewhere goes to curves/ or
     plugins/. Returns the overrides (KEY=VALUE) with which the copy is the case that was run: those of this run, then
@@ -145,8 +145,9 @@ def _free_place(place, places):
 def _run_again(overrides):
     options = " ".join(f"--set {shlex.quote(one)}" for one in overrides)
     return (
-        "case.toml is a verbatim copy. The case that was run had keys set on the command line, or files from outside of its\n"
-        f"folder, which are now in curves/ or plugins/. To run it again, add to the command:\n\n{options}\n"
+        "case.toml is a verbatim copy. The case that was run had keys set on the command line, or files from outside\n"
+        "of its folder, which are now in curves/ or plugins/. To run it again, from this folder:\n\n"
+        f"indentfit COMMAND case.toml {options}\n"
     )
 
 

@@ -1,6 +1,7 @@
 """Figures, as SVG and PNG: drawn without a display, for one column of a journal."""
 
 import itertools
+import textwrap
 from pathlib import Path
 
 import matplotlib
@@ -12,31 +13,37 @@ from matplotlib.ticker import MaxNLocator
 
 from .style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 
-MARKED = 13  # about that many markers on a curve: more would run together
+TICKS = (1, 2, 2.5, 5, 10)
+SHORT = 24  # letters of a name that leave room for another column of the legend
+MARKED = 30  # about that many markers on a curve: more would run together
+WIDEST_LABEL = 52  # letters
+SMALL = {"markersize": 2.4, "markeredgewidth": 0.6}
 
 
 def force_displacement(measured, simulated, path):
-    """Measured curves as markers, simulated ones as lines, and below them simulated minus measured where both are given.
+    """Measured curves as markers, simulated ones as lines; below, simulated minus measured where both are given.
 
     measured, simulated: lists of (name of the test, Curve); a test has one colour in both. Saves path.svg and
     path.png (any ending of `path` is replaced) and returns the figure.
     """
     names = list(dict.fromkeys(name for name, _ in [*simulated, *measured]))
-    looks = dict(zip(names, itertools.cycle(zip(COLOURS, MARKERS, DASHES, strict=True)), strict=False))
+    dashes = ("-",) * len(COLOURS) if measured else DASHES  # where markers tell the tests apart, dashes only disturb
+    looks = dict(zip(names, itertools.cycle(zip(COLOURS, MARKERS, dashes, strict=True)), strict=False))
     pairs = [(name, dict(measured)[name], curve) for name, curve in simulated if name in dict(measured)]
     with matplotlib.rc_context(STYLE):
         figure, upper, lower = _axes(bool(pairs), names)
         for name, curve in simulated:
-            colour, _, dashes = looks[name]
-            upper.plot(*_from_origin(curve), color=colour, linestyle=dashes, zorder=2)
+            colour, _, style = looks[name]
+            upper.plot(*_from_origin(curve), color=colour, linestyle=style, zorder=3)
         for name, curve in measured:
-            upper.plot(curve.displacement, curve.force, markevery=_every(curve), zorder=3, **_markers(looks[name]))
+            upper.plot(curve.displacement, curve.force, markevery=_every(curve), zorder=2, **_markers(looks[name]))
         for name, given, curve in pairs:
             colour, _, _ = looks[name]
             displacement, difference = residual(given, curve)
-            lower.plot(displacement, difference, color=colour, linewidth=0.7)
-            lower.plot(displacement, difference, markevery=_every(given), **_markers(looks[name]))
-        _finish(figure, upper, lower, names, looks, bool(measured), bool(simulated))
+            lower.plot(displacement, difference, color=colour, linewidth=0.5)
+            lower.plot(displacement, difference, markevery=_every(given), **_markers(looks[name]) | SMALL)
+        drawn = [kind for kind, curves in (("measured", measured), ("simulated", simulated)) if curves]
+        _finish(figure, upper, lower, names, looks, drawn)
         save(figure, path)
     return figure
 
@@ -56,13 +63,17 @@ def save(figure, path):
 
 
 def _axes(with_residuals, names):
-    height = (0.84 if with_residuals else 0.68) * COLUMN + 0.15 * len(names)
+    height = (0.84 if with_residuals else 0.68) * COLUMN + 0.15 * _legend_lines(names)
     figure = Figure(figsize=(COLUMN, height), layout="constrained")
     FigureCanvasAgg(figure)
     if not with_residuals:
         return figure, figure.add_subplot(), None
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
     return figure, upper, lower
+
+
+def _legend_lines(names):
+    return max(2, sum(1 + len(name) // WIDEST_LABEL for name in names)) + 2 * (max(map(len, names)) > SHORT)
 
 
 def _from_origin(curve):
@@ -77,38 +88,48 @@ def _every(curve):
 
 def _markers(look):
     colour, marker, _ = look
-    return {"linestyle": "none", "marker": marker, "color": colour, "markerfacecolor": "white", "markeredgewidth": 0.8}
+    edge = {"markerfacecolor": "white", "markeredgewidth": 0.7}
+    return {"linestyle": "none", "marker": marker, "color": colour, "clip_on": False, **edge}
 
 
-def _finish(figure, upper, lower, names, looks, with_measured, with_simulated):
+def _finish(figure, upper, lower, names, looks, drawn):
+    """Axes from the origin, units, few ticks, and the legend; drawn: which of "measured" and "simulated" there are."""
     upper.set_ylabel("Force (mN)")
     upper.set_xlim(left=0)
     upper.set_ylim(bottom=min(0.0, upper.dataLim.y0))
-    for axes in filter(None, (upper, lower)):
-        axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
-    upper.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+    upper.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
+    bottom = upper if lower is None else lower
+    bottom.xaxis.set_major_locator(MaxNLocator(7, steps=TICKS))
+    bottom.set_xlabel("Displacement (mm)")
     if lower is not None:
         lower.axhline(0, color="0.4", linewidth=0.6, zorder=0)
-        lower.set_ylabel("Simulated −\nmeasured (mN)")
-        lower.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+        lower.margins(y=0.15)
+        lower.set_ylabel("Sim. − meas.\n(mN)")
+        lower.yaxis.set_major_locator(MaxNLocator(4, steps=TICKS))
         figure.align_ylabels([upper, lower])
-    (lower or upper).set_xlabel("Displacement (mm)")
-    _legend(figure, names, looks, with_measured, with_simulated)
+    _legend(figure, names, looks, drawn)
 
 
-def _legend(figure, names, looks, with_measured, with_simulated):
-    """Above the axes: a line for each test in its colour and, where both kinds are drawn, what line and marker mean."""
-    handles, labels = [], []
-    for name in names:
-        colour, marker, dashes = looks[name]
-        line = {"color": colour, "linestyle": dashes if with_simulated else "none"}
-        handles.append(Line2D([], [], **(_markers(looks[name]) | line if with_measured else line)))
-        labels.append(_label(name))
-    columns = 2 if max(map(len, names)) <= 20 and len(names) > 1 else 1
-    figure.legend(handles, labels, loc="outside upper left", ncols=columns, handlelength=2.6, borderaxespad=0.2)
+def _legend(figure, names, looks, drawn):
+    """Above the axes: each test in its look, and beside them, or below long names, what markers and lines mean."""
+    tests = [(_example(looks[name], drawn), _label(name)) for name in names]
+    kinds = {"measured": {"linestyle": "none", **_markers(("0.3", "o", ""))}, "simulated": {"color": "0.3"}}
+    meanings = [(Line2D([], [], **kinds[kind]), kind) for kind in drawn if len(drawn) > 1]
+    rows, columns = [*tests, *meanings], 1
+    if max(map(len, names)) <= SHORT:  # side by side: both columns padded to the same length
+        height, columns = max(len(tests), len(meanings)), 2
+        blank = (Line2D([], [], linestyle="none"), "")
+        rows = [one for part in (tests, meanings) for one in part + [blank] * (height - len(part))]
+    handles, labels = zip(*rows, strict=True)
+    figure.legend(handles, labels, loc="outside upper left", ncols=columns, handlelength=2.8, borderaxespad=0.2)
+
+
+def _example(look, drawn):
+    colour, _, dashes = look
+    line = {"color": colour, "linestyle": dashes if "simulated" in drawn else "none"}
+    return Line2D([], [], **((_markers(look) | line) if "measured" in drawn else line))
 
 
 def _label(name):
-    """A name as matplotlib takes it: no formulas in it, and not hidden because of a leading underscore."""
-    name = name if len(name) <= 48 else name[:45] + "..."
-    return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
+    """A name as matplotlib takes it: not too wide, no formula in it, and not hidden for a leading underscore."""
+    return (" " if name.startswith("_") else "") + "\n".join(textwrap.wrap(name, WIDEST_LABEL)).replace("$", r"\$")

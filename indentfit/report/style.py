@@ -1,10 +1,12 @@
 """How figures look: sizes of a journal's column, colours that the colour-blind can tell apart."""
 
+from typing import Any
+
 COLUMN = 90 / 25.4  # inches: one column of a journal
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe and Ito 2008
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (3, 1)), (0, (7, 2)), (0, (1, 2)))
-STYLE = {
+STYLE: dict[Any, Any] = {  # matplotlib types its keys
     "font.family": "sans-serif",
     "font.size": 8,
     "axes.labelsize": 8,
@@ -19,8 +21,8 @@ STYLE = {
     "ytick.major.size": 2.5,
     "legend.fontsize": 7.5,
     "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "lines.markersize": 3.6,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.4,
     "savefig.dpi": 400,
     "svg.hashsalt": "indentfit",  # the same figure is the same file
 }

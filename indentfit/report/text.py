@@ -4,7 +4,7 @@ import numpy as np
 
 
 def simulation_lines(simulation, case, material):
-    """A Simulation in words, line by line: its curves as a table, then the mesh, the solver and how exact the contact is."""
+    """A Simulation in words, line by line: its curves, then the mesh, the solver and how exact the contact is."""
     yield from _material(case, material)
     yield ""
     for tests in _of_equal_displacement(simulation.tests):
@@ -30,7 +30,7 @@ def _unit(parameter):
 
 def _of_equal_displacement(tests):
     """The tests in groups that can share a table."""
-    groups = []
+    groups: list[list] = []
     for test in tests:
         for group in groups:
             if np.array_equal(group[0].displacement, test.displacement):
@@ -72,13 +72,12 @@ def _solver(solver):
 
 def _contact(simulation):
     """How far the contact is from ideal, at the last displacement of each test."""
-    width = max(len(test.name) for test in simulation.tests)
-    for n, test in enumerate(simulation.tests):
+    for test in simulation.tests:
         facts = test.facts
-        slip = f"; slip across the edge {facts['edge_slip']:.2%} of the half-width" if facts["edge_slip"] else ""
+        edge = f"; edge slip {facts['edge_slip']:.2%} of the half-width" if facts["edge_slip"] else ""
         yield (
-            f"{'contact' if n == 0 else '':<8}  {test.name:<{width}}  penalty takes {facts['penalty_error']:.3%} of the "
-            f"force; {facts['touching']:.0%} of the footprint touches, {facts['slipping']:.0%} slips{slip}"
+            f"contact   {test.name}: penalty error {facts['penalty_error']:.3%} of the force; "
+            f"{facts['touching']:.0%} of the points touch, {facts['slipping']:.0%} slide{edge}"
         )
 
 

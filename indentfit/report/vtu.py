@@ -2,13 +2,14 @@
 
 Points are undeformed, in mm ("warp by vector" with displacement_mm deforms them). Point arrays: displacement_mm,
 cauchy_stress_kPa (xx yy zz xy yz xz), pressure_kPa (minus the mean normal stress, compression positive) and
-contact_pressure_kPa (on the undeformed footprint; zero elsewhere). Cell arrays: cauchy_stress_kPa, pressure_kPa, J.
+contact_pressure_kPa (on the undeformed footprint; zero elsewhere). Cell arrays, means of the element:
+cauchy_stress_kPa, pressure_kPa, J.
 """
 
 import re
 
 import meshio
-from skfem.io.meshio import to_meshio
+from skfem.io.meshio import HEX_MAPPING
 
 from ..fem.fields import pressure
 
@@ -16,29 +17,32 @@ RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt"
 
 
 def write_vtu(path, fields):
-    """Write fem.fields.Fields as one VTU file. Where the element has more nodes, its eight corners are written."""
-    mesh = to_meshio(fields.mesh, encode_cell_data=False)  # it knows VTK's order of a brick's vertices
-    mesh.point_data = {
+    """Write fem.fields.Fields as one VTU file of eight-node or 27-node bricks."""
+    kind = {8: "hexahedron", 27: "hexahedron27"}[fields.elements.shape[1]]
+    cells = fields.elements[:, HEX_MAPPING[: fields.elements.shape[1]]]  # in VTK's order
+    on_points = {
         "displacement_mm": fields.displacement,
         "cauchy_stress_kPa": fields.nodal_stress,
         "pressure_kPa": pressure(fields.nodal_stress),
         "contact_pressure_kPa": fields.contact_pressure,
     }
-    mesh.cell_data = {
+    on_cells = {
         "cauchy_stress_kPa": [fields.cell_stress],
         "pressure_kPa": [pressure(fields.cell_stress)],
         "J": [fields.volume_ratio],
     }
+    mesh = meshio.Mesh(fields.nodes, [(kind, cells)], point_data=on_points, cell_data=on_cells)
     meshio.write(path, mesh, file_format="vtu")
 
 
 def file_names(names):
     """A file name (without ending) for each of the names of tests: safe on every system, and no two alike."""
-    taken = []
+    found: list[str] = []
     for name in names:
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "test"
         if stem.split(".")[0].lower() in RESERVED:
             stem = f"test-{stem}"
-        choices = (stem if n == 1 else f"{stem}-{n}" for n in range(1, len(taken) + 2))
-        taken.append(next(one for one in choices if one.lower() not in {other.lower() for other in taken}))
-    return taken
+        taken = {other.lower() for other in found}
+        choices = (stem if n == 1 else f"{stem}-{n}" for n in range(1, len(names) + 1))
+        found.append(next(one for one in choices if one.lower() not in taken))
+    return found

@@ -1,0 +1,156 @@
+"""`indentfit simulate`: stdout is the result, stderr the rest, and a folder holds what it took to get there."""
+
+import csv
+import io
+import json
+import math
+import sys
+
+import meshio
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import CASES
+
+from indentfit.case import read_case
+from indentfit.cli import main, progress
+from indentfit.errors import ConvergenceError
+from indentfit.fem.simulate import Model, simulate
+
+CASE = CASES / "white_matter_2017" / "case.toml"
+COARSE = ("--set", "mesh.elements=60", "--set", "solver.element=q1p0")
+DEPTHS = ("--set", "test.parallel.depth=0.06", "--set", "test.perpendicular.depth=0.05")
+
+
+def run(*words):
+    return CliRunner().invoke(main, ["simulate", *map(str, words)])
+
+
+def never(*_):
+    raise AssertionError("computed before the input was checked")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A result folder with fields, and what was printed."""
+    path = tmp_path_factory.mktemp("simulate") / "out"
+    return path, run(CASE, *COARSE, "-o", path, "--vtu")
+
+
+def test_json_has_the_stable_keys_and_nothing_else_is_on_stdout():
+    done = run(CASE, *COARSE, *DEPTHS, "--set", "material.bulk_ratio=50", "--json")
+    assert done.exit_code == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert list(found) == ["tests", "mesh", "solver"]
+    for test in found["tests"]:
+        assert {"name", "angle", "displacement_mm", "force_mN"} <= set(test)
+        assert len(test["displacement_mm"]) == len(test["force_mN"]) == 25
+        assert np.all(np.diff(test["force_mN"]) > 0)
+    assert [(test["name"], test["angle"]) for test in found["tests"]] == [("parallel", 0), ("perpendicular", 90)]
+    assert {"elements", "dofs"} <= set(found["mesh"])
+    assert {"newton_iterations", "factorizations", "steps", "wall_seconds", "linear"} <= set(found["solver"])
+    assert found["solver"]["linear"] in ("pardiso", "superlu", "pyamg")
+    assert "warning: kappa" in done.stderr
+
+
+def test_the_table_has_a_line_for_each_displacement_and_facts_in_words(folder):
+    _, done = folder
+    assert done.exit_code == 0, done.stderr
+    table = [line.split() for line in done.stdout.splitlines() if line.startswith("        0.")]
+    forces = np.array(table, dtype=float)
+    assert forces.shape == (25, 3) and forces[-1, 0] == 0.33
+    facts = ("bricks", "smallest element", "Newton iterations", "penalty error", "edge slip")
+    for words in ("mu = 1 kPa (start value)", *facts):
+        assert words in done.stdout
+    assert "%" in done.stdout.split("edge slip")[1]
+
+
+def test_tests_of_different_depth_have_tables_of_their_own():
+    done = run(CASE, *COARSE, *DEPTHS)
+    assert done.stdout.count("force, mN") == 2 and "0.0600" in done.stdout and "0.0500" in done.stdout
+
+
+def test_the_folder_holds_numbers_curves_figure_fields_and_the_case(folder):
+    path, _ = folder
+    names = {file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file()}
+    assert names == {
+        "simulation.json", "curves.csv", "force_displacement.svg", "force_displacement.png",
+        "case.toml", "run_again.txt", "curves/parallel.csv", "curves/perpendicular.csv",
+        "fields/parallel.vtu", "fields/perpendicular.vtu",
+    }  # fmt: skip
+    written = json.loads((path / "simulation.json").read_text())
+    case = read_case(path / "case.toml", written["overrides"])
+    assert case.hash == written["case_hash"] and written["parameters"] == {"mu": 1, "zeta": 3, "phi": 1}
+    again = simulate(case)
+    rows = list(csv.DictReader((path / "curves.csv").open()))
+    assert list(rows[0]) == ["test", "displacement_mm", "force_mN"]
+    for test, stored in zip(again.tests, written["tests"], strict=True):
+        mine = [row for row in rows if row["test"] == test.name]
+        assert np.allclose([float(row["force_mN"]) for row in mine], test.force, rtol=1e-6)
+        assert [float(row["force_mN"]) for row in mine] == stored["force_mN"]
+    assert meshio.read(path / "fields/parallel.vtu").cells[0].data.shape[0] == written["mesh"]["elements"]
+
+
+def test_an_existing_folder_is_refused_before_anything_is_computed(folder, monkeypatch):
+    path, _ = folder
+    monkeypatch.setattr("indentfit.cli.simulate.Model", never)
+    done = run(CASE, "-o", path)
+    assert done.exit_code == 2 and "--overwrite" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("option", ["--vtu", "--overwrite"])
+def test_what_needs_a_folder_asks_for_one(option, monkeypatch):
+    monkeypatch.setattr("indentfit.cli.simulate.Model", never)
+    done = run(CASE, option)
+    assert done.exit_code == 2 and "-o DIR" in done.stderr
+
+
+def test_a_run_that_does_not_converge_ends_with_3_in_one_line_and_leaves_no_folder(tmp_path, monkeypatch):
+    def fails(*_):
+        raise ConvergenceError("test 'parallel': chatter", 0.12, 4, 18)
+
+    monkeypatch.setattr(Model, "simulate", fails)
+    done = run(CASE, *COARSE, "-o", tmp_path / "out")
+    assert done.exit_code == 3 and done.stdout == "" and not list(tmp_path.iterdir())
+    assert done.stderr == "error: no equilibrium at 0.12 mm (step 4, iteration 18): test 'parallel': chatter\n"
+
+
+# ---- progress ----------------------------------------------------------------------------------------------------
+
+
+def test_without_a_terminal_progress_is_a_line_now_and_then(capsys, monkeypatch):
+    clock = iter([0.0, 5.0, 20.0, 25.0, 200.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with progress.progress("fit", total=10) as step:
+        for done, note in ((1, "early"), (2, "objective 0.9 mN"), (3, "too soon"), (5, "")):
+            step(done, note)
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.splitlines() == [
+        "fit: 20% after 20 s, about 80 s left; objective 0.9 mN",
+        "fit: 50% after 3 min, about 3 min left",
+    ]
+
+
+@pytest.mark.parametrize("total", [0, math.inf])
+def test_progress_without_a_known_total_does_not_fail(total, monkeypatch, capsys):
+    monkeypatch.setattr(progress, "INTERVAL", 0.0)
+    with progress.progress("fit", total=total) as step:
+        step(0)
+        step(3, "note")
+    assert "fit: " in capsys.readouterr().err
+
+
+def test_on_a_terminal_progress_is_a_bar_on_stderr(monkeypatch, capsys):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress.progress("fit", total=2) as step:
+        step(1, "objective [0.9] mN")
+        print("the result")
+    assert capsys.readouterr().out == "the result\n"
+    assert "fit" in terminal.getvalue() and "50%" in terminal.getvalue() and "objective [0.9] mN" in terminal.getvalue()
