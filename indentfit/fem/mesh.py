@@ -15,7 +15,7 @@ from indentfit.errors import MeshError
 # narrow against the thickness), and its width grows with the distance from the edge, by GROWTH times `size` over 0.3
 # thicknesses, up to `size`. Along a strip elements are ALONG times longer, because the fields hardly change there, but RIM
 # times `size` where they leave the sample: that corner is singular too and costs 1 to 2 % of the force if left coarse.
-EDGE, GROWTH, ALONG, RIM = 0.10, 0.80, 2.0, 0.30
+EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 
 

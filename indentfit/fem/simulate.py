@@ -129,6 +129,8 @@ class Model:
             "steps": work.steps,
             "cutbacks": work.cutbacks,
             "newton_iterations": work.iterations,
+            "loose_steps": work.loose_steps,
+            "largest_residual": work.largest_residual,
             **dict(zip(("factorizations", "solves", "krylov_iterations"), np.subtract(after, before).tolist(), strict=True)),
             "wall_seconds": time.perf_counter() - started,
             "penalty_error": path[-1].penalty_error / max(path[-1].force, 1e-300),
@@ -162,7 +164,7 @@ class Model:
         }
 
     def _sum(self, tests):
-        totals = ("steps", "cutbacks", "newton_iterations", "factorizations", "solves", "krylov_iterations", "wall_seconds")
+        totals = ("steps", "cutbacks", "loose_steps", "newton_iterations", "factorizations", "solves", "krylov_iterations", "wall_seconds")
         return {
             "linear": self.solver.name,
             "assembly": self.options.assembly,

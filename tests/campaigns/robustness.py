@@ -85,7 +85,7 @@ def line(result):
     rough = " FALLING" if (force[1:] < force[:-1]).any() else ""
     return inputs + (
         f"F {force[-1]:9.3f} steps {facts['steps']:3d} cutbacks {facts['cutbacks']:2d} Newton {facts['newton_iterations']:3d} "
-        f"factorizations {facts['factorizations']:3d} penalty {100 * facts['penalty_error']:6.3f} % {seconds:6.1f} s{rough}"
+        f"loose {facts['loose_steps']:2d} factorizations {facts['factorizations']:3d} penalty {100 * facts['penalty_error']:6.3f} % {seconds:6.1f} s{rough}"
     )
 
 

@@ -1,0 +1,80 @@
+"""What the paper says about friction and parameters, and that the forward model stands what a search will ask of it."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import white_matter
+
+from indentfit.fem.simulate import simulate
+
+sys.path.insert(0, str(Path(__file__).parent / "campaigns"))
+import robustness
+
+COARSE = ("mesh.elements=60",)
+DEPTHS = np.array([0.11, 0.22, 0.33])
+
+
+def test_friction_stiffens_only_the_perpendicular_test(run):
+    rough, smooth = (
+        [run(*COARSE, f"indenter.friction={f}", angle=angle, depths=DEPTHS).force[-1] for angle in (0, 90)] for f in (0.5, 0.2)
+    )
+    assert smooth[0] == pytest.approx(rough[0], rel=0.01)
+    assert smooth[1] < rough[1] * 0.995
+
+
+def test_mu_matters_more_than_zeta_and_zeta_more_than_phi_and_most_at_90_degrees(run):
+    def change(angle):
+        base = {"mu": 1.49, "zeta": 4.68, "phi": 0.68}
+        forces = {}
+        for name in base:
+            ends = [base | {name: base[name] * share} for share in (0.85, 1.15)]
+            texts = ["material.parameters={" + ",".join(f"{k}={v}" for k, v in end.items()) + "}" for end in ends]
+            low, high = (run(*COARSE, text, angle=angle, depths=DEPTHS).force[-1] for text in texts)
+            forces[name] = high - low
+        return forces
+
+    along, across = change(0), change(90)
+    assert across["mu"] > across["zeta"] > across["phi"] > 0
+    assert all(across[name] > along[name] for name in across)
+
+
+def test_the_force_is_linear_in_the_scale_parameter(run):
+    one, three = (
+        run(*COARSE, f"material.parameters={{mu={mu},zeta=4.68,phi=0.68}}", angle=90, depths=DEPTHS).force for mu in (1.0, 3.0)
+    )
+    assert three == pytest.approx(3 * one, rel=1e-9)
+
+
+def test_softer_contact_springs_change_the_force_by_less_than_half_a_percent(run):
+    usual, stiff = (run(*COARSE, f"solver.penalty={p}", angle=90, depths=DEPTHS) for p in (1, 10))
+    assert usual.force == pytest.approx(stiff.force, rel=0.005)
+    assert abs(usual.facts["penalty_error"]) < 0.005
+
+
+def test_more_load_steps_change_the_curve_by_less_than_a_third_of_a_percent(run):
+    usual, many = (run(*COARSE, f"solver.max_step={step}", angle=90, depths=DEPTHS) for step in (1.0, 0.015))
+    assert many.facts["steps"] >= 22
+    assert usual.force == pytest.approx(many.force, rel=0.003)
+
+
+def test_a_sample_of_the_robustness_campaign_is_solved():
+    """Ten points of `campaigns/robustness.py` on a coarse mesh; the campaign itself runs all of them on the default one."""
+    for index in (0, 2, 4, 5, 6, 7, 8, 9, 13, 14):
+        point = robustness.sample_points(100)[index]
+        _, _, force, facts, _ = robustness.run((index, point, list(COARSE)))
+        assert force is not None, facts
+        assert np.all(np.diff(force) > 0)
+
+
+def test_twenty_percent_strain_at_the_papers_optimum_is_solved(run):
+    for angle in (0, 90):
+        force = run(*COARSE, angle=angle, depths=np.array([0.33, 0.66])).force
+        assert force[1] > 2 * force[0]
+
+
+def test_a_bonded_base_and_a_full_case_give_one_result_for_each_test():
+    simulation = simulate(white_matter(*COARSE, "sample.base=bonded"))
+    assert [test.name for test in simulation.tests] == ["parallel", "perpendicular"]
+    assert simulation.tests[1].force[-1] > 1.5 * simulation.tests[0].force[-1]
