@@ -161,7 +161,7 @@ def test_a_script_can_fit_without_the_command_line(case):
 
 def test_the_quickstart_comes_back_to_its_truth_within_its_intervals(tmp_path):
     quickstart = Path(__file__).parent.parent / "cases" / "quickstart" / "case.toml"
-    program = [sys.executable, "-c", "from indentfit.cli import main; main()"]
+    program = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()"]
     command = [*program, "fit", str(quickstart), "--json", "-o", str(tmp_path / "r")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr

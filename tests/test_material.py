@@ -425,7 +425,7 @@ def test_materials_of_every_origin_reach_another_process(plugin, tmp_path, white
     (tmp_path / "sent.pickle").write_bytes(pickle.dumps(sent))
     read = "import pickle, sys; print([m.shear_modulus for m in pickle.load(open(sys.argv[1], 'rb'))])"
     done = subprocess.run(
-        [sys.executable, "-c", read, tmp_path / "sent.pickle"], capture_output=True, text=True, check=True
+        [sys.executable, "-P", "-c", read, tmp_path / "sent.pickle"], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == str([m.shear_modulus for m in sent])
     assert pickle.loads(pickle.dumps(sent)) == sent
@@ -433,7 +433,7 @@ def test_materials_of_every_origin_reach_another_process(plugin, tmp_path, white
 
 def test_the_module_does_not_wait_for_sympy():
     code = "import sys, indentfit.material, indentfit.materials.holzapfel; sys.exit('sympy' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-P", "-c", code], check=True)
 
 
 def test_functions_of_an_energy_also_take_numbers():

@@ -103,7 +103,7 @@ def _parts(sample, indenter, size, depth):
     half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(sample, indenter, depth)
     edge = EDGE * size * min(1.0, half / reach)
     if getattr(indenter, "edge_radius", 0):
-        edge = min(edge, max(indenter.edge_radius / 2, edge / 4))
+        edge = min(edge, max(indenter.edge_radius / 2, edge / 8))
     grading = Grading(size, edge, reach)
     layers = sample.thickness - graded(0, sample.thickness, grading, at=0, least=2)[::-1]
     layers[0], layers[-1] = 0.0, sample.thickness
