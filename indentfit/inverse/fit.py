@@ -124,6 +124,7 @@ def _solver(model, case, pool, facts):
         "assembly": case.solver.assembly,
         "workers": pool.workers,
         "run_seconds": pool.seconds,
+        "loose_steps": sum(one.get("loose_steps", 0) for one in facts),
         **worst,
     }
 
