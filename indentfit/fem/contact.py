@@ -97,7 +97,9 @@ class Contact:
 
     def __init__(self, solid, indenter, thickness):
         facets = solid.mesh.boundaries["footprint"]
-        basis = FacetBasis(solid.mesh, type(solid.basis.elem.elem)(), facets=facets, quadrature=_at_nodes(solid.element))
+        basis = FacetBasis(
+            solid.mesh, type(solid.basis.elem.elem)(), facets=facets, quadrature=_at_nodes(solid.element)
+        )
         self.thickness, self.indenter = thickness, indenter
         sharp = indenter.shape != "sphere" and not indenter.edge_radius
         self.tied = indenter.friction == "stick" and sharp
@@ -153,7 +155,9 @@ class Contact:
         stick = springs.tangential * (np.eye(3) - nn)
         if H is not None:
             pn = np.einsum("fqi,fqi->fq", pull, n)
-            stick = stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
+            stick = (
+                stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
+            )
         if slipping.any():
             f, m = self.friction, trial / size[..., None]
             turn = stick - m[..., :, None] * np.einsum("fqi,fqij->fqj", m, stick)[..., None, :]
@@ -170,7 +174,9 @@ class Contact:
 
     def add_tangent(self, touch, values):
         """Adds the contact's tangent to the CSR data of the solid's."""
-        blocks = np.einsum("fqn,fqm,fqij->fnmij", self.shape * self.weights[..., None], self.shape, touch.D, optimize=True)
+        blocks = np.einsum(
+            "fqn,fqm,fqij->fnmij", self.shape * self.weights[..., None], self.shape, touch.D, optimize=True
+        )
         _scatter(blocks, self.dofs, self.positions, self.indptr, values)
 
     def by_depth(self, touch):
@@ -280,5 +286,7 @@ def _from_core(away, hoop, r, x, bottom, radial=None):
         out = np.einsum("...i,...i->...", away, radial) != 0
         free = out[..., None, None] * radial[..., :, None] * radial[..., None, :]
         free = free + (away[..., 1] != 0)[..., None, None] * _UP[:, None] * _UP
-    H = (free - n[..., :, None] * n[..., None, :] + hoop[..., :, None] * hoop[..., None, :]) / np.where(inside, np.inf, distance)[..., None, None]
+    H = (free - n[..., :, None] * n[..., None, :] + hoop[..., :, None] * hoop[..., None, :]) / np.where(
+        inside, np.inf, distance
+    )[..., None, None]
     return g, n, H

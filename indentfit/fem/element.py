@@ -17,7 +17,10 @@ import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
-ELEMENTS = {"q1p0": (ElementHex1, 2, 1), "q2p1": (ElementHex2, 4, 4)}  # scikit-fem element, quadrature order, pressure modes
+ELEMENTS = {
+    "q1p0": (ElementHex1, 2, 1),
+    "q2p1": (ElementHex2, 4, 4),
+}  # scikit-fem element, quadrature order, pressure modes
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
@@ -128,7 +131,12 @@ def _pattern(nodes, n_nodes):
     lengths = np.diff(blocks.indptr)
     starts = np.concatenate([[0], np.cumsum(np.repeat(lengths * 3, 3))])
     expanded = (3 * blocks.indices[:, None] + np.arange(3)).astype(np.int32)
-    indices = np.concatenate([expanded[a:b].ravel() for a, b in zip(np.repeat(blocks.indptr[:-1], 3), np.repeat(blocks.indptr[1:], 3), strict=True)])
+    indices = np.concatenate(
+        [
+            expanded[a:b].ravel()
+            for a, b in zip(np.repeat(blocks.indptr[:-1], 3), np.repeat(blocks.indptr[1:], 3), strict=True)
+        ]
+    )
     keys = np.repeat(np.arange(n_nodes, dtype=np.int64), lengths) * n_nodes + blocks.indices
     places = np.searchsorted(keys, rows.astype(np.int64) * n_nodes + cols) - blocks.indptr[rows]
     return starts.astype(np.int32), indices, places.reshape(n_el, n, n).astype(np.int32)
@@ -187,7 +195,7 @@ def _kinematics(u, dofs, grads, weights, modes, fibre):
     for e in range(n_el):
         for q in range(n_q):
             J = _gradient(u, dofs[e], grads[e, q], F)
-            if not (J >= smallest):
+            if not (smallest <= J):
                 smallest = J
             _strain(F, J, fibre, b, a, c)
             I1 = b[0, 0] + b[1, 1] + b[2, 2]
@@ -281,8 +289,10 @@ def _moduli(b, a, c, m, d1, d2, p, tau, trace, D):
             if d1[1, p] != 0.0:
                 v += d1[1, p] * (b[i, k] * b[j, l] - 0.5 * (b[i, j] * b[k, l] + b[i, l] * b[k, j]))
             if d1[3, p] != 0.0:
-                v += d1[3, p] * 0.5 * (
-                    a[i] * b[k, j] * a[l] + a[i] * b[k, l] * a[j] + a[k] * b[i, j] * a[l] + a[k] * b[i, l] * a[j]
+                v += (
+                    d1[3, p]
+                    * 0.5
+                    * (a[i] * b[k, j] * a[l] + a[i] * b[k, l] * a[j] + a[k] * b[i, j] * a[l] + a[k] * b[i, l] * a[j])
                 )
             D[s, t] = 4.0 * v
             D[t, s] = 4.0 * v

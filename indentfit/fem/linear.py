@@ -62,7 +62,9 @@ class LinearSolver:
         self._factorize(A)
         x, ok = self._krylov(A, b, size, tolerance, self._factor.patience)
         if not ok:
-            raise ConvergenceError("the linear system could not be solved (singular tangent: lost support or instability)")
+            raise ConvergenceError(
+                "the linear system could not be solved (singular tangent: lost support or instability)"
+            )
         return x
 
     def _factorize(self, A):

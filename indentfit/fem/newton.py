@@ -230,9 +230,13 @@ class _System:
     def failure(self, size, iteration, cause=None):
         """ConvergenceError that tells what the contact did when the iteration ended."""
         touch = self.touch
-        state = f"{int(touch.touching.sum())} of {touch.gap.size} contact points touch, {int(touch.slipping.sum())} slip"
+        state = (
+            f"{int(touch.touching.sum())} of {touch.gap.size} contact points touch, {int(touch.slipping.sum())} slip"
+        )
         cause = cause or f"residual still {size:.1e} of the contact force after {iteration + 1} iterations"
-        return ConvergenceError(f"{cause} ({state}); try a coarser mesh or an edge radius", self.depth, iteration=iteration)
+        return ConvergenceError(
+            f"{cause} ({state}); try a coarser mesh or an edge radius", self.depth, iteration=iteration
+        )
 
     def damped(self, damping):
         """The tangent with nodal dampers: shear modulus times size of the node's share of the body, times `damping`."""

@@ -122,7 +122,10 @@ class Model:
             )
         except ConvergenceError as error:
             raise ConvergenceError(
-                f"test {name!r}: {error.cause}" if name else error.cause, error.displacement, error.step, error.iteration
+                f"test {name!r}: {error.cause}" if name else error.cause,
+                error.displacement,
+                error.step,
+                error.iteration,
             ) from error
         after = (counts.factorizations, counts.solves, counts.krylov_iterations)
         facts = {
@@ -131,7 +134,9 @@ class Model:
             "newton_iterations": work.iterations,
             "loose_steps": work.loose_steps,
             "largest_residual": work.largest_residual,
-            **dict(zip(("factorizations", "solves", "krylov_iterations"), np.subtract(after, before).tolist(), strict=True)),
+            **dict(
+                zip(("factorizations", "solves", "krylov_iterations"), np.subtract(after, before).tolist(), strict=True)
+            ),
             "wall_seconds": time.perf_counter() - started,
             "penalty_error": path[-1].penalty_error / max(path[-1].force, 1e-300),
             "edge_slip": self._edge_slip(path[-1]),
@@ -164,7 +169,16 @@ class Model:
         }
 
     def _sum(self, tests):
-        totals = ("steps", "cutbacks", "loose_steps", "newton_iterations", "factorizations", "solves", "krylov_iterations", "wall_seconds")
+        totals = (
+            "steps",
+            "cutbacks",
+            "loose_steps",
+            "newton_iterations",
+            "factorizations",
+            "solves",
+            "krylov_iterations",
+            "wall_seconds",
+        )
         return {
             "linear": self.solver.name,
             "assembly": self.options.assembly,
