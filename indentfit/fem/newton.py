@@ -12,8 +12,10 @@ from indentfit.errors import ConvergenceError
 from indentfit.fem import sensitivity
 
 MAX_ITERATIONS = 15
-MAX_DAMPED = 30
-LOOSE = 1e-3  # residual, of the contact force, at which points that chatter may be left; counted and reported
+MAX_RELAXED, MAX_IMPLICIT = 60, 8  # iterations of a relaxation, and of one of its steps of time
+EASED = 1e-2  # reduction of the residual that ends a step of time
+STIFFEST_DAMPER = 1e6  # in units of shear modulus times size
+LOOSE = 5e-3  # residual, of the contact force, at which points that chatter may be left; counted and reported
 WITHHELD, MAX_AUGMENTATIONS = 2e-3, 3  # share of the force that the springs may withhold
 LEASH = 0.03  # largest motion of a point in one iteration, of the last depth
 SOFTER = 1 / 3  # what a cutback makes of the contact springs; their error is reported
@@ -58,7 +60,8 @@ class Load:
 class Equilibrium:
     """A converged step: depth mm, displacements u (n,) mm, pressure modes, contact, force mN and dF/dd mN/mm of the quarter.
 
-    penalty_error: force withheld by the contact springs, mN; direction: du/dd (n,); rate: of the contact's traction since
+    penalty_error: force withheld by the contact springs, mN; residual_error: force that the residual left over
+    stands for, mN; direction: du/dd (n,); rate: of the contact's traction since
     the last step (at rest: its tangent), which the next step's multipliers follow; slopes: derivatives by the load's
     directions, None where the steps left the differentiable path.
     """
@@ -70,6 +73,7 @@ class Equilibrium:
     force: float
     stiffness: float
     penalty_error: float
+    residual_error: float
     direction: np.ndarray = field(repr=False)
     rate: np.ndarray = field(repr=False)
     slopes: sensitivity.Slopes | None = field(default=None, repr=False)
@@ -142,15 +146,16 @@ def untouched(body, contact, fixed, load, solver):
 
 
 def _step(body, contact, fixed, load, solver, here, depth, leash, options, counts):
-    """The equilibrium at a depth from the tangent prediction, and how many iterations it took: by Newton, else damped."""
+    """The equilibrium at a depth from the tangent prediction, and how many iterations it took: by Newton, else relaxed."""
     history = here.touch.advanced(here.rate, depth - here.depth)
     changes = here.slopes and here.slopes.advanced(here.touch, here.rate, depth - here.depth)
     system = _System(body, contact, fixed, load, history, depth, leash, changes)
+    u, pressure = _predicted(system, here, depth)
     try:
-        return _newton(system, *_predicted(system, here, depth), solver, options, counts)
+        return _newton(system, u, pressure, solver, options, counts)
     except ConvergenceError:
         solver.forget()
-        return _damped(system, here.u, here.pressure, solver, options, counts)
+        return _relaxed(system, u, pressure, solver, options, counts)
 
 
 def _newton(system, u, pressure, solver, options, counts):
@@ -168,35 +173,61 @@ def _newton(system, u, pressure, solver, options, counts):
     raise system.failure(size / scale, iteration)
 
 
-def _damped(system, u, pressure, solver, options, counts):
-    """Pseudo-transient continuation: Newton with nodal dampers in the tangent, which fade as the residual falls.
+def _relaxed(system, u, pressure, solver, options, counts):
+    """The equilibrium reached from u by overdamped motion: nodal dampers, implicit steps of time that grow as they get easy.
 
-    Where the tangent loses definiteness (surface folding at the end of the strip, points about to open) a Newton step points
-    anywhere; the dampers make it a step of overdamped motion towards the nearest stable equilibrium. They are not in the
-    residual, so what is reached is an equilibrium of the undamped body (Kelley and Keyes 1998).
+    Where the tangent loses definiteness (surface folding at the sample's rim, fibres buckling at the indenter's edge, points about
+    to slip) a Newton step points anywhere. With dampers each step of time has a solution near the last one, and the motion ends
+    in a stable equilibrium of the undamped body. The contact's history goes along with it, as in a slow experiment. What is left
+    of the residual after MAX_RELAXED iterations is accepted up to LOOSE, counted, and its share of the force reported.
     """
-    damping, before, best = 1.0, None, (np.inf, u, pressure)
-    for iteration in range(MAX_DAMPED):
+    start, damping, best = counts.iterations, 1.0, (np.inf, u, pressure, system.history, system.changes)
+    while counts.iterations - start < MAX_RELAXED and damping < STIFFEST_DAMPER:
         size, scale = system.assemble(u, pressure)
-        if size < best[0] * scale:
-            best = size / scale, u, pressure
         if not np.isfinite(size):
             break
+        if size < best[0] * scale:
+            best = size / scale, u, pressure, system.history, system.changes
         if size <= options.tolerance * scale:
             return system.equilibrium(u, solver), MAX_ITERATIONS
-        damping = 1.0 if before is None else damping * float(np.clip(size / before, 0.2, 2.0)) / 2
-        before = size
-        counts.iterations += 1
-        du = solver.solve(system.damped(damping), -system.residual)
-        u, pressure, share = _line_search(system, u, pressure, du, 0, growth=1.5)
-        if share < 0.5:
-            damping *= 4
-    if best[0] > LOOSE:
-        raise system.failure(best[0], iteration)
-    system.assemble(*best[1:])
+        moved = _moved(system, u, pressure, damping, solver, counts, options.tolerance * scale)
+        if moved is None:
+            damping *= 8
+            continue
+        u, pressure, iterations = moved
+        system.history, system.changes = system.touch.advanced(), None
+        damping /= 4 if iterations <= 3 else 2 if iterations <= 5 else 1
+    size, u, pressure, system.history, system.changes = best
+    system.assemble(u, pressure)
+    if size > LOOSE:
+        raise system.failure(size, counts.iterations - start)
     counts.loose_steps += 1
-    counts.largest_residual = max(counts.largest_residual, best[0])
-    return system.equilibrium(best[1], solver), MAX_ITERATIONS
+    counts.largest_residual = max(counts.largest_residual, size)
+    return system.equilibrium(u, solver), MAX_ITERATIONS
+
+
+def _moved(system, u, pressure, damping, solver, counts, enough):
+    """Displacements, pressures and iterations of one implicit step of the damped motion from u, or None where it fails.
+
+    enough: norm of the residual below which nothing is left to do.
+    """
+    dampers, start = damping * system.load.material.shear_modulus * system.fixed.sizes, u
+    for iteration in range(MAX_IMPLICIT):
+        system.assemble(u, pressure)
+        residual = system.residual + dampers * (u - start)
+        residual[system.fixed.dofs] = 0
+        size = np.linalg.norm(residual)
+        if iteration == 0:
+            first = size
+        elif size <= max(EASED * first, 0.1 * enough):
+            return u, pressure, iteration
+        counts.iterations += 1
+        du = solver.solve(system.damped(dampers), -residual)
+        try:
+            u, pressure, _ = _line_search(system, u, pressure, du, 0, 1.2, lambda v: dampers * (v - start))
+        except ConvergenceError:
+            return None
+    return None
 
 
 def _predicted(system, here, depth):
@@ -210,17 +241,17 @@ def _predicted(system, here, depth):
     raise ConvergenceError("an element turned inside out", depth)
 
 
-def _line_search(system, u, pressure, du, iteration, growth=2.0):
+def _line_search(system, u, pressure, du, iteration, growth=2.0, dampers=None):
     """Displacements and pressures after the longest of the steps 1, 1/2, ... that the residual stands, and its share.
 
-    No step moves a point by more than the leash: near an instability Newton points far away.
+    No step moves a point by more than the leash: near an instability Newton points far away. dampers: u -> their forces (n,).
     """
     change = system.pressure_change(u, pressure, du)
-    before = system.merit(u, pressure)
+    before = system.merit(u, pressure, dampers)
     tried = []
     longest = min(1.0, system.leash / max(np.abs(du).max(), 1e-300))
     for share in longest * np.array([1.0, 0.5, 0.25, 0.1, 0.02]):
-        merit = system.merit(u + share * du, pressure + share * change)
+        merit = system.merit(u + share * du, pressure + share * change, dampers)
         tried.append((merit, -share))
         if merit < (1.0 if iteration > 3 else growth) * before:
             break
@@ -246,10 +277,10 @@ class _System:
         cause = cause or f"residual still {size:.1e} of the contact force after {iteration + 1} iterations"
         return ConvergenceError(f"{cause} ({state}); try a coarser mesh or an edge radius", self.depth, iteration=iteration)
 
-    def damped(self, damping):
-        """The tangent with nodal dampers: shear modulus times size of the node's share of the body, times `damping`."""
+    def damped(self, dampers):
+        """The tangent with dampers (n,), mN/mm, at the dofs."""
         values = self.matrix.data.copy()
-        values[self.fixed.diagonal] += damping * self.load.material.shear_modulus * self.fixed.sizes
+        values[self.fixed.diagonal] += dampers
         return self.body.matrix(values)
 
     def assemble(self, u, pressure):
@@ -266,14 +297,16 @@ class _System:
         self.residual, self.matrix = residual, self.body.matrix(values)
         return np.linalg.norm(residual), np.linalg.norm(forces)
 
-    def merit(self, u, pressure):
-        """Norm of the residual at given pressures, infinite where an element is inverted."""
+    def merit(self, u, pressure, dampers=None):
+        """Norm of the residual at given pressures, with the forces of dampers (u -> (n,)); infinite where an element is inverted."""
         state = self.body.state(u, self.load.fibre)
         if not state.valid:
             return np.inf
         with np.errstate(all="ignore"):
             residual = self.body.residual(u, state, self.load.material, pressure, self.load.fibre)
         residual += self.contact.residual(self.contact.touch(u, self.depth, self.history, self.load.springs, False))
+        if dampers is not None:
+            residual += dampers(u)
         residual[self.fixed.dofs] = 0
         size = float(np.linalg.norm(residual))
         return size if np.isfinite(size) else np.inf
@@ -300,6 +333,7 @@ class _System:
             force=self.contact.force(self.touch),
             stiffness=self.contact.total(rate),
             penalty_error=self.contact.penalty_error(self.touch, rate, self.load.springs),
+            residual_error=float(self.residual @ direction),
             direction=direction,
             rate=rate,
             slopes=self.load.directions

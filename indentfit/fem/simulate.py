@@ -15,6 +15,7 @@ from indentfit.fem.element import Solid
 from indentfit.fem.mesh import quarter
 
 QUARTERS = 4
+SHARPER = 10.0  # contact springs where the traction is singular at the edge: soft ones let the edge slip where it should stick
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
@@ -24,7 +25,8 @@ FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 class TestResult:
     """One simulated test: its curve at the outputs asked for (full-sample force) and the facts of its solution.
 
-    penalty_error: share of the last force that the contact penalty takes away; edge_slip: largest motion of the material
+    penalty_error: share of the last force that the contact penalty takes away; residual_error: largest share of the force that
+    a step's unbalanced residual stands for; edge_slip: largest motion of the material
     under a sharp edge away from it, as a share of the indenter's half-width (0 where the edge is rounded);
     sensitivities: name -> dF/dname (n,) mN per unit, as asked for, None where the path could not be differentiated;
     last: the last equilibrium, for stresses and files (fem.fields).
@@ -141,6 +143,7 @@ class Model:
             **dict(zip(("factorizations", "solves", "krylov_iterations"), np.subtract(after, before).tolist(), strict=True)),
             "wall_seconds": time.perf_counter() - started,
             "penalty_error": path[-1].penalty_error / max(path[-1].force, 1e-300),
+            "residual_error": max(abs(point.residual_error) / point.force for point in path[1:]),
             "edge_slip": self._edge_slip(path[-1]),
             "touching": float(path[-1].touch.touching.mean()),
             "slipping": float(path[-1].touch.slipping.mean()),
@@ -180,7 +183,18 @@ class Model:
         moduli = material.moduli()
         young = moduli["E_along"] if angle == 90 else moduli["E_across"]
         stiffness = self.options.penalty * (material.shear_modulus + young / 3) / 2 / self.sample.thickness
-        return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
+        return Springs(NORMAL * stiffness, TANGENTIAL * stiffness).scaled(SHARPER if self._is_sharp() else 1.0)
+
+    def _is_sharp(self):
+        """Whether the indenter's edge is sharp, or its radius is too small for the mesh to tell."""
+        indenter = self.contact.indenter
+        if indenter.shape == "sphere" or not indenter.edge_radius:
+            return indenter.shape != "sphere"
+        half = (indenter.width if indenter.shape == "strip" else indenter.diameter) / 2
+        x, y, z = self.mesh.p
+        line = np.unique(z[(x < 1e-9 * half) & (y > self.sample.thickness * (1 - 1e-9))])
+        at = int(np.argmin(np.abs(line - half)))
+        return indenter.edge_radius < 1.99 * (line[at] - line[at - 1])  # the mesh has two elements along a radius it resolves
 
     def mesh_facts(self):
         return {
@@ -207,6 +221,7 @@ class Model:
             **{key: sum(test.facts[key] for test in tests) for key in totals},
             "setup_seconds": self.setup_seconds,
             "penalty_error": max(abs(test.facts["penalty_error"]) for test in tests),
+            "residual_error": max(test.facts["residual_error"] for test in tests),
             "edge_slip": max(test.facts["edge_slip"] for test in tests),
         }
 
