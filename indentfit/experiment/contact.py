@@ -1,0 +1,226 @@
+"""The contact point: the displacement at which the indenter first touches the sample, by published methods, with its uncertainty.
+
+`piecewise` (the default): baseline and a polynomial that leaves it at the contact point, by least squares (Rudoy et al. 2010, J R Stat
+Soc C 59:573; a flat punch needs degree 1, and a little of degree 2 for the tissue's stiffening). `threshold`: where the filtered force
+exceeds the baseline's mean by n standard deviations and stays there (Lin, Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such
+rules). `variance_ratio`: where the variance after a point most exceeds that before it (Gavara 2016, Sci Rep 6:21267).
+tests/campaigns/contact_point.py compares them on simulated records; by its evidence `piecewise` of degree 2 is the default.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matmul_toeplitz, solve_toeplitz
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
+from scipy.stats import norm
+
+from ..errors import RecordError
+from .loading import filtered, odd
+
+CONFIDENCE = 0.9  # of the interval that an uncertainty is half of
+DEGREE = 2
+MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
+BASELINE = 3.0  # ramps' durations of baseline that are looked at
+GRID = 80  # contact points tried before the search
+AR_ORDER = 12  # of the noise, at most
+TRIALS = 60  # simulated records behind the uncertainty of the methods without one of their own
+SIGMAS = 5.0  # threshold
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where contact begins: `displacement` of the record, mm, at sample `index`, and half of its 90 % interval, `uncertainty`, mm.
+
+    baseline (mN, at time 0 of the record) and drift (mN/s) are the force without contact; noise: standard deviation of the force about
+    the model, mN.
+    """
+
+    displacement: float
+    uncertainty: float
+    index: int
+    baseline: float
+    drift: float
+    noise: float
+    method: str
+
+
+def find_contact(ramp, method="piecewise"):
+    """The `Contact` of a Ramp by one of METHODS. Raises RecordError where the record shows no contact point."""
+    stretch = _stretch(ramp)
+    model = _fit(stretch, DEGREE)
+    _require_a_kink(ramp, stretch, model)
+    if method == "piecewise":
+        place, uncertainty = model.contact, norm.ppf((1 + CONFIDENCE) / 2) * model.stderr
+    else:
+        place = METHODS[method](stretch, stretch.force)
+        uncertainty = _uncertainty(stretch, model, METHODS[method], place)
+    behind = np.flatnonzero(ramp.displacement[: ramp.high] < place)
+    index = int(behind[-1]) + 1 if behind.size else 0
+    drift = float(model.coefficients[1]) if stretch.drifts else 0.0
+    return Contact(float(place), float(uncertainty), index, float(model.coefficients[0]), drift, float(np.std(model.residual)), method)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """The part of a record that a contact point is looked for in: baseline and loading, thinned to a few thousand samples.
+
+    time s, displacement (filtered) mm, force mN: (n,); half: sample with half of the force; length: of the filter, samples;
+    quiet: number of samples at the start that surely lie before contact; blur: standard error of the filtered displacement, mm.
+    """
+
+    time: np.ndarray
+    displacement: np.ndarray
+    force: np.ndarray
+    half: int
+    length: int
+    quiet: int
+    blur: float
+    drifts: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], powers), residual (n,), noise (see _noise)."""
+
+    contact: float
+    stderr: float
+    coefficients: np.ndarray
+    residual: np.ndarray
+    noise: tuple
+
+
+def _stretch(ramp):
+    record, samples = ramp.record, ramp.samples
+    first = max(0, round(ramp.low - (BASELINE + 0.5) * samples))
+    thin = max(1, -(-(ramp.stop - first) // MOST_SAMPLES))
+    part = slice(ramp.stop - (ramp.stop - first) // thin * thin, ramp.stop)
+    time, displacement, force = (
+        values[part].reshape(-1, thin).mean(axis=1) for values in (record.time, ramp.displacement, record.force)
+    )
+    low = (ramp.low - part.start) // thin
+    risen = np.flatnonzero(filtered(ramp.force[part], ramp.length) - ramp.rest >= 0.5 * ramp.peak)
+    half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
+    # a quadratic filter of m points has 9 / (4 m) of the variance in its middle
+    blur = 1.5 * np.std((record.displacement - ramp.displacement)[part]) / np.sqrt(ramp.length)
+    # in a shorter baseline, drift cannot be told from noise, and in so short a time it does no harm
+    drifts = low - 0.2 * samples / thin >= samples / thin
+    return _Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts))
+
+
+def _fit(stretch, degree):
+    """The _Model of least squares: the contact point by search, everything else linear."""
+    x = stretch.displacement
+    places = np.linspace(x.min(), x[stretch.half], GRID)
+    misfits = [_misfit(place, stretch, degree) for place in places]
+    best = int(np.argmin(misfits))
+    bounds = places[max(best - 1, 0)], places[min(best + 1, GRID - 1)]
+    place = minimize_scalar(_misfit, bounds=bounds, args=(stretch, degree), method="bounded", options={"xatol": 1e-5}).x
+    terms = _terms(place, stretch, degree)
+    coefficients = np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
+    residual = stretch.force - terms @ coefficients
+    noise = _noise(residual)
+    slopes = coefficients[-degree:]
+    beyond = np.maximum(x - place, 0.0)
+    by_place = -np.heaviside(x - place, 0.0) * sum(m * slope * beyond ** (m - 1) for m, slope in enumerate(slopes, start=1))
+    spread = _spread(np.column_stack([terms, by_place]), noise)
+    return _Model(float(place), float(np.hypot(np.sqrt(spread[-1, -1]), stretch.blur)), coefficients, residual, noise)
+
+
+def _terms(place, stretch, degree):
+    """Columns of the linear part (n, .): baseline, its drift where there is any, powers of the displacement beyond contact."""
+    beyond = np.maximum(stretch.displacement - place, 0.0)
+    drift = [stretch.time] if stretch.drifts else []
+    return np.column_stack([np.ones_like(beyond), *drift, *(beyond**m for m in range(1, degree + 1))])
+
+
+def _misfit(place, stretch, degree):
+    terms = _terms(place, stretch, degree)
+    residual = stretch.force - terms @ np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
+    return residual @ residual
+
+
+def _noise(residual):
+    """Local standard deviation (n,) and autocorrelation (n,) of a residual: an autoregressive process, its order by Akaike's criterion.
+
+    The load cell of a moving stage rings: such noise is neither white nor of one size, and errors that take it so are far too small.
+    """
+    n = residual.size
+    scale = np.sqrt(uniform_filter1d(residual**2, min(101, n), mode="nearest"))
+    unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
+    power = np.abs(np.fft.rfft(unit, 2 * n)) ** 2
+    moments = np.fft.irfft(power)[: AR_ORDER + 1] / n
+    best = min((_autoregression(moments, order, n) for order in range(min(AR_ORDER, n // 10) + 1)), key=lambda one: one[0])[1]
+    response = lfilter([1.0], np.append(1.0, -best), np.eye(1, 2 * n)[0])
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(response, 4 * n)) ** 2)[:n]
+    return scale, correlation / correlation[0], best
+
+
+def _autoregression(moments, order, n):
+    """Akaike's criterion and the coefficients of the Yule-Walker equations."""
+    weights = solve_toeplitz(moments[:order], moments[1 : order + 1]) if order else np.zeros(0)
+    variance = moments[0] - weights @ moments[1 : order + 1]
+    return n * np.log(max(variance, 1e-300)) + 2 * (order + 1), weights
+
+
+def _spread(jacobian, noise):
+    """Covariance of least-squares coefficients whose noise has a local size and an autocorrelation (sandwich)."""
+    scale, correlation, _ = noise
+    n, p = jacobian.shape
+    bread = np.linalg.pinv(jacobian.T @ jacobian)
+    sized = jacobian * scale[:, None]
+    return bread @ (sized.T @ matmul_toeplitz((correlation, correlation), sized)) @ bread * n / (n - p)
+
+
+def _require_a_kink(ramp, stretch, model):
+    """Refuse a force that changes at one rate all along: drift, or a record that begins in contact."""
+    straight = np.column_stack([np.ones_like(stretch.time), stretch.time])
+    rest = stretch.force - straight @ np.linalg.lstsq(straight, stretch.force, rcond=None)[0]
+    if rest @ rest < 2 * (model.residual @ model.residual) and model.contact - stretch.displacement.min() < 3 * model.stderr:
+        raise RecordError(
+            f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, as by drift or in contact "
+            "all along; start recording before contact, or remove the record"
+        )
+    if model.coefficients[-DEGREE:] @ (np.ptp(stretch.displacement) ** np.arange(1, DEGREE + 1)) <= 0:
+        raise RecordError(f"{ramp.record.name}: no contact point: the force does not rise with the displacement; check the channels")
+
+
+def _threshold(stretch, force):
+    """Displacement where the filtered force exceeds the baseline by 5 standard deviations, for a filter's length at least."""
+    smooth = filtered(force, stretch.length)
+    time, quiet = stretch.time, stretch.quiet
+    line = np.polyfit(time[:quiet], smooth[:quiet], 1 if stretch.drifts else 0)
+    above = smooth - np.polyval(line, time)
+    over = above > SIGMAS * max(float(np.std(above[:quiet])), 1e-9)
+    held = np.convolve(over, np.ones(stretch.length), "full")[stretch.length - 1 :] >= stretch.length - 0.5
+    return stretch.displacement[int(np.argmax(held))] if held.any() else stretch.displacement[stretch.half]
+
+
+def _variance_ratio(stretch, force):
+    """Displacement where the variance of the force in a window after it, over that in one before it, is largest."""
+    width = max(5, min(2 * stretch.length, stretch.quiet))
+    first, second = (np.concatenate([[0.0], np.cumsum((force - force[0]) ** power)]) for power in (1, 2))
+    mean, square = ((total[width:] - total[:-width]) / width for total in (first, second))
+    variance = np.maximum(square - mean**2, 0.0)
+    floor = 1e-6 * variance.max()
+    ratio = variance[width:] / (variance[:-width] + floor)
+    return stretch.displacement[width + int(np.argmax(ratio[: max(1, stretch.half - width)]))]
+
+
+def _uncertainty(stretch, model, method, place):
+    """Half of the 90 % interval of another method, mm: its error, bias and spread, on records simulated from the fitted model."""
+    scale, _, weights = model.noise
+    rng = np.random.default_rng(0)  # the same record gives the same answer
+    smooth = stretch.force - model.residual
+    white = rng.standard_normal((TRIALS, 200 + scale.size))
+    noise = lfilter([1.0], np.append(1.0, -weights), white, axis=1)[:, 200:]
+    noise *= scale / noise.std()
+    errors = [abs(method(stretch, smooth + one) - model.contact) for one in noise]
+    within = norm.ppf((1 + CONFIDENCE) / 2) * model.stderr
+    return max(float(np.quantile(errors, CONFIDENCE)), abs(place - model.contact)) + within
+
+
+METHODS = {"piecewise": None, "threshold": _threshold, "variance_ratio": _variance_ratio}
