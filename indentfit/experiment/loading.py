@@ -130,11 +130,15 @@ def noise_of(values):
 
 
 def _end(record, displacement, velocity, high, samples):
-    """Index behind the last sample of loading: from `high` on, the displacement first falls behind the ramp's line for good."""
+    """Index behind the last sample of loading: where the stage, once it has slowed down behind `high`, is deepest."""
     step = max(1, round(0.05 * samples))
     ahead = displacement[high + step :] - displacement[high : displacement.size - step]
     slow = np.flatnonzero(ahead < 0.3 * velocity * step * record.interval)
-    return int(high + slow[0] + 1) if slow.size else displacement.size
+    if not slow.size:
+        return displacement.size
+    begin = high + int(slow[0])
+    near = displacement[begin : begin + 3 * step]
+    return begin + int(np.argmax(near >= near.max() - 0.005 * velocity * samples * record.interval)) + 1
 
 
 def _longest_run(steady):
