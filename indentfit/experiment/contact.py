@@ -61,7 +61,9 @@ def find_contact(ramp, method="piecewise"):
     behind = np.flatnonzero(ramp.displacement[: ramp.high] < place)
     index = int(behind[-1]) + 1 if behind.size else 0
     drift = float(model.coefficients[1]) if stretch.drifts else 0.0
-    return Contact(float(place), float(uncertainty), index, float(model.coefficients[0]), drift, float(np.std(model.residual)), method)
+    return Contact(
+        float(place), float(uncertainty), index, float(model.coefficients[0]), drift, float(np.std(model.residual)), method
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +187,9 @@ def _require_a_kink(ramp, stretch, model):
             "all along; start recording before contact, or remove the record"
         )
     if model.coefficients[-DEGREE:] @ (np.ptp(stretch.displacement) ** np.arange(1, DEGREE + 1)) <= 0:
-        raise RecordError(f"{ramp.record.name}: no contact point: the force does not rise with the displacement; check the channels")
+        raise RecordError(
+            f"{ramp.record.name}: no contact point: the force does not rise with the displacement; check the channels"
+        )
 
 
 def _threshold(stretch, force):

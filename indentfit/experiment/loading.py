@@ -110,8 +110,10 @@ def _rise(record, force):
     peak = float(force.max())
     if peak < 8 * noise or peak < 0.5 * -float(force.min()):
         if -float(force.min()) > max(8 * noise, 2 * peak):
-            raise RecordError(f"{record.name}: the force falls to {force.min():.3g} mN under load; compression is positive, "
-                              "change record.force.sign")
+            raise RecordError(
+                f"{record.name}: the force falls to {force.min():.3g} mN under load; compression is positive, "
+                "change record.force.sign"
+            )
         raise RecordError(
             f"{record.name}: no contact: the force never rises clearly above its noise "
             f"(by {max(peak, 0):.3g} mN, noise {noise:.3g} mN); check the channel, or remove the record"
@@ -119,7 +121,9 @@ def _rise(record, force):
     high = int(np.argmax(force >= 0.8 * peak))
     below = np.flatnonzero(force[:high] < 0.2 * peak)
     if not below.size:
-        raise RecordError(f"{record.name}: no baseline: the force is there from the first sample on; start recording before contact")
+        raise RecordError(
+            f"{record.name}: no baseline: the force is there from the first sample on; start recording before contact"
+        )
     return int(below[-1]), high
 
 

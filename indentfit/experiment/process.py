@@ -10,28 +10,13 @@ from ..curve import Curve
 from ..errors import RecordError
 from .contact import Contact, find_contact
 from .loading import Ramp, constant_velocity, filtered, find_ramp
-from .record import Record
+from .record import Options, Record
 from .relaxation import Prony, fit_prony
 from .soundness import require_channels, require_whole
 from .stiffness import Line, Parabola, linear_fit, quadratic_fit, resampled
 
-STRAINS = (0.02, 0.05, 0.1)
 SHORTEST_HOLD = 2.0  # durations of the ramp, for a relaxation to be fitted
 PEAK_FILTER = 0.05  # of the ramp's duration: shorter than for the curve, not to cut the peak off, but longer than the rig rings
-
-
-@dataclass(frozen=True)
-class Options:
-    """How records are processed. contact: a method of `contact.METHODS`; points: of the curve; filter: length over the ramp's duration;
-
-    strains: of the thickness, at which forces are wanted; prony_terms: 1 to 3, None for as many as the record supports, 0 for none.
-    """
-
-    contact: str = "piecewise"
-    points: int = 25
-    filter: float = 0.1
-    strains: tuple[float, ...] = STRAINS
-    prony_terms: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +107,10 @@ def _forces(displacement, force, thickness, strains):
         return {}
     curve = resampled(displacement, force, 400)
     inside = [strain for strain in strains if strain * thickness <= curve.displacement[-1] * (1 + 1e-3)]
-    return {strain: float(np.interp(strain * thickness, np.append(0, curve.displacement), np.append(0, curve.force))) for strain in inside}
+    return {
+        strain: float(np.interp(strain * thickness, np.append(0, curve.displacement), np.append(0, curve.force)))
+        for strain in inside
+    }
 
 
 def _relaxation(ramp, unfiltered, contact, terms):

@@ -18,7 +18,31 @@ WORDS = {  # how vendors' headers begin
     "displacement": ("displacement", "disp", "position", "extension", "stroke", "indentation", "weg", "位移"),
     "force": ("force", "load", "kraft", "力", "载荷"),
 }
-UNITS = ("nm", "um", "µm", "μm", "mm", "cm", "m", "in", "uN", "µN", "μN", "mN", "cN", "N", "kN", "gf", "kgf", "lbf", "ms", "s", "min", "mV", "V")
+UNITS = (
+    "nm",
+    "um",
+    "µm",
+    "μm",
+    "mm",
+    "cm",
+    "m",
+    "in",
+    "uN",
+    "µN",
+    "μN",
+    "mN",
+    "cN",
+    "N",
+    "kN",
+    "gf",
+    "kgf",
+    "lbf",
+    "ms",
+    "s",
+    "min",
+    "mV",
+    "V",
+)
 ALIASES = {"g": "gf", "kg": "kgf", "sec": "s", "μm": "um", "µm": "um", "μN": "uN", "µN": "uN"}
 ELECTRIC = ("V", "mV")
 FEWEST = 50  # samples of a record
@@ -65,7 +89,11 @@ def _column(path, table, name, channel):
     if len(found) == 1:
         return found[0]
     known = "; ".join(f"{n + 1}: {' '.join(reversed(labels[n])) or 'no header'}" for n in range(width))
-    what = f"record.{name}.column = {wanted!r}: {len(found) or 'no'} such columns" if wanted else f"{len(found) or 'no'} columns of {name}"
+    what = (
+        f"record.{name}.column = {wanted!r}: {len(found) or 'no'} such columns"
+        if wanted
+        else f"{len(found) or 'no'} columns of {name}"
+    )
     raise RecordError(f"{path}: {what}; give record.{name}.column, a name or a number of: {known}")
 
 
@@ -86,7 +114,9 @@ def _bare(label):
 def _unit(table, place):
     """The unit that a column's header gives: in brackets, after an underline, a comma or a slash, or in a row of its own; or None."""
     for label in table.labels(place):
-        candidates = re.findall(r"[\[(（]\s*([^\])）]*?)\s*[\])）]", label) + re.findall(r"(?:_|,\s*|/\s*|\s)([^\W\d]+)$", label) + [label]
+        candidates = (
+            re.findall(r"[\[(（]\s*([^\])）]*?)\s*[\])）]", label) + re.findall(r"(?:_|,\s*|/\s*|\s)([^\W\d]+)$", label) + [label]
+        )
         for text in candidates:
             unit = ALIASES.get(text, text)
             if unit in UNITS:

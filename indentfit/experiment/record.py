@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import RecordError
 
 CHANNELS = ("time", "displacement", "force")
+STRAINS = (0.02, 0.05, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,3 +69,16 @@ class Layout:
     skip_rows: int = 0
     sheet: str | int | None = None
     encoding: str | None = None
+
+
+@dataclass(frozen=True)
+class Options:
+    """How records are processed. contact: a method of `contact.METHODS`; points: of the curve; filter: its length over
+    the ramp's duration; strains: of the thickness, at which forces are wanted; prony_terms: 1 to 3, None for as many as the record supports, 0 for none.
+    """
+
+    contact: str = "piecewise"
+    points: int = 25
+    filter: float = 0.1
+    strains: tuple[float, ...] = STRAINS
+    prony_terms: int | None = None

@@ -28,7 +28,12 @@ LOOKED_AT = 400  # lines that the first row of numbers may come after
 MISSING = ("", "nan", "na", "n/a", "null")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.ASCII | re.IGNORECASE)
 COMMA_NUMBER = re.compile(r"[-+]?(\d+(,\d+)?|,\d+)([eE][-+]?\d+)?", re.ASCII)
-FORMS = [(separator, number) for separator in ("\t", ";", ",", None) for number in (NUMBER, COMMA_NUMBER) if (separator, number) != (",", COMMA_NUMBER)]
+FORMS = [
+    (separator, number)
+    for separator in ("\t", ";", ",", None)
+    for number in (NUMBER, COMMA_NUMBER)
+    if (separator, number) != (",", COMMA_NUMBER)
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +170,10 @@ def _workbook(path, skip_rows, sheet):
     if first is None:
         raise RecordError(f"{path}: no row of numbers in the sheet; give record.sheet, or store numbers as numbers, not as text")
     values = [
-        [float(cell) if numeric else _cell(f"{path}: row {n}", cell, wanted) for cell, numeric, wanted in zip(row, kind, kinds[first], strict=True)]
+        [
+            float(cell) if numeric else _cell(f"{path}: row {n}", cell, wanted)
+            for cell, numeric, wanted in zip(row, kind, kinds[first], strict=True)
+        ]
         for n, (row, kind) in enumerate(zip(rows[first:], kinds[first:], strict=True), start=first + 1)
     ]
     header = [[str(cell).strip() for cell in row] for row in rows[skip_rows:first] if any(cell != "" for cell in row)]
@@ -183,7 +191,9 @@ def _sheet(path, sheet):
     try:
         from python_calamine import CalamineError, CalamineWorkbook
     except ImportError:
-        raise RecordError(f"{path}: workbooks need another package; pip install 'indentfit[xlsx]', or export the record as CSV") from None
+        raise RecordError(
+            f"{path}: workbooks need another package; pip install 'indentfit[xlsx]', or export the record as CSV"
+        ) from None
     try:
         book = CalamineWorkbook.from_path(path)
         names = book.sheet_names
