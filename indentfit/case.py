@@ -306,7 +306,7 @@ class Record(Section):
     contact: Literal["piecewise", "threshold", "variance_ratio"] = Field(default="piecewise", description="method of the contact point")
     filter: Annotated[float, Field(gt=0, le=0.3)] = Field(default=0.1, description="length of the filter over the ramp's duration")
     points: int = Field(default=25, ge=5, le=10_000, description="points of a curve")
-    prony_terms: Annotated[int, Field(ge=0, le=3)] | None = Field(default=None, description="terms of the Prony series, 0 to 3")
+    prony_terms: Literal[0, 1, 2, 3, "auto"] = Field(default=2, description='terms of the Prony series, 0 to 3, or "auto"')
 
     @property
     def layout(self):

@@ -1,26 +1,28 @@
 """Stress relaxation: the force of a hold as a Prony series, the ramp before it taken into account.
 
-For a linear quasi-static response with relaxation G(t) / G0 = 1 - sum g_i (1 - exp(-t / tau_i)) and a ramp of duration T at constant
-rate, the force a time t after the ramp's end is F0 [1 - sum g_i (1 - (tau_i / T) (1 - exp(-T / tau_i)) exp(-t / tau_i))], with F0 the force that
-an infinitely fast ramp would have reached (Boltzmann's integral over the ramp).
+With the relaxation G(t) / G0 = 1 - sum g_i (1 - exp(-t / tau_i)) and a ramp of duration T at constant rate, the force at a time t
+after the ramp's end is F0 [1 - sum g_i (1 - (tau_i / T) (1 - exp(-T / tau_i)) exp(-t / tau_i))], F0 being the force that an
+infinitely fast ramp would have reached (Boltzmann's integral over the ramp). What relaxes within the ramp cannot be told from the
+hold after it, and gels relax over many decades of time: more terms find a higher G0, so `by_terms` gives the ratio for each number.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
 BINS = 240  # times that a hold is averaged to, at equal steps of their logarithm
 MOST_TERMS = 3
+SETTLING = 0.5  # durations of the ramp after its end in which the rig rings: left out
 
 
 @dataclass(frozen=True)
 class Prony:
     """instantaneous: F0 in mN; shares: g_i, of G0; times: tau_i in s; each with standard errors; ratio: Ginf / G0 and its error.
 
-    rmse: of the averaged hold, mN; bic: Schwarz's criterion, by which the number of terms is chosen.
+    rmse: of the averaged hold, mN; bic: Schwarz's criterion; ramp: its duration, s; by_terms: number of terms -> ratio.
     """
 
     instantaneous: float
@@ -34,36 +36,35 @@ class Prony:
     rmse: float
     bic: float
     ramp: float
+    by_terms: dict[int, float] = field(default_factory=dict)
 
     def force(self, time):
         """Force at times (n,) s after the end of the ramp, mN."""
         return _force(np.asarray(time, dtype=float), self.instantaneous, self.shares, self.times, self.ramp)
 
 
-def fit_prony(time, force, ramp, terms=None):
+def fit_prony(time, force, ramp, terms=2):
     """`Prony` of a hold: time (n,) s from the end of the ramp, force (n,) mN, ramp: its duration, s.
 
-    terms: 1 to 3, or None for the number of least Bayesian information criterion. Raises ValueError where the hold cannot be fitted.
+    terms: 1 to 3, or "auto" for the number of least Bayesian information criterion. Raises ValueError where the hold is too short.
     """
-    if terms is not None and not 1 <= terms <= MOST_TERMS:
+    if terms != "auto" and terms not in range(1, MOST_TERMS + 1):
         raise ValueError(f"a Prony series of {terms} terms; 1 to {MOST_TERMS} are possible")
-    averaged = _averaged(np.asarray(time, dtype=float), np.asarray(force, dtype=float))
-    if averaged[0].size < 12:
-        raise ValueError("the hold is too short for a Prony series")
-    fits = [_fit(*averaged, ramp, n) for n in ([terms] if terms else range(1, MOST_TERMS + 1))]
-    return min(fits, key=lambda fit: fit.bic)
+    time, force = np.asarray(time, dtype=float), np.asarray(force, dtype=float)
+    settled = time > SETTLING * ramp
+    if np.count_nonzero(settled) < 50 or time[-1] < 2 * ramp:
+        raise ValueError(f"a hold of {time[-1]:.3g} s after a ramp of {ramp:.3g} s is too short for a Prony series")
+    averaged = _averaged(time[settled], force[settled])
+    fits = {n: _fit(*averaged, ramp, n) for n in range(1, MOST_TERMS + 1)}
+    chosen = min(fits.values(), key=lambda fit: fit.bic) if terms == "auto" else fits[terms]
+    return replace(chosen, by_terms={n: fit.ratio for n, fit in fits.items()})
 
 
 def _averaged(time, force):
-    """Means of time and force (m,) in bins of equal ratio, and the standard error of each mean, mN."""
-    after = time > 0
-    time, force = time[after], force[after]
+    """Means of time and force (m,) in bins of equal ratio."""
     edges = np.unique(np.searchsorted(time, np.geomspace(time[0], time[-1], BINS)))
     counts = np.diff(np.append(edges, time.size))
-    edges, counts = edges[counts > 0], counts[counts > 0]
-    means = np.add.reduceat(force, edges) / counts
-    spread = np.std(np.diff(force)) / np.sqrt(2)
-    return np.add.reduceat(time, edges) / counts, means, np.maximum(spread, 1e-6 * np.ptp(force)) / np.sqrt(counts)
+    return np.add.reduceat(time, edges) / counts, np.add.reduceat(force, edges) / counts
 
 
 def _force(time, instantaneous, shares, times, ramp):
@@ -71,10 +72,10 @@ def _force(time, instantaneous, shares, times, ramp):
     return instantaneous * (1 - lost)
 
 
-def _fit(time, force, error, ramp, terms):
+def _fit(time, force, ramp, terms):
     """Bounded least squares in F0, the shares and the logarithms of the times; equal weights in logarithmic time."""
-    shortest, longest = max(time[0], 0.1 * ramp), 2 * time[-1]
-    starts = np.geomspace(max(shortest, 3 * time[0]), longest / 6, terms + 2)[1:-1]
+    shortest, longest = ramp, 2 * time[-1]  # the ramp hides what is faster
+    starts = np.geomspace(shortest, longest / 6, terms + 2)[1:-1]
     start = np.concatenate([[force[0]], np.full(terms, 0.5 * (1 - force[-1] / force[0]) / terms + 1e-3), np.log(starts)])
     low = np.concatenate([[0.1 * force.max()], np.zeros(terms), np.full(terms, np.log(shortest))])
     high = np.concatenate([[10 * force.max()], np.ones(terms), np.full(terms, np.log(longest))])
