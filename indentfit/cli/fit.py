@@ -20,13 +20,19 @@ from .progress import progress
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-result.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, overrides, method, workers, seed, output, overwrite, as_json):
+@click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
+def command(case, overrides, method, workers, seed, output, overwrite, as_json, per_sample):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
     """
     options = {"method": method, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
+    if per_sample:
+        from . import per_sample as samples  # not for every fit
+
+        samples.run(case, overrides, output, overwrite, as_json, _write_into)
+        return
     read = read_case(case, overrides)
     require_fittable(read)
     output = output or f"{read.path.resolve().parent.name or 'case'}-result"
@@ -43,15 +49,20 @@ def command(case, overrides, method, workers, seed, output, overwrite, as_json):
 
 def _write(path, overwrite, case, result):
     """The result folder; returns what its result.json holds."""
+    with result_folder(path, overwrite) as folder:
+        return _write_into(folder, case, result)
+
+
+def _write_into(folder, case, result):
+    """The files of a result, into a folder; returns what its result.json holds."""
     from ..report.plots import force_displacement  # matplotlib is slow to import
 
     measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
-    with result_folder(path, overwrite) as folder:
-        again = copy_case(case, folder)
-        written = {**result.as_json(), "overrides": list(again)}
-        write_json(folder / "result.json", written)
-        write_curves(folder / "curves.csv", result.curves, measured)
-        force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
+    again = copy_case(case, folder)
+    written = {**result.as_json(), "overrides": list(again)}
+    write_json(folder / "result.json", written)
+    write_curves(folder / "curves.csv", result.curves, measured)
+    force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
     return written
 
 

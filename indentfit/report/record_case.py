@@ -1,6 +1,5 @@
 """A case made of a set of replicates: the mean curve of each direction, and the table of the samples' own curves."""
 
-import csv
 import tomllib
 from pathlib import Path
 
@@ -9,10 +8,9 @@ import tomli_w
 
 from ..curve import write_curve
 from ..errors import OutputError
+from ..experiment.samples import TABLE, write_samples
 
 NAMES = {0: "parallel", 90: "perpendicular"}
-TABLE = "replicates.csv"
-COLUMNS = ("sample", "direction", "curve", "thickness_mm", "diameter_mm")
 HEAD = """\
 # Made by `indentfit process --case`: mean curves of {n} records, to their common depth. Thickness and diameter are the means of
 # the manifest's; {origin}
@@ -45,7 +43,8 @@ def write_case(folder, base, text, outcomes, curves, means, targets):
         tree["test"].append({"name": NAMES[direction], "angle": direction, "curve": place})
     origin = f"everything else is that of {base}." if base else "everything else is `indentfit init`'s: SET IT TO YOUR EXPERIMENT."
     (folder / "case.toml").write_text(HEAD.format(n=len(good), origin=origin) + "\n" + tomli_w.dumps(tree), encoding="utf-8")
-    _write_table(folder / TABLE, good, curves)
+    rows = [(one.entry.sample, one.entry.direction, curves[one.name], one.entry.thickness, one.entry.diameter) for one in good]
+    write_samples(folder / TABLE, rows)
     return warnings
 
 
@@ -60,12 +59,3 @@ def _take_lengths(tree, good):
             sample[key] = float(np.round(np.mean(lengths), 6))
         else:
             yield f"the manifest does not give every {key}; sample.{key} = {sample.get(key)} of the case is kept"
-
-
-def _write_table(path, good, curves):
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(COLUMNS)
-        for one in good:
-            lengths = ["" if length is None else f"{length:.10g}" for length in (one.entry.thickness, one.entry.diameter)]
-            table.writerow([one.entry.sample, one.entry.direction, curves[one.name], *lengths])
