@@ -3,8 +3,9 @@
     python cases/rig_records/make_records.py            # records/ and truth.csv, one sample, as shipped
     python cases/rig_records/make_records.py --all DIR  # 12 samples in two directions with the paper's means and spread
 
-The elastic curves are those of indentfit's own forward model at the parameters of Feng et al. 2017, scaled to each sample's stiffness
-at the rig's velocity (the force is linear in mu); indentfit.experiment.rig adds approach, ramp, hold, relaxation, drift, vibration and the converter's steps.
+The elastic curves are those of indentfit's own forward model at the parameters of Feng et al. 2017, scaled to each sample's
+stiffness at the rig's velocity (the force is linear in mu); indentfit.experiment.rig adds approach, ramp, hold, relaxation, drift,
+vibration and the converter's steps.
 """
 
 import argparse
