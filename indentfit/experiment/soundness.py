@@ -72,15 +72,18 @@ def _require_no_gap(ramp):
 
 
 def _require_no_jump(ramp):
+    """Samples missing without a trace in time: the displacement leaps."""
     record, steps = ramp.record, 5
-    moved = record.displacement[steps : ramp.stop] - record.displacement[: ramp.stop - steps]
-    moved = moved[max(0, ramp.low - steps) :]
-    noise = 1.4826 * np.median(np.abs(moved - np.median(moved)))
-    depth = ramp.displacement[ramp.stop - 1] - ramp.displacement[ramp.low]
+    begin = max(0, ramp.low - steps)
+    part = record.displacement[begin : ramp.stop]
+    moved = part[steps:] - part[:-steps]
     beyond = np.abs(moved - np.median(moved))
+    changes = np.abs(np.diff(part))
+    resolution = float(changes[changes > 0].min(initial=np.inf))
+    noise = max(1.4826 * float(np.median(beyond)), resolution if np.isfinite(resolution) else 0.0)
     worst = int(np.argmax(beyond))
-    if beyond[worst] > max(8 * noise, JUMP * depth):
+    if beyond[worst] > max(8 * noise, JUMP * np.ptp(part)):
         raise RecordError(
             f"{record.name}: the displacement jumps by {moved[worst]:.3g} mm within {steps} samples at "
-            f"{record.time[max(0, ramp.low - steps) + worst]:.4g} s: samples are missing or wrong; repeat the record, or remove it"
+            f"{record.time[begin + worst]:.4g} s: samples are missing or wrong; repeat the record, or remove it"
         )

@@ -106,7 +106,7 @@ def _from_text(path, text, skip_rows):
         raise RecordError(f"{path}: the file is empty; it needs columns of displacement and force")
     rows = [line if line.strip() else None for line in lines[: skip_rows + LOOKED_AT]]
     fits = ((_first_numbers(rows, skip_rows, separator, number), separator, number) for separator, number in FORMS)
-    first, separator, number = min(fits, key=lambda one: one[0])  # the first of equals
+    (first, _), separator, number = min(fits, key=lambda one: one[0])  # the first of equals
     if first == np.inf:
         raise RecordError(f"{path}: no rows of numbers within {LOOKED_AT} lines; export columns of text, or give record.skip_rows")
     header = [_cells(row, separator) for row in rows[skip_rows:first] if row]
@@ -118,14 +118,17 @@ def _from_text(path, text, skip_rows):
 
 
 def _first_numbers(rows, skip_rows, separator, number):
-    """Index of the first row of numbers, read with a separator and a form of numbers; infinite where there is none."""
+    """Index of the first row of numbers, read with a separator and a form of numbers, and how many of its cells are none.
+
+    The index is infinite where there is no such row.
+    """
     kinds = [tuple(bool(number.fullmatch(cell)) for cell in _cells(row, separator)) for row in rows if row is not None]
     places = [n for n, row in enumerate(rows) if row is not None]
     for n, (place, kind) in enumerate(zip(places, kinds, strict=True)):
         following = kinds[n : n + 20]
         if place >= skip_rows and sum(kind) >= 2 and following.count(kind) >= 0.8 * len(following):
-            return place
-    return np.inf
+            return place, kind.count(False)
+    return np.inf, 0
 
 
 def _cells(row, separator):
