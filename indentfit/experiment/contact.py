@@ -12,21 +12,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import matmul_toeplitz, solve_toeplitz
-from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 from scipy.stats import norm
 
 from ..errors import RecordError
-from .loading import filtered, odd
+from .loading import filtered, noise_of, odd
+from .noise import Noise, covariance, noise_in
 
 CONFIDENCE = 0.9  # of the interval that an uncertainty is half of
 DEGREE = 2
 MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
 BASELINE = 3.0  # ramps' durations of baseline that are looked at
 GRID = 80  # contact points tried before the search
-AR_ORDER = 12  # of the noise, at most
 TRIALS = 60  # simulated records behind the uncertainty of the methods without one of their own
 SIGMAS = 5.0  # threshold
 
@@ -86,13 +84,13 @@ class _Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], powers), residual (n,), noise (see _noise)."""
+    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], powers), residual (n,), and its noise."""
 
     contact: float
     stderr: float
     coefficients: np.ndarray
     residual: np.ndarray
-    noise: tuple
+    noise: Noise
 
 
 def _stretch(ramp):
@@ -106,8 +104,8 @@ def _stretch(ramp):
     low = (ramp.low - part.start) // thin
     risen = np.flatnonzero(filtered(ramp.force[part], ramp.length) - ramp.rest >= 0.5 * ramp.peak)
     half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
-    # a quadratic filter of m points has 9 / (4 m) of the variance in its middle
-    blur = 1.5 * np.std((record.displacement - ramp.displacement)[part]) / np.sqrt(ramp.length)
+    # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise; vibration it averages out
+    blur = 1.5 * noise_of(record.displacement[part]) / np.sqrt(ramp.length)
     # in a shorter baseline, drift cannot be told from noise, and in so short a time it does no harm
     drifts = low - 0.2 * samples / thin >= samples / thin
     return _Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts))
@@ -124,11 +122,11 @@ def _fit(stretch, degree):
     terms = _terms(place, stretch, degree)
     coefficients = np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
     residual = stretch.force - terms @ coefficients
-    noise = _noise(residual)
+    noise = noise_in(residual)
     slopes = coefficients[-degree:]
     beyond = np.maximum(x - place, 0.0)
     by_place = -np.heaviside(x - place, 0.0) * sum(m * slope * beyond ** (m - 1) for m, slope in enumerate(slopes, start=1))
-    spread = _spread(np.column_stack([terms, by_place]), noise)
+    spread = covariance(np.column_stack([terms, by_place]), noise)
     return _Model(float(place), float(np.hypot(np.sqrt(spread[-1, -1]), stretch.blur)), coefficients, residual, noise)
 
 
@@ -143,38 +141,6 @@ def _misfit(place, stretch, degree):
     terms = _terms(place, stretch, degree)
     residual = stretch.force - terms @ np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
     return residual @ residual
-
-
-def _noise(residual):
-    """Local standard deviation (n,) and autocorrelation (n,) of a residual: an autoregressive process, its order by Akaike's criterion.
-
-    The load cell of a moving stage rings: such noise is neither white nor of one size, and errors that take it so are far too small.
-    """
-    n = residual.size
-    scale = np.sqrt(uniform_filter1d(residual**2, min(101, n), mode="nearest"))
-    unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
-    power = np.abs(np.fft.rfft(unit, 2 * n)) ** 2
-    moments = np.fft.irfft(power)[: AR_ORDER + 1] / n
-    best = min((_autoregression(moments, order, n) for order in range(min(AR_ORDER, n // 10) + 1)), key=lambda one: one[0])[1]
-    response = lfilter([1.0], np.append(1.0, -best), np.eye(1, 2 * n)[0])
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(response, 4 * n)) ** 2)[:n]
-    return scale, correlation / correlation[0], best
-
-
-def _autoregression(moments, order, n):
-    """Akaike's criterion and the coefficients of the Yule-Walker equations."""
-    weights = solve_toeplitz(moments[:order], moments[1 : order + 1]) if order else np.zeros(0)
-    variance = moments[0] - weights @ moments[1 : order + 1]
-    return n * np.log(max(variance, 1e-300)) + 2 * (order + 1), weights
-
-
-def _spread(jacobian, noise):
-    """Covariance of least-squares coefficients whose noise has a local size and an autocorrelation (sandwich)."""
-    scale, correlation, _ = noise
-    n, p = jacobian.shape
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
-    sized = jacobian * scale[:, None]
-    return bread @ (sized.T @ matmul_toeplitz((correlation, correlation), sized)) @ bread * n / (n - p)
 
 
 def _require_a_kink(ramp, stretch, model):
@@ -216,7 +182,7 @@ def _variance_ratio(stretch, force):
 
 def _uncertainty(stretch, model, method, place):
     """Half of the 90 % interval of another method, mm: its error, bias and spread, on records simulated from the fitted model."""
-    scale, _, weights = model.noise
+    scale, weights = model.noise.scale, model.noise.weights
     rng = np.random.default_rng(0)  # the same record gives the same answer
     smooth = stretch.force - model.residual
     white = rng.standard_normal((TRIALS, 200 + scale.size))

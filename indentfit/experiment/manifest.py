@@ -120,7 +120,7 @@ def _entry(path, row, number, places, factors):
         if not cells[name]:
             continue
         try:
-            value = float(cells[name].replace(",", ".")) * factor
+            value = float(f"{float(cells[name].replace(',', '.')) * factor:.15g}")  # 3300 um is 3.3 mm and not a bit more
         except ValueError:
             value = float("nan")
         if not 0 < value < float("inf"):

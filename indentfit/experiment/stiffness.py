@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 
 from ..curve import Curve
+from .noise import covariance, noise_in
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,12 @@ class Parabola:
 
 
 def linear_fit(displacement, force):
-    """The `Line` of least squares through samples (n,), mm and mN; its standard error takes the noise as correlated (see `correlated`)."""
+    """The `Line` of least squares through samples (n,), mm and mN; its standard error takes the noise as correlated."""
     x = displacement - displacement.mean()
     slope = x @ force / (x @ x)
     intercept = force.mean() - slope * displacement.mean()
     residual = force - slope * displacement - intercept
-    stderr = correlated(np.column_stack([np.ones_like(x), x]), residual)[1]
+    stderr = _errors(np.column_stack([np.ones_like(x), x]), residual)[1]
     return Line(float(slope), float(stderr), float(intercept), _r_squared(force, residual), x.size)
 
 
@@ -48,27 +49,8 @@ def quadratic_fit(displacement, force):
     coefficients = np.linalg.lstsq(terms, force, rcond=None)[0]
     residual = force - terms @ coefficients
     curvature, slope = (float(one) for one in coefficients)
-    errors = correlated(terms, residual)
+    errors = _errors(terms, residual)
     return Parabola(curvature, slope, float(errors[0]), float(errors[1]), _r_squared(force, residual))
-
-
-def correlated(terms, residual):
-    """Standard errors (p,) of least-squares coefficients of columns (n, p), where neighbouring residuals (n,) are alike.
-
-    Newey and West 1987 (Econometrica 55:703), with Bartlett weights over as many neighbours as the residual stays correlated.
-    """
-    n, p = terms.shape
-    bread = np.linalg.pinv(terms.T @ terms)
-    power = np.abs(np.fft.rfft(residual, 2 * n)) ** 2
-    covariance = np.fft.irfft(power)[:n]
-    small = np.flatnonzero(covariance < 0.1 * covariance[0])
-    reach = min(int(small[0]) * 3 if small.size else n // 4, n // 4) if covariance[0] > 0 else 0
-    scores = terms * residual[:, None]
-    meat = scores.T @ scores
-    for lag in range(1, reach + 1):
-        shifted = (1 - lag / (reach + 1)) * scores[lag:].T @ scores[:-lag]
-        meat += shifted + shifted.T
-    return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0) * n / max(n - p, 1))
 
 
 def resampled(displacement, force, points, depth=None):
@@ -85,6 +67,13 @@ def resampled(displacement, force, points, depth=None):
     if place[0] > 0:
         place, mean = np.append(0.0, place), np.append(0.0, mean)
     return Curve(at, np.interp(at, place, mean))
+
+
+def _errors(terms, residual):
+    """Standard errors (p,) of least-squares coefficients of columns (n, p)."""
+    if np.ptp(residual) <= 1e-12 * max(1.0, np.abs(terms).max()):
+        return np.zeros(terms.shape[1])
+    return np.sqrt(np.maximum(np.diag(covariance(terms, noise_in(residual))), 0.0))
 
 
 def _r_squared(force, residual):
