@@ -280,7 +280,9 @@ class RecordChannel(Section):
     """How a column of a raw record becomes a quantity: sign * gain * value + offset, in `unit`."""
 
     column: Annotated[int, Field(ge=1)] | Line | None = Field(default=None, description="name of the column, or its number from 1")
-    gain: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(default=None, description="`unit` per unit of the column")
+    gain: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="`unit` per unit of the column"
+    )
     sign: Literal[1, -1] = Field(default=1, description="-1 where the column falls under load")
     offset: Finite = Field(default=0.0, description="added after the gain, in `unit`")
     unit: Line | None = Field(default=None, description="unit of the quantity; by default that of the column's header")
@@ -303,7 +305,9 @@ class Record(Section):
     skip_rows: int = Field(default=0, ge=0, description="rows before the table, beyond a header")
     sheet: Annotated[int, Field(ge=1)] | Line | None = Field(default=None, description="sheet of a workbook, name or number")
     encoding: Line | None = Field(default=None, description="encoding, where it cannot be told: utf-8, utf-16, gbk, latin-1")
-    contact: Literal["piecewise", "threshold", "variance_ratio"] = Field(default="piecewise", description="method of the contact point")
+    contact: Literal["piecewise", "threshold", "variance_ratio"] = Field(
+        default="piecewise", description="method of the contact point"
+    )
     filter: Annotated[float, Field(gt=0, le=0.3)] = Field(default=0.1, description="length of the filter over the ramp's duration")
     points: int = Field(default=25, ge=5, le=10_000, description="points of a curve")
     prony_terms: Literal[0, 1, 2, 3, "auto"] = Field(default=2, description='terms of the Prony series, 0 to 3, or "auto"')

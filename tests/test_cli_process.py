@@ -42,7 +42,14 @@ def manifest(tmp_path):
             rig = Rig(hold=0.3, noise=Noise(vibration=(0.1, 0.001)))
             record, _ = rig.run(Curve(d, slope * (1 + 0.1 * n) * d), rng)
             table = np.column_stack([record.time, record.displacement, record.force])
-            np.savetxt(tmp_path / f"{n}_{direction}.csv", table, delimiter=",", header="time_s,displacement_mm,force_mN", comments="", fmt="%.4f")
+            np.savetxt(
+                tmp_path / f"{n}_{direction}.csv",
+                table,
+                delimiter=",",
+                header="time_s,displacement_mm,force_mN",
+                comments="",
+                fmt="%.4f",
+            )
             rows.append(f"S{n},{direction},{n}_{direction}.csv,{3 + 0.1 * n:g},14")
     rows.append("S9,0,lost.csv,3,14")
     (tmp_path / "manifest.csv").write_text("\n".join(rows) + "\n")
@@ -55,7 +62,12 @@ def test_a_raw_record_becomes_a_curve_a_table_figures_and_a_page(tmp_path):
     assert "written     out" in result.stdout
     files = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*") if path.is_file()}
     assert files == {
-        "curves/S1_parallel.csv", "figures/S1_parallel.svg", "figures/S1_parallel.png", "stiffness.csv", "summary.json", "report.html",
+        "curves/S1_parallel.csv",
+        "figures/S1_parallel.svg",
+        "figures/S1_parallel.png",
+        "stiffness.csv",
+        "summary.json",
+        "report.html",
     }
     (row,) = csv.DictReader((tmp_path / "out" / "stiffness.csv").read_text().splitlines())
     true = TRUTH["0"]
@@ -89,7 +101,11 @@ def test_a_calibration_can_be_given_by_set():
     keys = ["record.rate=1000", "record.displacement={gain=6,sign=-1}", "record.force.gain=24", "record.force.sign=-1"]
     result = run(RECORD, *(word for key in keys for word in ("--set", key)), "--no-figures", "-o", "out")
     assert result.exit_code == 0, result.stderr
-    for key, text in (("record.force.gian=1", "did you mean gain"), ("sample.thickness=1", "only keys of [record]"), ("record.rate=-1", "above 0")):
+    for key, text in (
+        ("record.force.gian=1", "did you mean gain"),
+        ("sample.thickness=1", "only keys of [record]"),
+        ("record.rate=-1", "above 0"),
+    ):
         result = run(RECORD, "--set", key, "-o", "other")
         assert result.exit_code == 2 and text in result.stderr
 
@@ -139,7 +155,13 @@ def test_the_page_is_one_file_with_every_text_escaped(manifest):
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["--manifest", "m.csv", "x.csv"], ["x.csv", "--case"], ["x.csv", "--base", "c"], ["-m", "m.csv", "--case", "--target", "45=mean"]],
+    [
+        [],
+        ["--manifest", "m.csv", "x.csv"],
+        ["x.csv", "--case"],
+        ["x.csv", "--base", "c"],
+        ["-m", "m.csv", "--case", "--target", "45=mean"],
+    ],
 )
 def test_options_that_do_not_go_together_are_refused(arguments):
     assert run(*arguments).exit_code == 2
@@ -163,7 +185,7 @@ def test_the_hash_of_a_case_is_that_of_its_curves_wherever_they_come_from(tmp_pa
     named = read_case(CASE / "case.toml")
     for test, curve in zip(named.tests, named.curves, strict=True):
         write_curve(tmp_path / f"{test.name}.csv", curve)
-    keys = [f"test.{test.name}.curve={json.dumps(str(tmp_path / test.name))[:-1]}.csv\"" for test in named.tests]
+    keys = [f'test.{test.name}.curve={json.dumps(str(tmp_path / test.name))[:-1]}.csv"' for test in named.tests]
     assert read_case(CASE / "case.toml", keys).hash == named.hash
     assert read_case(CASE / "case.toml", ["record.force.gain=25"]).hash != named.hash
 
@@ -243,7 +265,7 @@ def test_a_case_made_from_a_manifest_goes_straight_into_fit(made):
 
 
 def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
-    """Weights leave the 0-degree curve: mu of samples with k = 1, 1.1, 1.2 rises with k, each what a fit of its curve alone gives."""
+    """Weights leave the 0-degree curve; each mu is what a fit of its curve alone gives."""
     keys = ("test.perpendicular.weight=0", "test.parallel.weight=1")
     words = [word for key in keys for word in ("--set", key)]
     result = run(made, *words, "--per-sample", "-o", "each", "--json", command="fit")

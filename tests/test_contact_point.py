@@ -26,7 +26,7 @@ def test_contact_is_found_within_micrometres_at_the_noise_of_the_phantoms_and_it
 
 @pytest.mark.parametrize("kind", study.RIGS)
 def test_the_default_method_is_the_best_or_as_good_in_every_trouble(kind):
-    """The evidence for the default: its 95 % quantile is below 20 um everywhere, and nowhere more than 2 um above another method's."""
+    """The evidence for the default: its 95 % quantile is below 20 um, and at most 2 um above another method's."""
     wide = {}
     for method in METHODS:
         error, _ = 1e3 * study.trials(study.sample_curve("along"), study.RIGS[kind], method, 12, seed=1).T
@@ -40,7 +40,7 @@ def test_the_default_method_is_the_best_or_as_good_in_every_trouble(kind):
 def test_without_noise_every_method_finds_contact_within_its_reach(method, sample):
     """Within the filter's blur (a tenth of the ramp's depth) for the rules, within 2 um for the fit."""
     still = Rig(approach_velocity=0.5, noise=Noise(force=1e-4, displacement=1e-6, vibration=(0, 0), resolution=(0, 0)))
-    (error, _), = study.trials(study.sample_curve(sample), still, method, 1)
+    ((error, _),) = study.trials(study.sample_curve(sample), still, method, 1)
     assert abs(error) < (0.002 if method == "piecewise" else 0.1 * study.SAMPLES[sample][2])
 
 
@@ -73,7 +73,8 @@ def test_the_window_is_where_the_stage_moves_at_one_velocity():
     contact = find_contact(ramp)
     window, found = constant_velocity(ramp, contact.index)
     assert found == pytest.approx(velocity, rel=0.02)
-    assert 0.55 < time[window.start] + 0.05 and time[window.stop] < 1.1
+    assert time[window.start] > 0.5
+    assert time[window.stop] < 1.1
     assert time[window.stop] - time[window.start] > 0.35
     assert time[ramp.stop] == pytest.approx(1.09, abs=0.02)
 

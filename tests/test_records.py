@@ -99,7 +99,12 @@ def test_a_workbook_holds_the_same_record(tmp_path):
     book = openpyxl.Workbook()
     book.active.append(["notes", "nothing here"])
     sheet = book.create_sheet("run 2")
-    for row in ([], ["Rig", "RigSoft"], ["time (s)", "Position (mm)", "Load (N)"], *([n / 500, d, f / 1000] for n, (d, f) in enumerate(zip(D, F, strict=True)))):
+    for row in (
+        [],
+        ["Rig", "RigSoft"],
+        ["time (s)", "Position (mm)", "Load (N)"],
+        *([n / 500, d, f / 1000] for n, (d, f) in enumerate(zip(D, F, strict=True))),
+    ):
         sheet.append(row)
     book.save(tmp_path / "record.xlsx")
     for name in ("run 2", 2):
@@ -156,7 +161,11 @@ REFUSED = {
     "3 rows": ("displacement_mm,force_mN\n0,0\n1,1\n2,2\n", PLAIN, "3 rows of numbers; a record needs at least 50"),
     "empty": ("", PLAIN, "the file is empty"),
     "words": ("once upon a time\n" * 30, PLAIN, "no rows of numbers"),
-    "time going back": ("time_s,displacement_mm,force_mN\n" + "".join(f"{n % 40},{n},{n}\n" for n in range(60)), Layout(), "row 42: the time 0 s"),
+    "time going back": (
+        "time_s,displacement_mm,force_mN\n" + "".join(f"{n % 40},{n},{n}\n" for n in range(60)),
+        Layout(),
+        "row 42: the time 0 s",
+    ),
 }
 
 

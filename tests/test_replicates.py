@@ -68,7 +68,9 @@ def test_twelve_samples_in_two_directions_give_back_the_means_the_ratio_and_the_
 
 
 def test_statistics_are_those_of_a_worked_example():
-    """Student's sleep records of 1908 (R's `sleep`): paired t = 4.0621, p = 0.002833; Student's 1.8608, p = 0.07919; Welch's p = 0.07939."""
+    """Student's sleep records of 1908 (R's `sleep`): paired t = 4.0621, p = 0.002833; Student's 1.8608, p = 0.07919; Welch's p =
+    0.07939.
+    """
     first = [0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0]
     second = [1.9, 0.8, 1.1, 0.1, -0.1, 4.4, 5.5, 1.6, 4.6, 3.4]
     found = statistics(outcomes_of({0: first, 90: second}, shift=10))  # away from 0: ratios are taken, too
@@ -139,8 +141,20 @@ def test_every_row_that_cannot_be_read_is_named_and_the_others_are_processed(tmp
     outcomes = process_all(read_manifest(tmp_path / "manifest.csv"), LAYOUT)
     assert [one.entry.sample for one in outcomes if one.processed] == ["A"]
     told = [one.problem for one in outcomes[1:]]
-    for text, words in zip(told, ("none.csv: no such file", "row 4 .*45", "short.csv.*3 rows", "row 6 .*'thick'", "row 7 .*'-1'",
-                                  "row 8 .*no sample", "row 9 repeats A, 0 of row 2", "row 10 .*no file"), strict=True):
+    for text, words in zip(
+        told,
+        (
+            "none.csv: no such file",
+            "row 4 .*45",
+            "short.csv.*3 rows",
+            "row 6 .*'thick'",
+            "row 7 .*'-1'",
+            "row 8 .*no sample",
+            "row 9 repeats A, 0 of row 2",
+            "row 10 .*no file",
+        ),
+        strict=True,
+    ):
         assert re.search(words, text), text
 
 

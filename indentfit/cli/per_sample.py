@@ -35,7 +35,11 @@ def run(path, overrides, output, overwrite, as_json, write_result):
                     (folder / name).mkdir()
                     write_result(folder / name, one.case, one.result)
         spread = parameter_spread(fits)
-        written = {"format": FORMAT, "samples": [_facts(one, name) for one, name in zip(fits, names, strict=True)], "spread": spread}
+        written = {
+            "format": FORMAT,
+            "samples": [_facts(one, name) for one, name in zip(fits, names, strict=True)],
+            "spread": spread,
+        }
         write_json(folder / "per_sample.json", written)
         _write_table(folder / "per_sample.csv", fits)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(fits, spread), f"written   {output}"]))

@@ -1,10 +1,11 @@
 """The contact point: the displacement at which the indenter first touches the sample, by published methods, with its uncertainty.
 
-`piecewise` (the default): baseline and a polynomial that leaves it at the contact point, by least squares (Rudoy et al. 2010, J R Stat
-Soc C 59:573; a flat punch needs degree 1, and a little of degree 2 for the tissue's stiffening). `threshold`: where the filtered force
-exceeds the baseline's mean by n standard deviations and stays there (Lin, Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such
-rules). `variance_ratio`: where the variance after a point most exceeds that before it (Gavara 2016, Sci Rep 6:21267).
-tests/campaigns/contact_point.py compares them on simulated records; by its evidence `piecewise` of degree 2 is the default.
+`piecewise` (the default): baseline and a polynomial that leaves it at the contact point, by least squares (Rudoy et al. 2010, J R
+Stat Soc C 59:573; a flat punch needs degree 1, and a little of degree 2 for the tissue's stiffening). `threshold`: where the
+filtered force exceeds the baseline's mean by n standard deviations and stays there (Lin, Dimitriadis, Horkay 2007, J Biomech Eng
+129:430 review such rules). `variance_ratio`: where the variance after a point most exceeds that before it (Gavara 2016, Sci Rep
+6:21267). tests/campaigns/contact_point.py compares them on simulated records; by its evidence `piecewise` of degree 2 is the
+default.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ SIGMAS = 5.0  # threshold
 class Contact:
     """Where contact begins: `displacement` of the record, mm, at sample `index`, and half of its 90 % interval, `uncertainty`, mm.
 
-    baseline (mN, at time 0 of the record) and drift (mN/s) are the force without contact; noise: standard deviation of the force about
-    the model, mN.
+    baseline (mN, at time 0 of the record) and drift (mN/s) are the force without contact; noise: standard deviation of the force
+    about the model, mN.
     """
 
     displacement: float
@@ -84,7 +85,7 @@ class _Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], powers), residual (n,), and its noise."""
+    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], powers), residual (n,), noise."""
 
     contact: float
     stderr: float
@@ -149,8 +150,8 @@ def _require_a_kink(ramp, stretch, model):
     rest = stretch.force - straight @ np.linalg.lstsq(straight, stretch.force, rcond=None)[0]
     if rest @ rest < 2 * (model.residual @ model.residual) and model.contact - stretch.displacement.min() < 3 * model.stderr:
         raise RecordError(
-            f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, as by drift or in contact "
-            "all along; start recording before contact, or remove the record"
+            f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, as by drift or in "
+            "contact all along; start recording before contact, or remove the record"
         )
     if model.coefficients[-DEGREE:] @ (np.ptp(stretch.displacement) ** np.arange(1, DEGREE + 1)) <= 0:
         raise RecordError(

@@ -1,4 +1,4 @@
-"""The loading part of a record: where the ramp is, its velocity, the section of constant velocity, and what is left of the noise."""
+"""The loading part of a record: where the ramp is, its velocity, the section of constant velocity."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class Ramp:
     """The loading of a record: samples before `stop`, of which `low` and `high` carry 20 % and 80 % of the force.
 
     displacement, force: of the whole record (n,), Savitzky-Golay filtered, quadratic, zero phase, over `length` samples;
-    velocity: of the ramp, mm/s; rest: mean force of the first samples, mN; peak: largest filtered force until `stop`, less `rest`, mN.
+    velocity: of the ramp, mm/s; rest: mean force of the first samples, mN; peak: largest filtered force until `stop`, less
+    `rest`, mN.
     """
 
     record: Record
@@ -51,8 +52,8 @@ class Ramp:
 def find_ramp(record, filter_share=FILTER):
     """The `Ramp` of a Record: where the force rises from 20 % to 80 %, to where the stage then stops or turns.
 
-    filter_share: length of the filter over the ramp's duration. Raises RecordError where the force does not rise, or the displacement
-    falls while it does.
+    filter_share: length of the filter over the ramp's duration. Raises RecordError where the force does not rise, or the
+    displacement falls while it does.
     """
     force = median_filter(record.force, size=min(9, record.force.size), mode="nearest")
     rest = float(np.median(force[: max(10, min(50, force.size // 20))]))

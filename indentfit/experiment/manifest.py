@@ -49,8 +49,8 @@ class Outcome:
 def read_manifest(path):
     """The `Entry` of each row of a manifest: columns sample, direction (0, 90, parallel, perpendicular), file, thickness, diameter.
 
-    Files are relative to the manifest; lengths are in mm, or carry a unit in the header (thickness_um). A row that cannot be used has a
-    `problem` that names it; RecordError where the manifest itself cannot be read.
+    Files are relative to the manifest; lengths are in mm, or carry a unit in the header (thickness_um). A row that cannot be used
+    has a `problem` that names it; RecordError where the manifest itself cannot be read.
     """
     path = Path(path)
     try:

@@ -1,4 +1,7 @@
-"""Noise that is neither white nor of one size, as a load cell rings on a moving stage: least squares would state errors far too small."""
+"""Noise that is neither white nor of one size, as of a load cell that rings on a moving stage.
+
+Least squares that take such noise for white state errors that are far too small.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ LOCAL = 101  # samples over which the size of the noise is taken
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """scale: local standard deviation (n,); correlation: with the sample k further on (n,); weights: of the autoregression (order,)."""
+    """scale: local standard deviation (n,); correlation: with the k-th next sample (n,); weights: autoregression (order,)."""
 
     scale: np.ndarray
     correlation: np.ndarray

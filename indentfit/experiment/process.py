@@ -23,9 +23,10 @@ PEAK_FILTER = 0.05  # of the ramp's duration: shorter than for the curve, not to
 class Processed:
     """A record and what it amounts to.
 
-    window: samples of constant velocity; velocity mm/s; depth mm, to the end of loading; peak: largest force, mN; curve: from contact,
-    at equal steps; line and parabola: fits within the window; forces: strain -> mN; relaxation: of the hold, or None; strain_rate 1/s.
-    displacement, force: filtered samples from contact to the end of loading (n,), from contact, mm and mN. notes: what deserves a look.
+    window: samples of constant velocity; velocity mm/s; depth mm, to the end of loading; peak: largest force, mN; curve: from
+    contact, at equal steps; line and parabola: fits within the window; forces: strain -> mN; relaxation: of the hold, or None;
+    strain_rate 1/s. displacement, force: filtered samples from contact to the end of loading (n,), from contact, mm and mN.
+    notes: what deserves a look.
     """
 
     record: Record
@@ -90,16 +91,15 @@ def process(record, thickness=None, options=None):
 def _require_depth(record, depth, contact):
     if depth < 3 * contact.uncertainty:
         raise RecordError(
-            f"{record.name}: the contact point is known to {contact.uncertainty:.3g} mm only, and the sample is indented by {depth:.3g} mm; "
-            "the record is too noisy"
+            f"{record.name}: the contact point is known to {contact.uncertainty:.3g} mm only, where the sample is indented by "
+            f"{depth:.3g} mm; the record is too noisy: repeat it, or remove it"
         )
 
 
 def _peak(ramp, contact, unfiltered):
     """Largest force, mN, with the noise, but not the peak, filtered away."""
-    record, stop = ramp.record, min(ramp.record.time.size, ramp.stop + round(0.5 * ramp.samples))
-    force = filtered(unfiltered[:stop], PEAK_FILTER * ramp.samples)
-    return float(force[contact.index :].max())
+    stop = ramp.stop + round(0.5 * ramp.samples)
+    return float(filtered(unfiltered[:stop], PEAK_FILTER * ramp.samples)[contact.index :].max())
 
 
 def _forces(displacement, force, thickness, strains):

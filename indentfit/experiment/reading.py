@@ -51,8 +51,8 @@ FEWEST = 50  # samples of a record
 def read_record(path, layout=None):
     """The `Record` of a file: text in columns or a workbook, as `layout` (a Layout) says, in s, mm and mN.
 
-    A column that the layout does not name is told by its header, and so is its unit. Rows without numbers are left out, with a note.
-    Raises RecordError, one line with the file, what is wrong and the remedy.
+    A column that the layout does not name is told by its header, and so is its unit. Rows without numbers are left out, with a
+    note. Raises RecordError, one line with the file, what is wrong and the remedy.
     """
     path, layout = Path(path), layout or Layout()
     table = read_table(path, layout.skip_rows, layout.sheet, layout.encoding)
@@ -112,7 +112,7 @@ def _bare(label):
 
 
 def _unit(table, place):
-    """The unit that a column's header gives: in brackets, after an underline, a comma or a slash, or in a row of its own; or None."""
+    """The unit that a column's header gives, in brackets, after an underline, comma or slash, or in a row of its own; or None."""
     for label in table.labels(place):
         candidates = (
             re.findall(r"[\[(（]\s*([^\])）]*?)\s*[\])）]", label) + re.findall(r"(?:_|,\s*|/\s*|\s)([^\W\d]+)$", label) + [label]

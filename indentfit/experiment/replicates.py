@@ -32,7 +32,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Difference:
-    """One test of whether two directions differ: its name, statistic, p-value, n of each, and the 95 % interval of the difference."""
+    """One test of whether two directions differ: name, statistic, p-value, n of each, and 95 % interval of the difference."""
 
     test: str
     statistic: float
@@ -43,7 +43,9 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class MeanCurve:
-    """Mean force (n,) and its standard deviation (n,), mN, of `count` curves at common displacements (n,), mm, with fits through contact."""
+    """Mean force (n,) and its standard deviation (n,), mN, of `count` curves at common displacements (n,), mm, with fits through
+    contact.
+    """
 
     displacement: np.ndarray
     force: np.ndarray
@@ -56,14 +58,13 @@ class MeanCurve:
         """`Curve` to be fitted: the "mean" itself, its "linear" fit through contact, or its "quadratic" one (Feng et al. 2017)."""
         d = self.displacement
         slope = float(d @ self.force / (d @ d))
-        return Curve(
-            d, {"mean": self.force, "linear": slope * d, "quadratic": (self.parabola.curvature * d + self.parabola.slope) * d}[kind]
-        )
+        quadratic = (self.parabola.curvature * d + self.parabola.slope) * d
+        return Curve(d, {"mean": self.force, "linear": slope * d, "quadratic": quadratic}[kind])
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """stiffness: direction -> Spread, mN/mm; ratio: Spread of the per-sample 90 / 0; differences: tests between the two directions."""
+    """stiffness: direction -> Spread, mN/mm; ratio: Spread of the per-sample 90 / 0; differences: tests between directions."""
 
     stiffness: dict[int, Spread]
     ratio: Spread | None
@@ -112,7 +113,7 @@ def outliers(named):
 
 
 def _differences(values, both):
-    """Paired t and Wilcoxon's signed ranks on the samples measured in both directions; Student's (as the paper) and Welch's t on all."""
+    """Paired t and signed ranks on the samples measured in both directions; Student's (as the paper) and Welch's t on all."""
     pairs = [np.array([values[direction][sample] for sample in both]) for direction in (90, 0)]
     every = [np.array(list(values[direction].values())) for direction in (90, 0)]
     n = (len(both), len(both))

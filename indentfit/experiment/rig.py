@@ -1,8 +1,8 @@
 """A simulated rig: the raw record that a lab would have made of a known curve, for studies and examples whose truth is known.
 
 Position: at rest before the sample, an approach, a ramp at constant velocity, a hold. Sensors: white noise, the stage's vibration
-while it moves, drift of the load cell, the converter's resolution. The noise of `PHANTOM` is that seen in gelatin records of a rig like
-that of Feng et al. 2017 (0.02 mN at rest, 0.55 mN of 45 Hz vibration in motion, steps of 0.006 mm and 0.024 mN).
+while it moves, drift of the load cell, the converter's resolution. The noise of `PHANTOM` is that seen in gelatin records of a
+rig like that of Feng et al. 2017 (0.02 mN at rest, 0.55 mN of 45 Hz vibration in motion, steps of 0.006 mm and 0.024 mN).
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ PHANTOM = Noise()
 class Rig:
     """How the stage moves: rate Hz, lengths mm, times s, velocities mm/s; `zero`: what the sensors read at the start, mm and mN.
 
-    The approach begins `gap` above the sample; at another `approach_velocity` it ends a hundredth of the depth inside of it. adhesion: pull
-    of a wet sample on the indenter close to contact, mN, over `reach` mm.
+    The approach begins `gap` above the sample; at another `approach_velocity` it ends a hundredth of the depth inside of it.
+    adhesion: pull of a wet sample on the indenter close to contact, mN, over `reach` mm.
     """
 
     rate: float = 1000.0
@@ -57,7 +57,8 @@ class Rig:
     def run(self, curve, rng, relaxation=()):
         """(Record, displacement at contact in it, mm) of a sample whose elastic `Curve` is known; rng: a NumPy Generator.
 
-        relaxation: pairs (share of the instantaneous force, time constant in s) of a Prony series. Deeper than the curve it is not pressed.
+        relaxation: pairs (share of the instantaneous force, time constant in s) of a Prony series. Deeper than the curve it is
+        not pressed.
         """
         time, position, moving = self._motion(float(curve.displacement[-1]))
         force = _relaxing(_elastic(curve, position), relaxation, 1 / self.rate)

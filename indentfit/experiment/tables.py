@@ -55,7 +55,8 @@ class Table:
 
 
 def read_table(path, skip_rows=0, sheet=None, encoding=None):
-    """The `Table` of a file. skip_rows: rows to pass over; sheet: name or number (from 1) in a workbook; encoding: where it cannot be told.
+    """The `Table` of a file. skip_rows: rows to pass over; sheet: name or number (from 1) in a workbook; encoding: where it
+    cannot be told.
 
     Raises RecordError, one line with the file, the row and the remedy.
     """

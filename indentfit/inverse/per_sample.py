@@ -44,7 +44,7 @@ def sample_cases(path, samples, overrides=()):
 
 
 def fit_each(cases, progress):
-    """Yields the `SampleFit` of each of `sample_cases`; one that fails does so alone. progress: called with (share done, remark)."""
+    """Yields the `SampleFit` of each of `sample_cases`; one that fails does so alone. progress: called with (share, remark)."""
     for n, (name, case) in enumerate(cases):
         try:
             result = fit(case, lambda share, note="", n=n, name=name: progress((n + share) / len(cases), f"{name} {note}"))

@@ -13,8 +13,8 @@ table { border-collapse: collapse; font-size: 13px } th, td { padding: .2em .7em
 th:first-child, td:first-child, td.text { text-align: left } .failed { color: #a33 } img { max-width: 100% } pre { font-size: 13px }
 </style></head><body>
 <h1>{{ title }}</h1>
-<p>{{ good }} of {{ outcomes|length }} records processed by indentfit {{ version }}. Uncertainties of contact points are half of a 90 % interval,
-those of stiffnesses one standard error. Outliers are shown and counted.</p>
+<p>{{ good }} of {{ outcomes|length }} records processed by indentfit {{ version }}. Uncertainties of contact points are
+half of a 90 % interval, those of stiffnesses one standard error. Outliers are shown and counted.</p>
 {% if lines %}<pre>{% for line in lines %}{{ line }}
 {% endfor %}</pre>{% endif %}
 {% if replicates %}<p><img alt="stiffness of the two directions" src="data:image/png;base64,{{ replicates }}"></p>{% endif %}
@@ -25,8 +25,8 @@ those of stiffnesses one standard error. Outliers are shown and counted.</p>
 {% if done %}<td>{{ one.name }}</td><td>{{ "%.4g ± %.2g"|format(done.line.slope, done.line.stderr) }}</td>
 <td>{{ "%.4f"|format(done.line.r_squared) }}</td>
 <td>{{ "%.4f ± %.4f"|format(done.contact.displacement, done.contact.uncertainty) }}</td><td>{{ "%.3g"|format(done.velocity) }}</td>
-<td>{{ "%.3g"|format(done.strain_rate) if done.strain_rate }}</td><td>{{ "%.4f"|format(done.depth) }}</td><td>{{ "%.4g"|format(done.peak) }}</td>
-<td>{{ "%.3f"|format(done.relaxation.ratio) if done.relaxation }}</td>
+<td>{{ "%.3g"|format(done.strain_rate) if done.strain_rate }}</td><td>{{ "%.4f"|format(done.depth) }}</td>
+<td>{{ "%.4g"|format(done.peak) }}</td><td>{{ "%.3f"|format(done.relaxation.ratio) if done.relaxation }}</td>
 <td class="text">{{ "outlier? " if one.name in outlying }}{{ done.notes|join("; ") }}</td>
 {% else %}<td class="failed">{{ one.name }}</td><td class="text failed" colspan="9">{{ one.problem }}</td>{% endif %}</tr>
 {% endfor %}</table>

@@ -2,9 +2,9 @@
 
     python tests/campaigns/contact_point.py --trials 500
 
-Prints, for each kind of record and each method, the median and the 95 % quantile of the error, its mean, the median stated uncertainty (half
-of a 90 % interval) and how often the interval holds the truth. tests/test_contact_point.py reruns it in short. Elastic curves: the
-forward model's for white matter, along and across, and the slightly curved one of a flat cylinder on gelatin.
+Prints, for each kind of record and each method, the median and the 95 % quantile of the error, its mean, the median stated
+uncertainty (half of a 90 % interval) and how often the interval holds the truth. tests/test_contact_point.py reruns it in short.
+Elastic curves: the forward model's for white matter, along and across, and the slightly curved one of a flat cylinder on gelatin.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from indentfit.experiment.contact import METHODS, find_contact
 from indentfit.experiment.loading import find_ramp
 from indentfit.experiment.rig import Noise, Rig
 
-SAMPLES = {  # slope at contact mN/mm, curvature mN/mm^2, depth mm: the parabolas that the forward model's curves follow within 0.1 %
+SAMPLES = {  # slope at contact mN/mm, curvature mN/mm^2, depth mm: close to the forward model's curves
     "along": (82.0, 17.0, 0.33),
     "across": (172.0, 127.0, 0.33),
     "gelatin": (55.0, 5.0, 0.44),
@@ -60,14 +60,16 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=100)
     count = parser.parse_args().trials
-    print(f"{'sample':8} {'record':20} {'method':15} {'median':>7} {'95 %':>7} {'mean':>7} {'stated':>7} {'held':>6}  um, {count} trials")
+    columns = " ".join(f"{word:>7}" for word in ("median", "95 %", "mean", "stated"))
+    print(f"{'sample':8} {'record':20} {'method':15} {columns} {'held':>6}  um, {count} trials")
     for name in SAMPLES:
         for kind, rig in RIGS.items():
             for method in METHODS:
                 error, stated = 1e3 * trials(sample_curve(name), rig, method, count).T
                 size = np.abs(error)
                 held = np.mean(size <= stated)
-                numbers = f"{np.nanmedian(size):7.2f} {np.nanquantile(size, 0.95):7.2f} {np.nanmean(error):7.2f} {np.nanmedian(stated):7.2f}"
+                values = (np.nanmedian(size), np.nanquantile(size, 0.95), np.nanmean(error), np.nanmedian(stated))
+                numbers = " ".join(f"{value:7.2f}" for value in values)
                 print(f"{name:8} {kind:20} {method:15} {numbers} {held:6.1%}", flush=True)
 
 
