@@ -37,7 +37,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from .curve import Curve, read_curve, unit_factor
 from .errors import CaseError, CurveError, MaterialError, RecordError
-from .experiment.record import Channel, Layout, Options
+from .experiment.record import STRAINS, Channel, Layout, Options
 from .material import Material, load, typed
 
 DEFAULT_BULK_RATIO = 1000.0
@@ -110,6 +110,10 @@ def _one_line(text):
     if not text.strip() or not text.isprintable():
         raise _refusal("must be printable text on one line")
     return text
+
+
+def _tuple(value):
+    return tuple(value) if isinstance(value, list) else value
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -310,6 +314,9 @@ class Record(Section):
     )
     filter: Annotated[float, Field(gt=0, le=0.3)] = Field(default=0.1, description="length of the filter over the ramp's duration")
     points: int = Field(default=25, ge=5, le=10_000, description="points of a curve")
+    strains: Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], BeforeValidator(_tuple)] = Field(
+        default=STRAINS, description="strains (depth over thickness) at which `process` tells the force"
+    )
     prony_terms: Literal[0, 1, 2, 3, "auto"] = Field(default=2, description='terms of the Prony series, 0 to 3, or "auto"')
 
     @property
@@ -321,7 +328,7 @@ class Record(Section):
     @property
     def options(self):
         """The `Options` of experiment.process."""
-        return Options(contact=self.contact, points=self.points, filter=self.filter, prony_terms=self.prony_terms)
+        return Options(self.contact, self.points, self.filter, self.strains, self.prony_terms)
 
 
 class Test(Section):

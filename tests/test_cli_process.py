@@ -131,6 +131,11 @@ def test_a_bad_record_among_good_ones_is_flagged(manifest):
     assert summary["stiffness_mN_per_mm"]["0"]["mean"] == pytest.approx(66, rel=0.02)
     assert summary["ratio_90_to_0"]["mean"] == pytest.approx(2, rel=0.03)
     assert "ratio       90° / 0°" in result.stdout
+    means = list(csv.DictReader(Path("out/mean_curves.csv").read_text().splitlines()))
+    assert [(row["direction"], row["n"]) for row in means] == [("0", "3")] * 25 + [("90", "3")] * 25
+    last = means[24]
+    assert float(last["force_mN"]) == pytest.approx(66 * float(last["displacement_mm"]), rel=0.02)
+    assert float(last["sd_mN"]) == pytest.approx(6 * float(last["displacement_mm"]), rel=0.1)  # SD of 60, 66, 72 is 6
 
 
 def test_an_earlier_result_is_not_overwritten_unasked():

@@ -9,6 +9,7 @@ import pytest
 from indentfit.errors import RecordError
 from indentfit.experiment.contact import METHODS, find_contact
 from indentfit.experiment.loading import constant_velocity, find_ramp
+from indentfit.experiment.process import process
 from indentfit.experiment.record import Record
 from indentfit.experiment.rig import Noise, Rig
 
@@ -94,6 +95,19 @@ def test_the_filter_is_without_shift_in_time():
     inside = slice(ramp.low, ramp.high)
     assert np.mean(ramp.displacement[inside] - record.displacement[inside]) == pytest.approx(0, abs=5e-4)
     assert ramp.length * record.interval < 0.15 * ramp.duration
+
+
+@pytest.mark.parametrize("after", ["unloading", "nothing"])
+def test_loading_ends_where_the_stage_turns_or_the_record_stops(after):
+    record, truth = Rig(hold=0.0).run(study.sample_curve("along"), np.random.default_rng(4))
+    channels = [record.displacement, record.force]
+    if after == "unloading":
+        channels = [np.concatenate([channel, channel[::-1]]) for channel in channels]
+    done = process(Record(np.arange(channels[0].size) / 1000, *channels))
+    assert done.relaxation is None
+    assert done.contact.displacement == pytest.approx(truth, abs=0.01)
+    assert done.depth == pytest.approx(0.33, abs=0.01)
+    assert abs(done.ramp.stop - record.time.size) < 0.03 * done.ramp.samples
 
 
 def test_a_record_of_drift_alone_has_no_contact_point():

@@ -50,7 +50,7 @@ shape = "cylinder"
 diameter = 2
 friction = "stick"
 [mesh]
-elements = 200
+elements = {elements}
 [material]
 model = "neo_hookean"
 [material.parameters]
@@ -69,11 +69,17 @@ workers = 1
 """
 
 
-@pytest.mark.parametrize("number", [1, 2])
-def test_mu_fitted_to_the_raw_record_is_that_of_hayes_factor(number, tmp_path):
-    """mu within 5 % of F (1 - nu) / (4 a w k): the fit sees the whole curve, the formula its end, 7 to 8 % deep."""
+@pytest.mark.parametrize(
+    ("number", "elements"),
+    [(1, 200), pytest.param(1, 400, marks=pytest.mark.campaign), pytest.param(2, 400, marks=pytest.mark.campaign)],
+)
+def test_mu_fitted_to_the_raw_record_is_that_of_hayes_factor(number, elements, tmp_path):
+    """mu within 5 % of F (1 - nu) / (4 a w k): the fit sees the whole curve, the formula its end, 7 to 8 % deep.
+
+    At 200 elements the forward model is 4 % too stiff at small strain, at 400 half a percent.
+    """
     record = RECORDS / f"phantom_{number}_raw.csv"
-    (tmp_path / "case.toml").write_text(CASE.format(thickness=THICKNESS[number], record=record))
+    (tmp_path / "case.toml").write_text(CASE.format(thickness=THICKNESS[number], elements=elements, record=record))
     found = fit(read_case(tmp_path / "case.toml"))
     done = process(read_record(record, LAYOUT))
     hayes = done.peak / done.depth * 0.5 / (4 * 1.0 * float(HAYES(1 / THICKNESS[number])))

