@@ -52,11 +52,12 @@ def find_contact(ramp, method="piecewise"):
     stretch = _stretch(ramp)
     model = _fit(stretch, DEGREE)
     _require_a_kink(ramp, stretch, model)
-    if method == "piecewise":
+    rule = METHODS[method]
+    if rule is None:
         place, uncertainty = model.contact, norm.ppf((1 + CONFIDENCE) / 2) * model.stderr
     else:
-        place = METHODS[method](stretch, stretch.force)
-        uncertainty = _uncertainty(stretch, model, METHODS[method], place)
+        place = rule(stretch, stretch.force)
+        uncertainty = _uncertainty(stretch, model, rule, place)
     behind = np.flatnonzero(ramp.displacement[: ramp.high] < place)
     index = int(behind[-1]) + 1 if behind.size else 0
     drift = float(model.coefficients[1]) if stretch.drifts else 0.0
@@ -194,4 +195,4 @@ def _uncertainty(stretch, model, method, place):
     return max(float(np.quantile(errors, CONFIDENCE)), abs(place - model.contact)) + within
 
 
-METHODS = {"piecewise": None, "threshold": _threshold, "variance_ratio": _variance_ratio}
+METHODS = {"piecewise": None, "threshold": _threshold, "variance_ratio": _variance_ratio}  # None: the fit of the model itself

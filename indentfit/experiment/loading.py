@@ -61,16 +61,16 @@ def find_ramp(record, filter_share=FILTER):
     samples = (high - low) / 0.6
     if samples < FEWEST:
         raise RecordError(f"{record.name}: the ramp has about {samples:.0f} samples; it needs {FEWEST}, record at a higher rate")
-    smooth = [filtered(channel, filter_share * samples) for channel in (record.displacement, record.force)]
-    velocity = float((smooth[0][high] - smooth[0][low]) / (record.time[high] - record.time[low]))
+    displacement, smooth = (filtered(channel, filter_share * samples) for channel in (record.displacement, record.force))
+    velocity = float((displacement[high] - displacement[low]) / (record.time[high] - record.time[low]))
     if velocity <= 0:
         raise RecordError(
             f"{record.name}: the displacement goes backwards ({velocity:.3g} mm/s) while the force rises; "
             "it must rise into the sample, change record.displacement.sign"
         )
-    stop = _end(record, smooth[0], velocity, high, samples)
-    peak = float(smooth[1][low:stop].max() - rest)
-    return Ramp(record, low, high, stop, odd(filter_share * samples), velocity, *smooth, rest, peak)
+    stop = _end(record, displacement, velocity, high, samples)
+    peak = float(smooth[low:stop].max() - rest)
+    return Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, peak)
 
 
 def constant_velocity(ramp, start):

@@ -125,7 +125,7 @@ def _entry(path, row, number, places, factors):
             value = float("nan")
         if not 0 < value < float("inf"):
             return replace(entry, problem=f"{where}: {name} {cells[name]!r} must be a positive number")
-        entry = replace(entry, **{name: value})
+        entry = replace(entry, thickness=value) if name == "thickness" else replace(entry, diameter=value)
     return entry
 
 

@@ -54,8 +54,8 @@ def fit_prony(time, force, ramp, terms=2):
     settled = time > SETTLING * ramp
     if np.count_nonzero(settled) < 50 or time[-1] < 2 * ramp:
         raise ValueError(f"a hold of {time[-1]:.3g} s after a ramp of {ramp:.3g} s is too short for a Prony series")
-    averaged = _averaged(time[settled], force[settled])
-    fits = {n: _fit(*averaged, ramp, n) for n in range(1, MOST_TERMS + 1)}
+    times, forces = _averaged(time[settled], force[settled])
+    fits = {n: _fit(times, forces, ramp, n) for n in range(1, MOST_TERMS + 1)}
     chosen = min(fits.values(), key=lambda fit: fit.bic) if terms == "auto" else fits[terms]
     return replace(chosen, by_terms={n: fit.ratio for n, fit in fits.items()})
 

@@ -145,7 +145,7 @@ def _numbers(path, body, separator, number, first):
     columns = np.flatnonzero(kind)
     values = np.full((0, len(kind)), np.nan)
     try:
-        found = np.loadtxt(io.StringIO(text), delimiter=separator, usecols=columns, ndmin=2, comments=None)
+        found = np.loadtxt(io.StringIO(text), delimiter=separator, usecols=columns.tolist(), ndmin=2, comments=None)
         values = np.full((len(found), len(kind)), np.nan)
         values[:, columns] = found
     except ValueError:
