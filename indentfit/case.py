@@ -312,6 +312,9 @@ class Record(Section):
     contact: Literal["piecewise", "threshold", "variance_ratio"] = Field(
         default="piecewise", description="method of the contact point"
     )
+    indenter: Literal["flat", "sphere"] | None = Field(
+        default=None, description="end of the indenter, for the contact point; in a case that of [indenter]"
+    )
     filter: Annotated[float, Field(gt=0, le=0.3)] = Field(default=0.1, description="length of the filter over the ramp's duration")
     points: int = Field(default=25, ge=5, le=10_000, description="points of a curve")
     strains: Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], BeforeValidator(_tuple)] = Field(
@@ -328,7 +331,7 @@ class Record(Section):
     @property
     def options(self):
         """The `Options` of experiment.process."""
-        return Options(self.contact, self.points, self.filter, self.strains, self.prony_terms)
+        return Options(self.contact, self.indenter or "flat", self.points, self.filter, self.strains, self.prony_terms)
 
 
 class Test(Section):
@@ -721,7 +724,10 @@ def _parts(tree, path, problems):
         if not wrong and not any(problem.key[0] == "material" for problem in problems):
             wrong = list(_faults_of_substance(parts["material"], kind))
         problems += wrong
-    parts["tests"], parts["curves"] = _tests_and_curves(tree, path.parent, parts["record"], problems)
+    record = parts["record"]
+    if record and record.indenter is None and parts["indenter"] and parts["indenter"].shape == "sphere":
+        record = parts["record"] = record.model_copy(update={"indenter": "sphere"})
+    parts["tests"], parts["curves"] = _tests_and_curves(tree, path.parent, record, problems)
     return parts
 
 

@@ -45,6 +45,16 @@ def test_without_noise_every_method_finds_contact_within_its_reach(method, sampl
     assert abs(error) < (0.002 if method == "piecewise" else 0.1 * study.SAMPLES[sample][2])
 
 
+def test_under_a_sphere_the_force_rises_by_hertz():
+    """40 records: the exponents of Hertz find contact within 5 um (median), those of a flat punch 10 to 30 um too late."""
+    sphere = study.trials(study.sample_curve("sphere"), Rig(), "piecewise", 40, indenter="sphere")
+    error, stated = 1e3 * sphere.T
+    assert np.median(np.abs(error)) < 5
+    assert np.mean(np.abs(error) <= stated) > 0.8
+    flat = study.trials(study.sample_curve("sphere"), Rig(), "piecewise", 10)
+    assert 0.010 < np.mean(flat[:, 0]) < 0.030
+
+
 def test_contact_does_not_depend_on_the_zeros_of_the_sensors():
     record, truth = Rig().run(study.sample_curve("along"), np.random.default_rng(3))
     moved = Record(record.time, record.displacement - 17.0, record.force + 250.0)

@@ -1,11 +1,12 @@
 """The contact point: the displacement at which the indenter first touches the sample, by published methods, with its uncertainty.
 
 `piecewise` (the default): baseline and a polynomial that leaves it at the contact point, by least squares (Rudoy et al. 2010, J R
-Stat Soc C 59:573; a flat punch needs degree 1, and a little of degree 2 for the tissue's stiffening). `threshold`: where the
-filtered force exceeds the baseline's mean by n standard deviations and stays there (Lin, Dimitriadis, Horkay 2007, J Biomech Eng
-129:430 review such rules). `variance_ratio`: where the variance after a point most exceeds that before it (Gavara 2016, Sci Rep
-6:21267). tests/campaigns/contact_point.py compares them on simulated records; by its evidence `piecewise` of degree 2 is the
-default.
+Stat Soc C 59:573; for a flat punch of degree 1, and 2 for the tissue's stiffening; for a sphere of degree 1.5, as Hertz has it,
+and 2.5). `threshold`: where the filtered force exceeds the baseline's mean by n standard deviations and stays there (Lin,
+Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such rules). `variance_ratio`: where the variance after a point most
+exceeds that before it (Gavara 2016, Sci Rep 6:21267). tests/campaigns/contact_point.py compares them on simulated records; by its
+evidence `piecewise` is the default. Its uncertainty takes the polynomial for granted: of a toe, as of a tilted or uneven sample,
+it knows nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .loading import filtered, noise_of, odd
 from .noise import Noise, covariance, noise_in
 
 CONFIDENCE = 0.9  # of the interval that an uncertainty is half of
-DEGREE = 2
+POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5)}  # of the displacement beyond contact, for each kind of indenter
 MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
 BASELINE = 3.0  # ramps' durations of baseline that are looked at
 GRID = 80  # contact points tried before the search
@@ -47,10 +48,10 @@ class Contact:
     method: str
 
 
-def find_contact(ramp, method="piecewise"):
-    """The `Contact` of a Ramp by one of METHODS. Raises RecordError where the record shows no contact point."""
-    stretch = _stretch(ramp)
-    model = _fit(stretch, DEGREE)
+def find_contact(ramp, method="piecewise", indenter="flat"):
+    """The `Contact` of a Ramp by one of METHODS, under an indenter of POWERS. RecordError where the record shows no contact point."""
+    stretch, powers = _stretch(ramp), POWERS[indenter]
+    model = _fit(stretch, powers)
     _require_a_kink(ramp, stretch, model)
     rule = METHODS[method]
     if rule is None:
@@ -86,8 +87,9 @@ class _Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], powers), residual (n,), noise."""
+    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], one for each power), residual (n,)."""
 
+    powers: tuple[float, ...]
     contact: float
     stderr: float
     coefficients: np.ndarray
@@ -113,34 +115,33 @@ def _stretch(ramp):
     return _Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts))
 
 
-def _fit(stretch, degree):
+def _fit(stretch, powers):
     """The _Model of least squares: the contact point by search, everything else linear."""
     x = stretch.displacement
     places = np.linspace(x.min(), x[stretch.half], GRID)
-    misfits = [_misfit(place, stretch, degree) for place in places]
+    misfits = [_misfit(place, stretch, powers) for place in places]
     best = int(np.argmin(misfits))
     bounds = places[max(best - 1, 0)], places[min(best + 1, GRID - 1)]
-    place = minimize_scalar(_misfit, bounds=bounds, args=(stretch, degree), method="bounded", options={"xatol": 1e-5}).x
-    terms = _terms(place, stretch, degree)
+    place = minimize_scalar(_misfit, bounds=bounds, args=(stretch, powers), method="bounded", options={"xatol": 1e-5}).x
+    terms = _terms(place, stretch, powers)
     coefficients = np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
     residual = stretch.force - terms @ coefficients
     noise = noise_in(residual)
-    slopes = coefficients[-degree:]
-    beyond = np.maximum(x - place, 0.0)
-    by_place = -np.heaviside(x - place, 0.0) * sum(m * slope * beyond ** (m - 1) for m, slope in enumerate(slopes, start=1))
-    spread = covariance(np.column_stack([terms, by_place]), noise)
-    return _Model(float(place), float(np.hypot(np.sqrt(spread[-1, -1]), stretch.blur)), coefficients, residual, noise)
+    beyond, touching = np.maximum(x - place, 0.0), np.heaviside(x - place, 0.0)
+    by_place = -touching * sum(m * c * beyond ** (m - 1) for m, c in zip(powers, coefficients[-len(powers) :], strict=True))
+    spread = np.maximum(np.diag(covariance(np.column_stack([terms, by_place]), noise)), 1e-300)
+    return _Model(powers, float(place), float(np.hypot(np.sqrt(spread[-1]), stretch.blur)), coefficients, residual, noise)
 
 
-def _terms(place, stretch, degree):
+def _terms(place, stretch, powers):
     """Columns of the linear part (n, .): baseline, its drift where there is any, powers of the displacement beyond contact."""
     beyond = np.maximum(stretch.displacement - place, 0.0)
     drift = [stretch.time] if stretch.drifts else []
-    return np.column_stack([np.ones_like(beyond), *drift, *(beyond**m for m in range(1, degree + 1))])
+    return np.column_stack([np.ones_like(beyond), *drift, *(beyond**m for m in powers)])
 
 
-def _misfit(place, stretch, degree):
-    terms = _terms(place, stretch, degree)
+def _misfit(place, stretch, powers):
+    terms = _terms(place, stretch, powers)
     residual = stretch.force - terms @ np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
     return residual @ residual
 
@@ -154,7 +155,8 @@ def _require_a_kink(ramp, stretch, model):
             f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, as by drift or in "
             "contact all along; start recording before contact, or remove the record"
         )
-    if model.coefficients[-DEGREE:] @ (np.ptp(stretch.displacement) ** np.arange(1, DEGREE + 1)) <= 0:
+    powers = np.array(model.powers)
+    if model.coefficients[-powers.size :] @ np.ptp(stretch.displacement) ** powers <= 0:
         raise RecordError(
             f"{ramp.record.name}: no contact point: the force does not rise with the displacement; check the channels"
         )

@@ -60,7 +60,7 @@ def process(record, thickness=None, options=None):
     require_channels(record)
     ramp = find_ramp(record, options.filter)
     notes = record.notes + require_whole(ramp)
-    contact = find_contact(ramp, options.contact)
+    contact = find_contact(ramp, options.contact, options.indenter)
     window, velocity = constant_velocity(ramp, contact.index)
     unfiltered = record.force - contact.baseline - contact.drift * record.time
     force = ramp.force - contact.baseline - contact.drift * record.time

@@ -73,11 +73,13 @@ class Layout:
 
 @dataclass(frozen=True)
 class Options:
-    """How records are processed. contact: a method of `contact.METHODS`; points: of the curve; filter: its length over
-    the ramp's duration; strains: of the thickness, at which forces are wanted; prony_terms: 1 to 3, "auto", or 0 for none.
+    """How records are processed. contact: a method of `contact.METHODS`; indenter: "flat" or "sphere"; points: of the curve;
+    filter: its length over the ramp's duration; strains: of the thickness, at which forces are wanted; prony_terms: 1 to 3,
+    "auto", or 0 for none.
     """
 
     contact: str = "piecewise"
+    indenter: str = "flat"
     points: int = 25
     filter: float = 0.1
     strains: tuple[float, ...] = STRAINS

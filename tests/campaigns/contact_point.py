@@ -37,19 +37,22 @@ RIGS = {
 
 
 def sample_curve(name):
-    """Elastic Curve of a sample of SAMPLES."""
+    """Elastic Curve of a sample of SAMPLES, or under a sphere by Hertz, 20 mN at 0.33 mm."""
+    if name == "sphere":
+        d = 0.33 * (np.arange(1, 201) / 200) ** 2
+        return Curve(d, 20 * (d / 0.33) ** 1.5)
     slope, curvature, depth = SAMPLES[name]
     d = np.linspace(0, depth, 41)[1:]
     return Curve(d, (slope + curvature * d) * d)
 
 
-def trials(curve, rig, method, count, seed=0):
+def trials(curve, rig, method, count, seed=0, indenter="flat"):
     """Errors and stated uncertainties, mm, (count, 2) of a method on records of their own; nan where it finds no contact."""
     found = np.full((count, 2), np.nan)
     for n in range(count):
         record, truth = rig.run(curve, np.random.default_rng([seed, n]))
         try:
-            contact = find_contact(find_ramp(record), method)
+            contact = find_contact(find_ramp(record), method, indenter)
         except RecordError:
             continue
         found[n] = contact.displacement - truth, contact.uncertainty
