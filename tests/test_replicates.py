@@ -1,5 +1,6 @@
 """Manifests and statistics of replicates."""
 
+import csv
 import importlib.util
 import re
 from pathlib import Path
@@ -59,6 +60,11 @@ def test_twelve_samples_in_two_directions_give_back_the_means_the_ratio_and_the_
     assert set(p) == set(truth)
     assert all(value < 0.001 for value in p.values())  # as the paper
     assert [np.log10(p[name]) for name in truth] == pytest.approx([np.log10(value) for value in truth.values()], abs=0.2)
+    truth = {(row["sample"], int(row["direction"])): row for row in csv.DictReader((manifest.parent / "truth.csv").open())}
+    contacts = [(one.processed.contact, float(truth[one.entry.sample, one.entry.direction]["contact_mm"])) for one in outcomes]
+    errors = np.array([abs(contact.displacement - true) for contact, true in contacts])
+    assert np.median(errors) < 0.005
+    assert sum(errors <= [contact.uncertainty for contact, _ in contacts]) >= 18  # of 24: 90 % less three standard deviations
     means = mean_curves(outcomes)
     for direction in (0, 90):
         assert means[direction].count == 12

@@ -20,7 +20,7 @@ from scipy.stats import norm
 
 from ..errors import RecordError
 from .loading import filtered, noise_of, odd
-from .noise import Noise, covariance, noise_in
+from .noise import CorrelatedNoise, covariance, noise_in
 
 CONFIDENCE = 0.9  # of the interval that an uncertainty is half of
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5)}  # of the displacement beyond contact, for each kind of indenter
@@ -49,7 +49,7 @@ class Contact:
 
 
 def find_contact(ramp, method="piecewise", indenter="flat"):
-    """The `Contact` of a Ramp by one of METHODS, under an indenter of POWERS. RecordError where the record shows no contact point."""
+    """The `Contact` of a Ramp by one of METHODS, under an indenter of POWERS. Raises RecordError where there is no contact."""
     stretch, powers = _stretch(ramp), POWERS[indenter]
     model = _fit(stretch, powers)
     _require_a_kink(ramp, stretch, model)
@@ -94,7 +94,7 @@ class _Model:
     stderr: float
     coefficients: np.ndarray
     residual: np.ndarray
-    noise: Noise
+    noise: CorrelatedNoise
 
 
 def _stretch(ramp):

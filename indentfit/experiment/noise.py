@@ -17,7 +17,7 @@ LOCAL = 101  # samples over which the size of the noise is taken
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class CorrelatedNoise:
     """scale: local standard deviation (n,); correlation: with the k-th next sample (n,); weights: autoregression (order,)."""
 
     scale: np.ndarray
@@ -26,7 +26,7 @@ class Noise:
 
 
 def noise_in(residual):
-    """The `Noise` of a residual (n,): an autoregressive process by the Yule-Walker equations, its order by Akaike's criterion."""
+    """The `CorrelatedNoise` of a residual (n,): an autoregressive process by the Yule-Walker equations, its order by Akaike's criterion."""
     n = residual.size
     scale = np.sqrt(uniform_filter1d(residual**2, min(LOCAL, n), mode="nearest"))
     unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
@@ -36,7 +36,7 @@ def noise_in(residual):
     weights = min(tried, key=lambda one: one[0])[1]
     response = lfilter([1.0], np.append(1.0, -weights), np.eye(1, 2 * n)[0])
     correlation = np.fft.irfft(np.abs(np.fft.rfft(response, 4 * n)) ** 2)[:n]
-    return Noise(scale, correlation / correlation[0], weights)
+    return CorrelatedNoise(scale, correlation / correlation[0], weights)
 
 
 def covariance(jacobian, noise):
