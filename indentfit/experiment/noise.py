@@ -26,7 +26,7 @@ class CorrelatedNoise:
 
 
 def noise_in(residual):
-    """The `CorrelatedNoise` of a residual (n,): an autoregressive process by the Yule-Walker equations, its order by Akaike's criterion."""
+    """The `CorrelatedNoise` of a residual (n,): an autoregression by the Yule-Walker equations, its order by Akaike's criterion."""
     n = residual.size
     scale = np.sqrt(uniform_filter1d(residual**2, min(LOCAL, n), mode="nearest"))
     unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
