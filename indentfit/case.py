@@ -36,7 +36,8 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from .curve import Curve, read_curve, unit_factor
-from .errors import CaseError, CurveError, MaterialError
+from .errors import CaseError, CurveError, MaterialError, RecordError
+from .experiment.record import STRAINS, Channel, Layout, Options
 from .material import Material, load, typed
 
 DEFAULT_BULK_RATIO = 1000.0
@@ -109,6 +110,10 @@ def _one_line(text):
     if not text.strip() or not text.isprintable():
         raise _refusal("must be printable text on one line")
     return text
+
+
+def _tuple(value):
+    return tuple(value) if isinstance(value, list) else value
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -275,14 +280,69 @@ class MaterialCase(Section):
             yield "kappa", "material.bulk_ratio is given too; keep one of them"
 
 
+class RecordChannel(Section):
+    """How a column of a raw record becomes a quantity: sign * gain * value + offset, in `unit`."""
+
+    column: Annotated[int, Field(ge=1)] | Line | None = Field(default=None, description="name of the column, or its number from 1")
+    gain: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="`unit` per unit of the column"
+    )
+    sign: Literal[1, -1] = Field(default=1, description="-1 where the column falls under load")
+    offset: Finite = Field(default=0.0, description="added after the gain, in `unit`")
+    unit: Line | None = Field(default=None, description="unit of the quantity; by default that of the column's header")
+
+    @property
+    def channel(self):
+        """The `Channel` of experiment.record."""
+        return Channel(self.column, self.gain, self.sign, self.offset, self.unit)
+
+
+class Record(Section):
+    """How the raw records of the tests are read, and turned into curves."""
+
+    displacement: RecordChannel = Field(default=RecordChannel(), description="table of the displacement: column, gain, sign, unit")
+    force: RecordChannel = Field(default=RecordChannel(), description="table of the force: column, gain, sign, unit")
+    time: RecordChannel = Field(default=RecordChannel(), description="table of the time, where there is no rate")
+    rate: Annotated[float, _quantity("Hz"), Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="sampling rate, Hz"
+    )
+    skip_rows: int = Field(default=0, ge=0, description="rows before the table, beyond a header")
+    sheet: Annotated[int, Field(ge=1)] | Line | None = Field(default=None, description="sheet of a workbook, name or number")
+    encoding: Line | None = Field(default=None, description="encoding, where it cannot be told: utf-8, utf-16, gbk, latin-1")
+    contact: Literal["piecewise", "threshold", "variance_ratio"] = Field(
+        default="piecewise", description="method of the contact point"
+    )
+    indenter: Literal["flat", "sphere"] | None = Field(
+        default=None, description="end of the indenter, for the contact point; in a case that of [indenter]"
+    )
+    filter: Annotated[float, Field(gt=0, le=0.3)] = Field(default=0.1, description="length of the filter over the ramp's duration")
+    points: int = Field(default=25, ge=5, le=10_000, description="points of a curve")
+    strains: Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], BeforeValidator(_tuple)] = Field(
+        default=STRAINS, description="strains (depth over thickness) at which `process` tells the force"
+    )
+    prony_terms: Literal[0, 1, 2, 3, "auto"] = Field(default=2, description='terms of the Prony series, 0 to 3, or "auto"')
+
+    @property
+    def layout(self):
+        """The `Layout` of experiment.record."""
+        channels = (self.displacement.channel, self.force.channel)
+        return Layout(*channels, self.rate, self.time.channel, self.skip_rows, self.sheet, self.encoding)
+
+    @property
+    def options(self):
+        """The `Options` of experiment.process."""
+        return Options(self.contact, self.indenter or "flat", self.points, self.filter, self.strains, self.prony_terms)
+
+
 class Test(Section):
-    """One indentation: its direction, and the measured curve or just a depth to simulate."""
+    """One indentation: its direction, and the measured curve, the raw record of it, or just a depth to simulate."""
 
     __test__ = False  # not a test of pytest's
 
     name: Annotated[Line, Field(max_length=60)] = Field(description="name of the test")
     angle: Angle = Field(description="degrees between the fibres and x, the indenter's long side: 0 or 90")
     curve: Line | None = Field(default=None, description="CSV file of the measured curve, relative to the case file")
+    record: Line | None = Field(default=None, description="raw record of the rig, relative to the case file; see [record]")
     depth: Length | None = Field(default=None, description="depth to simulate, mm, where there is no curve")
     points: int = Field(
         default=25, ge=1, le=10_000, description="number of points to simulate, where there is no curve"
@@ -293,11 +353,12 @@ class Test(Section):
 
     def faults(self):
         given = self.model_fields_set
-        if {"curve", "depth"} <= given:
-            yield "depth", "a curve is given too; keep one of them"
-        if not {"curve", "depth"} & given:
-            yield "curve", "missing; give the file of the measured curve, or depth (mm)"
-        if "curve" in given and "points" in given:
+        sources = [key for key in ("curve", "record", "depth") if key in given]
+        if len(sources) > 1:
+            yield sources[-1], f"a {sources[0]} is given too; keep one of them"
+        if not sources:
+            yield "curve", "missing; give the file of the measured curve, or of its raw record (record), or depth (mm)"
+        if {"curve", "record"} & given and "points" in given:
             yield "points", "belongs to a test with a depth; the points of a curve are those of its file"
 
 
@@ -344,6 +405,7 @@ class Case(BaseModel):
     tests: tuple[Test, ...] = Field(alias="test", min_length=1)
     fit: Fit = Fit()
     solver: Solver = Solver()
+    record: Record = Record()
     path: Path = Field(default=Path("case.toml"), description="where the case was read; not a key of the file")
     overrides: tuple[str, ...] = Field(default=(), description="KEY=VALUE that replaced keys of the file")
     curves: tuple[InstanceOf[Curve] | None, ...] = ()
@@ -367,7 +429,7 @@ class Case(BaseModel):
         parts = dict(self)
         faults = [*_faults_across(parts), *_faults_of_parameters(self.material, self._material_of_faults())]
         for n, (test, curve) in enumerate(zip(self.tests, self.curves, strict=True)):
-            if (test.curve is None) != (curve is None):
+            if (test.curve is None and test.record is None) != (curve is None):
                 faults.append((("test", str(n), "curve"), test.curve, "not read; use read_case, or give `curves`"))
         _raise_faults(type(self), [(".".join(key), value, text) for key, value, text in faults])
         return self
@@ -406,9 +468,10 @@ class Case(BaseModel):
         """SHA-256 of everything that a result depends on; not of titles, comments, paths and the number of workers."""
         facts = self.model_dump(
             mode="json",
-            exclude={"title": True, "path": True, "overrides": True, "curves": True, "fit": {"workers"}},
+            exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
         )
         for test, curve in zip(facts["tests"], self.curves, strict=True):
+            del test["record"]  # what counts is the curve that it was turned into
             test["curve"] = curve and [curve.displacement.tolist(), curve.force.tolist()]
         if plugin := _plugin(self.material.model, self.path.parent):  # what the file says, not where it lies
             code = hashlib.sha256(plugin.read_bytes()).hexdigest()
@@ -436,6 +499,21 @@ def read_case(path, overrides: Sequence[str] = ()) -> Case:
         lines = [_line(path, problem, asked) for problem in problems]
         raise CaseError(list(dict.fromkeys(lines)))
     return Case(**parts, path=path, overrides=tuple(overrides))
+
+
+def read_record_table(path, overrides: Sequence[str] = ()) -> Record:
+    """The [record] table of a TOML file, a case or one that holds just that; `path` None: of the overrides alone.
+
+    Raises CaseError, which holds one line for each fault.
+    """
+    tree = _tree(Path(path)) if path is not None else {}
+    tree = {"record": tree.get("record", {})}
+    asked, problems = _override(tree, overrides)
+    problems += [Problem((key,), tree[key], "only keys of [record] can be set here") for key in tree if key != "record"]
+    table = _section(Record, ("record",), tree["record"], problems)
+    if problems:
+        raise CaseError([_line(path or "options", problem, asked) for problem in problems])
+    return table
 
 
 def require_fittable(case):
@@ -469,8 +547,10 @@ SECTIONS: dict[str, type[Section]] = {
     "material": MaterialCase,
     "fit": Fit,
     "solver": Solver,
+    "record": Record,
 }
 KEYS = ("title", *SECTIONS, "test")
+CHANNELS = ("displacement", "force", "time")
 RIVALS: dict[str, dict[str, set[str]]] = {  # setting a key takes these of the same table out of the file
     "mesh": {"size": {"elements"}, "elements": {"size"}},
     "material": {
@@ -479,7 +559,7 @@ RIVALS: dict[str, dict[str, set[str]]] = {  # setting a key takes these of the s
         "kappa": {"bulk_ratio"},
         "bulk_ratio": {"kappa"},
     },
-    "test": {"curve": {"depth", "points"}, "depth": {"curve"}},
+    "test": {"curve": {"depth", "points", "record"}, "record": {"depth", "points", "curve"}, "depth": {"curve", "record"}},
 }
 
 
@@ -644,7 +724,10 @@ def _parts(tree, path, problems):
         if not wrong and not any(problem.key[0] == "material" for problem in problems):
             wrong = list(_faults_of_substance(parts["material"], kind))
         problems += wrong
-    parts["tests"], parts["curves"] = _tests_and_curves(tree, path.parent, problems)
+    record = parts["record"]
+    if record and record.indenter is None and parts["indenter"] and parts["indenter"].shape == "sphere":
+        record = parts["record"] = record.model_copy(update={"indenter": "sphere"})
+    parts["tests"], parts["curves"] = _tests_and_curves(tree, path.parent, record, problems)
     return parts
 
 
@@ -671,6 +754,7 @@ def _section(model, place, keys, problems):
     for found in wrong:
         inner = found["loc"]
         where = Range if inner[:1] == ("parameters",) and len(inner) == 3 else model
+        where = RecordChannel if model is Record and len(inner) > 1 and inner[0] in CHANNELS else where
         value = found["input"] if inner[-1] in _inmost(keys, inner) else UNSAID
         if (*place, *inner) not in known:
             problems.append(Problem((*place, *inner), value, _words(where, found)))
@@ -700,7 +784,7 @@ def _what_is_right(model, keys, wrong):
     return model.model_construct(_fields_set=set(keys), **values)
 
 
-def _tests_and_curves(tree, folder, problems):
+def _tests_and_curves(tree, folder, record, problems):
     tables = tree.get("test", UNSAID)
     if tables is UNSAID or tables == []:
         problems.append(Problem(("test",), UNSAID, "missing; add a table [[test]] for each indentation"))
@@ -712,7 +796,10 @@ def _tests_and_curves(tree, folder, problems):
     for label, keys in zip(_labels(tables), tables, strict=True):
         test = _section(Test, ("test", label), keys, problems)
         tests.append(test)
-        curves.append(_curve(("test", label, "curve"), test and test.curve, folder, problems))
+        if test and test.record and record and not any(problem.key[0] == "record" for problem in problems):
+            curves.append(_curve_of_record(("test", label, "record"), test.record, folder, record, problems))
+        else:
+            curves.append(_curve(("test", label, "curve"), test and test.curve, folder, problems))
     return tuple(tests), tuple(curves)
 
 
@@ -730,6 +817,17 @@ def _curve(key, name, folder, problems):
     try:
         return read_curve(folder / name)
     except CurveError as error:
+        problems.append(Problem(key, name, str(error)))
+        return None
+
+
+def _curve_of_record(key, name, folder, record, problems):
+    from .experiment.process import process  # scipy's signals are slow to import, and few cases need them
+    from .experiment.reading import read_record
+
+    try:
+        return process(read_record(folder / name, record.layout), options=record.options).curve
+    except RecordError as error:
         problems.append(Problem(key, name, str(error)))
         return None
 

@@ -25,6 +25,10 @@ class CurveError(InputError):
     """A force-displacement curve that cannot be used."""
 
 
+class RecordError(InputError):
+    """A raw record, or a manifest of them, that cannot be used."""
+
+
 class MaterialError(InputError):
     """A material that cannot be found, loaded, parsed or given its parameters."""
 

@@ -15,6 +15,7 @@ from ..errors import CaseError, IndentfitError
 COMMANDS = {
     "init": "Write a commented case to start from.",
     "validate": "Show every error of a case, or what it says.",
+    "process": "Turn raw records into curves and stiffnesses.",
     "simulate": "Compute the curves of a case, and its stresses.",
     "fit": "Find the parameters that its curves ask for.",
     "materials": "List, describe or check materials.",

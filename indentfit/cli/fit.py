@@ -20,13 +20,17 @@ from .progress import progress
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-result.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, overrides, method, workers, seed, output, overwrite, as_json):
+@click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
+def command(case, overrides, method, workers, seed, output, overwrite, as_json, per_sample):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
     """
     options = {"method": method, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
+    if per_sample:
+        _fit_samples(case, overrides, output, overwrite, as_json)
+        return
     read = read_case(case, overrides)
     require_fittable(read)
     output = output or f"{read.path.resolve().parent.name or 'case'}-result"
@@ -41,17 +45,52 @@ def command(case, overrides, method, workers, seed, output, overwrite, as_json):
         raise FitError(f"the fit did not converge: {result.message}; its result is in {output}")
 
 
+def _fit_samples(path, overrides, output, overwrite, as_json):
+    """Fit each sample of the table beside the case; a result folder with a folder for each of them."""
+    from ..experiment.samples import TABLE, read_samples
+    from ..inverse.per_sample import fit_each, parameter_spread, sample_cases
+    from ..report.per_sample import sample_facts, sample_lines, write_samples_table
+    from ..report.vtu import file_names
+
+    cases = sample_cases(path, read_samples(Path(path).parent / TABLE), overrides)
+    output = output or f"{Path(path).resolve().parent.name or 'case'}-samples-result"
+    refuse_existing(output, overwrite)
+    for warning in cases[0][1].warnings():
+        click.echo(f"warning: {warning}", err=True)
+    names, fits = file_names([name for name, _ in cases]), []
+    with result_folder(output, overwrite) as folder:
+        with progress("fit", total=1) as step:
+            for one, name in zip(fit_each(cases, step), names, strict=True):
+                fits.append(one)
+                if one.result:
+                    (folder / name).mkdir()
+                    _write_into(folder / name, one.case, one.result)
+        spread = parameter_spread(fits)
+        samples = [sample_facts(one, name) for one, name in zip(fits, names, strict=True)]
+        written = {"format": "indentfit.per_sample/1", "samples": samples, "spread": spread}
+        write_json(folder / "per_sample.json", written)
+        write_samples_table(folder / "per_sample.csv", fits)
+    click.echo(json_text(written) if as_json else "\n".join([*sample_lines(fits, spread), f"written   {output}"]))
+    if failed := [one.sample for one in fits if not (one.result and one.result.success)]:
+        raise FitError(f"the fit of {', '.join(failed)} did not converge; the results are in {output}")
+
+
 def _write(path, overwrite, case, result):
     """The result folder; returns what its result.json holds."""
+    with result_folder(path, overwrite) as folder:
+        return _write_into(folder, case, result)
+
+
+def _write_into(folder, case, result):
+    """The files of a result, into a folder; returns what its result.json holds."""
     from ..report.plots import force_displacement  # matplotlib is slow to import
 
     measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
-    with result_folder(path, overwrite) as folder:
-        again = copy_case(case, folder)
-        written = {**result.as_json(), "overrides": list(again)}
-        write_json(folder / "result.json", written)
-        write_curves(folder / "curves.csv", result.curves, measured)
-        force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
+    again = copy_case(case, folder)
+    written = {**result.as_json(), "overrides": list(again)}
+    write_json(folder / "result.json", written)
+    write_curves(folder / "curves.csv", result.curves, measured)
+    force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
     return written
 
 

@@ -49,6 +49,7 @@ phi = { start = 1, min = 0, max = 5 }     # fibre shear stiffening
 name = "parallel"
 angle = 0                          # degrees between the fibres and x, the strip's long side: 0 or 90
 curve = "curves/parallel.csv"      # displacement_mm,force_mN of the full sample; other units by header: force_N
+# record = "records/parallel.csv"  # instead of a curve: the rig's own file, read as a table [record] says (see README)
 # depth = 0.33                     # mm: instead of a curve, to simulate only
 # points = 25                      # with a depth: how many points
 # weight = 0.5                     # in the objective; by default 1 / number of tests

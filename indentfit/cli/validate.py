@@ -57,7 +57,7 @@ def _summary(case):
         yield f"    {name:<8}{_value(part.parameters[name], parameter.unit)}"
     for test in case.tests:
         displacements = case.outputs(test)
-        source = test.curve or "no curve"
+        source = test.curve or test.record or "no curve"
         yield (
             f"  test      {test.name}: {test.angle} degrees, {len(displacements)} points to "
             f"{displacements[-1]:g} mm, weight {test.weight:g}, {source}"

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import OutputError
 
-RESULTS = ("result.json", "simulation.json")  # what tells a result folder from any other
+RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json")  # what tells a result folder from any other
 FILES = (*RESULTS, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
 FIGURES = (".svg", ".png")
 
@@ -118,6 +118,8 @@ def _files_named(case):
     for test in case.tests:
         if test.curve is not None:
             yield f"test.{test.name}.curve", test.curve, "curves", ""
+        if test.record is not None:
+            yield f"test.{test.name}.record", test.record, "records", ""
     file, colon, kind = (case.material.model or "").rpartition(":")
     if colon and file.endswith(".py"):
         yield "material.model", file, "plugins", f":{kind}"

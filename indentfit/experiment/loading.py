@@ -1,0 +1,155 @@
+"""The loading part of a record: where the ramp is, its velocity, the section of constant velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.signal import savgol_filter
+
+from ..errors import RecordError
+from .record import Record
+
+FILTER = 0.1  # length of the filter, as a share of the ramp's duration
+VELOCITY_FILTER = 0.2
+SAME_VELOCITY = 0.15  # relative change of velocity that still counts as constant
+SHORTEST_FILTER = 5  # samples
+FEWEST = 20  # samples of a ramp that can be filtered at all
+
+
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """The loading of a record: samples before `stop`, of which `low` and `high` carry 20 % and 80 % of the force.
+
+    displacement, force: of the whole record (n,), Savitzky-Golay filtered, quadratic, zero phase, over `length` samples;
+    velocity: of the ramp, mm/s; rest: mean force of the first samples, mN; peak: largest filtered force until `stop`, less
+    `rest`, mN.
+    """
+
+    record: Record
+    low: int
+    high: int
+    stop: int
+    length: int
+    velocity: float
+    displacement: np.ndarray
+    force: np.ndarray
+    rest: float
+    peak: float
+
+    @property
+    def samples(self):
+        """About how many samples the whole ramp has."""
+        return self.duration / self.record.interval
+
+    @property
+    def duration(self):
+        """Of the whole ramp, s, from the time that the force needs from 20 % to 80 %."""
+        return float(self.record.time[self.high] - self.record.time[self.low]) / 0.6
+
+
+def find_ramp(record, filter_share=FILTER):
+    """The `Ramp` of a Record: where the force rises from 20 % to 80 %, to where the stage then stops or turns.
+
+    filter_share: length of the filter over the ramp's duration. Raises RecordError where the force does not rise, or the
+    displacement falls while it does.
+    """
+    force = median_filter(record.force, size=min(9, record.force.size), mode="nearest")
+    rest = float(np.median(force[: max(10, min(50, force.size // 20))]))
+    low, high = _rise(record, force - rest)
+    samples = (high - low) / 0.6
+    if samples < FEWEST:
+        raise RecordError(f"{record.name}: the ramp has about {samples:.0f} samples; it needs {FEWEST}, record at a higher rate")
+    displacement, smooth = (filtered(channel, filter_share * samples) for channel in (record.displacement, record.force))
+    velocity = float((displacement[high] - displacement[low]) / (record.time[high] - record.time[low]))
+    if velocity <= 0:
+        raise RecordError(
+            f"{record.name}: the displacement goes backwards ({velocity:.3g} mm/s) while the force rises; "
+            "it must rise into the sample, change record.displacement.sign"
+        )
+    stop = _end(record, displacement, velocity, high, samples)
+    peak = float(smooth[low:stop].max() - rest)
+    return Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, peak)
+
+
+def constant_velocity(ramp, start):
+    """Slice of the samples of the ramp, from index `start` on, where the velocity is constant within 15 %, and that velocity, mm/s.
+
+    The longest such section; RecordError where there is none worth the name.
+    """
+    record = ramp.record
+    length = min(odd(VELOCITY_FILTER * ramp.samples), len(record.time))
+    velocity = savgol_filter(record.displacement, length, 1, deriv=1, delta=record.interval)
+    usual = float(np.median(velocity[ramp.low : ramp.high]))
+    steady = np.abs(velocity[start : ramp.stop] - usual) <= SAME_VELOCITY * abs(usual)
+    begin, end = _longest_run(steady)
+    if end - begin < max(FEWEST / 2, 0.2 * ramp.samples):
+        raise RecordError(
+            f"{record.name}: no section of constant velocity: the stage keeps within 15 % of {usual:.3g} mm/s for "
+            f"{end - begin} samples only; check the displacement channel"
+        )
+    window = slice(start + begin, start + end)
+    slope = np.polyfit(record.time[window] - record.time[window.start], record.displacement[window], 1)[0]
+    return window, float(slope)
+
+
+def filtered(values, length):
+    """Savitzky-Golay filtered values (n,), quadratic, without shift in time, over about `length` samples."""
+    length = min(odd(length), values.size - 1 + values.size % 2)
+    return savgol_filter(values, length, 2)
+
+
+def odd(length):
+    """The odd number of samples next to a filter's length."""
+    return max(SHORTEST_FILTER, 2 * round((length - 1) / 2) + 1)
+
+
+def _rise(record, force):
+    """Samples where the force last passes 20 % and then first reaches 80 % of its largest value."""
+    noise = noise_of(record.force)
+    peak = float(force.max())
+    if peak < 8 * noise or peak < 0.5 * -float(force.min()):
+        if -float(force.min()) > max(8 * noise, 2 * peak):
+            raise RecordError(
+                f"{record.name}: the force falls to {force.min():.3g} mN under load; compression is positive, "
+                "change record.force.sign"
+            )
+        raise RecordError(
+            f"{record.name}: no contact: the force never rises clearly above its noise "
+            f"(by {max(peak, 0):.3g} mN, noise {noise:.3g} mN); check the channel, or remove the record"
+        )
+    high = int(np.argmax(force >= 0.8 * peak))
+    below = np.flatnonzero(force[:high] < 0.2 * peak)
+    if not below.size:
+        raise RecordError(
+            f"{record.name}: no baseline: the force is there from the first sample on; start recording before contact"
+        )
+    return int(below[-1]), high
+
+
+def noise_of(values):
+    """Standard deviation of white noise in slowly changing values, from their second differences, robust against steps."""
+    second = np.diff(values, 2)
+    return float(np.median(np.abs(second - np.median(second))) / 0.6745 / np.sqrt(6)) if second.size else 0.0
+
+
+def _end(record, displacement, velocity, high, samples):
+    """Index behind the last sample of loading: where the stage, once it has slowed down behind `high`, is deepest."""
+    step = max(1, round(0.05 * samples))
+    ahead = displacement[high + step :] - displacement[high : displacement.size - step]
+    slow = np.flatnonzero(ahead < 0.3 * velocity * step * record.interval)
+    if not slow.size:
+        return displacement.size
+    begin = high + int(slow[0])
+    near = displacement[begin : begin + 3 * step]
+    return begin + int(np.argmax(near >= near.max() - 0.005 * velocity * samples * record.interval)) + 1
+
+
+def _longest_run(steady):
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
+    if not edges.size:
+        return 0, 0
+    begins, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - begins))
+    return int(begins[longest]), int(ends[longest])

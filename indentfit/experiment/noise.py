@@ -1,0 +1,55 @@
+"""Noise that is neither white nor of one size, as of a load cell that rings on a moving stage.
+
+Least squares that take such noise for white state errors that are far too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matmul_toeplitz, solve_toeplitz
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+ORDER = 12  # of the autoregressive process, at most
+LOCAL = 101  # samples over which the size of the noise is taken
+
+
+@dataclass(frozen=True, eq=False)
+class CorrelatedNoise:
+    """scale: local standard deviation (n,); correlation: with the k-th next sample (n,); weights: autoregression (order,)."""
+
+    scale: np.ndarray
+    correlation: np.ndarray
+    weights: np.ndarray
+
+
+def noise_in(residual):
+    """The `CorrelatedNoise` of a residual (n,): an autoregression by the Yule-Walker equations, its order by Akaike's criterion."""
+    n = residual.size
+    scale = np.sqrt(uniform_filter1d(residual**2, min(LOCAL, n), mode="nearest"))
+    unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
+    power = np.abs(np.fft.rfft(unit, 2 * n)) ** 2
+    moments = np.fft.irfft(power)[: ORDER + 1] / n
+    tried = (_autoregression(moments, order, n) for order in range(min(ORDER, n // 10) + 1))
+    weights = min(tried, key=lambda one: one[0])[1]
+    response = lfilter([1.0], np.append(1.0, -weights), np.eye(1, 2 * n)[0])
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(response, 4 * n)) ** 2)[:n]
+    return CorrelatedNoise(scale, correlation / correlation[0], weights)
+
+
+def covariance(jacobian, noise):
+    """Covariance (p, p) of least-squares values with a Jacobian (n, p), by the sandwich of their scores."""
+    n, p = jacobian.shape
+    bread = np.linalg.pinv(jacobian.T @ jacobian)
+    sized = jacobian * noise.scale[:, None]
+    meat = sized.T @ matmul_toeplitz((noise.correlation, noise.correlation), sized)
+    return bread @ meat @ bread * n / max(n - p, 1)
+
+
+def _autoregression(moments, order, n):
+    """Akaike's criterion, and the coefficients."""
+    weights = solve_toeplitz(moments[:order], moments[1 : order + 1]) if order else np.zeros(0)
+    variance = moments[0] - weights @ moments[1 : order + 1]
+    return n * np.log(max(variance, 1e-300)) + 2 * (order + 1), weights

@@ -1,0 +1,110 @@
+"""A simulated rig: the raw record that a lab would have made of a known curve, for studies and examples whose truth is known.
+
+Position: at rest before the sample, an approach, a ramp at constant velocity, a hold. Sensors: white noise, the stage's vibration
+while it moves, drift of the load cell, the converter's resolution. The noise of `PHANTOM` is that seen in gelatin records of a
+rig like that of Feng et al. 2017 (0.02 mN at rest, 0.55 mN of 45 Hz vibration in motion, steps of 0.006 mm and 0.024 mN).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.signal import lfilter
+
+from .record import Record
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the sensors add. Standard deviations in mN and mm; `resolution` of force (mN) and displacement (mm); drift in mN/s.
+
+    vibration: of force and displacement while the stage moves, at `frequency` Hz, correlated by `coherence` after one period.
+    """
+
+    force: float = 0.02
+    displacement: float = 0.0024
+    vibration: tuple[float, float] = (0.55, 0.004)
+    frequency: float = 45.0
+    coherence: float = 0.35
+    resolution: tuple[float, float] = (0.024, 0.006)
+    drift: float = 0.0
+
+
+PHANTOM = Noise()
+
+
+@dataclass(frozen=True)
+class Rig:
+    """How the stage moves: rate Hz, lengths mm, times s, velocities mm/s; `zero`: what the sensors read at the start, mm and mN.
+
+    The approach begins `gap` above the sample; at another `approach_velocity` it ends a hundredth of the depth inside of it.
+    adhesion: pull of a wet sample on the indenter close to contact, mN, over `reach` mm.
+    """
+
+    rate: float = 1000.0
+    rest: float = 0.15
+    gap: float = 0.3
+    velocity: float = 1.0
+    approach_velocity: float | None = None
+    hold: float = 0.5
+    adhesion: float = 0.0
+    reach: float = 0.01
+    zero: tuple[float, float] = (0.4, 1.7)
+    noise: Noise = field(default_factory=Noise)
+
+    def run(self, curve, rng, relaxation=()):
+        """(Record, displacement at contact in it, mm) of a sample whose elastic `Curve` is known; rng: a NumPy Generator.
+
+        relaxation: pairs (share of the instantaneous force, time constant in s) of a Prony series. Deeper than the curve it is
+        not pressed.
+        """
+        time, position, moving = self._motion(float(curve.displacement[-1]))
+        force = _relaxing(_elastic(curve, position), relaxation, 1 / self.rate)
+        force = force - self.adhesion * np.exp(-np.abs(position) / self.reach)
+        noise = self.noise
+        shake = _vibration(moving, noise, self.rate, rng)
+        d = position + self.gap + self.zero[0] + noise.displacement * rng.standard_normal(time.size) + noise.vibration[1] * shake[1]
+        f = force + self.zero[1] + noise.drift * time + noise.force * rng.standard_normal(time.size) + noise.vibration[0] * shake[0]
+        d, f = (_steps(values, step) for values, step in zip((d, f), noise.resolution[::-1], strict=True))
+        return Record(time, d, f, name="simulated rig"), self.gap + self.zero[0]
+
+    def _motion(self, depth):
+        """Time, position of the indenter (0 at contact, mm) and whether the stage moves, each (n,)."""
+        slow = self.approach_velocity or self.velocity
+        inside = min(0.01 * depth, depth) if self.approach_velocity else 0.0
+        spans = [self.rest, (self.gap + inside) / slow, (depth - inside) / self.velocity, self.hold]
+        corners = np.cumsum([0.0, *spans])
+        time = np.arange(round(corners[-1] * self.rate)) / self.rate
+        position = np.interp(time, corners, [-self.gap, -self.gap, inside, depth, depth])
+        return time, position, (time >= corners[1]) & (time < corners[3])
+
+
+def _elastic(curve, position):
+    d, F = np.append(0.0, curve.displacement), np.append(0.0, curve.force)
+    d, F = (d[1:], F[1:]) if d[1] == 0 else (d, F)
+    return PchipInterpolator(d, F)(np.clip(position, 0.0, d[-1]))
+
+
+def _relaxing(elastic, relaxation, interval):
+    """The force of quasi-linear viscoelasticity: the convolution of the elastic force's rate with the Prony series."""
+    force = (1 - sum(share for share, _ in relaxation)) * elastic
+    for share, tau in relaxation:
+        decay = np.exp(-interval / tau)
+        force = force + share * lfilter([np.sqrt(decay)], [1, -decay], np.diff(elastic, prepend=0.0))
+    return force
+
+
+def _vibration(moving, noise, rate, rng):
+    """Two unit vibrations (2, n) that last while the stage moves: a damped oscillation driven by white noise."""
+    pole = noise.coherence ** (noise.frequency / rate)
+    a = [1, -2 * pole * np.cos(2 * np.pi * noise.frequency / rate), pole**2]
+    n, settle = moving.size, 500
+    shake = lfilter([1], a, rng.standard_normal((2, n + settle)), axis=1)[:, settle:]
+    spread = lfilter([1], a, np.eye(1, 5000)[0])
+    return shake / np.sqrt(np.sum(spread**2)) * moving
+
+
+def _steps(values, resolution):
+    return np.round(values / resolution) * resolution if resolution else values

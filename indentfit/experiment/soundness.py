@@ -1,0 +1,89 @@
+"""Whether a record can be trusted: dead and saturated channels, samples that are missing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import RecordError
+
+FEWEST = 50  # samples of a record
+STUCK = 0.04  # share of the ramp for which a channel may read exactly its largest value
+JUMP = 0.05  # share of the ramp's duration, or of its depth, that a gap may hide
+
+
+def require_channels(record):
+    """Raise RecordError for a record of a few samples, or with a channel that never changes."""
+    if record.time.size < FEWEST:
+        raise RecordError(f"{record.name}: {record.time.size} rows of numbers; a record needs at least {FEWEST}")
+    for name in ("displacement", "force"):
+        values = getattr(record, name)
+        if np.ptp(values) == 0:
+            raise RecordError(f"{record.name}: the {name} is {values[0]:g} throughout: a dead channel, or another column; check it")
+
+
+def require_whole(ramp):
+    """Notes on a record that can be used; RecordError where its loading lacks samples or runs into the end of a sensor's range."""
+    _require_unsaturated(ramp)
+    return _require_no_gap(ramp)
+
+
+def _require_unsaturated(ramp):
+    """A channel that reads exactly one value, its largest, while the other one goes on, is at the end of its range."""
+    record, part = ramp.record, slice(ramp.low, ramp.stop)
+    for name, other in (("force", "displacement"), ("displacement", "force")):
+        values = getattr(record, name)
+        run = _longest_run(values[part] == values[: ramp.stop].max())
+        if run is None:
+            continue
+        begin, end = run
+        moved = getattr(ramp, other)[part]
+        share = (moved[end - 1] - moved[begin]) / np.ptp(moved)
+        if end - begin > max(5, STUCK * ramp.samples) and share > STUCK:
+            raise RecordError(
+                f"{record.name}: the {name} is saturated: {end - begin} samples read {values[: ramp.stop].max():g} "
+                f"{'mN' if name == 'force' else 'mm'} while the {other} rises; use a wider range, or remove the record"
+            )
+
+
+def _longest_run(marks):
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(int), [0]])))
+    if not edges.size:
+        return None
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[::2][longest]), int(edges[1::2][longest])
+
+
+def _require_no_gap(ramp):
+    """Samples missing in time, or a jump of the displacement within the ramp that its velocity cannot explain."""
+    record = ramp.record
+    gaps = np.diff(record.time) - record.interval
+    wide = gaps > 0.5 * record.interval
+    inside = np.flatnonzero(wide[ramp.low : ramp.stop - 1]) + ramp.low
+    if inside.size and (gaps[inside].max() > JUMP * ramp.duration or gaps[inside].sum() > 2 * JUMP * ramp.duration):
+        worst = inside[np.argmax(gaps[inside])]
+        raise RecordError(
+            f"{record.name}: samples are missing in the ramp: {gaps[inside].sum():.3g} s of {ramp.duration:.3g} s, the most after "
+            f"{record.time[worst]:.4g} s; repeat the record, or remove it"
+        )
+    _require_no_jump(ramp)
+    if wide.any():
+        return (f"samples are missing at {np.count_nonzero(wide)} places, {gaps[wide].sum():.3g} s in all",)
+    return ()
+
+
+def _require_no_jump(ramp):
+    """Samples missing without a trace in time: the displacement leaps."""
+    record, steps = ramp.record, 5
+    begin = max(0, ramp.low - steps)
+    part = record.displacement[begin : ramp.stop]
+    moved = part[steps:] - part[:-steps]
+    beyond = np.abs(moved - np.median(moved))
+    changes = np.abs(np.diff(part))
+    resolution = float(changes[changes > 0].min(initial=np.inf))
+    noise = max(1.4826 * float(np.median(beyond)), resolution if np.isfinite(resolution) else 0.0)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > max(8 * noise, JUMP * np.ptp(part)):
+        raise RecordError(
+            f"{record.name}: the displacement jumps by {moved[worst]:.3g} mm within {steps} samples at "
+            f"{record.time[begin + worst]:.4g} s: samples are missing or wrong; repeat the record, or remove it"
+        )

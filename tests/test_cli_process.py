@@ -1,0 +1,310 @@
+"""`indentfit process`, a case that names raw records, and `fit --per-sample`: what they print, what they write and how they end."""
+
+import csv
+import json
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from indentfit.case import read_case
+from indentfit.cli import main
+from indentfit.curve import Curve, read_curve, write_curve
+from indentfit.experiment.rig import Noise, Rig
+from indentfit.inverse.fit import fit
+
+CASE = Path(__file__).parent.parent / "cases" / "rig_records"
+RECORD = CASE / "records" / "S1_parallel.csv"
+TRUTH = {row["direction"]: row for row in csv.DictReader((CASE / "truth.csv").read_text().splitlines())}
+TABLE = ["--record", str(CASE / "record.toml")]
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def run(*arguments, command="process"):
+    return CliRunner().invoke(main, [command, *map(str, arguments)])
+
+
+@pytest.fixture
+def manifest(tmp_path):
+    """Three samples in both directions, one of whose files is missing: straight curves of 60 k and 120 k mN/mm, k = 1, 1.1, 1.2."""
+    d = np.linspace(0, 0.3, 40)[1:]
+    rng, rows = np.random.default_rng(0), ["sample,direction,file,thickness,diameter"]
+    for n in range(3):
+        for direction, slope in ((0, 60.0), (90, 120.0)):
+            rig = Rig(hold=0.3, noise=Noise(vibration=(0.1, 0.001)))
+            record, _ = rig.run(Curve(d, slope * (1 + 0.1 * n) * d), rng)
+            table = np.column_stack([record.time, record.displacement, record.force])
+            np.savetxt(
+                tmp_path / f"{n}_{direction}.csv",
+                table,
+                delimiter=",",
+                header="time_s,displacement_mm,force_mN",
+                comments="",
+                fmt="%.4f",
+            )
+            rows.append(f"S{n},{direction},{n}_{direction}.csv,{3 + 0.1 * n:g},14")
+    rows.append("S9,0,lost.csv,3,14")
+    (tmp_path / "manifest.csv").write_text("\n".join(rows) + "\n")
+    return tmp_path / "manifest.csv"
+
+
+def test_a_raw_record_becomes_a_curve_a_table_figures_and_a_page(tmp_path):
+    result = run(RECORD, *TABLE, "--thickness", 3.3, "-o", "out")
+    assert result.exit_code == 0, result.stderr
+    assert "written     out" in result.stdout
+    files = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    assert files == {
+        "curves/S1_parallel.csv",
+        "figures/S1_parallel.svg",
+        "figures/S1_parallel.png",
+        "stiffness.csv",
+        "summary.json",
+        "report.html",
+    }
+    (row,) = csv.DictReader((tmp_path / "out" / "stiffness.csv").read_text().splitlines())
+    true = TRUTH["0"]
+    assert float(row["stiffness_mN_per_mm"]) == pytest.approx(float(true["stiffness_mN_per_mm"]), rel=0.03)
+    assert float(row["contact_mm"]) == pytest.approx(float(true["contact_mm"]), abs=0.01)
+    assert float(row["depth_mm"]) == pytest.approx(float(true["depth_mm"]), abs=0.01)
+    assert float(row["strain_rate_per_s"]) == pytest.approx(0.2, rel=0.03)
+    assert row["status"] == "ok" and float(row["force_mN_at_0.05"]) > 0
+    curve = read_curve(tmp_path / "out" / "curves" / "S1_parallel.csv")
+    assert curve.displacement.size == 25
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["format"] == "indentfit.records/1"
+    assert summary["records"][0]["contact"]["method"] == "piecewise"
+
+
+def test_json_goes_to_stdout_alone():
+    result = run(RECORD, *TABLE, "--json", "--no-figures", "-o", "out")
+    assert json.loads(result.stdout)["records"][0]["status"] == "ok"
+    assert json.loads(result.stdout) == json.loads(Path("out/summary.json").read_text())
+
+
+def test_a_sidecar_beside_the_records_is_used_and_said():
+    shutil.copytree(CASE / "records", "rig")
+    shutil.copy(CASE / "record.toml", "rig/record.toml")
+    result = run("rig/S1_parallel.csv", "--no-figures", "-o", "out")
+    assert result.exit_code == 0
+    assert "record.toml" in result.stderr
+
+
+def test_a_calibration_can_be_given_by_set():
+    keys = ["record.rate=1000", "record.displacement={gain=6,sign=-1}", "record.force.gain=24", "record.force.sign=-1"]
+    result = run(RECORD, *(word for key in keys for word in ("--set", key)), "--no-figures", "-o", "out")
+    assert result.exit_code == 0, result.stderr
+    for key, text in (
+        ("record.force.gian=1", "did you mean gain"),
+        ("sample.thickness=1", "only keys of [record]"),
+        ("record.rate=-1", "above 0"),
+    ):
+        result = run(RECORD, "--set", key, "-o", "other")
+        assert result.exit_code == 2 and text in result.stderr
+
+
+def test_a_bad_record_is_one_line_and_exit_code_2_and_nothing_is_written():
+    Path("three.csv").write_text("time_s,displacement_mm,force_mN\n0,0,0\n1,1,1\n2,2,2\n")
+    result = run("three.csv", "-o", "out")
+    assert result.exit_code == 2
+    assert result.stderr.strip().splitlines() == ["error: three.csv: 3 rows of numbers; a record needs at least 50"]
+    assert not Path("out").exists()
+    both = run("three.csv", "none.csv", "-o", "out")
+    assert both.exit_code == 2 and len(both.stderr.strip().splitlines()) == 2
+
+
+def test_a_bad_record_among_good_ones_is_flagged(manifest):
+    result = run("-m", manifest, "--no-figures", "-o", "out")
+    assert result.exit_code == 0
+    assert re.search(r"warning: left out: .*lost\.csv: no such file", result.stderr)
+    rows = list(csv.DictReader(Path("out/stiffness.csv").read_text().splitlines()))
+    assert [row["status"] for row in rows] == ["ok"] * 6 + ["failed"]
+    assert "lost.csv" in rows[-1]["notes"] and rows[-1]["stiffness_mN_per_mm"] == ""
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert summary["stiffness_mN_per_mm"]["0"]["mean"] == pytest.approx(66, rel=0.02)
+    assert summary["ratio_90_to_0"]["mean"] == pytest.approx(2, rel=0.03)
+    assert "ratio       90° / 0°" in result.stdout
+    means = list(csv.DictReader(Path("out/mean_curves.csv").read_text().splitlines()))
+    assert [(row["direction"], row["n"]) for row in means] == [("0", "3")] * 25 + [("90", "3")] * 25
+    last = means[24]
+    assert float(last["force_mN"]) == pytest.approx(66 * float(last["displacement_mm"]), rel=0.02)
+    assert float(last["sd_mN"]) == pytest.approx(6 * float(last["displacement_mm"]), rel=0.1)  # SD of 60, 66, 72 is 6
+
+
+def test_an_earlier_result_is_not_overwritten_unasked():
+    arguments = [RECORD, *TABLE, "--no-figures", "-o", "out"]
+    assert run(*arguments).exit_code == 0
+    again = run(*arguments)
+    assert again.exit_code == 2 and "--overwrite" in again.stderr
+    assert run(*arguments, "--overwrite").exit_code == 0
+
+
+def test_the_page_is_one_file_with_every_text_escaped(manifest):
+    text = manifest.read_text().replace("S9", "<script>alert(1)</script> & $x$")
+    manifest.write_text(text.replace("S2,", '"S2 <b>",'))
+    result = run("-m", manifest, "-o", "out")
+    assert result.exit_code == 0, result.stderr
+    page = Path("out/report.html").read_text()
+    assert "<script" not in page and "&lt;script&gt;" in page and "S2 &lt;b&gt;" in page
+    assert not re.search(r"""(src|href)=["'](?!data:)""", page)
+    assert page.count("data:image/png;base64,") == 7  # six records and the replicates
+    assert Path("out/figures/replicates.svg").is_file()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["--manifest", "m.csv", "x.csv"],
+        ["x.csv", "--case"],
+        ["x.csv", "--base", "c"],
+        ["-m", "m.csv", "--case", "--target", "45=mean"],
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(arguments):
+    assert run(*arguments).exit_code == 2
+
+
+# Cases of records
+
+
+def test_a_case_that_names_raw_records_has_their_curves():
+    case = read_case(CASE / "case.toml")
+    for test, curve in zip(case.tests, case.curves, strict=True):
+        true = TRUTH[str(test.angle)]
+        assert curve.displacement.size == 25
+        assert curve.displacement[-1] == pytest.approx(float(true["depth_mm"]), abs=0.008)
+        slope = np.polyfit(curve.displacement, curve.force, 1)[0]
+        assert slope == pytest.approx(float(true["stiffness_mN_per_mm"]), rel=0.03)
+
+
+def test_a_case_with_a_sphere_looks_for_contact_as_hertz_has_it():
+    keys = ["indenter={shape='sphere',diameter=20,friction=0.5}"]
+    sphere = read_case(CASE / "case.toml", keys)
+    assert sphere.record.indenter == "sphere"
+    as_told = read_case(CASE / "case.toml", ["record.indenter=sphere"])
+    assert np.array_equal(sphere.curves[0].force, as_told.curves[0].force)
+    assert not np.array_equal(sphere.curves[0].force, read_case(CASE / "case.toml").curves[0].force)
+
+
+def test_the_hash_of_a_case_is_that_of_its_curves_wherever_they_come_from(tmp_path):
+    """The same curve, named as a record or as a curve, is the same case; another calibration is another."""
+    named = read_case(CASE / "case.toml")
+    for test, curve in zip(named.tests, named.curves, strict=True):
+        write_curve(tmp_path / f"{test.name}.csv", curve)
+    keys = [f'test.{test.name}.curve={json.dumps(str(tmp_path / test.name))[:-1]}.csv"' for test in named.tests]
+    assert read_case(CASE / "case.toml", keys).hash == named.hash
+    assert read_case(CASE / "case.toml", ["record.force.gain=25"]).hash != named.hash
+
+
+def test_errors_of_records_are_errors_of_the_case():
+    for key, text in (
+        ("test.parallel.record=none.csv", "test.parallel.record"),
+        ("record.displacement.sign=1", "record.displacement.sign"),
+        ("record.force.unit=kPa", "record.force.unit is in kPa"),
+        ("record.contact=guess", "'piecewise', 'threshold' or 'variance_ratio'"),
+        ("record.displacement.column=0", "record.displacement.column"),
+    ):
+        result = run(CASE / "case.toml", "--set", key, command="validate")
+        assert result.exit_code == 2 and text in result.stderr, result.stderr
+
+
+def test_a_fit_starts_from_the_rig_s_files_and_its_folder_can_be_run_again():
+    """A neo-Hookean strip on quick elements: what the curves of `process` give, the raw records give; the copy is complete."""
+    keys = ["material={model='neo_hookean',parameters={mu={start=1,min=0.1,max=20}}}", "solver.element=q1p0", "fit.workers=1"]
+    words = [word for key in keys for word in ("--set", key)]
+    result = run(CASE / "case.toml", *words, "-o", "out", "--json", command="fit")
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(result.stdout)["parameters"]["mu"]["value"]
+    copy = read_case("out/case.toml", keys)
+    assert copy.hash == read_case(CASE / "case.toml", keys).hash
+    assert fit(copy).parameters["mu"]["value"] == pytest.approx(found, rel=1e-9)
+
+
+BASE = """
+[sample]
+shape = "disc"
+diameter = 10
+thickness = 5
+base = "sliding"
+[indenter]
+shape = "strip"
+width = 2
+length = 20
+friction = 0
+[mesh]
+elements = 40
+[solver]
+element = "q1p0"
+[material]
+model = "neo_hookean"
+[material.parameters]
+mu = { start = 1, min = 0.1, max = 20 }
+[[test]]
+name = "unused"
+angle = 0
+depth = 0.1
+[fit]
+method = "least_squares"
+workers = 1
+"""
+
+
+@pytest.fixture
+def made(manifest):
+    """A case made from the manifest by --case."""
+    Path("base.toml").write_text(BASE)
+    result = run("-m", manifest, "--no-figures", "--case", "--base", "base.toml", "--target", "90=quadratic", "-o", "set")
+    assert result.exit_code == 0, result.stderr
+    return Path("set/case.toml")
+
+
+def test_a_case_made_from_a_manifest_goes_straight_into_fit(made):
+    tree = tomllib.loads(made.read_text())
+    assert tree["sample"]["thickness"] == pytest.approx(3.1)  # mean of 3, 3.1, 3.2
+    assert tree["sample"]["diameter"] == 14
+    case = read_case(made)
+    assert [(test.name, test.angle) for test in case.tests] == [("parallel", 0), ("perpendicular", 90)]
+    slopes = [np.polyfit(curve.displacement, curve.force, 1)[0] for curve in case.curves]
+    assert slopes == pytest.approx([66, 132], rel=0.02)
+    result = run(made, "--set", "test.perpendicular.weight=0", "-o", "out", command="fit")
+    assert result.exit_code == 0, result.stderr
+
+
+def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
+    """Weights leave the 0-degree curve; each mu is what a fit of its curve alone gives."""
+    keys = ("test.perpendicular.weight=0", "test.parallel.weight=1")
+    words = [word for key in keys for word in ("--set", key)]
+    result = run(made, *words, "--per-sample", "-o", "each", "--json", command="fit")
+    assert result.exit_code == 0, result.stderr
+    written = json.loads(result.stdout)
+    assert [one["sample"] for one in written["samples"]] == ["S0", "S1", "S2"]
+    assert [one["thickness_mm"] for one in written["samples"]] == [3.0, 3.1, 3.2]
+    mu = [one["parameters"]["mu"]["value"] for one in written["samples"]]
+    assert written["spread"]["mu"]["n"] == 3
+    assert written["spread"]["mu"]["mean"] == pytest.approx(np.mean(mu))
+    assert written["spread"]["mu"]["sd"] == pytest.approx(np.std(mu, ddof=1))
+    alone = [*keys, 'test.parallel.curve="curves/S2_0.csv"', 'test.perpendicular.curve="curves/S2_90.csv"', "sample.thickness=3.2"]
+    assert fit(read_case(made, alone)).parameters["mu"]["value"] == pytest.approx(mu[2], rel=1e-9)
+    rows = list(csv.DictReader(Path("each/per_sample.csv").read_text().splitlines()))
+    assert [float(row["mu"]) for row in rows] == pytest.approx(mu)
+    assert Path("each/S1/result.json").is_file() and Path("each/S1/fit.svg").is_file()
+    assert run(made, *words, "--per-sample", "-o", "each", command="fit").exit_code == 2  # nothing is overwritten unasked
+
+
+def test_per_sample_without_its_table_says_what_writes_it(made):
+    table = made.parent / "replicates.csv"
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join(line for line in lines if not line.startswith("S1,90")) + "\n")
+    result = run(made, "--per-sample", command="fit")
+    assert result.exit_code == 2 and "sample S1 has no curve of direction 90" in result.stderr
+    table.unlink()
+    result = run(made, "--per-sample", command="fit")
+    assert result.exit_code == 2 and "process --case" in result.stderr
