@@ -309,6 +309,9 @@ class Fit(Section):
     population: int = Field(default=8, ge=4, le=10_000, description="individuals of a generation, genetic algorithm")
     generations: int = Field(default=4, ge=1, le=10_000, description="generations at most, genetic algorithm")
     workers: int | None = Field(default=None, ge=1, le=1024, description="processes; by default one for each core")
+    time_limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
+        default=600.0, description="seconds that one solve of one test may take before it counts as failed"
+    )
     tolerance: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] = Field(
         default=1e-6, description="relative change of the objective below which the search ends"
     )
