@@ -15,7 +15,7 @@ from indentfit.case import Fit, Range, read_case
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.fem.simulate import Model, simulate
-from indentfit.inverse import genetic, workers
+from indentfit.inverse import bench, genetic
 from indentfit.inverse.fit import fit
 from indentfit.inverse.identifiability import identifiability, verdict
 from indentfit.inverse.least_squares import least_squares, polish
@@ -409,7 +409,7 @@ def test_no_equilibrium_is_a_cause_too(case, monkeypatch):
         raise ConvergenceError("the fibres buckle", 0.1, 3, 4)
 
     model = SimpleNamespace(run=never)
-    run = workers.run(model, case(), tuple(case().start_values().items()), 0)
+    run = bench.run(model, case(), (tuple(case().start_values().items()), 0))
     assert run.force is None
     assert "the fibres buckle" in run.cause
 
@@ -418,7 +418,7 @@ def test_a_lost_worker_costs_time_only(case):
     points = [{"mu": 1.0, "zeta": zeta, "phi": 1.0} for zeta in (1.0, 5.0)]
     with Pool(case(), 2) as pool:
         before = pool.evaluate(points[:1])
-        os.kill(next(iter(pool._executor._processes)), signal.SIGKILL)
+        os.kill(pool._workers._workers[0].process.pid, signal.SIGKILL)
         after = pool.evaluate(points)
     assert all(one.forces is not None for one in after)
     assert np.array_equal(after[0].forces[0], before[0].forces[0])

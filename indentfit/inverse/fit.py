@@ -29,7 +29,8 @@ class FitResult:
     parameters: name -> value, stderr, min, max, unit, interval (95 %), at_bound, verdict, and for fixed ones value and
     unit; `free` gives the order of covar, correlation, singular_values (mN) and directions (a row for each of them).
     objective: equation (1), mN; sum_of_squares: sum of w RMSE^2, mN^2; rmse: test -> mN; redchi: mN^2. nfev: different
-    sets of parameters run; runs: solves of one test. failures: parameters and cause of each failed evaluation.
+    sets of parameters run; runs: solves of one test; reused: those of them that were in the ledger.
+    failures: parameters and cause of each failed evaluation.
     curves: test -> fitted Curve (not part of the JSON). Units: mm, mN, kPa, s.
     """
 
@@ -49,6 +50,7 @@ class FitResult:
     directions: list | None
     nfev: int
     runs: int
+    reused: int
     seconds: float
     history: list[dict]
     failures: list[dict]
@@ -66,16 +68,17 @@ class FitResult:
         return {key: value for key, value in asdict(self).items() if key != "curves"}
 
 
-def fit(case, progress=None):
+def fit(case, progress=None, ledger=None, cluster=None, stop=None):
     """FitResult of a case: its free parameters by `case.fit.method`, on `case.fit.workers` processes.
 
-    progress: called with (share done, note). Raises CaseError where there is nothing to fit, MeshError; a fit that does
-    not converge is no error but `success` False. Scripts need `if __name__ == "__main__":`, see `workers`.
+    progress: called with (share done, note). ledger, cluster, stop: as those of `Pool`. Raises CaseError where there is
+    nothing to fit, MeshError, and what `Pool.evaluate` raises; a fit that does not converge is no error but `success`
+    False. Scripts need `if __name__ == "__main__":`, see `workers`.
     """
     require_fittable(case)
     started, problem = time.perf_counter(), problem_of(case)
     model = Model(case)  # refuses a mesh that cannot be, before any worker is started
-    with Pool(case) as pool:
+    with Pool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
         optimum, said = METHODS[case.fit.method](problem, pool, case.fit, progress or (lambda share, note: None))
         facts = _facts_at(pool, problem, optimum)
     return _result(case, problem, optimum, said, pool, _solver(model, case, pool, facts), model.mesh_facts(), started)
@@ -149,6 +152,7 @@ def _result(case, problem, optimum, said, pool, solver, mesh, started):
         directions=known and _numbers(known.directions),
         nfev=pool.evaluations,
         runs=pool.runs,
+        reused=pool.reused,
         seconds=time.perf_counter() - started,
         history=optimum.history,
         failures=[{"parameters": failure.parameters, "cause": failure.cause} for failure in pool.failures],

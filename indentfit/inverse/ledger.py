@@ -29,7 +29,6 @@ import numpy as np
 from indentfit.errors import LedgerError
 from indentfit.fem.linear import LinearSolver
 
-FILE = "ledger.sqlite"
 FILE_OF_JOURNAL = "{}-journal"  # SQLite's name for what it needs to undo a transaction
 FORMAT = 1
 APPLICATION = 0x696E6474  # "indt", in the file's header: tells it from other SQLite files
@@ -111,7 +110,8 @@ class Ledger:
 
     resume: the file must be of this very case and of these versions; all of its runs are taken, also those that failed
     for reasons of the machine. Else those are dropped, to be tried again, and the file becomes this case's; one that
-    cannot be read is begun anew. `remarks` are lines for the user. Raises LedgerError, one line, wherever the file
+    cannot be read is begun anew. `remarks` are lines for the user; `has_own`: whether it holds runs that are in no other
+    ledger. Raises LedgerError, one line, wherever the file
     cannot be used or written.
     """
 
@@ -125,7 +125,7 @@ class Ledger:
         except LedgerError as error:
             if resume:
                 raise
-            self.remarks.append(f"{error}: its runs are not used")
+            self.remarks.append(f"{str(error).partition('; ')[0]}; its runs are not used")
             for name in (FILE_OF_JOURNAL.format(self.path.name), self.path.name):
                 self.path.with_name(name).unlink(missing_ok=True)
             self._open(resume)
@@ -162,6 +162,7 @@ class Ledger:
         with _said(self.path), _transaction(self._file):
             _insert(self._file, row)
         self._runs.setdefault(row[0].decode(), []).append(run)
+        self.has_own = True
 
     def take_over(self, path):
         """Add the runs of another ledger that this case can use, and that it has not; returns how many.
@@ -185,7 +186,7 @@ class Ledger:
 
     def _open(self, resume):
         self._runs: dict[str, list[Run]] = {}
-        self._file = None
+        self._file, self.has_own = None, False
         try:
             with _said(self.path):
                 self._file = _locked(self.path)
@@ -208,6 +209,7 @@ class Ledger:
                 if resume:
                     _refuse_other_case(_about(self._file, self.path), self._own_facts(), self.path)
             self._read(keep_lost=resume)
+            self.has_own = bool(self._runs)
             self._write_about()
 
     def _read(self, keep_lost):
@@ -233,6 +235,18 @@ class Ledger:
             self._file.execute("INSERT INTO about VALUES (CAST(? AS TEXT), CAST(? AS TEXT), ?)", (*row, _checksum(row)))
 
 
+def refuse_in_use(path):
+    """Raise LedgerError where another process holds the lock of a ledger."""
+    path = Path(path)
+    try:
+        with _said(path):
+            _locked(path).close()
+    except InUse:
+        raise
+    except LedgerError:
+        pass  # whatever else is wrong with it is said when it is opened
+
+
 # What decides a curve
 
 
@@ -249,7 +263,7 @@ def _material(case):
 @cache
 def _code():
     """Hash of the mechanics' own code: a version number does not change while one works on it."""
-    files = [*sorted((HOME / "fem").rglob("*.py")), HOME / "material.py", HOME / "inverse" / "workers.py"]
+    files = [*sorted((HOME / "fem").rglob("*.py")), HOME / "material.py", HOME / "inverse" / "bench.py"]
     return _sha(b"".join(file.relative_to(HOME).as_posix().encode() + b"\0" + file.read_bytes() for file in files))
 
 
