@@ -43,7 +43,7 @@ class Cluster:
         A lost worker's units are run again by Dask, on another one. Raises WorkerError where the scheduler is lost.
         """
         queue, futures = iter(units), {}
-        course = self._dask.as_completed()
+        course = self._dask.as_completed(loop=self._client.loop)
         try:
             while True:
                 while len(futures) < self.number and not stopping() and (unit := next(queue, None)):
