@@ -210,7 +210,8 @@ class Ledger:
                     _refuse_other_case(_about(self._file, self.path), self._own_facts(), self.path)
             self._read(keep_lost=resume)
             self.has_own = bool(self._runs)
-            self._write_about()
+            if empty or not resume:
+                self._write_about()
 
     def _read(self, keep_lost):
         damaged = 0
