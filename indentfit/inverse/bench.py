@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.simulate import Model
 from indentfit.inverse.ledger import Run
-from indentfit.material import typed
+from indentfit.material import REST, typed
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
 MEMORY = "out of memory, twice"
@@ -81,7 +81,7 @@ def run(model, case, unit, names=()):
     test, kind = case.tests[number], case.material_class
     force, cause, facts, sensitivities = None, None, {}, None
     try:
-        material = kind(**dict(key))
+        material = _well_formed(kind(**dict(key)))
         kappa = case.material.bulk_modulus(material.shear_modulus)
         asked = {"sensitivities": tuple(names)} if names else {}
         result = model.run(material, kappa, test.angle, case.outputs(test), **asked)
@@ -93,11 +93,22 @@ def run(model, case, unit, names=()):
         cause = " ".join(str(error).split())
     except MemoryError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if kind.__module__.partition(".")[0] == "indentfit":
             raise
         cause = f"the material {kind.__name__} failed ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
     return Run(force, cause, time.perf_counter() - started, facts, sensitivities)
+
+
+def _well_formed(material):
+    """The material, if its derivatives have the shapes that the compiled loop reads without looking. Raises MaterialError."""
+    I = np.repeat(REST[:, None], 3, axis=1)
+    for name, shape in (("gradient", (4, 3)), ("hessian", (4, 4, 3))):
+        found = np.asarray(getattr(material, name)(I))
+        if found.shape != shape or found.dtype != float:
+            kind = type(material).__name__
+            raise MaterialError(f"{kind}.{name} gives {found.dtype} {found.shape}, not float64 {shape}; correct the material")
+    return material
 
 
 def _of_all(names, result):

@@ -90,7 +90,7 @@ class Processes:
 
     def _give_out(self, queue, names, number):
         """A unit for each idle process, and for new ones as long as there are fewer than `number`."""
-        self._workers = [worker for worker in self._workers if worker.process.is_alive()]
+        self._workers = [worker for worker in self._workers if worker.unit is not None or worker.process.is_alive()]
         for worker in self._workers:
             if queue and worker.unit is None:
                 self._give(worker, queue, names)
