@@ -94,11 +94,11 @@ def _ledger(folder, case, resume, sources):
     if resume and not path.exists():
         click.echo(f"note: there is no unfinished fit in {folder}; it starts from its beginning", err=True)
     with Ledger(path, case, resume and path.exists()) as ledger:
-        for source, needed in sources:
-            _take_over(ledger, source, needed)
-        for remark in ledger.remarks:
-            click.echo(f"warning: {remark}", err=True)
         try:
+            for source, needed in sources:
+                _take_over(ledger, source, needed)
+            for remark in ledger.remarks:
+                click.echo(f"warning: {remark}", err=True)
             yield ledger
         except BaseException:
             if not ledger.has_own:

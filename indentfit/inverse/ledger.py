@@ -159,6 +159,8 @@ class Ledger:
         """Write a Run, safely, before anything else happens."""
         inputs = self.inputs.of(parameters, test)
         row = _row(self.inputs.hash(inputs), self.inputs.origin, test.name, inputs, run)
+        if not self.path.exists():  # SQLite would go on writing to a file that nobody can find
+            raise LedgerError(f"{self.path}: was removed while the fit was running; fit again")
         with _said(self.path), _transaction(self._file):
             _insert(self._file, row)
         self._runs.setdefault(row[0].decode(), []).append(run)
