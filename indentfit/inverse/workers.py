@@ -58,6 +58,7 @@ class Pool:
 
     def close(self, now=False):
         """End the workers; `now` does not wait for what they are doing."""
+        self._asked = self.workers
         workers, self._workers = self._workers, None
         if workers is not None:
             workers.close(now)

@@ -40,9 +40,8 @@ def main():
     for n, (moments, found) in enumerate(rounds):
         differs = [key for key in whole if key not in MAY_DIFFER and whole[key] != found.get(key)]
         wrong += bool(differs)
-        print(
-            f"{n:3d}  killed at {', '.join(f'{moment:.1f}' for moment in moments)} s  reused {found['reused']:3d}  {differs or 'same'}"
-        )
+        when = ", ".join(f"{moment:.1f}" for moment in moments)
+        print(f"{n:3d}  killed at {when} s  reused {found['reused']:3d}  {differs or 'same'}")
     print(f"{len(rounds)} rounds, {sum(len(moments) for moments, _ in rounds)} kills, {wrong} results differ")
     shutil.rmtree(folder)
     sys.exit(wrong > 0)
