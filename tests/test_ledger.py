@@ -198,6 +198,7 @@ def test_an_empty_file_is_a_ledger_that_was_never_begun(tmp_path, case):
         (lambda file: file.execute("DROP TABLE runs"), "damaged"),
         (lambda file: file.execute("UPDATE about SET value = 'x' WHERE name = 'case'"), "damaged"),
         (lambda file: file.execute("DELETE FROM about"), "damaged"),
+        (lambda file: file.execute("CREATE TRIGGER t AFTER DELETE ON about BEGIN DELETE FROM runs; END"), "damaged"),
     ],
 )
 def test_a_ledger_of_another_making_is_refused(tmp_path, case, spoil, said):

@@ -35,7 +35,8 @@ class Cluster:
     @property
     def number(self):
         """The runs that the cluster can do at once: one for each worker."""
-        return max(len(self._client.nthreads()), 1)
+        with self._there():
+            return max(len(self._client.nthreads()), 1)
 
     def solve(self, units, names, stopping):
         """Yield (unit, Run) of each unit, in the order in which they end; nothing is begun once stopping() is true.
@@ -52,11 +53,13 @@ class Cluster:
                     course.add(future)
                 if not futures:
                     return
-                future, unit = futures.pop(next(course).key)
+                with self._there():
+                    future, unit = futures.pop(next(course).key)
                 yield unit, self._run(future)
         finally:
-            for future, _ in futures.values():
-                future.cancel()
+            with contextlib.suppress(Exception):  # the scheduler may be gone
+                for future, _ in futures.values():
+                    future.cancel()
 
     def close(self, now=False):
         """Let go of the cluster, and end it where it is our own."""
@@ -79,27 +82,31 @@ class Cluster:
             raise WorkerError(f"--scheduler {self.address}: no Dask scheduler answers there ({error}); check it") from error
         try:
             self._client.wait_for_workers(1, timeout=PATIENCE)
-        except TimeoutError as error:
+        except (OSError, TimeoutError) as error:
             raise WorkerError(f"--scheduler {self.address}: it has no workers; start some with `dask worker`") from error
 
     def _submit(self, unit, names):
-        try:
+        with self._there():
             return self._client.submit(run_there, self.case, unit, names, self.limit, self.origin, pure=False)
-        except Exception as error:
-            raise self._gone(error) from error
 
     def _run(self, future):
-        try:
+        with self._there():
             error = future.exception()
-        except Exception as lost:
-            raise self._gone(lost) from lost
-        if error is None:
-            return future.result()
+            if error is None:
+                return future.result()
         if isinstance(error, self._dask.scheduler.KilledWorker):
             return Run(None, "its workers were lost, one after the other (out of memory, or killed)", 0.0, {}, lost=True)
         if future.status == "cancelled" or isinstance(error, self._dask.CancelledError):
             raise self._gone(error) from error
         raise error
+
+    @contextlib.contextmanager
+    def _there(self):
+        """Context in which what Dask raises is a scheduler that is lost."""
+        try:
+            yield
+        except Exception as error:
+            raise self._gone(error) from error
 
     def _gone(self, error):
         return WorkerError(f"--scheduler {self.address}: it was lost ({type(error).__name__}: {str(error)[:100]})")

@@ -308,6 +308,7 @@ def _rows_of(path):
     uri = f"{path.resolve().as_uri()}?mode=ro"
     with _said(path), contextlib.closing(sqlite3.connect(uri, uri=True, timeout=0, isolation_level=None)) as file:
         file.text_factory = bytes
+        file.execute("PRAGMA trusted_schema = OFF")
         _refuse_other_format(file, path)
         _refuse_damage(file, path)
         return _rows(file)
@@ -344,9 +345,11 @@ def _refuse_other_format(file, path):
 
 
 def _refuse_damage(file, path):
-    tables = {name.decode("utf-8", "replace") for (name,) in file.execute("SELECT name FROM sqlite_master")}
+    tables = sorted(sql or b"" for (sql,) in file.execute("SELECT sql FROM sqlite_master"))
+    if tables != sorted(table.encode() for table in TABLES):  # nor views or triggers, which could do anything
+        raise LedgerError(f"{path}: damaged (its tables are not those of a ledger); {_remedy(path)}")
     said = file.execute("PRAGMA quick_check(1)").fetchone()[0].decode("utf-8", "replace")
-    if said != "ok" or not {"about", "runs"} <= tables:
+    if said != "ok":
         raise LedgerError(f"{path}: damaged ({said.splitlines()[-1]}); {_remedy(path)}")
 
 

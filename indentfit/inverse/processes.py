@@ -154,8 +154,11 @@ def _started(case):
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(case, theirs), daemon=True)
-    with one_thread(), deaf_to_interrupts():
-        process.start()
+    try:
+        with one_thread(), deaf_to_interrupts():
+            process.start()
+    except OSError as error:
+        raise WorkerError(f"no worker process can be started ({error.strerror or error}); try --workers 1") from error
     theirs.close()
     return _Worker(process, ours, started=time.monotonic())
 

@@ -44,8 +44,8 @@ def rate(case, workers, cluster):
 
     problem = problem_of(case)
     with Pool(case, workers, cluster=cluster) as pool:
-        low = {name: bounds.min for name, bounds in case.free.items()}
-        pool.evaluate([{**case.start_values(), **low, "mu": 0.5 * (n + 1)} for n in range(workers)])  # not of the search
+        first, start = next(iter(case.free)), case.start_values()
+        pool.evaluate([{**start, first: start[first] * 1.01 ** (n + 1)} for n in range(workers)])  # not of the search
         before, started = pool.runs, time.perf_counter()
         search(problem, pool, case.fit)
         seconds, runs = time.perf_counter() - started, pool.runs - before
