@@ -60,12 +60,26 @@ MAY_DIFFER = ("seconds", "reused", "solver")  # between a fit and the same one r
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
-    (tmp_path / "case.toml").write_text(CASE)
+    """The current folder has a case.toml of two tests."""
+    write_case(tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+
+def write_case(folder):
+    (folder / "case.toml").write_text(CASE)
     for name, stiffness in (("parallel", 80), ("across", 150)):
         rows = [f"{0.05 * n:.2f},{stiffness * 0.05 * n:.3f}" for n in range(1, 6)]
-        (tmp_path / f"{name}.csv").write_text("displacement_mm,force_mN\n" + "\n".join(rows) + "\n")
-    monkeypatch.chdir(tmp_path)
-    return "case.toml"
+        (folder / f"{name}.csv").write_text("displacement_mm,force_mN\n" + "\n".join(rows) + "\n")
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """The result of the fit that nothing disturbs."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    write_case(folder)
+    done = CliRunner().invoke(main, ["fit", str(folder / "case.toml"), "-o", str(folder / "r")])
+    assert done.exit_code == 0, done.output
+    return result(folder / "r")
 
 
 def run(*arguments):
@@ -113,29 +127,22 @@ def stop_after(number, monkeypatch):
     monkeypatch.setattr(Model, "run", run)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_kill_9_at_a_random_moment_then_resume_gives_the_same_numbers(case, seed):
-    assert run().exit_code == 0
-    expected = result()
-    shutil.rmtree("r")
+@pytest.mark.parametrize("seed", range(2))
+def test_kill_9_at_a_random_moment_then_resume_gives_the_same_numbers(case, expected, seed):
     process = started("--workers", "2" if seed == 0 else "1")
     time.sleep(random.Random(seed).uniform(0, 2.5))
     process.kill()
     process.wait()
     if not unfinished("r").exists():
-        assert result() == expected  # it was quicker
+        assert {**result(), "overrides": 0} == {**expected, "overrides": 0}  # it was quicker
         return
     done = run("--resume", "--workers", "1")
     assert done.exit_code == 0, done.output
-    found = result()
-    assert {**found, "overrides": 0} == {**expected, "overrides": 0}
+    assert {**result(), "overrides": 0} == {**expected, "overrides": 0}
     assert not unfinished("r").exists()
 
 
-def test_the_first_signal_ends_the_run_at_work_and_resuming_ends_the_fit(case, monkeypatch):
-    assert run().exit_code == 0
-    expected = result()
-    shutil.rmtree("r")
+def test_the_first_signal_ends_the_run_at_work_and_resuming_ends_the_fit(case, expected, monkeypatch):
     with monkeypatch.context() as patch:
         stop_after(5, patch)
         stopped = run()
@@ -210,7 +217,7 @@ def test_a_spoilt_ledger_is_refused_in_one_line_and_overwrite_begins_anew(stoppe
     assert result()["success"]
 
 
-def test_a_run_with_a_flipped_bit_is_run_again(stopped):
+def test_a_run_with_a_flipped_bit_is_run_again(stopped, expected):
     whole = stopped.read_bytes()
     with sqlite3.connect(stopped) as file:
         (force,) = file.execute("SELECT force FROM runs LIMIT 1").fetchone()
@@ -220,11 +227,8 @@ def test_a_run_with_a_flipped_bit_is_run_again(stopped):
     done = run("--resume")
     assert done.exit_code == 0
     assert "1 damaged runs were thrown away" in done.stderr
-    resumed = result()
     assert written()["reused"] == 3
-    shutil.rmtree("r")
-    assert run().exit_code == 0
-    assert result() == resumed
+    assert result() == expected
 
 
 def test_another_case_does_not_resume_it(stopped):
@@ -297,10 +301,11 @@ def test_a_mesh_that_cannot_be_leaves_nothing_behind(case, monkeypatch):
 
 
 def test_a_long_or_odd_name_has_its_unfinished_folder_too(case):
-    for name in ("ü" * 90, "a b", "x" * 200):
-        done = CliRunner().invoke(main, ["fit", "case.toml", "-o", name, "--method", "least_squares"])
-        assert done.exit_code == 0, done.output
-        assert os.path.exists(f"{name}/{LEDGER}")
+    name = "ü b" * 60
+    done = CliRunner().invoke(main, ["fit", "case.toml", "-o", name, "--method", "least_squares"])
+    assert done.exit_code == 0, done.output
+    assert os.path.exists(f"{name}/{LEDGER}")
+    assert unfinished("x" * 200) != unfinished("x" * 201)
 
 
 def test_one_cluster_at_a_time(case):

@@ -45,8 +45,8 @@ def command(case, overrides, method, workers, seed, output, overwrite, resume, r
     Every run of the forward model is kept at once, in the folder .DIR.unfinished until the result is whole. Ctrl-C (or
     SIGTERM) lets the runs at work end, and stops; once more stops now; --resume goes on.
 
-    Dask sends objects by pickle between its own processes, and nothing else here does: whoever reaches a scheduler can
-    run code on its workers. Only the address given is used, and a local cluster listens on 127.0.0.1 alone.
+    Dask sends objects by pickle between its own processes: whoever reaches a scheduler can run code on its workers.
+    Only the address given is used, and a local cluster listens on 127.0.0.1 alone. No file is ever read by pickle.
     """
     if cluster and scheduler:
         raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
