@@ -214,6 +214,21 @@ def test_a_ledger_of_another_making_is_refused(tmp_path, case, spoil, said):
     assert ledger.remarks or said == "damaged"
 
 
+def test_a_ledger_that_cannot_be_written_now_is_not_begun_anew(tmp_path, case, monkeypatch):
+    fill(tmp_path / "l", case)
+    before = (tmp_path / "l").read_bytes()
+
+    def full(path):
+        error = sqlite3.OperationalError("database or disk is full")
+        error.sqlite_errorcode = sqlite3.SQLITE_FULL
+        raise error
+
+    monkeypatch.setattr(ledger_module, "_locked", full)
+    with pytest.raises(LedgerError, match="disk is full"):
+        Ledger(tmp_path / "l", case)
+    assert (tmp_path / "l").read_bytes() == before
+
+
 def test_a_file_that_is_no_ledger_is_refused(tmp_path, case):
     (tmp_path / "l").write_text("case = 'a text'\n" * 500)
     with pytest.raises(LedgerError, match="damaged"):

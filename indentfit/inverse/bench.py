@@ -142,15 +142,16 @@ def _within(seconds):
             if not ended:
                 ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(_OutOfTime))
 
-    clock = threading.Timer(seconds, end) if seconds else None
-    if clock:
-        clock.daemon = True
-        clock.start()
+    if seconds is None:
+        yield
+        return
+    clock = threading.Timer(seconds, end)
+    clock.daemon = True
+    clock.start()
     try:
         yield
     finally:
         with lock:
             ended = True
             ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), None)  # one that is still on its way
-        if clock:
-            clock.cancel()
+        clock.cancel()

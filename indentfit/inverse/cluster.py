@@ -7,6 +7,7 @@ only: whoever can reach the scheduler can run code on its workers, so only the a
 import contextlib
 import logging
 import threading
+from typing import Any
 
 from indentfit.errors import WorkerError
 from indentfit.inverse.bench import Bench
@@ -24,7 +25,8 @@ class Cluster:
         self.case, self.address, self.limit = case, address, limit
         self.origin = Inputs(case).origin
         self._dask = _distributed()
-        self._own, self._client = None, None
+        self._own: Any = None
+        self._client: Any = None
         try:
             with deaf_to_interrupts():
                 self._connect(number)
@@ -43,7 +45,8 @@ class Cluster:
 
         A lost worker's units are run again by Dask, on another one. Raises WorkerError where the scheduler is lost.
         """
-        queue, futures = iter(units), {}
+        queue = iter(units)
+        futures: dict[str, tuple] = {}
         course = self._dask.as_completed(loop=self._client.loop)
         try:
             while True:

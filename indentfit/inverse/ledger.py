@@ -23,6 +23,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +67,10 @@ class InUse(LedgerError):
     """Another process holds the ledger's lock."""
 
 
+class Unreadable(LedgerError):
+    """A ledger that is damaged, or of another format."""
+
+
 class Inputs:
     """What decides the curves of a case: `origin` is the hash of all that its runs have in common."""
 
@@ -98,7 +103,7 @@ class Inputs:
 
 def versions():
     """Versions of what computes a curve, None for what is not installed."""
-    found = {name: None for name in PACKAGES}
+    found: dict[str, str | None] = dict.fromkeys(PACKAGES)
     for name in PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
@@ -118,11 +123,10 @@ class Ledger:
     def __init__(self, path, case, resume=False):
         self.path, self.case, self.inputs = Path(path), case, Inputs(case)
         self.remarks: list[str] = []
+        self._file: Any = None
         try:
             self._open(resume)
-        except InUse:
-            raise
-        except LedgerError as error:
+        except Unreadable as error:
             if resume:
                 raise
             self.remarks.append(f"{str(error).partition('; ')[0]}; its runs are not used")
@@ -188,7 +192,7 @@ class Ledger:
 
     def _open(self, resume):
         self._runs: dict[str, list[Run]] = {}
-        self._file, self.has_own = None, False
+        self.has_own = False
         try:
             with _said(self.path):
                 self._file = _locked(self.path)
@@ -335,10 +339,10 @@ def _transaction(file):
 
 def _refuse_other_format(file, path):
     if file.execute("PRAGMA application_id").fetchone()[0] != APPLICATION:
-        raise LedgerError(f"{path}: not a ledger of indentfit, or damaged; {_remedy(path)}")
+        raise Unreadable(f"{path}: not a ledger of indentfit, or damaged; {_remedy(path)}")
     found = file.execute("PRAGMA user_version").fetchone()[0]
     if found != FORMAT:
-        raise LedgerError(
+        raise Unreadable(
             f"{path}: a ledger of format {found}; this indentfit reads format {FORMAT}: use the version that wrote it, "
             f"or {_remedy(path)}"
         )
@@ -347,10 +351,10 @@ def _refuse_other_format(file, path):
 def _refuse_damage(file, path):
     tables = sorted(sql or b"" for (sql,) in file.execute("SELECT sql FROM sqlite_master"))
     if tables != sorted(table.encode() for table in TABLES):  # nor views or triggers, which could do anything
-        raise LedgerError(f"{path}: damaged (its tables are not those of a ledger); {_remedy(path)}")
+        raise Unreadable(f"{path}: damaged (its tables are not those of a ledger); {_remedy(path)}")
     said = file.execute("PRAGMA quick_check(1)").fetchone()[0].decode("utf-8", "replace")
     if said != "ok":
-        raise LedgerError(f"{path}: damaged ({said.splitlines()[-1]}); {_remedy(path)}")
+        raise Unreadable(f"{path}: damaged ({said.splitlines()[-1]}); {_remedy(path)}")
 
 
 def _refuse_other_case(found, own, path):
@@ -457,15 +461,14 @@ def _said(path):
         yield
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        kind = InUse if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED) else LedgerError
-        raise kind(f"{path}: {_words(error, code, path)}") from error
+        raise _in_words(error, code, path) from error
 
 
-def _words(error, code, path):
+def _in_words(error, code, path):
     if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-        return "in use by another run; wait until it has ended, or choose another folder"
+        return InUse(f"{path}: in use by another run; wait until it has ended, or choose another folder")
     if code == sqlite3.SQLITE_FULL:
-        return "the disk is full; make room, then go on with --resume"
+        return LedgerError(f"{path}: the disk is full; make room, then go on with --resume")
     if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
-        return f"damaged ({error}); {_remedy(path)}"
-    return f"cannot be used ({error}); choose another folder"
+        return Unreadable(f"{path}: damaged ({error}); {_remedy(path)}")
+    return LedgerError(f"{path}: cannot be used ({error}); choose another folder")

@@ -15,6 +15,7 @@ from collections import deque
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from typing import Any
 
 from indentfit.errors import WorkerError
 from indentfit.inverse.bench import Bench, too_long
@@ -72,7 +73,8 @@ class Processes:
 
     def _share(self, units, names, number, stopping):
         """Yield (unit, Run); returns the units that were lost, each with how."""
-        queue, lost = deque(units), {}
+        queue = deque(units)
+        lost: dict[tuple, str] = {}
         while True:
             if not stopping():
                 self._give_out(queue, names, number)
@@ -81,7 +83,7 @@ class Processes:
                 return lost
             wait([worker.pipe for worker in busy], timeout=TICK)
             for worker in busy:
-                unit = worker.unit
+                unit: Any = worker.unit
                 heard = self._heard(worker)
                 if isinstance(heard, Run):
                     yield unit, heard
