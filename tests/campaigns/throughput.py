@@ -3,7 +3,7 @@
     python tests/campaigns/throughput.py [--case CASE] [--set KEY=VALUE ...] [--workers 2] [--repeat 3] [--cluster local]
 
 The genetic algorithm on the true model, as `fit` runs it, from workers that are ready; fresh runs each time, no ledger.
-Needs a quiet machine: prints the load, each time and the ratio of the best ones. Exit code 1 below `--least` (1.8).
+Needs a quiet machine: prints how busy the workers were (which does not depend on the load), the load, each time and the ratio of the best ones. Exit code 1 below `--least` (1.8).
 """
 
 import argparse
@@ -46,10 +46,11 @@ def rate(case, workers, cluster):
     with Pool(case, workers, cluster=cluster) as pool:
         first, start = next(iter(case.free)), case.start_values()
         pool.evaluate([{**start, first: start[first] * 1.01 ** (n + 1)} for n in range(workers)])  # not of the search
-        before, started = pool.runs, time.perf_counter()
+        before, busy, started = pool.runs, pool.seconds, time.perf_counter()
         search(problem, pool, case.fit)
         seconds, runs = time.perf_counter() - started, pool.runs - before
-    print(f"{workers} workers: {runs} runs in {seconds:.1f} s, {runs / seconds:.3f} runs/s", flush=True)
+        busy = (pool.seconds - busy) / seconds / workers
+    print(f"{workers} workers: {runs} runs in {seconds:.1f} s, {runs / seconds:.3f} runs/s, busy {busy:.0%} of the time", flush=True)
     return runs / seconds
 
 
