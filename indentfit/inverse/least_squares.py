@@ -1,7 +1,6 @@
 """The local searches: scipy's least squares under the sum of squares, and Gauss-Newton under equation (1).
 
-Both work in units of the parameters' ranges. Derivatives of the curves are one-sided differences, run on the workers,
-except by the scale parameter, which has the exact derivative F / scale and costs no run.
+Both work in units of the parameters' ranges, with the derivatives of `derivatives`.
 """
 
 from dataclasses import dataclass
@@ -9,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.optimize
 
+from indentfit.inverse.derivatives import Underivable, derivatives, evaluate, last_cause
 from indentfit.inverse.objective import Candidate, equation_one, misfit
 
-STEP = 1e-2  # of a parameter's range, for differences: wide enough for curves that are smooth to 1e-4 of their force
 RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
 EVALUATIONS = 40  # at most, of the curves; their derivatives not counted
 ENDS = {1: "the gradient vanished", 2: "the sum of squares stood still", 3: "the steps became small",
@@ -33,10 +32,6 @@ class Optimum:
     history: list[dict]
 
 
-class _Failed(Exception):
-    """No derivatives: runs near the optimum failed. Holds the cause."""
-
-
 def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
     """Optimum of the sum of w RMSE^2 from `start` (name -> value), by scipy's dogleg within the bounds,
     which reaches a bound in one step where its other methods creep up to it.
@@ -46,7 +41,7 @@ def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
     course = _Course(problem, pool, progress)
     first = course.candidate(problem.units(start))
     if first is None:
-        return Optimum(None, None, False, f"the mechanics failed at the start values: {_last_cause(pool)}", [])
+        return Optimum(None, None, False, f"the mechanics failed at the start values: {last_cause(pool)}", [])
     try:
         found = scipy.optimize.least_squares(
             course.residuals,
@@ -59,11 +54,11 @@ def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
             gtol=1e-12,
             max_nfev=EVALUATIONS,
         )
-        derivatives = course.derivatives(found.x)
-    except _Failed as failure:
+        slopes = course.derivatives(found.x)
+    except Underivable as failure:
         return Optimum(course.best, None, False, str(failure), course.history)
     message = ENDS.get(found.status, f"still moving after {EVALUATIONS} evaluations")
-    return Optimum(course.best, derivatives, found.status > 0, message, course.history)
+    return Optimum(course.best, slopes, found.status > 0, message, course.history)
 
 
 def polish(problem, pool, start, tolerance=1e-6, progress=None):
@@ -88,7 +83,7 @@ def polish(problem, pool, start, tolerance=1e-6, progress=None):
             length = np.abs(step).max()
             radius = max(radius, 2 * length) if gain > 0.25 * promised else length / (2 if trial else 4)
         return Optimum(best, course.derivatives(x), success, message, course.history)
-    except _Failed as failure:
+    except Underivable as failure:
         return Optimum(best, None, False, str(failure), course.history)
 
 
@@ -114,7 +109,7 @@ class _Course:
     def candidate(self, x):
         """The Candidate at x, shape (n_free,), or None where the mechanics failed."""
         parameters = self.problem.parameters(x)
-        evaluation = self.pool.evaluate([self.problem.at_reference(parameters)], self.report)[0]
+        evaluation = evaluate(self.problem, self.pool, [parameters], self.report)[0]
         if evaluation.forces is None:
             return None
         candidate = self.problem.judge(parameters, evaluation.forces)
@@ -126,31 +121,8 @@ class _Course:
         return candidate
 
     def derivatives(self, x):
-        """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test. Raises _Failed."""
-        problem, names = self.problem, list(self.problem.free)
-        at = problem.parameters(x)
-        here = self.pool.evaluate([problem.at_reference(at)])[0]
-        forces = problem.scaled(at, here.forces)
-        columns = {}
-        if problem.scale:
-            bounds = problem.free[problem.scale]
-            factor = (bounds.max - bounds.min) / problem.reference
-            columns[problem.scale] = tuple(factor * force for force in here.forces)
-        left = [name for name in names if name != problem.scale]
-        for step in (STEP, -STEP, STEP / 10, -STEP / 10):
-            steps = {name: step if 0 <= x[names.index(name)] + step <= 1 else -step for name in left}
-            points = [problem.parameters(x + steps[name] * np.eye(len(names))[names.index(name)]) for name in left]
-            evaluations = self.pool.evaluate([problem.at_reference(point) for point in points], self.report)
-            for name, point, evaluation in zip(left, points, evaluations, strict=True):
-                if evaluation.forces:
-                    there = problem.scaled(point, evaluation.forces)
-                    columns[name] = tuple((b - a) / steps[name] for a, b in zip(forces, there, strict=True))
-            left = [name for name in left if name not in columns]
-            if not left:
-                break
-        if left:
-            raise _Failed(f"no derivative by {', '.join(left)}: {_last_cause(self.pool)}")
-        return tuple(np.column_stack([columns[name][test] for name in names]) for test in range(len(problem.tests)))
+        """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test. Raises Underivable."""
+        return derivatives(self.problem, self.pool, x, self.report)
 
     def _share(self):
         return 1 - 0.7 ** (1 + len(self.history) / 2)  # how many steps it takes is not known beforehand
@@ -159,20 +131,20 @@ class _Course:
         return f"{self.phase.replace('_', ' ')}" + (f", objective {self.best.objective:.4g} mN" if self.best else "")
 
 
-def stacked(tests, derivatives):
+def stacked(tests, slopes):
     """Derivatives of the misfits of all tests, shape (N, n_free), from those of their curves."""
-    weighted = [np.sqrt(t.weight / t.curve.force.size) * d for t, d in zip(tests, derivatives, strict=True)]
+    weighted = [np.sqrt(t.weight / t.curve.force.size) * d for t, d in zip(tests, slopes, strict=True)]
     return np.concatenate(weighted)
 
 
-def _step(problem, candidate, derivatives, x, radius):
+def _step(problem, candidate, slopes, x, radius):
     """The step that makes equation (1) of the linearised curves least, and by how much, within bounds and radius.
 
     A sum of norms, minimised by bounded linear least squares with weights that follow the norms.
     """
     parts = [
         (t.weight / np.sqrt(f.size), f - t.curve.force, d)
-        for t, f, d in zip(problem.tests, candidate.forces, derivatives, strict=True)
+        for t, f, d in zip(problem.tests, candidate.forces, slopes, strict=True)
         if t.weight
     ]
     floor = 1e-9 * max(np.linalg.norm(t.curve.force) for t in problem.tests)
@@ -192,7 +164,3 @@ def _step(problem, candidate, derivatives, x, radius):
             break
         best = step
     return best, value(np.zeros(len(x))) - value(best)
-
-
-def _last_cause(pool):
-    return pool.failures[-1].cause if pool.failures else "cause unknown"

@@ -4,7 +4,7 @@ Equation (1) of the source paper (J Mech Behav Biomed Mater 65:490) is the weigh
 square errors; least squares minimises the weighted sum of their squares. Both are reported, each under its name.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -92,6 +92,10 @@ class Problem:
         """The free parameters that are left to search for, without the scale."""
         return [name for name in self.free if name != self.scale]
 
+    def range(self, name):
+        """The width of a free parameter's range, in its unit."""
+        return self.free[name].max - self.free[name].min
+
     def units(self, parameters):
         """The free parameters in units of their ranges, shape (n,)."""
         return np.array([(parameters[name] - r.min) / (r.max - r.min) for name, r in self.free.items()])
@@ -113,6 +117,11 @@ class Problem:
         """The curves of `parameters` from those of their `at_reference`."""
         factor = parameters[self.scale] / self.reference if self.scale else 1.0
         return tuple(factor * force for force in forces)
+
+    def weighted(self, weights):
+        """The same problem with other weights of its tests; weight 0 leaves a test out."""
+        tests = tuple(replace(test, weight=w) for test, w in zip(self.tests, weights, strict=True))
+        return replace(self, tests=tests)
 
     def judge(self, parameters, forces):
         """The Candidate of `parameters`, given the curves of their `at_reference`."""
