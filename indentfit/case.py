@@ -304,10 +304,14 @@ class Test(Section):
 class Fit(Section):
     """How the parameters are searched for."""
 
-    method: Literal["ga", "least_squares"] = Field(default="ga", description="method of the search")
+    method: Literal["ga", "least_squares", "differential_evolution", "cma"] = Field(
+        default="ga", description="method of the search"
+    )
+    direct: bool = Field(default=False, description="search on the forward model itself, without a surrogate")
     seed: int = Field(default=0, ge=0, lt=2**32, description="seed of the random numbers")
-    population: int = Field(default=8, ge=4, le=10_000, description="individuals of a generation, genetic algorithm")
-    generations: int = Field(default=4, ge=1, le=10_000, description="generations at most, genetic algorithm")
+    population: int | None = Field(default=None, ge=4, le=10_000, description="individuals of a generation")
+    generations: int | None = Field(default=None, ge=1, le=10_000, description="generations at most")
+    starts: int | None = Field(default=None, ge=1, le=1000, description="local searches of least_squares, at different starts")
     workers: int | None = Field(default=None, ge=1, le=1024, description="processes; by default one for each core")
     tolerance: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] = Field(
         default=1e-6, description="relative change of the objective below which the search ends"

@@ -21,9 +21,13 @@ def evaluate(problem, pool, points, report=None):
     Whoever needs a derivative afterwards finds it there: `sensitivities` is a tuple over the tests of name -> (n,),
     mN per unit of the parameter, or None.
     """
-    points = [problem.at_reference(point) for point in points]
-    if "sensitivities" in inspect.signature(pool.evaluate).parameters:
-        return pool.evaluate(points, report, sensitivities=tuple(problem.searched))
+    return asked(pool, [problem.at_reference(point) for point in points], report, tuple(problem.searched))
+
+
+def asked(pool, points, report=None, sensitivities=()):
+    """The pool's evaluations, with these sensitivities where the pool knows what they are."""
+    if sensitivities and "sensitivities" in inspect.signature(pool.evaluate).parameters:
+        return pool.evaluate(points, report, sensitivities=sensitivities)
     return pool.evaluate(points, report)
 
 
@@ -58,10 +62,7 @@ def _of_scale(problem, here):
 
 
 def _of_sensitivities(problem, at, given):
-    return {
-        name: problem.scaled(at, [np.asarray(one[name]) * problem.range(name) for one in given])
-        for name in problem.searched
-    }
+    return {name: problem.scaled(at, [np.asarray(one[name]) * problem.range(name) for one in given]) for name in problem.searched}
 
 
 def _by_differences(problem, pool, x, forces, report):
