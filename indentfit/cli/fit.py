@@ -10,22 +10,25 @@ from ..inverse.fit import fit
 from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
 from .progress import progress
 
+METHODS = ("ga", "least_squares", "differential_evolution", "cma")
+
 
 @click.command(short_help="Find the parameters that its curves ask for.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
-@click.option("--method", type=click.Choice(["ga", "least_squares"]), help="The same as --set fit.method=...")
+@click.option("--method", type=click.Choice(METHODS), help="The same as --set fit.method=...")
+@click.option("--direct", is_flag=True, help="Search on the forward model itself, without a surrogate.")
 @click.option("--workers", type=int, metavar="N", help="Processes; the same as --set fit.workers=N")
 @click.option("--seed", type=int, metavar="N", help="The same as --set fit.seed=N")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-result.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, overrides, method, workers, seed, output, overwrite, as_json):
+def command(case, overrides, method, direct, workers, seed, output, overwrite, as_json):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
     """
-    options = {"method": method, "workers": workers, "seed": seed}
+    options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     read = read_case(case, overrides)
     require_fittable(read)

@@ -31,6 +31,11 @@ def asked(pool, points, report=None, sensitivities=()):
     return pool.evaluate(points, report)
 
 
+def brings_sensitivities(problem, pool, x):
+    """Whether derivatives at x (units of the ranges) come with the run there."""
+    return _has(problem, evaluate(problem, pool, [problem.parameters(x)])[0])
+
+
 def derivatives(problem, pool, x, report=None):
     """Derivatives of the curves at x (units of the ranges, (n_free,)): an array (n, n_free) for each test, mN per range.
 
@@ -41,9 +46,8 @@ def derivatives(problem, pool, x, report=None):
     if here.forces is None:
         raise Underivable(f"no derivative where the mechanics failed: {here.cause}")
     columns = _of_scale(problem, here)
-    given = getattr(here, "sensitivities", None)
-    if given and all(name in one for one in given for name in problem.searched):
-        columns |= _of_sensitivities(problem, at, given)
+    if _has(problem, here):
+        columns |= _of_sensitivities(problem, at, here.sensitivities)
     else:
         columns |= _by_differences(problem, pool, x, problem.scaled(at, here.forces), report)
     return tuple(np.column_stack([columns[name][test] for name in problem.free]) for test in range(len(problem.tests)))
@@ -52,6 +56,11 @@ def derivatives(problem, pool, x, report=None):
 def last_cause(pool):
     """Why the last failed evaluation failed."""
     return pool.failures[-1].cause if pool.failures else "cause unknown"
+
+
+def _has(problem, evaluation):
+    given = getattr(evaluation, "sensitivities", None)
+    return bool(given) and all(name in (one or {}) for one in given for name in problem.searched)
 
 
 def _of_scale(problem, here):

@@ -41,11 +41,11 @@ class Watched:
     """A Pool that remembers its evaluations, for a surrogate to learn from."""
 
     def __init__(self, pool):
-        self.pool, self.evaluations = pool, []
+        self.pool, self.known = pool, []
 
     def evaluate(self, points, progress=None, sensitivities=()):
         found = asked(self.pool, points, progress, sensitivities)
-        self.evaluations += found
+        self.known += found
         return found
 
     def __getattr__(self, name):
@@ -55,14 +55,14 @@ class Watched:
 def explore(problem, pool, options, search, progress):
     """Exploration of a Problem; search: of `genetic` or `evolution`; pool: Watched. progress: called with (share, note)."""
     _first_runs(problem, pool, options, progress)
-    surrogate = learn(problem, pool.evaluations)
+    surrogate = learn(problem, pool.known)
     if surrogate is None:
         return Exploration(None, Search(None, [], "too few runs succeeded"))
     held_out = []
     for number in range(ROUNDS):
         progress(SHARE_OF_DESIGN + (1 - SHARE_OF_DESIGN) * number / ROUNDS, f"surrogate of {len(surrogate.samples)} runs")
         held_out.append(_prove(problem, pool, surrogate, _worth_proving(problem, surrogate, options)))
-        surrogate = learn(problem, pool.evaluations)
+        surrogate = learn(problem, pool.known)
         if held_out[-1]["error"] is not None and held_out[-1]["error"] <= held_out[-1]["allowed"]:
             break
     found = search(problem, surrogate, _large(options))
@@ -71,7 +71,7 @@ def explore(problem, pool, options, search, progress):
     confirmed = sorted([*confirmed, *_best_known(problem, pool)], key=lambda one: one.objective)
     message = f"{found.message} on a surrogate of {len(surrogate.samples)} runs"
     search_ = Search(confirmed[0], [{**row, "runs": pool.runs} for row in found.history], message)
-    surrogate = learn(problem, pool.evaluations)
+    surrogate = learn(problem, pool.known)
     return Exploration(surrogate, search_, tuple(confirmed[1 : 1 + len(rivals)]), _facts(surrogate, held_out))
 
 
@@ -150,7 +150,7 @@ def _optima(problem, surrogate, starts):
 
 def _best_known(problem, pool):
     """The best of all runs so far: a search's result is never worse than what was seen on its way."""
-    candidates = [problem.judge_best_scale(e.parameters, e.forces) for e in pool.evaluations if e.forces is not None]
+    candidates = [problem.judge_best_scale(e.parameters, e.forces) for e in pool.known if e.forces is not None]
     return [min(candidates, key=lambda one: one.objective)]
 
 

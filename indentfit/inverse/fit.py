@@ -6,20 +6,27 @@ import time
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
+from scipy.stats import qmc
 
 from indentfit.case import require_fittable
 from indentfit.curve import Curve
 from indentfit.fem.simulate import Model
-from indentfit.inverse import genetic
+from indentfit.inverse import evolution, genetic
+from indentfit.inverse.exploration import Exploration, Watched, explore
 from indentfit.inverse.identifiability import NOTE, identifiability
-from indentfit.inverse.least_squares import Optimum, least_squares, polish
+from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.objective import problem_of, rmse
+from indentfit.inverse.population import Search, parameters_of
 from indentfit.inverse.workers import Pool
 
 FORMAT = 1
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not assessed by `fit`; compare with a finer mesh"
 SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
+MANY = 4  # free parameters up to which a surrogate is worth its runs
+PEOPLE, GENERATIONS = 8, 4  # of a search on the forward model itself, where the case does not say
+STARTS_TRIED = 3  # besides the start values, least squares
+SEARCHES_OF_MANY = 3  # local searches where the parameters are many
 
 
 @dataclass(frozen=True)
@@ -75,31 +82,66 @@ def fit(case, progress=None):
     require_fittable(case)
     started, problem = time.perf_counter(), problem_of(case)
     model = Model(case)  # refuses a mesh that cannot be, before any worker is started
-    with Pool(case) as pool:
-        optimum, said = METHODS[case.fit.method](problem, pool, case.fit, progress or (lambda share, note: None))
+    with Pool(case) as workers:
+        pool = Watched(workers)
+        optimum, exploration, said = METHODS[case.fit.method](problem, pool, case.fit, progress or (lambda share, note: None))
         facts = _facts_at(pool, problem, optimum)
     return _result(case, problem, optimum, said, pool, _solver(model, case, pool, facts), model.mesh_facts(), started)
 
 
-def _genetic(problem, pool, options, progress):
-    """The genetic algorithm, then Gauss-Newton on the same objective from its best."""
-    found = genetic.search(problem, pool, options, lambda share, note: progress(SHARE_OF_SEARCH * share, note))
-    said = f"genetic algorithm: {found.message}"
+def _global(problem, pool, options, progress):
+    """A global search, on a surrogate where the parameters are few, then Gauss-Newton on equation (1) from its best."""
+    search, name = SEARCHES[options.method]
+    if not options.direct and problem.searched and len(problem.free) > MANY:
+        if options.method == "ga":
+            optimum, exploration, said = _least_squares(problem, pool, options, progress)
+            return optimum, exploration, f"{len(problem.free)} free parameters are many for a surrogate: {said}"
+        name += f" on the forward model itself, {len(problem.free)} free parameters being many for a surrogate"
+    on_surrogate = not options.direct and problem.searched and len(problem.free) <= MANY
+    most = lambda share, note: progress(SHARE_OF_SEARCH * share, note)  # noqa: E731
+    if on_surrogate:
+        exploration = explore(problem, pool, options, search, most)
+    else:
+        exploration = Exploration(None, search(problem, pool, _small(options), most))
+    found = exploration.found
+    said = f"{name}: {found.message}"
     if found.best is None:
         message = f"the mechanics failed at every point tried{_cause(pool)}"
-        return Optimum(None, None, False, message, found.history), said
-    end = polish(problem, pool, found.best, options.tolerance, _rest(progress))
+        return Optimum(None, None, False, message, found.history), exploration, said
+    trusted = exploration.surrogate if exploration.facts.get("reached") else None
+    end = polish(problem, pool, found.best, options.tolerance, _rest(progress), trusted)
     improved = f"{found.best.objective:.6g} to {end.best.objective:.6g} mN"
     said += f"; then Gauss-Newton on equation (1) from its best, {len(end.history)} steps, {improved}"
-    return Optimum(end.best, end.derivatives, end.success, end.message, [*found.history, *end.history]), said
+    optimum = Optimum(end.best, end.derivatives, end.success, end.message, [*found.history, *end.history])
+    return optimum, exploration, said
 
 
 def _least_squares(problem, pool, options, progress):
-    found = least_squares(problem, pool, problem.start, options.tolerance, progress)
-    return found, f"least squares from the start values, {len(found.history)} steps"
+    """From the start values and from others over the ranges, the best of them first."""
+    few = len(problem.free) <= MANY
+    searches = options.starts or (1 if few else SEARCHES_OF_MANY)
+    others = STARTS_TRIED if few else 2 * len(problem.free)
+    starts = [problem.start]
+    if problem.searched:
+        places = qmc.LatinHypercube(len(problem.searched), seed=options.seed).random(max(others, searches - 1))
+        starts += [parameters_of(problem, place) for place in places]
+    found = multi_start(problem, pool, starts, searches, options.tolerance, progress)
+    said = f"least squares, {len(starts)} starts tried, searched from the best {searches}, {len(found.history)} steps"
+    return found, Exploration(None, Search(found.best, [], "")), said
 
 
-METHODS = {"ga": _genetic, "least_squares": _least_squares}
+SEARCHES = {
+    "ga": (genetic.search, "genetic algorithm"),
+    "differential_evolution": (evolution.differential_evolution, "differential evolution"),
+    "cma": (evolution.cma, "CMA-ES"),
+}
+METHODS = {**dict.fromkeys(SEARCHES, _global), "least_squares": _least_squares}
+
+
+def _small(options):
+    """A population for searches where each member costs a run of the forward model."""
+    sizes = {"population": options.population or PEOPLE, "generations": options.generations or GENERATIONS}
+    return options.model_copy(update=sizes)
 
 
 def _rest(progress):

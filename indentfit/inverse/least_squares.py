@@ -3,12 +3,12 @@
 Both work in units of the parameters' ranges, with the derivatives of `derivatives`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
 
-from indentfit.inverse.derivatives import Underivable, derivatives, evaluate, last_cause
+from indentfit.inverse.derivatives import Underivable, brings_sensitivities, derivatives, evaluate, last_cause
 from indentfit.inverse.objective import Candidate, equation_one, misfit
 
 RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
@@ -61,10 +61,29 @@ def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
     return Optimum(course.best, slopes, found.status > 0, message, course.history)
 
 
-def polish(problem, pool, start, tolerance=1e-6, progress=None):
+def multi_start(problem, pool, starts, searches, tolerance=1e-6, progress=None):
+    """Optimum of the sum of squares: the best of `searches` local searches, from the best of `starts` (name -> value).
+
+    Every start is run once, at its best scale; the searches begin where the sum of squares was least.
+    """
+    tried = evaluate(problem, pool, starts, progress and (lambda done, total: progress(0.2 * done / total, "starts")))
+    candidates = [problem.judge_best_scale(point, one.forces) for point, one in zip(starts, tried, strict=True) if one.forces]
+    if not candidates:
+        return Optimum(None, None, False, f"the mechanics failed at the start values: {last_cause(pool)}", [])
+    candidates.sort(key=lambda candidate: candidate.sum_of_squares)
+    ends = [least_squares(problem, pool, one.parameters, tolerance, progress) for one in candidates[:searches]]
+    best = min(ends, key=lambda end: end.best.sum_of_squares)
+    history = [row for end in ends for row in end.history]
+    agree = sum(end.best.sum_of_squares <= 1.01 * best.best.sum_of_squares for end in ends)
+    said = f"; {agree} of {len(ends)} searches ended there" if len(ends) > 1 else ""
+    return replace(best, message=best.message + said, history=history)
+
+
+def polish(problem, pool, start, tolerance=1e-6, progress=None, surrogate=None):
     """Optimum of equation (1) from the Candidate `start`, by Gauss-Newton on it.
 
-    Each step minimises equation (1) of the linearised curves within the bounds and a trust region, then is tried.
+    Each step minimises equation (1) of the linearised curves within the bounds and a trust region, then is tried. A
+    surrogate, if given, supplies derivatives on the way that would need runs of their own; those at the end are true.
     """
     course = _Course(problem, pool, progress, "polish", lambda candidate: candidate.objective, start)
     x, best, radius = problem.units(start.parameters), start, WIDEST
@@ -72,7 +91,7 @@ def polish(problem, pool, start, tolerance=1e-6, progress=None):
     nothing = RESOLVED * equation_one(problem.tests, [0 * force for force in start.forces])
     try:
         for _ in range(STEPS_OF_POLISH):
-            step, promised = _step(problem, best, course.derivatives(x), x, radius)
+            step, promised = _step(problem, best, course.derivatives(x, surrogate), x, radius)
             if promised <= max(tolerance * best.objective, nothing) or np.abs(step).max() < SHORTEST:
                 message, success = "no step would lower the objective", True
                 break
@@ -120,8 +139,10 @@ class _Course:
             self.history.append({**row, "runs": self.pool.runs})
         return candidate
 
-    def derivatives(self, x):
+    def derivatives(self, x, surrogate=None):
         """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test. Raises Underivable."""
+        if surrogate is not None and not brings_sensitivities(self.problem, self.pool, x):
+            return derivatives(self.problem, surrogate, x)
         return derivatives(self.problem, self.pool, x, self.report)
 
     def _share(self):
