@@ -66,7 +66,7 @@ def explore(problem, pool, options, search, progress):
         if held_out[-1]["error"] is not None and held_out[-1]["error"] <= held_out[-1]["allowed"]:
             break
     found = search(problem, surrogate, _large(options))
-    best, *rivals = _optima(problem, surrogate, [found.best, *_scan(problem, surrogate, options.seed)[:RIVALS + 1]])
+    best, *rivals = _optima(problem, surrogate, [found.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
     confirmed = [one for one in judged(problem, pool, [c.parameters for c in [best, *rivals]]) if one]
     confirmed = sorted([*confirmed, *_best_known(problem, pool)], key=lambda one: one.objective)
     message = f"{found.message} on a surrogate of {len(surrogate.samples)} runs"
@@ -176,5 +176,3 @@ def _place(problem, parameters):
 
 def _distance(place, others):
     return float(np.abs(others - place).max(axis=1).min())
-
-

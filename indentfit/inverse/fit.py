@@ -173,7 +173,7 @@ def _solver(model, case, pool, facts):
 
 def _result(case, problem, optimum, said, pool, solver, mesh, started):
     best, tests = optimum.best, problem.tests
-    known = identifiability(problem, best, optimum.derivatives) if optimum.derivatives else None
+    known = identifiability(problem, best, optimum.derivatives, case.fit.method in SEARCHES) if optimum.derivatives else None
     return FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
