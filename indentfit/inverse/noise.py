@@ -35,10 +35,12 @@ class Noise:
 @dataclass(frozen=True)
 class Errors:
     """covar (p, p) of the estimates; plain (p, p) = (J^T W J)^-1; freedom (p,), by Welch and Satterthwaite; estimator: the
-    matrices (p, n) that turn small changes of each curve into those of the estimates."""
+    matrices (p, n) that turn small changes of each curve into those of the estimates; typical: plain over covar, over all
+    directions that the curves see."""
 
     covar: np.ndarray
     plain: np.ndarray
+    typical: float
     freedom: np.ndarray
     estimator: tuple[np.ndarray, ...]
 
@@ -51,7 +53,7 @@ def errors(slopes, residuals, weights):
     """
     J = np.concatenate([np.sqrt(w) * s for w, s in zip(weights, slopes, strict=True)])
     plain = inverse(J)
-    A = np.where(np.isfinite(plain), plain, 0.0)
+    A = _seen(J)
     B = [w * A @ s.T for w, s in zip(weights, slopes, strict=True)]
     M = [
         [np.eye(len(r)) * (k == j) - s @ B[j] for j in range(len(B))]
@@ -62,6 +64,7 @@ def errors(slopes, residuals, weights):
     variance, freedom = _variances(M, R, residuals)
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
     covar = sum(v * b @ r @ b.T for v, b, r in zip(variance, B, R, strict=True))
+    typical = np.linalg.matrix_rank(A) / max(np.trace(J.T @ J @ covar), 1e-300)
     covar = np.where(np.isfinite(plain), covar, plain)
     with np.errstate(invalid="ignore", divide="ignore"):
         welch = parts.sum(axis=0) ** 2 / (parts**2 / np.array(freedom)[:, None]).sum(axis=0)
@@ -69,7 +72,7 @@ def errors(slopes, residuals, weights):
     welch = np.where(np.isfinite(welch), np.minimum(welch, total), total)
     effective = [len(r) / _inflation(len(r), one) for r, one in zip(residuals, rho, strict=True)]
     noise = Noise(tuple(np.sqrt(variance).tolist()), tuple(rho), tuple(effective), tuple(len(r) for r in residuals))
-    return noise, Errors(covar, plain, welch, tuple(B))
+    return noise, Errors(covar, plain, typical, welch, tuple(B))
 
 
 def correlations(n, rho):
@@ -83,11 +86,18 @@ def inverse(J):
     _, singular_values, directions = np.linalg.svd(J, full_matrices=False)
     n = J.shape[1]
     seen = singular_values > SINGULAR * singular_values[0]
-    found = (directions[seen].T / singular_values[seen] ** 2) @ directions[seen]
+    found = _seen(J)
     hidden = np.linalg.norm(np.eye(n) - directions[seen].T @ directions[seen], axis=0) > 1e-6
     found[hidden] = found[:, hidden] = np.nan
     found[hidden, hidden] = np.inf
     return found
+
+
+def _seen(J):
+    """The pseudo-inverse of J^T J, without the directions that the curves do not see."""
+    _, singular_values, directions = np.linalg.svd(J, full_matrices=False)
+    seen = singular_values > SINGULAR * singular_values[0]
+    return (directions[seen].T / singular_values[seen] ** 2) @ directions[seen]
 
 
 def _autocorrelation(M, residuals):
