@@ -301,6 +301,23 @@ class Test(Section):
             yield "points", "belongs to a test with a depth; the points of a curve are those of its file"
 
 
+Spread = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Uncertain(Section):
+    """Standard deviations of inputs that are known with some error: their share in the parameters' errors is reported."""
+
+    friction: Spread | None = Field(default=None, description="standard deviation of the friction coefficient")
+    bulk_ratio: Spread | None = Field(default=None, description="standard deviation of bulk modulus over shear modulus")
+    thickness: Length | None = Field(default=None, description="standard deviation of the sample's thickness, mm")
+    offset: Length | None = Field(default=None, description="standard deviation of the contact point, mm")
+
+    @property
+    def given(self):
+        """name -> standard deviation of those that are given."""
+        return {name: value for name, value in self if value is not None}
+
+
 class Fit(Section):
     """How the parameters are searched for."""
 
@@ -316,6 +333,9 @@ class Fit(Section):
     tolerance: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] = Field(
         default=1e-6, description="relative change of the objective below which the search ends"
     )
+    profiles: bool = Field(default=True, description="profile likelihoods, where the search had a surrogate")
+    published: dict[str, Finite] = Field(default_factory=dict, description="published parameters to compare with")
+    uncertain: Uncertain = Field(default=Uncertain(), description="standard deviations of uncertain inputs")
 
 
 class Solver(Section):

@@ -12,8 +12,8 @@ from indentfit.case import require_fittable
 from indentfit.curve import Curve
 from indentfit.fem.simulate import Model
 from indentfit.inverse import evolution, genetic
+from indentfit.inverse.certainty import certainty
 from indentfit.inverse.exploration import Exploration, Watched, explore
-from indentfit.inverse.identifiability import NOTE, identifiability
 from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.objective import problem_of, rmse
 from indentfit.inverse.population import Search, parameters_of
@@ -22,6 +22,7 @@ from indentfit.inverse.workers import Pool
 FORMAT = 1
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not assessed by `fit`; compare with a finer mesh"
+SHARE_OF_FIT = 0.75  # of the progress; the rest is what follows from it
 SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
 MANY = 4  # free parameters up to which a surrogate is worth its runs
 PEOPLE, GENERATIONS = 8, 4  # of a search on the forward model itself, where the case does not say
@@ -37,6 +38,11 @@ class FitResult:
     unit; `free` gives the order of covar, correlation, singular_values (mN) and directions (a row for each of them).
     objective: equation (1), mN; sum_of_squares: sum of w RMSE^2, mN^2; rmse: test -> mN; redchi: mN^2. nfev: different
     sets of parameters run; runs: solves of one test. failures: parameters and cause of each failed evaluation.
+    noise: test -> sigma (mN), autocorrelation, effective_points. profiles: parameter -> values, chi2 (1 at one standard
+    error), limit, interval, confirmed (runs: value, chi2, predicted); bootstrap: parameter -> stderr, interval. tests_alone:
+    test -> rmse, parameters; weights_scan: rows of weights, parameters, rmse; uncertain: inputs -> effect and share of each
+    parameter, stderr_total; rivals: other optima; surrogate: its runs, degree and errors; published: as `certainty` has it;
+    summary: sentences. Empty where they were not asked for or not to be had.
     curves: test -> fitted Curve (not part of the JSON). Units: mm, mN, kPa, s.
     """
 
@@ -66,6 +72,16 @@ class FitResult:
     title: str
     versions: dict[str, str]
     format_version: int = FORMAT
+    noise: dict = field(default_factory=dict)
+    profiles: dict = field(default_factory=dict)
+    bootstrap: dict = field(default_factory=dict)
+    tests_alone: dict = field(default_factory=dict)
+    weights_scan: list = field(default_factory=list)
+    uncertain: dict = field(default_factory=dict)
+    rivals: list = field(default_factory=list)
+    surrogate: dict | None = None
+    published: dict | None = None
+    summary: list = field(default_factory=list)
     curves: dict[str, Curve] = field(default_factory=dict, repr=False)
 
     def as_json(self):
@@ -84,9 +100,14 @@ def fit(case, progress=None):
     model = Model(case)  # refuses a mesh that cannot be, before any worker is started
     with Pool(case) as workers:
         pool = Watched(workers)
-        optimum, exploration, said = METHODS[case.fit.method](problem, pool, case.fit, progress or (lambda share, note: None))
+        report = progress or (lambda share, note: None)
+        part = lambda share, note: report(SHARE_OF_FIT * share, note)  # noqa: E731
+        optimum, exploration, said = METHODS[case.fit.method](problem, pool, case.fit, part)
+        rest = lambda share, note: report(SHARE_OF_FIT + (1 - SHARE_OF_FIT) * share, note)  # noqa: E731
+        conclusions = certainty(case, problem, pool, optimum, exploration, case.fit.method in SEARCHES, rest)
         facts = _facts_at(pool, problem, optimum)
-    return _result(case, problem, optimum, said, pool, _solver(model, case, pool, facts), model.mesh_facts(), started)
+    solver = _solver(model, case, pool, facts)
+    return _result(case, problem, optimum, said, conclusions, pool, solver, model.mesh_facts(), started)
 
 
 def _global(problem, pool, options, progress):
@@ -171,15 +192,16 @@ def _solver(model, case, pool, facts):
     }
 
 
-def _result(case, problem, optimum, said, pool, solver, mesh, started):
+def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, started):
     best, tests = optimum.best, problem.tests
-    known = identifiability(problem, best, optimum.derivatives, case.fit.method in SEARCHES) if optimum.derivatives else None
+    found, known = conclusions
+    more = {key: value for key, value in found.items() if key not in ("parameters", "notes")}
     return FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
         success=optimum.success,
         message=f"{said}; {optimum.message}",
-        parameters=_parameters(case, best.parameters if best else problem.start, known),
+        parameters=_parameters(case, best.parameters if best else problem.start, known, found.get("parameters", {})),
         free=list(problem.free),
         objective=best and best.objective,
         sum_of_squares=best and best.sum_of_squares,
@@ -194,19 +216,21 @@ def _result(case, problem, optimum, said, pool, solver, mesh, started):
         seconds=time.perf_counter() - started,
         history=optimum.history,
         failures=[{"parameters": failure.parameters, "cause": failure.cause} for failure in pool.failures],
-        notes=[NOTE, MESH_NOTE],
+        notes=[*found.get("notes", []), MESH_NOTE],
         solver=solver,
         mesh=mesh,
         case_hash=case.hash,
         title=case.title,
         versions={name: importlib.metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
         curves=_curves(tests, best),
+        **more,
     )
 
 
-def _parameters(case, values, known):
-    """name -> what is known of it, in the order of the model."""
+def _parameters(case, values, known, certain):
+    """name -> what is known of it, in the order of the model; certain: its interval and verdict."""
     free, found = list(case.free), {}
+    unknown = {"interval": None, "verdict": "not known: the fit stopped before its errors were found"}
     for name, parameter in case.material_class.parameters.items():
         found[name] = {"value": values[name], "unit": parameter.unit, "fixed": name not in free}
         if name in free:
@@ -216,9 +240,8 @@ def _parameters(case, values, known):
                 "min": bounds.min,
                 "max": bounds.max,
                 "stderr": known and _number(known.stderr[n]),
-                "interval": known and _numbers(known.interval[n]),
                 "at_bound": known and (known.at_bound[n] or None),
-                "verdict": known.verdicts[n] if known else "not known: the fit stopped before its errors were found",
+                **certain.get(name, unknown),
             }
     return found
 

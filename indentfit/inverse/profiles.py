@@ -170,7 +170,9 @@ def estimate(problem, surrogate, weights, x, fixed=None, targets=None):
     if not moving:
         return np.array(x), float(np.sum(residuals([]) ** 2))
     start = np.clip(np.asarray(x)[moving], 0, 1)
-    found = least_squares(residuals, start, jacobian, bounds=(0, 1), method="dogbox", ftol=1e-10, xtol=1e-8, gtol=1e-12, max_nfev=60)
+    found = least_squares(
+        residuals, start, jacobian, bounds=(0, 1), method="dogbox", ftol=1e-10, xtol=1e-8, gtol=1e-12, max_nfev=60
+    )
     return whole(found.x), float(2 * found.cost)
 
 
@@ -209,7 +211,7 @@ def _profile(problem, surrogate, known, n, x):
 
 def _end(chi2, value, bound, limit):
     """Where chi2 leaves its limit for good on the way from the value to a bound, or the bound."""
-    if not np.isfinite(limit):
+    if not np.isfinite(limit) or abs(bound - value) < 1e-6:
         return bound
     steps = [value, *(value + share * (bound - value) for share in OUTWARDS)]
     inside = [step for step in steps if chi2(step) <= limit]
@@ -233,5 +235,3 @@ def _least(problem, surrogate, known, candidate):
 
 def _squares(problem, forces, weights):
     return sum(w * float(np.sum((f - t.curve.force) ** 2)) for t, f, w in zip(problem.tests, forces, weights, strict=True))
-
-

@@ -1,0 +1,103 @@
+"""Inputs of the model that are known with some error only, and what that error does to the fitted parameters.
+
+Friction, bulk ratio, thickness and the contact point (`offset`, added to every displacement) move the curves; an estimate
+follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are the model's own where
+it gives them, else differences of runs with the input changed.
+"""
+
+import inspect
+
+import numpy as np
+
+from indentfit.fem.simulate import Model
+
+STEP = 0.05  # of an input, for differences
+LEAST_FRICTION = 0.02  # its step where the friction is small
+
+
+def shares(case, problem, best, known):
+    """What each uncertain input adds to the error of each free parameter, in plain numbers.
+
+    inputs: name -> value, sd, effect (change of each parameter for one sd), share (of each parameter's total variance);
+    stderr_total: name -> standard error with all of them.
+    """
+    names = list(problem.free)
+    heavy = [n for n, weight in enumerate(known.weights) if weight]
+    variance, rows = np.diag(known.errors.covar).copy(), {}
+    for name, sd in case.fit.uncertain.given.items():
+        slopes = derivatives(case, best.parameters, name)
+        parts = zip(heavy, known.errors.estimator, strict=True)
+        rows[name] = {"value": value_of(case, name), "sd": sd, "effect": -sd * sum(B @ slopes[n] for n, B in parts)}
+        variance += rows[name]["effect"] ** 2
+    for row in rows.values():
+        row["share"] = _named(names, row["effect"] ** 2 / np.where(variance > 0, variance, 1.0))
+        row["effect"] = _named(names, row["effect"])
+    return {"inputs": rows, "stderr_total": _named(names, np.sqrt(variance))}
+
+
+def value_of(case, name):
+    """The value of an uncertain input in a case; a contact point is where the curves say."""
+    if name == "offset":
+        return 0.0
+    return {"friction": case.indenter.friction, "bulk_ratio": case.material.bulk_ratio, "thickness": case.sample.thickness}[name]
+
+
+def derivatives(case, parameters, name):
+    """dF/d input of each test, (n,), mN per unit of the input, at these parameters."""
+    material = case.material_class(**parameters)
+    kappa = case.material.bulk_modulus(material.shear_modulus)
+    if name == "offset":
+        return _by_displacement(case, material, kappa)
+    exact = _exact(case, material, kappa, name)
+    if exact is not None:
+        return exact
+    value = value_of(case, name)
+    step = max(STEP * value, LEAST_FRICTION if name == "friction" else 0.0)
+    pair = [_forces(with_input(case, name, one), material) for one in (value - min(step, value), value + step)]
+    return [(b - a) / (step + min(step, value)) for a, b in zip(*pair, strict=True)]
+
+
+def with_input(case, name, value):
+    """The case with another value of an input."""
+    place, key = {
+        "friction": ("indenter", "friction"),
+        "bulk_ratio": ("material", "bulk_ratio"),
+        "thickness": ("sample", "thickness"),
+    }[name]
+    return case.model_copy(update={place: getattr(case, place).model_copy(update={key: value})})
+
+
+def _forces(case, material):
+    kappa = case.material.bulk_modulus(material.shear_modulus)
+    model = Model(case)
+    return [model.run(material, kappa, test.angle, case.outputs(test), test.name).force for test in case.tests]
+
+
+def _exact(case, material, kappa, name):
+    """The model's own sensitivities, or None where it has none."""
+    if "sensitivities" not in inspect.signature(Model.run).parameters:
+        return None
+    model, found = Model(case), []
+    for test in case.tests:
+        run = model.run(material, kappa, test.angle, case.outputs(test), test.name, sensitivities=(name,))
+        if name not in (run.sensitivities or {}) or not np.isfinite(run.sensitivities[name]).all():
+            return None
+        found.append(run.sensitivities[name])
+    return found
+
+
+def _by_displacement(case, material, kappa):
+    """A contact point that lies deeper by so much leaves the sample pressed deeper by as much."""
+    model, found = Model(case), []
+    for test in case.tests:
+        depths = case.outputs(test)
+        step = 1e-2 * depths[-1]
+        around = np.unique(np.concatenate([depths, np.maximum(depths - step, 0.2 * depths), depths + step]))
+        force = model.run(material, kappa, test.angle, around, test.name).force
+        low = np.maximum(depths - step, 0.2 * depths)
+        found.append((np.interp(depths + step, around, force) - np.interp(low, around, force)) / (depths + step - low))
+    return found
+
+
+def _named(names, values):
+    return {name: (float(value) if np.isfinite(value) else None) for name, value in zip(names, values, strict=True)}
