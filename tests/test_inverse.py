@@ -275,7 +275,7 @@ def test_a_parameter_that_the_curves_do_not_see_is_not_determined_and_harms_no_o
     ("value", "interval", "at_bound", "said"),
     [
         (2.0, (1.94, 2.06), "", "determined (+-3 %)"),
-        (2.0, (1.0, 3.0), "", "weakly determined (+-50 %): 1 to 3"),
+        (2.0, (1.0, 3.0), "", "weakly determined: 1 to 3"),
         (0.2, (0.0, 0.7), "", "not determined by these curves: any value in 0-0.7 fits within the noise"),
         (2.0, (0.0, 5.0), "", "not determined by these curves: any value in 0-5 fits within the noise"),
         (0.0, (0.0, 0.1), "lower", "at its lower bound; the curves ask for a value beyond it, or leave it open: "

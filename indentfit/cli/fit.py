@@ -8,6 +8,7 @@ from ..case import read_case, require_fittable
 from ..errors import FitError
 from ..inverse.fit import fit
 from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
+from ..report.text import certainty_lines
 from .progress import progress
 
 METHODS = ("ga", "least_squares", "differential_evolution", "cma")
@@ -46,7 +47,7 @@ def command(case, overrides, method, direct, workers, seed, output, overwrite, a
 
 def _write(path, overwrite, case, result):
     """The result folder; returns what its result.json holds."""
-    from ..report.plots import force_displacement  # matplotlib is slow to import
+    from ..report.plots import correlations, force_displacement, profiles  # matplotlib is slow to import
 
     measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
     with result_folder(path, overwrite) as folder:
@@ -55,6 +56,10 @@ def _write(path, overwrite, case, result):
         write_json(folder / "result.json", written)
         write_curves(folder / "curves.csv", result.curves, measured)
         force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
+        if result.profiles:
+            profiles(result.profiles, result.parameters, Path(folder) / "profiles")
+        if result.correlation and len(result.free) > 1:
+            correlations(result.free, result.correlation, Path(folder) / "correlation")
     return written
 
 
@@ -70,6 +75,7 @@ def _lines(case, result):
         values = " : ".join(f"{value:.3g}" for value in result.singular_values)
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
         yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
+    yield from certainty_lines(result)
     yield f"search    {result.message}"
     failed = f", {len(result.failures)} of them failed" if result.failures else ""
     yield (

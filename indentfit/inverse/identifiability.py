@@ -20,7 +20,8 @@ MISFIT = (
 )
 SMOOTH = 0.5  # autocorrelation of neighbouring points from which the residuals are mostly misfit
 CONFIDENCE = 0.95
-DETERMINED, WEAKLY = 0.2, 1.0  # half an interval over the value
+DETERMINED = 0.2  # half an interval over the value
+WEAKLY = 2 / 3  # half an interval over its middle: a factor of five between its ends
 AT_BOUND = 1e-3  # of the range: scipy's method comes near a bound without reaching it
 EXACT = 1e-3  # of the worst test's RMSE: equation (1) weighs no test as if its own were less
 
@@ -119,8 +120,8 @@ def verdict(value, interval, bounds, at_bound):
         return f"{place}the curves ask for a value beyond it, or leave it open: {within}"
     if share <= DETERMINED:
         return f"{place}determined (+-{_percent(share)} %)"
-    if share <= WEAKLY:
-        return f"weakly determined (+-{_percent(share)} %): {low:.3g} to {high:.3g}"
+    if high - low <= WEAKLY * abs(high + low):
+        return f"weakly determined: {low:.3g} to {high:.3g}"
     return f"not determined by these curves: {within}"
 
 

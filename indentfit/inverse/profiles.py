@@ -197,7 +197,11 @@ def _profile(problem, surrogate, known, n, x):
     reach = BEYOND * max(ends[1] - ends[0], 1e-6)
     for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), SHOWN):
         chi2(float(unit))
-    shown = [unit for unit in sorted(walked) if ends[0] - 1.01 * reach <= unit <= ends[1] + 1.01 * reach]
+    within = [unit for unit in sorted(walked) if ends[0] - 1.01 * reach <= unit <= ends[1] + 1.01 * reach]
+    shown = within[:1]
+    for unit in within[1:]:
+        if unit in ends or (unit - shown[-1] > 0.01 * reach and shown[-1] != ends[1]):
+            shown.append(unit)
     low = problem.free[name].min
     return Profile(
         name,
