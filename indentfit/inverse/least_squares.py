@@ -83,7 +83,7 @@ def polish(problem, pool, start, tolerance=1e-6, progress=None, surrogate=None):
     """Optimum of equation (1) from the Candidate `start`, by Gauss-Newton on it.
 
     Each step minimises equation (1) of the linearised curves within the bounds and a trust region, then is tried. A
-    surrogate, if given, supplies derivatives on the way that would need runs of their own; those at the end are true.
+    surrogate, if given, supplies derivatives that would need runs of their own until it sees no better place.
     """
     course = _Course(problem, pool, progress, "polish", lambda candidate: candidate.objective, start)
     x, best, radius = problem.units(start.parameters), start, WIDEST
@@ -93,6 +93,9 @@ def polish(problem, pool, start, tolerance=1e-6, progress=None, surrogate=None):
         for _ in range(STEPS_OF_POLISH):
             step, promised = _step(problem, best, course.derivatives(x, surrogate), x, radius)
             if promised <= max(tolerance * best.objective, nothing) or np.abs(step).max() < SHORTEST:
+                if surrogate is not None:
+                    surrogate = None  # from here on the true ones, which the end needs anyway
+                    continue
                 message, success = "no step would lower the objective", True
                 break
             trial = course.candidate(np.clip(x + step, 0, 1))

@@ -17,7 +17,7 @@ from indentfit.inverse.population import judged, parameters_of
 OUTWARDS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0)  # of the way from the value to a bound
 SHOWN = 17  # values of a profile in the result
 BEYOND = 0.3  # of the interval's width: how far the values shown go beyond it
-SAME_RUN = 0.01  # of the ranges: ends of profiles this near each other are proved by one run
+SAME_RUN = 0.1  # of the intervals: ends of profiles this near each other are proved by one run
 DRAWS = 200  # of the bootstrap
 WEIGHTS = np.linspace(0, 1, 11)
 
@@ -49,9 +49,10 @@ def prove(problem, pool, surrogate, found, known, candidate, report=None):
     """Run the ends of profiles (name -> Profile), ends near each other once: name -> rows of value, chi2 there, and what
     the surrogate had predicted before it knew the run. A row holds the cause where the run failed."""
     ends = {name: profile.ends() for name, profile in found.items()}
+    widths = np.array([np.ptp(profile.interval) / problem.range(name) for name, profile in found.items()])
     points: list = []
     for x in np.concatenate([*ends.values()]):
-        if all(np.abs(x - other).max() > SAME_RUN for other in points):
+        if all(np.any(np.abs(x - other) > SAME_RUN * widths) for other in points):
             points.append(x)
     runs = evaluate(problem, pool, [problem.parameters(x) for x in points], report)
     least = min(_squares(problem, candidate.forces, known.weights), *_least(problem, surrogate, known, candidate))
