@@ -3,7 +3,7 @@
 import numpy as np
 
 from indentfit.inverse import inputs, profiles
-from indentfit.inverse.derivatives import evaluate
+from indentfit.inverse.derivatives import derivatives, evaluate
 from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict
 from indentfit.inverse.surrogate import learn
 
@@ -32,6 +32,31 @@ def certainty(case, problem, pool, optimum, exploration, equation_one, progress)
     found["published"] = _published(case, problem, pool, best, found["parameters"])
     found["summary"] = _summary(problem, found)
     return found, known
+
+
+def coverage(problem, surrogate, truth, sigma, draws, seed=0):
+    """Whether the profile intervals of least-squares fits hold the truth: bool (draws, n_free).
+
+    Curves are the surrogate's at the truth (name -> value) with white noise of sigma mN in each test.
+    """
+    exact = problem.scaled(truth, evaluate(problem, surrogate, [truth])[0].forces)
+    rng, x, inside = np.random.default_rng(seed), problem.units(truth), []
+    for _ in range(draws):
+        forces = [force + s * rng.standard_normal(force.size) for force, s in zip(exact, sigma, strict=True)]
+        inside.append(holds(problem.measured(forces), surrogate, truth, x))
+    return np.array(inside)
+
+
+def holds(problem, surrogate, truth, x):
+    """Whether each profile interval of a fit on the surrogate, started at x in units of the ranges, holds the truth."""
+    weights = [test.weight / test.curve.force.size for test in problem.tests]
+    parameters = problem.parameters(profiles.estimate(problem, surrogate, weights, x)[0])
+    best = problem.judge(parameters, evaluate(problem, surrogate, [parameters])[0].forces)
+    known = identifiability(problem, best, derivatives(problem, surrogate, problem.units(parameters)))
+    return [
+        profiles.chi2_at(problem, surrogate, best, known, name, truth[name]) <= known.quantile[n] ** 2
+        for n, name in enumerate(problem.free)
+    ]
 
 
 def _on_surrogate(problem, pool, exploration, best, known, seed, progress):

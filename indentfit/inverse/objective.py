@@ -123,6 +123,11 @@ class Problem:
         tests = tuple(replace(test, weight=w) for test, w in zip(self.tests, weights, strict=True))
         return replace(self, tests=tests)
 
+    def measured(self, forces):
+        """The same problem with other measured forces, mN, at the same displacements."""
+        pairs = zip(self.tests, forces, strict=True)
+        return replace(self, tests=tuple(replace(t, curve=Curve(t.curve.displacement, f)) for t, f in pairs))
+
     def judge(self, parameters, forces):
         """The Candidate of `parameters`, given the curves of their `at_reference`."""
         forces = self.scaled(parameters, forces)

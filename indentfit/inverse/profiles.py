@@ -45,6 +45,15 @@ def profiles(problem, surrogate, candidate, known):
     return {name: _profile(problem, surrogate, known, n, x) for n, name in enumerate(problem.free)}
 
 
+def chi2_at(problem, surrogate, candidate, known, name, value):
+    """chi2 of the profile of one parameter at one value."""
+    n, x = list(problem.free).index(name), problem.units(candidate.parameters)
+    x, least = estimate(problem, surrogate, known.weights, x)
+    there = np.array(x)
+    there[n] = (value - problem.free[name].min) / problem.range(name)
+    return (estimate(problem, surrogate, known.weights, there, fixed=n)[1] - least) * _factor(known, n)
+
+
 def prove(problem, pool, surrogate, found, known, candidate, report=None):
     """Run the ends of profiles (name -> Profile), ends near each other once: name -> rows of value, chi2 there, and what
     the surrogate had predicted before it knew the run. A row holds the cause where the run failed."""
