@@ -147,16 +147,18 @@ def problem_of(case: Case) -> Problem:
     """The inverse problem of a case that `case.require_fittable` lets pass."""
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     tests = tuple(Target(test.name, curve, float(test.weight or 0.0)) for test, curve in curves)
-    free, scale = case.free, _scale(case)
-    reference = 1.0 if scale is None else (free[scale].start if free[scale].start > 0 else free[scale].max)
-    return Problem(tests, case.start_values(), free, scale, reference)
+    return Problem(tests, case.start_values(), case.free, *scale_of(case))
 
 
-def _scale(case):
-    """The free parameter that the force is proportional to: the material's scale, where kappa goes with it.
+def scale_of(case):
+    """The free parameter that the force is proportional to: the material's scale, where kappa goes with it, or None; and the
+    value of it that the forward model is run at.
 
     Pressures, contact stiffness and tolerances are all relative to the shear modulus; a kappa in kPa is not.
     """
     name = case.material_class.scale
     relative = case.material.kappa is None
-    return name if relative and name in case.free and case.free[name].max > 0 else None
+    if not relative or name not in case.free or case.free[name].max <= 0:
+        return None, 1.0
+    bounds = case.free[name]
+    return name, bounds.start if bounds.start > 0 else bounds.max

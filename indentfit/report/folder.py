@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import OutputError
 
-RESULTS = ("result.json", "simulation.json")  # what tells a result folder from any other
+RESULTS = ("result.json", "simulation.json", "design.json")  # what tells a result folder from any other
 FILES = (*RESULTS, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
 FIGURES = (".svg", ".png")
 

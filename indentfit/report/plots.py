@@ -104,6 +104,24 @@ def correlations(names, matrix, path):
     return figure
 
 
+def designs(found, path, shown=12):
+    """Bars: standard error of the worst parameter with each further test, best above; the line is without any. found: as of
+    `Design.as_json`. Saves as above."""
+    worst = found["worst"]
+    rows = [one for one in found["candidates"] if one["stderr"]][:shown][::-1]
+    names = [f"{one['change'] or 'as the case is'}, {one['angle']}°, {one['depth']:.3g} mm" for one in rows]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(1.4 * COLUMN, 0.25 * COLUMN + 0.2 * len(rows)), layout="constrained")
+        FigureCanvasAgg(figure)
+        ax = figure.add_subplot()
+        ax.barh(range(len(rows)), [one["stderr"][worst] for one in rows], color=COLOURS[0], height=0.65)
+        ax.axvline(found["stderr"][worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
+        ax.set_yticks(range(len(rows)), [_label(name) for name in names])
+        ax.set_xlabel(f"standard error of {_label(worst)}; dashed: without a further test")
+        save(figure, path)
+    return figure
+
+
 def residual(measured, simulated):
     """Displacements that both curves reach, of the measured one (n,), and simulated minus measured force there (n,)."""
     d, F = _from_origin(simulated)
