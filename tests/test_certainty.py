@@ -14,11 +14,11 @@ from indentfit.inverse import certainty, genetic, inputs, profiles
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.fit import fit
 from indentfit.inverse.identifiability import identifiability
-from indentfit.inverse.least_squares import polish
+from indentfit.inverse.least_squares import least_squares, polish
 from indentfit.inverse.noise import correlations, errors
-from indentfit.inverse.objective import Problem, Target
+from indentfit.inverse.objective import Problem, Target, problem_of
 from indentfit.inverse.surrogate import learn
-from indentfit.inverse.workers import Evaluation
+from indentfit.inverse.workers import Evaluation, Pool
 
 D = np.linspace(0.1, 1, 25)
 DESIGN = np.column_stack([D, D**2])
@@ -244,3 +244,40 @@ def test_a_fit_says_in_words_what_its_curves_determine(tmp_path):
     assert read_case(case.path, case.overrides).hash == result.case_hash
 
 
+
+
+def test_friction_can_be_fitted_too(tmp_path):
+    """One test across the fibres, made by the model itself with friction 0.3; only it and mu are free."""
+    made = white_matter("mesh.elements=40", "solver.element=q1p0", "indenter.friction=0.3")
+    keys = ["mesh.elements=40", "solver.element=q1p0", "fit.workers=1", "fit.uncertain.friction={start=0.5,min=0.1,max=0.8}"]
+    whole = problem_of(white_matter(*keys, "material.mu={start=1,min=0.1,max=10}"))
+    forces = [test.force for test in simulate(made).tests]
+    assert list(whole.free) == ["mu", "friction"]
+    with Pool(white_matter(*keys), 1) as pool:
+        found = least_squares(whole.measured(forces), pool, whole.start)
+    assert found.best.parameters["friction"] == pytest.approx(0.3, abs=0.01)
+    assert found.best.parameters["mu"] == pytest.approx(1.49, rel=0.002)
+
+
+def test_an_offset_shifts_a_curve_along_its_displacements():
+    """No force before contact; beyond it the curve is the other's, further left."""
+    case = white_matter("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
+    parameters, step = case.start_values(), case.outputs(case.tests[0])[1] - case.outputs(case.tests[0])[0]
+    with Pool(case, 1) as pool:
+        plain, late = pool.evaluate([parameters, {**parameters, "offset": -2 * step}])
+    assert np.all(late.forces[1][:2] == 0)
+    np.testing.assert_allclose(late.forces[1][2:], plain.forces[1][:-2], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (["fit.uncertain.friction=-0.1"], "above 0"),
+        (["fit.uncertain.friction={start=0.5,min=-0.1,max=1}"], "at least 0"),
+        (["fit.uncertain.friction=0.1", "indenter.friction=stick"], "the indenter sticks"),
+        (["fit.uncertain.bulk_ratio=100", "material.kappa=1000"], "material.kappa is given"),
+    ],
+)
+def test_uncertain_inputs_that_cannot_be_are_refused(keys, said):
+    with pytest.raises(CaseError, match=said):
+        white_matter(*keys)

@@ -13,7 +13,7 @@ from indentfit.case import WIDEST_INDENTER, Test
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
-from indentfit.inverse.objective import Problem, Target, problem_of, scale_of
+from indentfit.inverse.objective import Problem, Target, scale_of
 from indentfit.inverse.workers import Pool
 
 NOISE = 0.01  # of the largest force, where no noise is given
@@ -159,8 +159,6 @@ def _slopes(problem, pool, parameters):
 
 def _problem(case, parameters):
     """A Problem whose tests have only displacements: enough for derivatives."""
-    if all(curve is not None for curve in case.curves):
-        return problem_of(case)
     tests = tuple(Target(test.name, Curve(case.outputs(test), case.outputs(test)), 1.0) for test in case.tests)
     scale, reference = scale_of(case)
     return Problem(tests, dict(parameters), case.free, scale, reference)

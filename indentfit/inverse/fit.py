@@ -14,6 +14,7 @@ from indentfit.fem.simulate import Model
 from indentfit.inverse import evolution, genetic
 from indentfit.inverse.certainty import certainty
 from indentfit.inverse.exploration import Exploration, Watched, explore
+from indentfit.inverse.inputs import UNITS
 from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.objective import problem_of, rmse
 from indentfit.inverse.population import Search, parameters_of
@@ -229,12 +230,14 @@ def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, start
 
 def _parameters(case, values, known, certain):
     """name -> what is known of it, in the order of the model; certain: its interval and verdict."""
-    free, found = list(case.free), {}
+    free, found = list(case.fitted), {}
+    units = {name: parameter.unit for name, parameter in case.material_class.parameters.items()}
+    units |= {name: UNITS[name] for name in case.fit.uncertain.fitted}
     unknown = {"interval": None, "verdict": "not known: the fit stopped before its errors were found"}
-    for name, parameter in case.material_class.parameters.items():
-        found[name] = {"value": values[name], "unit": parameter.unit, "fixed": name not in free}
+    for name, unit in units.items():
+        found[name] = {"value": values[name], "unit": unit, "fixed": name not in free}
         if name in free:
-            bounds, n = case.free[name], free.index(name)
+            bounds, n = case.fitted[name], free.index(name)
             found[name] |= {
                 "start": bounds.start,
                 "min": bounds.min,

@@ -1,4 +1,4 @@
-"""Inputs of the model that are known with some error only, and what that error does to the fitted parameters.
+"""Inputs of the model that are known with some error only: fitted too, or what their error does to the parameters.
 
 Friction, bulk ratio, thickness and the contact point (`offset`, added to every displacement) move the curves; an estimate
 follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are the model's own where
@@ -6,13 +6,40 @@ it gives them, else differences of runs with the input changed.
 """
 
 import inspect
+from dataclasses import dataclass
 
 import numpy as np
 
 from indentfit.fem.simulate import Model
 
+UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
 STEP = 0.05  # of an input, for differences
 LEAST_FRICTION = 0.02  # its step where the friction is small
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One point taken apart: the case with the point's inputs in place, the parameters of the material, the offset in mm, and
+    whether the model of the case as it was will do (only kappa and displacements are others)."""
+
+    case: object
+    parameters: dict[str, float]
+    offset: float
+    same_model: bool
+
+    def outputs(self, test):
+        """Displacements of a test from the contact point, mm, (n,)."""
+        return self.case.outputs(test) + self.offset
+
+
+def setting(case, point):
+    """The Setting of a point (name -> value): its inputs, as far as the material has no parameter of that name, leave it."""
+    found = {name: value for name, value in point.items() if name in UNITS and name not in case.material_class.parameters}
+    parameters = {name: value for name, value in point.items() if name not in found}
+    offset = found.pop("offset", 0.0)
+    for name, value in found.items():
+        case = with_input(case, name, value)
+    return Setting(case, parameters, offset, not {"friction", "thickness"} & set(found))
 
 
 def shares(case, problem, best, known):
@@ -24,10 +51,11 @@ def shares(case, problem, best, known):
     names = list(problem.free)
     heavy = [n for n, weight in enumerate(known.weights) if weight]
     variance, rows = np.diag(known.errors.covar).copy(), {}
+    at = setting(case, best.parameters)
     for name, sd in case.fit.uncertain.given.items():
-        slopes = derivatives(case, best.parameters, name)
+        slopes = derivatives(at.case, at.parameters, name)
         parts = zip(heavy, known.errors.estimator, strict=True)
-        rows[name] = {"value": value_of(case, name), "sd": sd, "effect": -sd * sum(B @ slopes[n] for n, B in parts)}
+        rows[name] = {"value": value_of(at.case, name), "sd": sd, "effect": -sd * sum(B @ slopes[n] for n, B in parts)}
         variance += rows[name]["effect"] ** 2
     for row in rows.values():
         row["share"] = _named(names, row["effect"] ** 2 / np.where(variance > 0, variance, 1.0))

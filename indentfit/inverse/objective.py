@@ -147,7 +147,8 @@ def problem_of(case: Case) -> Problem:
     """The inverse problem of a case that `case.require_fittable` lets pass."""
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     tests = tuple(Target(test.name, curve, float(test.weight or 0.0)) for test, curve in curves)
-    return Problem(tests, case.start_values(), case.free, *scale_of(case))
+    start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
+    return Problem(tests, start, case.fitted, *scale_of(case))
 
 
 def scale_of(case):

@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.simulate import Model
+from indentfit.inverse.inputs import setting
 
 THREAD_VARIABLES = ("MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 DIED = "its worker process died twice (out of memory, or killed)"
@@ -173,10 +174,14 @@ def run(model, case, key, number):
     started, test = time.perf_counter(), case.tests[number]
     force, cause, facts = None, None, {}
     try:
-        material = case.material_class(**dict(key))
-        kappa = case.material.bulk_modulus(material.shear_modulus)
-        result = model.run(material, kappa, test.angle, case.outputs(test), test.name)
-        force, facts = result.force, result.facts
+        at = setting(case, dict(key))
+        model = model if at.same_model else ready_model(at.case)
+        material, depths = at.case.material_class(**at.parameters), at.outputs(test)
+        kappa = at.case.material.bulk_modulus(material.shear_modulus)
+        pressed = depths > 0  # before contact there is no force
+        result = model.run(material, kappa, test.angle, depths[pressed], test.name)
+        force, facts = np.zeros(depths.size), result.facts
+        force[pressed] = result.force
         if not np.isfinite(force).all():
             force, cause = None, f"test {test.name!r}: its force is not a finite number"
     except (ConvergenceError, MaterialError) as error:
