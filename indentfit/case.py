@@ -327,6 +327,10 @@ class Uncertain(Section):
         default=None, description="standard deviation, or range, of the contact point, mm, added to every displacement"
     )
 
+    force: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = Field(
+        default=None, description="standard deviation of each test's forces as a whole: calibration, or the error of the mesh"
+    )
+
     @property
     def given(self):
         """name -> standard deviation of the inputs that have one."""

@@ -187,12 +187,23 @@ def test_an_uncertain_input_moves_an_estimate_by_what_it_moves_the_curve(monkeyp
     case = coarse_white_matter({"friction": 0.5})
     monkeypatch.setattr(inputs, "derivatives", lambda *_: [D])
     found = inputs.shares(case, whole, best, known)
-    row = found["inputs"]["friction"]
+    row = found.rows["friction"]
     assert row["effect"]["a"] == pytest.approx(-0.5, rel=1e-9)
     assert row["effect"]["b"] == pytest.approx(0.0, abs=1e-9)
     total = np.hypot(known.stderr[0], 0.5)
-    assert found["stderr_total"]["a"] == pytest.approx(total, rel=1e-9)
     assert row["share"]["a"] == pytest.approx((0.5 / total) ** 2, rel=1e-9)
+    np.testing.assert_allclose(found.covar, [[0.25, 0], [0, 0]], atol=1e-9)
+
+
+def test_forces_that_are_wrong_as_a_whole_move_a_linear_estimate_as_much():
+    """F = a d + b d^2 with all forces 2 % too large: a and b are 2 % too large; intervals grow by that."""
+    whole = line(np.zeros(25))
+    best, known, _ = solved(whole, Line())
+    wider, found = certainty.with_inputs(coarse_white_matter({"force": 0.02}), whole, best, known)
+    for n, (name, value) in enumerate((("a", 30.0), ("b", 20.0))):
+        assert found["inputs"]["force"]["effect"][name] == pytest.approx(0.02 * value, rel=1e-6)
+        assert found["stderr_total"][name] == pytest.approx(0.02 * value, rel=1e-6)
+        assert np.ptp(wider.interval[n]) == pytest.approx(2 * known.quantile[n] * 0.02 * value, rel=1e-6)
 
 
 def coarse_white_matter(uncertain):
@@ -242,8 +253,6 @@ def test_a_fit_says_in_words_what_its_curves_determine(tmp_path):
     both, one = (found["parameters"]["zeta"]["interval"] for found in (vars(result), result.tests_alone["parallel"]))
     assert np.ptp(one) > 5 * np.ptp(both)  # along the fibres, zeta hardly shows
     assert read_case(case.path, case.overrides).hash == result.case_hash
-
-
 
 
 def test_friction_can_be_fitted_too(tmp_path):

@@ -1,10 +1,12 @@
 """What a fit knows and what it doesn't, as plain numbers for the result: everything that follows once an optimum is found."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from indentfit.inverse import inputs, profiles
 from indentfit.inverse.derivatives import derivatives, evaluate
-from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict
+from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, clipped, identifiability, noise_of, verdict
 from indentfit.inverse.surrogate import learn
 
 TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
@@ -18,7 +20,10 @@ def certainty(case, problem, pool, optimum, exploration, equation_one, progress)
         return {}, None
     best, seed = optimum.best, case.fit.seed
     known = identifiability(problem, best, optimum.derivatives, equation_one)
-    found = {"noise": noise_of(problem, known), "notes": _notes(known)}
+    found = {"noise": noise_of(problem, known), "notes": _notes(known), "uncertain": {}}
+    alone = known
+    if case.fit.uncertain.given:
+        known, found["uncertain"] = with_inputs(case, problem, best, known)
     if exploration.surrogate is not None and case.fit.profiles:
         progress(0.0, "profiles")
         found |= _on_surrogate(problem, pool, exploration, best, known, seed, progress)
@@ -27,11 +32,23 @@ def certainty(case, problem, pool, optimum, exploration, equation_one, progress)
         {"parameters": {name: one.parameters[name] for name in problem.free}, "objective": one.objective}
         for one in exploration.rivals
     ]
-    found["uncertain"] = inputs.shares(case, problem, best, known) if case.fit.uncertain.given else {}
     found["parameters"] = _parameters(problem, best, known, found)
     found["published"] = _published(case, problem, pool, best, found["parameters"])
     found["summary"] = _summary(problem, found)
-    return found, known
+    return found, alone
+
+
+def with_inputs(case, problem, best, known):
+    """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers."""
+    shares = inputs.shares(case, problem, best, known)
+    covar = known.errors.covar + shares.covar
+    total = np.sqrt(np.diag(covar))
+    half = np.where(np.isfinite(total * known.quantile), total * known.quantile, np.inf)
+    values = np.array([best.parameters[name] for name in problem.free])
+    interval = clipped(np.column_stack([values - half, values + half]), problem)
+    stderr = {name: float(one) if np.isfinite(one) else None for name, one in zip(problem.free, total, strict=True)}
+    wider = replace(known, errors=replace(known.errors, covar=covar), interval=interval)
+    return wider, {"inputs": shares.rows, "stderr_total": stderr}
 
 
 def coverage(problem, surrogate, truth, sigma, draws, seed=0):

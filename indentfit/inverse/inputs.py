@@ -2,7 +2,7 @@
 
 Friction, bulk ratio, thickness and the contact point (`offset`, added to every displacement) move the curves; an estimate
 follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are the model's own where
-it gives them, else differences of runs with the input changed.
+it gives them, else differences of runs with the input changed. `force` is an error common to all forces of a test.
 """
 
 import inspect
@@ -42,31 +42,45 @@ def setting(case, point):
     return Setting(case, parameters, offset, not {"friction", "thickness"} & set(found))
 
 
-def shares(case, problem, best, known):
-    """What each uncertain input adds to the error of each free parameter, in plain numbers.
+@dataclass(frozen=True)
+class Shares:
+    """What uncertain inputs add to the errors: covar (p, p) of all of them together; rows: name -> value, sd, effect (change
+    of each parameter for one sd; of `force`, which every test has its own of, the root of the sum of squares), share (of each
+    parameter's total variance)."""
 
-    inputs: name -> value, sd, effect (change of each parameter for one sd), share (of each parameter's total variance);
-    stderr_total: name -> standard error with all of them.
-    """
-    names = list(problem.free)
-    heavy = [n for n, weight in enumerate(known.weights) if weight]
-    variance, rows = np.diag(known.errors.covar).copy(), {}
-    at = setting(case, best.parameters)
-    for name, sd in case.fit.uncertain.given.items():
-        slopes = derivatives(at.case, at.parameters, name)
-        parts = zip(heavy, known.errors.estimator, strict=True)
-        rows[name] = {"value": value_of(at.case, name), "sd": sd, "effect": -sd * sum(B @ slopes[n] for n, B in parts)}
-        variance += rows[name]["effect"] ** 2
-    for row in rows.values():
-        row["share"] = _named(names, row["effect"] ** 2 / np.where(variance > 0, variance, 1.0))
-        row["effect"] = _named(names, row["effect"])
-    return {"inputs": rows, "stderr_total": _named(names, np.sqrt(variance))}
+    covar: np.ndarray
+    rows: dict[str, dict]
+
+
+def shares(case, problem, best, known):
+    """Shares of the uncertain inputs of a case in the errors of a Candidate, with its Identifiability."""
+    names, at = list(problem.free), setting(case, best.parameters)
+    effects = {name: sd * _moves(case, problem, best, known, name) for name, sd in case.fit.uncertain.given.items()}
+    covar = sum((one.T @ one for one in effects.values()), np.zeros_like(known.errors.covar))
+    variance = np.diag(known.errors.covar) + np.diag(covar)
+    rows = {}
+    for name, one in effects.items():
+        size = one[0] if len(one) == 1 else np.linalg.norm(one, axis=0)
+        share = size**2 / np.where(variance > 0, variance, 1.0)
+        row = {"value": value_of(at.case, name), "sd": case.fit.uncertain.given[name]}
+        rows[name] = {**row, "effect": _named(names, size), "share": _named(names, share)}
+    return Shares(covar, rows)
+
+
+def _moves(case, problem, best, known, name):
+    """Change of the estimates per unit of an input, a row for each independent error of it."""
+    heavy, at = [n for n, weight in enumerate(known.weights) if weight], setting(case, best.parameters)
+    if name == "force":
+        pairs = zip(heavy, known.errors.estimator, strict=True)
+        return np.array([B @ problem.tests[n].curve.force for n, B in pairs])
+    slopes = derivatives(at.case, at.parameters, name)
+    return -np.array([sum(B @ slopes[n] for n, B in zip(heavy, known.errors.estimator, strict=True))])
 
 
 def value_of(case, name):
-    """The value of an uncertain input in a case; a contact point is where the curves say."""
-    if name == "offset":
-        return 0.0
+    """The value of an uncertain input in a case; contact point and forces are what the curves say."""
+    if name in ("offset", "force"):
+        return {"offset": 0.0, "force": 1.0}[name]
     return {"friction": case.indenter.friction, "bulk_ratio": case.material.bulk_ratio, "thickness": case.sample.thickness}[name]
 
 

@@ -2,6 +2,8 @@
 
     python tests/campaigns/coverage.py [--truths 20] [--draws 200] [--set KEY=VALUE ...] [--other KEY=VALUE ...] [--workers 1]
 
+Give the error of the meshes as fit.uncertain.force in --set: the noise does not hold it.
+
 1. Curves of random parameter sets, made on another mesh or with another element (--other), with 1 % noise: how often mu, zeta
    and phi lie inside their intervals. All fits share one pool: a run that one of them needed helps the next.
 2. Noise draws at one parameter set, on the same mesh: coverage of least-squares fits, on the surrogate.
@@ -20,7 +22,7 @@ from indentfit.case import read_case
 from indentfit.errors import ConvergenceError
 from indentfit.fem.simulate import simulate
 from indentfit.inverse import genetic, profiles
-from indentfit.inverse.certainty import coverage
+from indentfit.inverse.certainty import with_inputs, coverage
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.identifiability import identifiability
 from indentfit.inverse.least_squares import polish
@@ -51,6 +53,8 @@ def inside(problem, pool, case, truth):
     exploration = explore(problem, pool, case.fit, genetic.search, lambda share, note: None)
     end = polish(problem, pool, exploration.found.best, surrogate=exploration.surrogate)
     known = identifiability(problem, end.best, end.derivatives, equation_one=True)
+    if case.fit.uncertain.given:
+        known, _ = with_inputs(case, problem, end.best, known)
     found = profiles.profiles(problem, learn(problem, pool.known), end.best, known)
     return {name: found[name].interval[0] <= truth[name] <= found[name].interval[1] for name in RANGES}, end.best.parameters
 
