@@ -22,7 +22,7 @@ from indentfit.case import read_case
 from indentfit.errors import ConvergenceError
 from indentfit.fem.simulate import simulate
 from indentfit.inverse import genetic, profiles
-from indentfit.inverse.certainty import with_inputs, coverage
+from indentfit.inverse.certainty import coverage, with_inputs
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.identifiability import identifiability
 from indentfit.inverse.least_squares import polish
