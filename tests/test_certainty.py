@@ -171,7 +171,7 @@ def test_weights_move_the_fit_from_one_test_to_the_other(explored):
 
 def test_intervals_of_profiles_cover_the_truth_as_often_as_they_say(explored):
     """100 draws of white noise on the surrogate's own curves; three standard errors of the share are 6.5 %.
-    tests/campaigns/coverage.py has 200 draws on the true model's."""
+    tests/campaigns/interval_coverage.py has 200 draws on the true model's."""
     whole, _, surrogate, _, _ = explored
     inside = certainty.coverage(whole, surrogate, TRUTH, [0.02 * force.max() for force in formula(**TRUTH)], 100, seed=2)
     assert np.all(np.abs(inside.mean(axis=0) - 0.95) < 0.065)

@@ -1,6 +1,6 @@
 """Coverage campaign: do the 95 % intervals hold the truth as often as they say?
 
-    python tests/campaigns/coverage.py [--truths 20] [--draws 200] [--set KEY=VALUE ...] [--other KEY=VALUE ...] [--workers 1]
+    python tests/campaigns/interval_coverage.py [--truths 20] [--draws 200] [--set KEY=VALUE ...] [--other KEY=VALUE ...] [--workers 1]
 
 Give the error of the meshes as fit.uncertain.force in --set: the noise does not hold it.
 
