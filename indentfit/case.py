@@ -327,6 +327,9 @@ class Uncertain(Section):
         default=None, description="standard deviation, or range, of the contact point, mm, added to every displacement"
     )
 
+    mesh: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = Field(
+        default=None, description="standard deviation of the forces by the mesh, in units of what half of the elements change"
+    )
     force: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = Field(
         default=None, description="standard deviation of each test's forces as a whole: calibration, or the error of the mesh"
     )

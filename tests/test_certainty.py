@@ -290,3 +290,16 @@ def test_an_offset_shifts_a_curve_along_its_displacements():
 def test_uncertain_inputs_that_cannot_be_are_refused(keys, said):
     with pytest.raises(CaseError, match=said):
         white_matter(*keys)
+
+
+def test_the_error_of_the_mesh_is_the_change_that_half_of_the_elements_make():
+    """mu alone: forces that are wrong by a share make mu wrong by that share."""
+    keys = ["mesh.elements=80", "solver.element=q1p0", "material.mu={start=1.49,min=0.1,max=10}", "test.parallel.weight=0"]
+    case = white_matter(*keys, "fit.uncertain.mesh=1")
+    fine, coarse = (simulate(white_matter(*keys, *more)).tests for more in ([], ["mesh.elements=40"]))
+    whole = problem_of(case).measured([test.force for test in fine])
+    best = whole.judge(case.start_values(), [test.force for test in fine])
+    slopes = [whole.range("mu") * test.force[:, None] / 1.49 for test in fine]
+    found = inputs.shares(case, whole, best, identifiability(whole, best, slopes))
+    share = max(np.linalg.norm(b.force - a.force) / np.linalg.norm(a.force) for a, b in zip(fine, coarse, strict=True))
+    assert abs(found.rows["mesh"]["effect"]["mu"]) == pytest.approx(share * 1.49, rel=0.25)  # elements are only about as asked

@@ -73,7 +73,8 @@ seed = 0             # of the random numbers
 # thickness = 0.05   # mm
 # offset = 0.005     # mm, of the contact point
 # bulk_ratio = 200
-# force = 0.01       # relative, common to all forces of a test: calibration, mesh
+# force = 0.01       # relative, common to all forces of a test: calibration
+# mesh = 1           # in units of the change that half of the elements make
 
 # [fit.published]    # to compare the result with
 # mu = 1.49

@@ -2,7 +2,8 @@
 
 Friction, bulk ratio, thickness and the contact point (`offset`, added to every displacement) move the curves; an estimate
 follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are the model's own where
-it gives them, else differences of runs with the input changed. `force` is an error common to all forces of a test.
+it gives them, else differences of runs with the input changed. `force` is an error common to all forces of a test;
+`mesh` is such an error too, its size the largest relative change that a mesh of half as many elements makes.
 """
 
 import inspect
@@ -10,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from indentfit.case import Mesh
 from indentfit.fem.simulate import Model
 
 UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
 STEP = 0.05  # of an input, for differences
+FEWEST = 20  # elements of a mesh
 LEAST_FRICTION = 0.02  # its step where the friction is small
 
 
@@ -70,17 +73,30 @@ def shares(case, problem, best, known):
 def _moves(case, problem, best, known, name):
     """Change of the estimates per unit of an input, a row for each independent error of it."""
     heavy, at = [n for n, weight in enumerate(known.weights) if weight], setting(case, best.parameters)
-    if name == "force":
-        pairs = zip(heavy, known.errors.estimator, strict=True)
-        return np.array([B @ problem.tests[n].curve.force for n, B in pairs])
+    if name in ("force", "mesh"):
+        size = 1.0 if name == "force" else _of_mesh(at, best.forces)
+        return size * np.array([B @ best.forces[n] for n, B in zip(heavy, known.errors.estimator, strict=True)])
     slopes = derivatives(at.case, at.parameters, name)
     return -np.array([sum(B @ slopes[n] for n, B in zip(heavy, known.errors.estimator, strict=True))])
 
 
+def _of_mesh(at, forces):
+    """The largest relative change of any test's curve on a mesh of half as many elements: of one alone it may be chance."""
+    elements = max(Model(at.case).mesh_facts()["elements"] // 2, FEWEST)
+    case = at.case.model_copy(update={"mesh": Mesh(elements=elements)})
+    model, material = Model(case), case.material_class(**at.parameters)
+    kappa, changes = case.material.bulk_modulus(material.shear_modulus), []
+    for test, force in zip(case.tests, forces, strict=True):
+        pressed = at.outputs(test) > 0
+        coarse = model.run(material, kappa, test.angle, at.outputs(test)[pressed], test.name).force
+        changes.append(np.linalg.norm(coarse - force[pressed]) / np.linalg.norm(force[pressed]))
+    return float(max(changes))
+
+
 def value_of(case, name):
     """The value of an uncertain input in a case; contact point and forces are what the curves say."""
-    if name in ("offset", "force"):
-        return {"offset": 0.0, "force": 1.0}[name]
+    if name in ("offset", "force", "mesh"):
+        return {"offset": 0.0, "force": 1.0, "mesh": 0.0}[name]
     return {"friction": case.indenter.friction, "bulk_ratio": case.material.bulk_ratio, "thickness": case.sample.thickness}[name]
 
 
