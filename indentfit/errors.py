@@ -76,3 +76,9 @@ class FitError(IndentfitError):
     """The fit stopped before it converged; its result is still written."""
 
     exit_code = 4
+
+
+class DesignError(IndentfitError):
+    """The mechanics failed where the design of an experiment needs them."""
+
+    exit_code = 3

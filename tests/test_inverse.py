@@ -272,19 +272,20 @@ def test_a_parameter_that_the_curves_do_not_see_is_not_determined_and_harms_no_o
 
 
 @pytest.mark.parametrize(
-    ("value", "half", "at_bound", "said"),
+    ("value", "interval", "at_bound", "said"),
     [
-        (2.0, 0.06, "", "determined (+-3 %)"),
-        (2.0, 1.0, "", "weakly determined (+-50 %)"),
-        (0.2, 0.5, "", "not determined by these curves: +-0.5 is more than the value itself"),
-        (2.0, 9.0, "", "not determined by these curves: +-9 spans the whole allowed range"),
-        (0.0, 0.1, "lower", "at its lower bound; the curves ask for a value beyond it, or leave it open by 0.1"),
-        (5.0, 0.1, "upper", "at its upper bound; determined (+-2 %)"),
-        (0.0, 7.0, "lower", "at its lower bound; not determined by these curves: +-7 spans the whole allowed range"),
+        (2.0, (1.94, 2.06), "", "determined (+-3 %)"),
+        (2.0, (1.0, 3.0), "", "weakly determined: 1 to 3"),
+        (0.2, (0.0, 0.7), "", "not determined by these curves: any value in 0-0.7 fits within the noise"),
+        (2.0, (0.0, 5.0), "", "not determined by these curves: any value in 0-5 fits within the noise"),
+        (0.0, (0.0, 0.1), "lower", "at its lower bound; the curves ask for a value beyond it, or leave it open: "
+                                   "any value in 0-0.1 fits within the noise"),
+        (5.0, (4.9, 5.0), "upper", "at its upper bound; determined (+-2 %)"),
+        (0.0, (0.0, 5.0), "lower", "at its lower bound; not determined by these curves: any value in 0-5 fits within the noise"),
     ],
-)
-def test_a_verdict_says_it_in_words(value, half, at_bound, said):
-    assert verdict(value, half, Range(start=1, min=0, max=5), at_bound) == said
+)  # fmt: skip
+def test_a_verdict_says_it_in_words(value, interval, at_bound, said):
+    assert verdict(value, interval, Range(start=1, min=0, max=5), at_bound) == said
 
 
 # The workers and the true model, on a coarse mesh without friction

@@ -17,6 +17,7 @@ COMMANDS = {
     "validate": "Show every error of a case, or what it says.",
     "simulate": "Compute the curves of a case, and its stresses.",
     "fit": "Find the parameters that its curves ask for.",
+    "design": "Say which test to do next.",
     "materials": "List, describe or check materials.",
 }
 INTERRUPTED = 130

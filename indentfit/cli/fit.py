@@ -20,14 +20,18 @@ from ..report.folder import (
     write_curves,
     write_json,
 )
+from ..report.text import certainty_lines
 from .progress import progress
 from .stopping import stopping
+
+METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 
 
 @click.command(short_help="Find the parameters that its curves ask for.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
-@click.option("--method", type=click.Choice(["ga", "least_squares"]), help="The same as --set fit.method=...")
+@click.option("--method", type=click.Choice(METHODS), help="The same as --set fit.method=...")
+@click.option("--direct", is_flag=True, help="Search on the forward model itself, without a surrogate.")
 @click.option("--workers", type=int, metavar="N", help="Processes; the same as --set fit.workers=N")
 @click.option("--seed", type=int, metavar="N", help="The same as --set fit.seed=N")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-result.")
@@ -37,7 +41,7 @@ from .stopping import stopping
 @click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, overrides, method, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, as_json):
+def command(case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, as_json):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
@@ -50,7 +54,7 @@ def command(case, overrides, method, workers, seed, output, overwrite, resume, r
     """
     if cluster and scheduler:
         raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
-    options = {"method": method, "workers": workers, "seed": seed}
+    options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     read = read_case(case, overrides)
     require_fittable(read)
@@ -139,7 +143,7 @@ def _kept(ledger):
 
 def _write(folder, case, result):
     """Fill the result folder; returns what its result.json holds."""
-    from ..report.plots import force_displacement  # matplotlib is slow to import
+    from ..report.plots import correlations, force_displacement, profiles  # matplotlib is slow to import
 
     measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
     again = copy_case(case, folder)
@@ -147,6 +151,10 @@ def _write(folder, case, result):
     write_json(folder / "result.json", written)
     write_curves(folder / "curves.csv", result.curves, measured)
     force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
+    if result.profiles:
+        profiles(result.profiles, result.parameters, Path(folder) / "profiles")
+    if result.correlation and len(result.free) > 1:
+        correlations(result.free, result.correlation, Path(folder) / "correlation")
     return written
 
 
@@ -162,6 +170,7 @@ def _lines(case, result):
         values = " : ".join(f"{value:.3g}" for value in result.singular_values)
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
         yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
+    yield from certainty_lines(result)
     yield f"search    {result.message}"
     failed = f", {len(result.failures)} of them failed" if result.failures else ""
     yield (

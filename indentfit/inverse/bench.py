@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.simulate import Model
+from indentfit.inverse.inputs import setting
 from indentfit.inverse.ledger import Run
 from indentfit.material import REST, typed
 
@@ -81,12 +82,15 @@ def run(model, case, unit, names=()):
     test, kind = case.tests[number], case.material_class
     force, cause, facts, sensitivities = None, None, {}, None
     try:
-        material = _well_formed(kind(**dict(key)))
-        kappa = case.material.bulk_modulus(material.shear_modulus)
+        at = setting(case, dict(key))
+        model = model if at.same_model else ready_model(at.case)
+        material, depths = _well_formed(kind(**at.parameters)), at.outputs(test)
+        kappa = at.case.material.bulk_modulus(material.shear_modulus)
+        pressed = depths > 0  # before contact there is no force
         asked = {"sensitivities": tuple(names)} if names else {}
-        result = model.run(material, kappa, test.angle, case.outputs(test), **asked)
-        force, facts = result.force, result.facts
-        sensitivities = _of_all(names, result) if names else None
+        result = model.run(material, kappa, test.angle, depths[pressed], **asked)
+        force, facts = _where(pressed, result.force), result.facts
+        sensitivities = _of_all(names, result, pressed) if names else None
         if not np.isfinite(force).all():
             force, sensitivities, cause = None, None, "its force is not a finite number"
     except (ConvergenceError, MaterialError) as error:
@@ -111,10 +115,17 @@ def _well_formed(material):
     return material
 
 
-def _of_all(names, result):
+def _where(pressed, values):
+    """Values at the depths pressed, (n,) booleans, and 0 at the others."""
+    found = np.zeros(pressed.size)
+    found[pressed] = values
+    return found
+
+
+def _of_all(names, result, pressed):
     """Name -> derivatives of the forces, NaN where the model has none: so it is known that they were asked for."""
     given = getattr(result, "sensitivities", None) or {}
-    return {name: np.asarray(given.get(name, np.full(result.force.shape, np.nan)), dtype=float) for name in names}
+    return {name: _where(pressed, given.get(name, np.nan)) for name in names}
 
 
 def derivable():

@@ -270,7 +270,11 @@ def _material(case):
 @cache
 def _code():
     """Hash of the mechanics' own code: a version number does not change while one works on it."""
-    files = [*sorted((HOME / "fem").rglob("*.py")), HOME / "material.py", HOME / "inverse" / "bench.py"]
+    files = [
+        *sorted((HOME / "fem").rglob("*.py")),
+        HOME / "material.py",
+        *(HOME / "inverse" / f"{name}.py" for name in ("bench", "inputs")),
+    ]
     return _sha(b"".join(file.relative_to(HOME).as_posix().encode() + b"\0" + file.read_bytes() for file in files))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import OutputError
 
-RESULTS = ("result.json", "simulation.json")  # what tells a result folder from any other
+RESULTS = ("result.json", "simulation.json", "design.json")  # what tells a result folder from any other
 LEDGER = "ledger.sqlite"
 FILES = (*RESULTS, LEDGER, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
 FIGURES = (".svg", ".png")
