@@ -3,7 +3,8 @@
     python tests/campaigns/throughput.py [--case CASE] [--set KEY=VALUE ...] [--workers 2] [--repeat 3] [--cluster local]
 
 The genetic algorithm on the true model, as `fit` runs it, from workers that are ready; fresh runs each time, no ledger.
-Needs a quiet machine: prints how busy the workers were (which does not depend on the load), the load, each time and the ratio of the best ones. Exit code 1 below `--least` (1.8).
+Needs a quiet machine: prints the load, each time and the ratio of the best ones, and how busy the workers were, which does
+not depend on the load. Exit code 1 below `--least` (1.8).
 """
 
 import argparse
@@ -43,14 +44,15 @@ def rate(case, workers, cluster):
     from indentfit.inverse.workers import Pool
 
     problem = problem_of(case)
+    options = case.fit.model_copy(update={"population": case.fit.population or 8, "generations": case.fit.generations or 4})
     with Pool(case, workers, cluster=cluster) as pool:
         first, start = next(iter(case.free)), case.start_values()
         pool.evaluate([{**start, first: start[first] * 1.01 ** (n + 1)} for n in range(workers)])  # not of the search
         before, busy, started = pool.runs, pool.seconds, time.perf_counter()
-        search(problem, pool, case.fit)
+        search(problem, pool, options)
         seconds, runs = time.perf_counter() - started, pool.runs - before
         busy = (pool.seconds - busy) / seconds / workers
-    print(f"{workers} workers: {runs} runs in {seconds:.1f} s, {runs / seconds:.3f} runs/s, busy {busy:.0%} of the time", flush=True)
+    print(f"{workers} workers: {runs} runs in {seconds:.1f} s, {runs / seconds:.3f} runs/s, {busy:.0%} busy", flush=True)
     return runs / seconds
 
 
