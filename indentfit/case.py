@@ -362,17 +362,77 @@ class Test(Section):
             yield "points", "belongs to a test with a depth; the points of a curve are those of its file"
 
 
+def _spread_or_range(value, _):
+    if isinstance(value, Range):
+        return value
+    if isinstance(value, dict):
+        return Range.model_validate(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value) or value <= 0:
+        raise _refusal("must be a standard deviation above 0, or {start = ..., min = ..., max = ...} to be fitted")
+    return float(value)
+
+
+Spread = Annotated[float | Range, WrapValidator(_spread_or_range)]
+SpreadOfLength = Annotated[float | Range, WrapValidator(_spread_or_range), _quantity("mm")]
+LEAST_INPUT = {"friction": 0.0, "bulk_ratio": 1.0, "thickness": 1e-3}
+
+
+class Uncertain(Section):
+    """Inputs that are known with some error only: a standard deviation, whose share in the parameters' errors is reported,
+    or a range, in which the input is fitted together with the parameters."""
+
+    friction: Spread | None = Field(default=None, description="standard deviation, or range, of the friction coefficient")
+    bulk_ratio: Spread | None = Field(default=None, description="standard deviation, or range, of bulk over shear modulus")
+    thickness: SpreadOfLength | None = Field(default=None, description="standard deviation, or range, of the thickness, mm")
+    offset: SpreadOfLength | None = Field(
+        default=None, description="standard deviation, or range, of the contact point, mm, added to every displacement"
+    )
+
+    mesh: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = Field(
+        default=None, description="standard deviation of the forces by the mesh, in units of what half of the elements change"
+    )
+    force: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = Field(
+        default=None, description="standard deviation of each test's forces as a whole: calibration, or the error of the mesh"
+    )
+
+    @property
+    def given(self):
+        """name -> standard deviation of the inputs that have one."""
+        return {name: value for name, value in self if isinstance(value, float)}
+
+    @property
+    def fitted(self):
+        """name -> Range of the inputs that are fitted."""
+        return {name: value for name, value in self if isinstance(value, Range)}
+
+    def faults(self):
+        for name, low in LEAST_INPUT.items():
+            value = getattr(self, name)
+            if isinstance(value, Range) and value.min < low:
+                yield name, f"its min must be at least {low:g}; raise it"
+
+
 class Fit(Section):
     """How the parameters are searched for."""
 
-    method: Literal["ga", "least_squares"] = Field(default="ga", description="method of the search")
+    method: Literal["ga", "least_squares", "differential_evolution", "cma"] = Field(
+        default="ga", description="method of the search"
+    )
+    direct: bool = Field(default=False, description="search on the forward model itself, without a surrogate")
     seed: int = Field(default=0, ge=0, lt=2**32, description="seed of the random numbers")
-    population: int = Field(default=8, ge=4, le=10_000, description="individuals of a generation, genetic algorithm")
-    generations: int = Field(default=4, ge=1, le=10_000, description="generations at most, genetic algorithm")
+    population: int | None = Field(default=None, ge=4, le=10_000, description="individuals of a generation")
+    generations: int | None = Field(default=None, ge=1, le=10_000, description="generations at most")
+    starts: int | None = Field(default=None, ge=1, le=1000, description="local searches of least_squares, at different starts")
     workers: int | None = Field(default=None, ge=1, le=1024, description="processes; by default one for each core")
+    time_limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
+        default=600.0, description="seconds that one solve of one test may take before it counts as failed"
+    )
     tolerance: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] = Field(
         default=1e-6, description="relative change of the objective below which the search ends"
     )
+    profiles: bool = Field(default=True, description="profile likelihoods, where the search had a surrogate")
+    published: dict[str, Finite] = Field(default_factory=dict, description="published parameters to compare with")
+    uncertain: Uncertain = Field(default=Uncertain(), description="inputs known with some error, or fitted")
 
 
 class Solver(Section):
@@ -450,6 +510,11 @@ class Case(BaseModel):
         """The parameters to be fitted, in the order of the model."""
         values = {name: self.material.parameters[name] for name in self.material_class.parameters}
         return {name: value for name, value in values.items() if isinstance(value, Range)}
+
+    @property
+    def fitted(self) -> dict[str, Range]:
+        """What a fit searches for: the free parameters, then the uncertain inputs that are to be fitted."""
+        return {**self.free, **self.fit.uncertain.fitted}
 
     def start_values(self) -> dict[str, float]:
         """Every parameter in the order of the model: the fixed number, or where its search starts."""
@@ -959,8 +1024,23 @@ def _faults_across(parts):
         size = parts["mesh"] and parts["mesh"].size
         if size is not None and size > sample.thickness:
             yield Problem(("mesh", "size"), size, f"exceeds the thickness of {sample.thickness:g} mm; make it smaller")
+    yield from _faults_of_uncertain(parts)
     if indenter is not None and all(_known(size) for size in sample.extent):
         yield from _indenter_too_wide(sample, indenter, max((depth for depth in depths if depth), default=0.0))
+
+
+def _faults_of_uncertain(parts):
+    """Problems where an uncertain input is none of this case."""
+    uncertain = parts["fit"] and parts["fit"].uncertain
+    if uncertain is None:
+        return
+    indenter, material = parts["indenter"], parts["material"]
+    if uncertain.friction is not None and indenter is not None and indenter.friction == "stick":
+        text = "the indenter sticks; give indenter.friction a number"
+        yield Problem(("fit", "uncertain", "friction"), _plain(uncertain.friction), text)
+    if uncertain.bulk_ratio is not None and material is not None and material.kappa is not None:
+        text = "material.kappa is given; give material.bulk_ratio instead"
+        yield Problem(("fit", "uncertain", "bulk_ratio"), _plain(uncertain.bulk_ratio), text)
 
 
 def _equal_names(tests):

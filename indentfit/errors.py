@@ -41,6 +41,22 @@ class OutputError(InputError):
     """A result folder that cannot be written, or must not be overwritten."""
 
 
+class LedgerError(InputError):
+    """A ledger that cannot be used: damaged, in use by another run, of another case or version, or its disk is full."""
+
+
+class WorkerError(InputError):
+    """No process could be had to run the forward model on, here or in the cluster."""
+
+
+class Stopped(IndentfitError):
+    """The fit was stopped by a signal, as asked; `number` is the signal's."""
+
+    def __init__(self, text, number=2):
+        self.number, self.exit_code = number, 128 + number
+        super().__init__(text)
+
+
 class ConvergenceError(IndentfitError):
     """The mechanics did not converge.
 
@@ -64,3 +80,9 @@ class FitError(IndentfitError):
     """The fit stopped before it converged; its result is still written."""
 
     exit_code = 4
+
+
+class DesignError(IndentfitError):
+    """The mechanics failed where the design of an experiment needs them."""
+
+    exit_code = 3

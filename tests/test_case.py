@@ -253,7 +253,7 @@ WRONG = {
     "test.7.weight=1": "test.7.weight = 1: no such test",
     "test.perpendicular.name=parallel": 'test.1.name = "parallel": another test has this name',
     "test=3": "test = 3: must be a list of tables",
-    "fit.method=genetic": "fit.method = \"genetic\": must be 'ga' or 'least_squares'",
+    "fit.method=genetic": "fit.method = \"genetic\": must be 'ga', 'least_squares', 'differential_evolution' or 'cma'",
     "fit.seed=-1": "fit.seed = -1: must be at least 0",
     "fit.workers=0": "fit.workers = 0: must be at least 1",
     "solver.linear=mumps": "must be 'auto', 'pardiso', 'superlu' or 'pyamg'",

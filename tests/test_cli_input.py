@@ -210,10 +210,19 @@ def test_every_key_that_init_only_mentions_is_a_key(tmp_path):
     run("init", tmp_path / "case")
     path = tmp_path / "case" / "case.toml"
     text = path.read_text()
-    for key, value in [("size", 0.4), ("elements", 3000), ("weight", 0.5), ("population", 8), ("workers", 2)]:
+    for key, value in [("size", 0.4), ("elements", 3000), ("weight", 0.5), ("population", 80), ("workers", 2)]:
         assert f"# {key} = {value} " in text
         (changed := tmp_path / "case" / "changed.toml").write_text(text.replace(f"# {key} =", f"{key} ="))
         assert run("validate", changed).exit_code == 0, key
+
+
+def test_the_uncertain_inputs_that_init_mentions_are_keys(tmp_path):
+    run("init", tmp_path / "case")
+    text = (tmp_path / "case" / "case.toml").read_text()
+    table = text[text.index("# [fit.uncertain]") : text.index("# [fit.published]")]
+    (changed := tmp_path / "case" / "changed.toml").write_text(text.replace(table, table.replace("# ", "", 1).replace("\n# ", "\n")))
+    assert "\nfriction = 0.1\n" in changed.read_text()
+    assert run("validate", changed).exit_code == 0
 
 
 def test_init_overwrites_nothing(tmp_path):

@@ -73,3 +73,16 @@ def test_names_say_what_things_are(path):
 def test_a_module_says_what_it_is(path):
     text = path.read_text(encoding="utf-8")
     assert not text.strip() or ast.get_docstring(ast.parse(text))
+
+
+@pytest.mark.parametrize("path", MODULES + MATERIALS, ids=lambda path: path.name)
+def test_nothing_that_is_read_is_run_as_code(path):
+    """No pickle and its kin anywhere; exec only where a plugin is loaded that the case names."""
+    used = {name.partition(".")[0] for name in imports(path, package_of(path) if path in MODULES else "indentfit.materials")}
+    assert not used & {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
+    called = {
+        node.func.id
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    }
+    assert called & {"eval", "exec", "compile"} <= ({"exec", "compile"} if path == HOUSE / "material.py" else set())

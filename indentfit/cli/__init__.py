@@ -18,6 +18,7 @@ COMMANDS = {
     "process": "Turn raw records into curves and stiffnesses.",
     "simulate": "Compute the curves of a case, and its stresses.",
     "fit": "Find the parameters that its curves ask for.",
+    "design": "Say which test to do next.",
     "materials": "List, describe or check materials.",
 }
 INTERRUPTED = 130

@@ -1,45 +1,81 @@
 """`indentfit fit`: the parameters that the curves of a case ask for, and how well they are determined."""
 
+import contextlib
 from pathlib import Path
 
 import click
 
 from ..case import read_case, require_fittable
-from ..errors import FitError
+from ..errors import FitError, LedgerError, OutputError, Stopped, WorkerError
 from ..inverse.fit import fit
-from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
+from ..inverse.ledger import Ledger, refuse_in_use
+from ..report.folder import (
+    LEDGER,
+    clear,
+    copy_case,
+    json_text,
+    lasting_folder,
+    refuse_existing,
+    result_folder,
+    unfinished,
+    write_curves,
+    write_json,
+)
+from ..report.text import certainty_lines
 from .progress import progress
+from .stopping import stopping
+
+METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 
 
 @click.command(short_help="Find the parameters that its curves ask for.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
-@click.option("--method", type=click.Choice(["ga", "least_squares"]), help="The same as --set fit.method=...")
+@click.option("--method", type=click.Choice(METHODS), help="The same as --set fit.method=...")
+@click.option("--direct", is_flag=True, help="Search on the forward model itself, without a surrogate.")
 @click.option("--workers", type=int, metavar="N", help="Processes; the same as --set fit.workers=N")
 @click.option("--seed", type=int, metavar="N", help="The same as --set fit.seed=N")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-result.")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")
+@click.option("--resume", is_flag=True, help="Go on with a fit that was stopped or killed; the result is the same.")
+@click.option("--reuse", type=click.Path(), metavar="DIR", help="Use the runs of this result folder too, where they fit.")
+@click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
-def command(case, overrides, method, workers, seed, output, overwrite, as_json, per_sample):
+def command(case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, as_json, per_sample):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
+
+    Every run of the forward model is kept at once, in the folder .DIR.unfinished until the result is whole. Ctrl-C (or
+    SIGTERM) lets the runs at work end, and stops; once more stops now; --resume goes on.
+
+    Dask sends objects by pickle between its own processes: whoever reaches a scheduler can run code on its workers.
+    Only the address given is used, and a local cluster listens on 127.0.0.1 alone. No file is ever read by pickle.
     """
-    options = {"method": method, "workers": workers, "seed": seed}
+    if cluster and scheduler:
+        raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
+    options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     if per_sample:
+        if resume or reuse or cluster or scheduler:
+            raise click.UsageError("--per-sample goes without --resume, --reuse, --cluster and --scheduler")
         _fit_samples(case, overrides, output, overwrite, as_json)
         return
     read = read_case(case, overrides)
     require_fittable(read)
     output = output or f"{read.path.resolve().parent.name or 'case'}-result"
-    refuse_existing(output, overwrite)
+    target = refuse_existing(output, overwrite)
+    if not resume and not overwrite:
+        _refuse_unfinished(output)
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    with progress("fit", total=1) as step:
-        result = fit(read, step)
-    written = _write(output, overwrite, read, result)
+    sources = list(_sources(target, reuse))
+    with stopping() as stop, lasting_folder(output, overwrite) as folder, _ledger(folder, read, resume, sources) as ledger:
+        clear(folder)
+        result = _fitted(read, ledger, cluster or scheduler, stop)
+        written = _write(folder, read, result)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result), f"written   {output}"]))
     if not result.success:
         raise FitError(f"the fit did not converge: {result.message}; its result is in {output}")
@@ -64,7 +100,7 @@ def _fit_samples(path, overrides, output, overwrite, as_json):
                 fits.append(one)
                 if one.result:
                     (folder / name).mkdir()
-                    _write_into(folder / name, one.case, one.result)
+                    _write(folder / name, one.case, one.result)
         spread = parameter_spread(fits)
         samples = [sample_facts(one, name) for one, name in zip(fits, names, strict=True)]
         written = {"format": "indentfit.per_sample/1", "samples": samples, "spread": spread}
@@ -75,15 +111,76 @@ def _fit_samples(path, overrides, output, overwrite, as_json):
         raise FitError(f"the fit of {', '.join(failed)} did not converge; the results are in {output}")
 
 
-def _write(path, overwrite, case, result):
-    """The result folder; returns what its result.json holds."""
-    with result_folder(path, overwrite) as folder:
-        return _write_into(folder, case, result)
+def _refuse_unfinished(output):
+    """Raise an error where an earlier fit was stopped, or one is still going on."""
+    place = unfinished(output)
+    if (place / LEDGER).exists():
+        refuse_in_use(place / LEDGER)
+        remedy = "add --resume to go on with it, or --overwrite to start anew"
+        raise OutputError(f"{output}: an unfinished fit lies in {place}; {remedy}")
 
 
-def _write_into(folder, case, result):
-    """The files of a result, into a folder; returns what its result.json holds."""
-    from ..report.plots import force_displacement  # matplotlib is slow to import
+def _sources(target, reuse):
+    """Ledgers to take runs from: (file, whether it must be there)."""
+    if (target / LEDGER).is_file():
+        yield target / LEDGER, False
+    if reuse is not None:
+        yield Path(reuse) / LEDGER, True
+
+
+@contextlib.contextmanager
+def _ledger(folder, case, resume, sources):
+    """The ledger of the fit, with its lock; taken away again where nothing came into it."""
+    path = folder / LEDGER
+    if resume and not path.exists():
+        click.echo(f"note: there is no unfinished fit in {folder}; it starts from its beginning", err=True)
+    with Ledger(path, case, resume and path.exists()) as ledger:
+        try:
+            for source, needed in sources:
+                _take_over(ledger, source, needed)
+            for remark in ledger.remarks:
+                click.echo(f"warning: {remark}", err=True)
+            yield ledger
+        except BaseException:
+            if not ledger.has_own:
+                ledger.close()
+                path.unlink(missing_ok=True)
+            raise
+
+
+def _take_over(ledger, source, needed):
+    """Runs of another ledger; says how many. One that is only replaced does not end the fit if it cannot be read."""
+    try:
+        taken = ledger.take_over(source)
+    except LedgerError as error:
+        if needed:
+            raise
+        click.echo(f"warning: {error}", err=True)
+        return
+    none = "; none is of the same mechanics, material, depths and versions" if needed and not taken else ""
+    click.echo(f"note: {taken} runs taken over from {source}{none}", err=True)
+
+
+def _fitted(case, ledger, cluster, stop):
+    """The FitResult. What ends the fit says what it leaves."""
+    try:
+        with progress("fit", total=1) as step:
+            return fit(case, step, ledger=ledger, cluster=cluster, stop=stop)
+    except Stopped as error:
+        raise Stopped(f"{error}; {_kept(ledger)}", error.number) from error
+    except WorkerError as error:
+        raise WorkerError(f"{error}; {_kept(ledger)}") from error
+    except KeyboardInterrupt as error:
+        raise Stopped(f"the fit was stopped at once; {_kept(ledger)}") from error
+
+
+def _kept(ledger):
+    return f"{len(ledger)} runs are kept, --resume goes on from there" if len(ledger) else "nothing was run yet"
+
+
+def _write(folder, case, result):
+    """Fill the result folder; returns what its result.json holds."""
+    from ..report.plots import correlations, force_displacement, profiles  # matplotlib is slow to import
 
     measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
     again = copy_case(case, folder)
@@ -91,6 +188,10 @@ def _write_into(folder, case, result):
     write_json(folder / "result.json", written)
     write_curves(folder / "curves.csv", result.curves, measured)
     force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
+    if result.profiles:
+        profiles(result.profiles, result.parameters, Path(folder) / "profiles")
+    if result.correlation and len(result.free) > 1:
+        correlations(result.free, result.correlation, Path(folder) / "correlation")
     return written
 
 
@@ -106,10 +207,11 @@ def _lines(case, result):
         values = " : ".join(f"{value:.3g}" for value in result.singular_values)
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
         yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
+    yield from certainty_lines(result)
     yield f"search    {result.message}"
     failed = f", {len(result.failures)} of them failed" if result.failures else ""
     yield (
-        f"work      {result.nfev} sets of parameters{failed}, {result.runs} runs, "
+        f"work      {result.nfev} sets of parameters{failed}, {result.runs} runs{_reused(result)}, "
         f"{result.solver['workers']} workers, {result.seconds:.1f} s"
     )
     mesh, penalty = result.mesh, result.solver["penalty_error"]
@@ -117,6 +219,10 @@ def _lines(case, result):
     yield f"mesh      {mesh['elements']:,} elements, {mesh['dofs']:,} degrees of freedom{exact}"
     for note in result.notes:
         yield f"note      {note}"
+
+
+def _reused(result):
+    return f" ({result.reused} of them from the ledger)" if result.reused else ""
 
 
 def _table(parameters):

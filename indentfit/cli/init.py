@@ -60,12 +60,25 @@ angle = 90
 curve = "curves/perpendicular.csv"
 
 [fit]
-method = "ga"        # ga (genetic algorithm) or least_squares
+method = "ga"        # ga (genetic algorithm), least_squares, differential_evolution or cma
 seed = 0             # of the random numbers
-# population = 8     # individuals of a generation
-# generations = 4    # generations at most
+# direct = true      # search on the forward model itself, without a surrogate: hundreds of runs
+# population = 80    # individuals of a generation
+# generations = 60   # generations at most
 # workers = 2        # processes; by default one for each core
 # tolerance = 1e-6   # relative change of the objective below which the search ends
+# profiles = false   # no profile likelihoods
+
+# [fit.uncertain]    # inputs known with some error: a standard deviation, or {start, min, max} to fit them too
+# friction = 0.1
+# thickness = 0.05   # mm
+# offset = 0.005     # mm, of the contact point
+# bulk_ratio = 200
+# force = 0.01       # relative, common to all forces of a test: calibration
+# mesh = 1           # in units of the change that half of the elements make
+
+# [fit.published]    # to compare the result with
+# mu = 1.49
 
 [solver]             # the defaults suit every case known so far
 # assembly = "compiled"   # or "forms", the readable and slow one

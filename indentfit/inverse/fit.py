@@ -6,20 +6,29 @@ import time
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
+from scipy.stats import qmc
 
 from indentfit.case import require_fittable
 from indentfit.curve import Curve
 from indentfit.fem.simulate import Model
-from indentfit.inverse import genetic
-from indentfit.inverse.identifiability import NOTE, identifiability
-from indentfit.inverse.least_squares import Optimum, least_squares, polish
+from indentfit.inverse import evolution, genetic
+from indentfit.inverse.certainty import certainty
+from indentfit.inverse.exploration import Exploration, Watched, explore
+from indentfit.inverse.inputs import UNITS
+from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.objective import problem_of, rmse
+from indentfit.inverse.population import Search, parameters_of
 from indentfit.inverse.workers import Pool
 
 FORMAT = 1
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not assessed by `fit`; compare with a finer mesh"
+SHARE_OF_FIT = 0.75  # of the progress; the rest is what follows from it
 SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
+MANY = 4  # free parameters up to which a surrogate is worth its runs
+PEOPLE, GENERATIONS = 8, 4  # of a search on the forward model itself, where the case does not say
+STARTS_TRIED = 3  # besides the start values, least squares
+SEARCHES_OF_MANY = 3  # local searches where the parameters are many
 
 
 @dataclass(frozen=True)
@@ -29,7 +38,13 @@ class FitResult:
     parameters: name -> value, stderr, min, max, unit, interval (95 %), at_bound, verdict, and for fixed ones value and
     unit; `free` gives the order of covar, correlation, singular_values (mN) and directions (a row for each of them).
     objective: equation (1), mN; sum_of_squares: sum of w RMSE^2, mN^2; rmse: test -> mN; redchi: mN^2. nfev: different
-    sets of parameters run; runs: solves of one test. failures: parameters and cause of each failed evaluation.
+    sets of parameters run; runs: solves of one test; reused: those of them that were in the ledger.
+    failures: parameters and cause of each failed evaluation.
+    noise: test -> sigma (mN), autocorrelation, effective_points. profiles: parameter -> values, chi2 (1 at one standard
+    error), limit, interval, confirmed (runs: value, chi2, predicted); bootstrap: parameter -> stderr, interval. tests_alone:
+    test -> rmse, parameters; weights_scan: rows of weights, parameters, rmse; uncertain: inputs -> effect and share of each
+    parameter, stderr_total; rivals: other optima; surrogate: its runs, degree and errors; published: as `certainty` has it;
+    summary: sentences. Empty where they were not asked for or not to be had.
     curves: test -> fitted Curve (not part of the JSON). Units: mm, mN, kPa, s.
     """
 
@@ -49,6 +64,7 @@ class FitResult:
     directions: list | None
     nfev: int
     runs: int
+    reused: int
     seconds: float
     history: list[dict]
     failures: list[dict]
@@ -59,6 +75,16 @@ class FitResult:
     title: str
     versions: dict[str, str]
     format_version: int = FORMAT
+    noise: dict = field(default_factory=dict)
+    profiles: dict = field(default_factory=dict)
+    bootstrap: dict = field(default_factory=dict)
+    tests_alone: dict = field(default_factory=dict)
+    weights_scan: list = field(default_factory=list)
+    uncertain: dict = field(default_factory=dict)
+    rivals: list = field(default_factory=list)
+    surrogate: dict | None = None
+    published: dict | None = None
+    summary: list = field(default_factory=list)
     curves: dict[str, Curve] = field(default_factory=dict, repr=False)
 
     def as_json(self):
@@ -66,40 +92,81 @@ class FitResult:
         return {key: value for key, value in asdict(self).items() if key != "curves"}
 
 
-def fit(case, progress=None):
+def fit(case, progress=None, ledger=None, cluster=None, stop=None):
     """FitResult of a case: its free parameters by `case.fit.method`, on `case.fit.workers` processes.
 
-    progress: called with (share done, note). Raises CaseError where there is nothing to fit, MeshError; a fit that does
-    not converge is no error but `success` False. Scripts need `if __name__ == "__main__":`, see `workers`.
+    progress: called with (share done, note). ledger, cluster, stop: as those of `Pool`. Raises CaseError where there is
+    nothing to fit, MeshError, and what `Pool.evaluate` raises; a fit that does not converge is no error but `success`
+    False. Scripts need `if __name__ == "__main__":`, see `workers`.
     """
     require_fittable(case)
     started, problem = time.perf_counter(), problem_of(case)
     model = Model(case)  # refuses a mesh that cannot be, before any worker is started
-    with Pool(case) as pool:
-        optimum, said = METHODS[case.fit.method](problem, pool, case.fit, progress or (lambda share, note: None))
+    with Pool(case, ledger=ledger, cluster=cluster, stop=stop) as workers:
+        pool = Watched(workers)
+        report = progress or (lambda share, note: None)
+        part = lambda share, note: report(SHARE_OF_FIT * share, note)  # noqa: E731
+        optimum, exploration, said = METHODS[case.fit.method](problem, pool, case.fit, part)
+        rest = lambda share, note: report(SHARE_OF_FIT + (1 - SHARE_OF_FIT) * share, note)  # noqa: E731
+        conclusions = certainty(case, problem, pool, optimum, exploration, case.fit.method in SEARCHES, rest)
         facts = _facts_at(pool, problem, optimum)
-    return _result(case, problem, optimum, said, pool, _solver(model, case, pool, facts), model.mesh_facts(), started)
+    solver = _solver(model, case, pool, facts)
+    return _result(case, problem, optimum, said, conclusions, pool, solver, model.mesh_facts(), started)
 
 
-def _genetic(problem, pool, options, progress):
-    """The genetic algorithm, then Gauss-Newton on the same objective from its best."""
-    found = genetic.search(problem, pool, options, lambda share, note: progress(SHARE_OF_SEARCH * share, note))
-    said = f"genetic algorithm: {found.message}"
+def _global(problem, pool, options, progress):
+    """A global search, on a surrogate where the parameters are few, then Gauss-Newton on equation (1) from its best."""
+    search, name = SEARCHES[options.method]
+    if not options.direct and problem.searched and len(problem.free) > MANY:
+        if options.method == "ga":
+            optimum, exploration, said = _least_squares(problem, pool, options, progress)
+            return optimum, exploration, f"{len(problem.free)} free parameters are many for a surrogate: {said}"
+        name += f" on the forward model itself, {len(problem.free)} free parameters being many for a surrogate"
+    on_surrogate = not options.direct and problem.searched and len(problem.free) <= MANY
+    most = lambda share, note: progress(SHARE_OF_SEARCH * share, note)  # noqa: E731
+    if on_surrogate:
+        exploration = explore(problem, pool, options, search, most)
+    else:
+        exploration = Exploration(None, search(problem, pool, _small(options), most))
+    found = exploration.found
+    said = f"{name}: {found.message}"
     if found.best is None:
         message = f"the mechanics failed at every point tried{_cause(pool)}"
-        return Optimum(None, None, False, message, found.history), said
-    end = polish(problem, pool, found.best, options.tolerance, _rest(progress))
+        return Optimum(None, None, False, message, found.history), exploration, said
+    trusted = exploration.surrogate if exploration.facts.get("reached") else None
+    end = polish(problem, pool, found.best, options.tolerance, _rest(progress), trusted)
     improved = f"{found.best.objective:.6g} to {end.best.objective:.6g} mN"
     said += f"; then Gauss-Newton on equation (1) from its best, {len(end.history)} steps, {improved}"
-    return Optimum(end.best, end.derivatives, end.success, end.message, [*found.history, *end.history]), said
+    optimum = Optimum(end.best, end.derivatives, end.success, end.message, [*found.history, *end.history])
+    return optimum, exploration, said
 
 
 def _least_squares(problem, pool, options, progress):
-    found = least_squares(problem, pool, problem.start, options.tolerance, progress)
-    return found, f"least squares from the start values, {len(found.history)} steps"
+    """From the start values and from others over the ranges, the best of them first."""
+    few = len(problem.free) <= MANY
+    searches = options.starts or (1 if few else SEARCHES_OF_MANY)
+    others = STARTS_TRIED if few else 2 * len(problem.free)
+    starts = [problem.start]
+    if problem.searched:
+        places = qmc.LatinHypercube(len(problem.searched), seed=options.seed).random(max(others, searches - 1))
+        starts += [parameters_of(problem, place) for place in places]
+    found = multi_start(problem, pool, starts, searches, options.tolerance, progress)
+    said = f"least squares, {len(starts)} starts tried, searched from the best {searches}, {len(found.history)} steps"
+    return found, Exploration(None, Search(found.best, [], "")), said
 
 
-METHODS = {"ga": _genetic, "least_squares": _least_squares}
+SEARCHES = {
+    "ga": (genetic.search, "genetic algorithm"),
+    "differential_evolution": (evolution.differential_evolution, "differential evolution"),
+    "cma": (evolution.cma, "CMA-ES"),
+}
+METHODS = {**dict.fromkeys(SEARCHES, _global), "least_squares": _least_squares}
+
+
+def _small(options):
+    """A population for searches where each member costs a run of the forward model."""
+    sizes = {"population": options.population or PEOPLE, "generations": options.generations or GENERATIONS}
+    return options.model_copy(update=sizes)
 
 
 def _rest(progress):
@@ -129,15 +196,16 @@ def _solver(model, case, pool, facts):
     }
 
 
-def _result(case, problem, optimum, said, pool, solver, mesh, started):
+def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, started):
     best, tests = optimum.best, problem.tests
-    known = identifiability(problem, best, optimum.derivatives) if optimum.derivatives else None
+    found, known = conclusions
+    more = {key: value for key, value in found.items() if key not in ("parameters", "notes")}
     return FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
         success=optimum.success,
         message=f"{said}; {optimum.message}",
-        parameters=_parameters(case, best.parameters if best else problem.start, known),
+        parameters=_parameters(case, best.parameters if best else problem.start, known, found.get("parameters", {})),
         free=list(problem.free),
         objective=best and best.objective,
         sum_of_squares=best and best.sum_of_squares,
@@ -149,34 +217,38 @@ def _result(case, problem, optimum, said, pool, solver, mesh, started):
         directions=known and _numbers(known.directions),
         nfev=pool.evaluations,
         runs=pool.runs,
+        reused=pool.reused,
         seconds=time.perf_counter() - started,
         history=optimum.history,
         failures=[{"parameters": failure.parameters, "cause": failure.cause} for failure in pool.failures],
-        notes=[NOTE, MESH_NOTE],
+        notes=[*found.get("notes", []), MESH_NOTE],
         solver=solver,
         mesh=mesh,
         case_hash=case.hash,
         title=case.title,
         versions={name: importlib.metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
         curves=_curves(tests, best),
+        **more,
     )
 
 
-def _parameters(case, values, known):
-    """name -> what is known of it, in the order of the model."""
-    free, found = list(case.free), {}
-    for name, parameter in case.material_class.parameters.items():
-        found[name] = {"value": values[name], "unit": parameter.unit, "fixed": name not in free}
+def _parameters(case, values, known, certain):
+    """name -> what is known of it, in the order of the model; certain: its interval and verdict."""
+    free, found = list(case.fitted), {}
+    units = {name: parameter.unit for name, parameter in case.material_class.parameters.items()}
+    units |= {name: UNITS[name] for name in case.fit.uncertain.fitted}
+    unknown = {"interval": None, "verdict": "not known: the fit stopped before its errors were found"}
+    for name, unit in units.items():
+        found[name] = {"value": values[name], "unit": unit, "fixed": name not in free}
         if name in free:
-            bounds, n = case.free[name], free.index(name)
+            bounds, n = case.fitted[name], free.index(name)
             found[name] |= {
                 "start": bounds.start,
                 "min": bounds.min,
                 "max": bounds.max,
                 "stderr": known and _number(known.stderr[n]),
-                "interval": known and _numbers(known.interval[n]),
                 "at_bound": known and (known.at_bound[n] or None),
-                "verdict": known.verdicts[n] if known else "not known: the fit stopped before its errors were found",
+                **certain.get(name, unknown),
             }
     return found
 

@@ -1,17 +1,16 @@
 """The local searches: scipy's least squares under the sum of squares, and Gauss-Newton under equation (1).
 
-Both work in units of the parameters' ranges. Derivatives of the curves are one-sided differences, run on the workers,
-except by the scale parameter, which has the exact derivative F / scale and costs no run.
+Both work in units of the parameters' ranges, with the derivatives of `derivatives`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
 
+from indentfit.inverse.derivatives import Underivable, brings_sensitivities, derivatives, evaluate, last_cause
 from indentfit.inverse.objective import Candidate, equation_one, misfit
 
-STEP = 1e-2  # of a parameter's range, for differences: wide enough for curves that are smooth to 1e-4 of their force
 RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
 EVALUATIONS = 40  # at most, of the curves; their derivatives not counted
 ENDS = {1: "the gradient vanished", 2: "the sum of squares stood still", 3: "the steps became small",
@@ -33,10 +32,6 @@ class Optimum:
     history: list[dict]
 
 
-class _Failed(Exception):
-    """No derivatives: runs near the optimum failed. Holds the cause."""
-
-
 def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
     """Optimum of the sum of w RMSE^2 from `start` (name -> value), by scipy's dogleg within the bounds,
     which reaches a bound in one step where its other methods creep up to it.
@@ -46,7 +41,7 @@ def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
     course = _Course(problem, pool, progress)
     first = course.candidate(problem.units(start))
     if first is None:
-        return Optimum(None, None, False, f"the mechanics failed at the start values: {_last_cause(pool)}", [])
+        return Optimum(None, None, False, f"the mechanics failed at the start values: {last_cause(pool)}", [])
     try:
         found = scipy.optimize.least_squares(
             course.residuals,
@@ -59,17 +54,36 @@ def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
             gtol=1e-12,
             max_nfev=EVALUATIONS,
         )
-        derivatives = course.derivatives(found.x)
-    except _Failed as failure:
+        slopes = course.derivatives(found.x)
+    except Underivable as failure:
         return Optimum(course.best, None, False, str(failure), course.history)
     message = ENDS.get(found.status, f"still moving after {EVALUATIONS} evaluations")
-    return Optimum(course.best, derivatives, found.status > 0, message, course.history)
+    return Optimum(course.best, slopes, found.status > 0, message, course.history)
 
 
-def polish(problem, pool, start, tolerance=1e-6, progress=None):
+def multi_start(problem, pool, starts, searches, tolerance=1e-6, progress=None):
+    """Optimum of the sum of squares: the best of `searches` local searches, from the best of `starts` (name -> value).
+
+    Every start is run once, at its best scale; the searches begin where the sum of squares was least.
+    """
+    tried = evaluate(problem, pool, starts, progress and (lambda done, total: progress(0.2 * done / total, "starts")))
+    candidates = [problem.judge_best_scale(point, one.forces) for point, one in zip(starts, tried, strict=True) if one.forces]
+    if not candidates:
+        return Optimum(None, None, False, f"the mechanics failed at the start values: {last_cause(pool)}", [])
+    candidates.sort(key=lambda candidate: candidate.sum_of_squares)
+    ends = [least_squares(problem, pool, one.parameters, tolerance, progress) for one in candidates[:searches]]
+    best = min(ends, key=lambda end: end.best.sum_of_squares)
+    history = [row for end in ends for row in end.history]
+    agree = sum(end.best.sum_of_squares <= 1.01 * best.best.sum_of_squares for end in ends)
+    said = f"; {agree} of {len(ends)} searches ended there" if len(ends) > 1 else ""
+    return replace(best, message=best.message + said, history=history)
+
+
+def polish(problem, pool, start, tolerance=1e-6, progress=None, surrogate=None):
     """Optimum of equation (1) from the Candidate `start`, by Gauss-Newton on it.
 
-    Each step minimises equation (1) of the linearised curves within the bounds and a trust region, then is tried.
+    Each step minimises equation (1) of the linearised curves within the bounds and a trust region, then is tried. A
+    surrogate, if given, supplies derivatives that would need runs of their own until it sees no better place.
     """
     course = _Course(problem, pool, progress, "polish", lambda candidate: candidate.objective, start)
     x, best, radius = problem.units(start.parameters), start, WIDEST
@@ -77,8 +91,11 @@ def polish(problem, pool, start, tolerance=1e-6, progress=None):
     nothing = RESOLVED * equation_one(problem.tests, [0 * force for force in start.forces])
     try:
         for _ in range(STEPS_OF_POLISH):
-            step, promised = _step(problem, best, course.derivatives(x), x, radius)
+            step, promised = _step(problem, best, course.derivatives(x, surrogate), x, radius)
             if promised <= max(tolerance * best.objective, nothing) or np.abs(step).max() < SHORTEST:
+                if surrogate is not None:
+                    surrogate = None  # from here on the true ones, which the end needs anyway
+                    continue
                 message, success = "no step would lower the objective", True
                 break
             trial = course.candidate(np.clip(x + step, 0, 1))
@@ -88,7 +105,7 @@ def polish(problem, pool, start, tolerance=1e-6, progress=None):
             length = np.abs(step).max()
             radius = max(radius, 2 * length) if gain > 0.25 * promised else length / (2 if trial else 4)
         return Optimum(best, course.derivatives(x), success, message, course.history)
-    except _Failed as failure:
+    except Underivable as failure:
         return Optimum(best, None, False, str(failure), course.history)
 
 
@@ -114,7 +131,7 @@ class _Course:
     def candidate(self, x):
         """The Candidate at x, shape (n_free,), or None where the mechanics failed."""
         parameters = self.problem.parameters(x)
-        evaluation = self.pool.evaluate([self.problem.at_reference(parameters)], self.report)[0]
+        evaluation = evaluate(self.problem, self.pool, [parameters], self.report)[0]
         if evaluation.forces is None:
             return None
         candidate = self.problem.judge(parameters, evaluation.forces)
@@ -125,32 +142,11 @@ class _Course:
             self.history.append({**row, "runs": self.pool.runs})
         return candidate
 
-    def derivatives(self, x):
-        """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test. Raises _Failed."""
-        problem, names = self.problem, list(self.problem.free)
-        at = problem.parameters(x)
-        here = self.pool.evaluate([problem.at_reference(at)])[0]
-        forces = problem.scaled(at, here.forces)
-        columns = {}
-        if problem.scale:
-            bounds = problem.free[problem.scale]
-            factor = (bounds.max - bounds.min) / problem.reference
-            columns[problem.scale] = tuple(factor * force for force in here.forces)
-        left = [name for name in names if name != problem.scale]
-        for step in (STEP, -STEP, STEP / 10, -STEP / 10):
-            steps = {name: step if 0 <= x[names.index(name)] + step <= 1 else -step for name in left}
-            points = [problem.parameters(x + steps[name] * np.eye(len(names))[names.index(name)]) for name in left]
-            evaluations = self.pool.evaluate([problem.at_reference(point) for point in points], self.report)
-            for name, point, evaluation in zip(left, points, evaluations, strict=True):
-                if evaluation.forces:
-                    there = problem.scaled(point, evaluation.forces)
-                    columns[name] = tuple((b - a) / steps[name] for a, b in zip(forces, there, strict=True))
-            left = [name for name in left if name not in columns]
-            if not left:
-                break
-        if left:
-            raise _Failed(f"no derivative by {', '.join(left)}: {_last_cause(self.pool)}")
-        return tuple(np.column_stack([columns[name][test] for name in names]) for test in range(len(problem.tests)))
+    def derivatives(self, x, surrogate=None):
+        """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test. Raises Underivable."""
+        if surrogate is not None and not brings_sensitivities(self.problem, self.pool, x):
+            return derivatives(self.problem, surrogate, x)
+        return derivatives(self.problem, self.pool, x, self.report)
 
     def _share(self):
         return 1 - 0.7 ** (1 + len(self.history) / 2)  # how many steps it takes is not known beforehand
@@ -159,20 +155,20 @@ class _Course:
         return f"{self.phase.replace('_', ' ')}" + (f", objective {self.best.objective:.4g} mN" if self.best else "")
 
 
-def stacked(tests, derivatives):
+def stacked(tests, slopes):
     """Derivatives of the misfits of all tests, shape (N, n_free), from those of their curves."""
-    weighted = [np.sqrt(t.weight / t.curve.force.size) * d for t, d in zip(tests, derivatives, strict=True)]
+    weighted = [np.sqrt(t.weight / t.curve.force.size) * d for t, d in zip(tests, slopes, strict=True)]
     return np.concatenate(weighted)
 
 
-def _step(problem, candidate, derivatives, x, radius):
+def _step(problem, candidate, slopes, x, radius):
     """The step that makes equation (1) of the linearised curves least, and by how much, within bounds and radius.
 
     A sum of norms, minimised by bounded linear least squares with weights that follow the norms.
     """
     parts = [
         (t.weight / np.sqrt(f.size), f - t.curve.force, d)
-        for t, f, d in zip(problem.tests, candidate.forces, derivatives, strict=True)
+        for t, f, d in zip(problem.tests, candidate.forces, slopes, strict=True)
         if t.weight
     ]
     floor = 1e-9 * max(np.linalg.norm(t.curve.force) for t in problem.tests)
@@ -192,7 +188,3 @@ def _step(problem, candidate, derivatives, x, radius):
             break
         best = step
     return best, value(np.zeros(len(x))) - value(best)
-
-
-def _last_cause(pool):
-    return pool.failures[-1].cause if pool.failures else "cause unknown"

@@ -4,7 +4,7 @@ Equation (1) of the source paper (J Mech Behav Biomed Mater 65:490) is the weigh
 square errors; least squares minimises the weighted sum of their squares. Both are reported, each under its name.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -92,6 +92,10 @@ class Problem:
         """The free parameters that are left to search for, without the scale."""
         return [name for name in self.free if name != self.scale]
 
+    def range(self, name):
+        """The width of a free parameter's range, in its unit."""
+        return self.free[name].max - self.free[name].min
+
     def units(self, parameters):
         """The free parameters in units of their ranges, shape (n,)."""
         return np.array([(parameters[name] - r.min) / (r.max - r.min) for name, r in self.free.items()])
@@ -114,6 +118,16 @@ class Problem:
         factor = parameters[self.scale] / self.reference if self.scale else 1.0
         return tuple(factor * force for force in forces)
 
+    def weighted(self, weights):
+        """The same problem with other weights of its tests; weight 0 leaves a test out."""
+        tests = tuple(replace(test, weight=w) for test, w in zip(self.tests, weights, strict=True))
+        return replace(self, tests=tests)
+
+    def measured(self, forces):
+        """The same problem with other measured forces, mN, at the same displacements."""
+        pairs = zip(self.tests, forces, strict=True)
+        return replace(self, tests=tuple(replace(t, curve=Curve(t.curve.displacement, f)) for t, f in pairs))
+
     def judge(self, parameters, forces):
         """The Candidate of `parameters`, given the curves of their `at_reference`."""
         forces = self.scaled(parameters, forces)
@@ -133,16 +147,19 @@ def problem_of(case: Case) -> Problem:
     """The inverse problem of a case that `case.require_fittable` lets pass."""
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     tests = tuple(Target(test.name, curve, float(test.weight or 0.0)) for test, curve in curves)
-    free, scale = case.free, _scale(case)
-    reference = 1.0 if scale is None else (free[scale].start if free[scale].start > 0 else free[scale].max)
-    return Problem(tests, case.start_values(), free, scale, reference)
+    start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
+    return Problem(tests, start, case.fitted, *scale_of(case))
 
 
-def _scale(case):
-    """The free parameter that the force is proportional to: the material's scale, where kappa goes with it.
+def scale_of(case):
+    """The free parameter that the force is proportional to: the material's scale, where kappa goes with it, or None; and the
+    value of it that the forward model is run at.
 
     Pressures, contact stiffness and tolerances are all relative to the shear modulus; a kappa in kPa is not.
     """
     name = case.material_class.scale
     relative = case.material.kappa is None
-    return name if relative and name in case.free and case.free[name].max > 0 else None
+    if not relative or name not in case.free or case.free[name].max <= 0:
+        return None, 1.0
+    bounds = case.free[name]
+    return name, bounds.start if bounds.start > 0 else bounds.max

@@ -1,63 +1,54 @@
-"""Many runs of the forward model at once: worker processes with one solver thread each.
+"""Many runs of the forward model at once, each only once: from the ledger, or else on the workers.
 
 The unit of work is one test at one set of parameters, so that two cores stay busy whatever the size of a population.
-A run does not depend on those before it, nor on which process it falls to, so results are the same, bit by bit, with
-any number of workers. Scripts that call this need the usual `if __name__ == "__main__":`, since workers are spawned.
+Which process a run falls to, when it ends, or whether it comes from the ledger, changes no number. Scripts that call
+this need the usual `if __name__ == "__main__":`, since workers are spawned.
 """
 
-import contextlib
-import multiprocessing
 import os
-import signal
-import threading
-import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from indentfit.errors import ConvergenceError, MaterialError
-from indentfit.fem.simulate import Model
-
-THREAD_VARIABLES = ("MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-DIED = "its worker process died twice (out of memory, or killed)"
-
-
-@dataclass(frozen=True)
-class Run:
-    """One test at one set of parameters: its forces, mN, shape (n,), or the cause why there are none."""
-
-    force: np.ndarray | None
-    cause: str | None
-    seconds: float
-    facts: dict
+from indentfit.errors import Stopped
+from indentfit.inverse.bench import Bench, derivable
+from indentfit.inverse.cluster import Cluster
+from indentfit.inverse.ledger import Run
+from indentfit.inverse.processes import Processes
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All tests at one set of parameters; `forces` is None and `cause` says why where one of them failed."""
+    """All tests at one set of parameters; `forces` is None and `cause` says why where one of them failed.
+
+    sensitivities: for each test, name -> derivatives of its forces, mN per unit of the parameter, shape (n,), of those
+    that were asked for and that the forward model could give; None where none were asked for, or it has none at all.
+    """
 
     parameters: dict[str, float]
     forces: tuple[np.ndarray, ...] | None
     cause: str | None
     seconds: float
     facts: tuple[dict, ...]
+    sensitivities: tuple[dict[str, np.ndarray], ...] | None = None
 
 
 class Pool:
     """Evaluates sets of parameters of a case, each only once; to be used in a `with` block.
 
-    `runs` counts the runs of the forward model, `failures` holds every failed evaluation.
+    workers: processes, by default as many as the case says, or cores; one is this process itself. ledger: where runs
+    are looked up and kept. cluster: None, "local", or the address of a Dask scheduler. stop: called before a run is
+    begun; the number of the signal that asks to stop, else 0.
+    `runs` counts the runs of the forward model that were needed, `reused` those of them that were in the ledger,
+    `failures` holds every failed evaluation.
     """
 
-    def __init__(self, case, workers=None):
-        self.case, self.workers = case, workers or case.fit.workers or cores()
-        self.runs, self.seconds, self.failures = 0, 0.0, []
-        self._known: dict[tuple, Run] = {}
-        self._executor = None
-        self._model = None
+    def __init__(self, case, workers=None, ledger=None, cluster=None, stop=None):
+        self.case, self.ledger, self.cluster, self.stop = case, ledger, cluster, stop or (lambda: 0)
+        self._asked = workers or case.fit.workers or cores()
+        self.runs, self.reused, self.seconds, self.failures = 0, 0, 0.0, []
+        self._known: dict[tuple, list[Run]] = {}
+        self._workers = None
 
     def __enter__(self):
         return self
@@ -67,86 +58,110 @@ class Pool:
 
     def close(self, now=False):
         """End the workers; `now` does not wait for what they are doing."""
-        executor, self._executor = self._executor, None
-        if executor is None:
-            return
-        processes = list((getattr(executor, "_processes", None) or {}).values())
-        executor.shutdown(wait=not now, cancel_futures=True)
-        for process in processes if now else ():
-            process.terminate()
+        self._asked = self.workers
+        workers, self._workers = self._workers, None
+        if workers is not None:
+            workers.close(now)
+
+    @property
+    def workers(self):
+        """The number of runs that are done at once."""
+        return self._workers.number if self._workers else self._asked
 
     @property
     def evaluations(self):
         """The number of different sets of parameters that were run."""
         return len({key for key, _ in self._known})
 
-    def evaluate(self, points, progress=None):
+    def evaluate(self, points, report=None, sensitivities=()):
         """Evaluations of a list of parameters (name -> value), in its order.
 
-        progress: called with (runs done, runs asked for). Failures of the mechanics are recorded, never raised.
+        report: called with (runs done, runs asked for). sensitivities: names of the parameters by which derivatives of
+        the forces are wanted too. Failures of the mechanics are recorded, never raised. Raises Stopped, WorkerError
+        and LedgerError; what was run until then is in the ledger.
         """
+        names = tuple(sorted(sensitivities)) if derivable() else ()
         wanted = [(_key(point), test) for point in points for test in range(len(self.case.tests))]
-        missing = [unit for unit in dict.fromkeys(wanted) if unit not in self._known]
-        done = iter(range(1, len(missing) + 1))
-
-        def finished(unit, run):
-            self._known[unit] = run
-            self.runs += 1
-            self.seconds += run.seconds
-            if progress:
-                progress(next(done), len(missing))
-
-        if self.workers == 1:
-            self._run_here(missing, finished)
-        else:
-            self._run_there(missing, finished)
-        evaluations = [self._evaluation(point) for point in points]
+        missing = [unit for unit in dict.fromkeys(wanted) if self._find(unit, names) is None]
+        if missing:
+            self._run(missing, names, report)
+        evaluations = [self._evaluation(point, names) for point in points]
         for evaluation in evaluations:
             if evaluation.cause and evaluation.parameters not in [known.parameters for known in self.failures]:
                 self.failures.append(evaluation)
         return evaluations
 
-    def _evaluation(self, point):
-        runs = [self._known[_key(point), test] for test in range(len(self.case.tests))]
-        causes = [run.cause for run in runs if run.cause]
-        forces = None if causes else tuple(run.force for run in runs if run.force is not None)
-        seconds = sum(run.seconds for run in runs)
-        return Evaluation(dict(point), forces, "; ".join(causes) or None, seconds, tuple(run.facts for run in runs))
-
-    def _run_here(self, units, finished):
+    def _run(self, units, names, report):
+        """Run units, or take them from the ledger."""
+        total, left = len(units), dict.fromkeys(units)
         for unit in units:
-            with threadpool_limits(1):
-                self._model = self._model or ready_model(self.case)
-                finished(unit, run(self._model, self.case, *unit))
+            if run := self.ledger and self.ledger.find(dict(unit[0]), self.case.tests[unit[1]], names):
+                del left[unit]
+                self.reused += 1
+                self._learn(unit, run)
+        if left and not self.stop():
+            self._workers = self._workers or self._hired()
+            for unit, run in self._workers.solve(self._longest_first(left), names, self.stop):
+                if self.ledger is not None:
+                    self.ledger.add(dict(unit[0]), self.case.tests[unit[1]], run)
+                del left[unit]
+                self._learn(unit, run)
+                if report:
+                    report(total - len(left), total)
+        if left:
+            raise Stopped("the fit was stopped before its end", self.stop())
 
-    def _run_there(self, units, finished):
-        """A lost worker takes its pool along: try all again on a fresh one, then each alone to find the culprit."""
-        for _ in range(2):
-            units = self._submit(units, finished)
-            if not units:
+    def _hired(self):
+        limit = self.case.fit.time_limit
+        if self.cluster:
+            return Cluster(self.case, self.cluster, self._asked, limit)
+        return Processes(self.case, self._asked, limit) if self._asked > 1 else _Here(self.case, limit)
+
+    def _find(self, unit, names):
+        return next((run for run in self._known.get(unit, ()) if run.serves(names)), None)
+
+    def _learn(self, unit, run):
+        self._known.setdefault(unit, []).append(run)
+        self.runs += 1
+        self.seconds += run.seconds
+
+    def _longest_first(self, units):
+        """Units of tests that took longest so far, or else that go deepest, before the others: no core idles at the end."""
+
+        def weight(test):
+            seconds = [run.seconds for (_, known), runs in self._known.items() for run in runs if known == test and run.facts]
+            return np.mean(seconds) if seconds else np.inf, float(self.case.outputs(self.case.tests[test])[-1])
+
+        weights = {test: weight(test) for test in {test for _, test in units}}
+        return sorted(units, key=lambda unit: weights[unit[1]], reverse=True)
+
+    def _evaluation(self, point, names):
+        runs = [self._find((_key(point), test), names) for test in range(len(self.case.tests))]
+        named = zip(self.case.tests, runs, strict=True)
+        causes = [f"test {test.name!r}: {run.cause}" for test, run in named if run.cause]
+        seconds, facts = sum(run.seconds for run in runs), tuple(run.facts for run in runs)
+        if causes:
+            return Evaluation(dict(point), None, "; ".join(causes), seconds, facts)
+        derivatives = tuple(_finite(run.sensitivities, names) for run in runs) if names else None
+        return Evaluation(dict(point), tuple(run.force for run in runs), None, seconds, facts, derivatives)
+
+
+class _Here:
+    """This process as the only worker."""
+
+    number = 1
+
+    def __init__(self, case, limit):
+        self.bench = Bench(case, limit)
+
+    def solve(self, units, names, stopping):
+        for unit in units:
+            if stopping():
                 return
-        for unit in units:
-            if self._submit([unit], finished):
-                finished(unit, Run(None, f"test {self.case.tests[unit[1]].name!r}: {DIED}", 0.0, {}))
+            yield unit, self.bench.run_at_last(unit, names)
 
-    def _submit(self, units, finished):
-        """Run the units on the workers; returns those that were lost with a worker."""
-        lost = []
-        try:
-            self._executor = self._executor or _executor(self.case, min(self.workers, max(len(units), 2)))
-            with _one_thread():  # workers are started by the first submission and inherit this
-                futures = {self._executor.submit(_work, unit): unit for unit in units}
-        except BrokenProcessPool:
-            self.close(now=True)
-            return units
-        for future in as_completed(futures):
-            try:
-                finished(futures[future], future.result())
-            except BrokenProcessPool:
-                lost.append(futures[future])
-        if lost:
-            self.close(now=True)
-        return [unit for unit in units if unit in lost]
+    def close(self, now=False):
+        pass
 
 
 def cores():
@@ -154,82 +169,9 @@ def cores():
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def ready_model(case):
-    """The Model of a case, run once.
-
-    The first run fixes the order of elimination of the linear solver, which depends on the numbers in the matrix:
-    with the same first run everywhere, every later run is the same everywhere.
-    """
-    model = Model(case)
-    with contextlib.suppress(ConvergenceError, MaterialError):
-        material = case.material_class(**case.start_values())
-        depth = case.outputs(case.tests[0])[-1] * 1e-3
-        model.run(material, case.material.bulk_modulus(material.shear_modulus), case.tests[0].angle, [depth])
-    return model
-
-
-def run(model, case, key, number):
-    """The Run of test `number` of a case at the parameters of a key."""
-    started, test = time.perf_counter(), case.tests[number]
-    force, cause, facts = None, None, {}
-    try:
-        material = case.material_class(**dict(key))
-        kappa = case.material.bulk_modulus(material.shear_modulus)
-        result = model.run(material, kappa, test.angle, case.outputs(test), test.name)
-        force, facts = result.force, result.facts
-        if not np.isfinite(force).all():
-            force, cause = None, f"test {test.name!r}: its force is not a finite number"
-    except (ConvergenceError, MaterialError) as error:
-        cause = " ".join(str(error).split())
-    return Run(force, cause, time.perf_counter() - started, facts)
+def _finite(sensitivities, names):
+    return {name: sensitivities[name] for name in names if np.isfinite(sensitivities[name]).all()}
 
 
 def _key(point):
     return tuple(point.items())
-
-
-# In the worker's process
-
-
-_here: dict = {}
-
-
-def _work(unit):
-    _here["model"] = _here.get("model") or ready_model(_here["case"])
-    return run(_here["model"], _here["case"], *unit)
-
-
-def _begin(case):
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a traceback; the parent reports it
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    _here["case"] = case
-    _here["limits"] = threadpool_limits(1)
-
-
-def _end_with_parent():
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-    os._exit(1)
-
-
-# In the parent's
-
-
-def _executor(case, workers):
-    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(case,))
-
-
-@contextlib.contextmanager
-def _one_thread():
-    """Environment in which a new process starts its numerical libraries with one thread."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

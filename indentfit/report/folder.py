@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import hashlib
 import json
 import math
 import os
@@ -14,8 +15,9 @@ import numpy as np
 
 from ..errors import OutputError
 
-RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json")  # what tells a result folder from any other
-FILES = (*RESULTS, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
+RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json", "design.json")  # what tells a result folder from any other
+LEDGER = "ledger.sqlite"
+FILES = (*RESULTS, LEDGER, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
 FIGURES = (".svg", ".png")
 
 
@@ -37,6 +39,43 @@ def result_folder(path, overwrite=False):
         raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def lasting_folder(path, overwrite=False):
+    """Like `result_folder`, for a long run: what it has put into its ledger stays, beside `path`, where the block fails.
+
+    The folder that it gives is `unfinished(path)`, new or left by an earlier run; it is taken away with its block only
+    if it holds no ledger. So the ledger's lock is for the block to take, before it touches anything else there.
+    """
+    target = refuse_existing(path, overwrite)
+    place = unfinished(target)
+    try:
+        place.mkdir(exist_ok=True)
+        yield place
+        refuse_existing(path, overwrite)
+        _put_in_place(place, target)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder") from error
+    finally:
+        if not (place / LEDGER).exists():
+            shutil.rmtree(place, ignore_errors=True)
+
+
+def unfinished(path):
+    """The folder beside `path` where a long run keeps what it has, until its result is whole."""
+    target = Path(path).resolve()
+    name = target.name if len(target.name) <= 60 else f"{target.name[:40]}-{_short_hash(target.name)}"
+    return target.with_name(f".{name}.unfinished")
+
+
+def clear(folder):
+    """Take away what an earlier run left half written in its unfinished folder: all but its ledger."""
+    for one in Path(folder).iterdir():
+        if one.is_dir() and not one.is_symlink():
+            shutil.rmtree(one)
+        elif not one.name.startswith(LEDGER):
+            one.unlink()
 
 
 def refuse_existing(path, overwrite=False):
@@ -164,6 +203,10 @@ def _refuse_what_is_there(path, target, overwrite):
 
 def _beside(target, what):
     return target.with_name(f".{target.name[:60]}.{uuid.uuid4().hex[:8]}.{what}")
+
+
+def _short_hash(text):
+    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()[:12]
 
 
 def _put_in_place(temporary, target):

@@ -48,6 +48,80 @@ def force_displacement(measured, simulated, path):
     return figure
 
 
+def profiles(found, parameters, path):
+    """Profile likelihoods, one panel for each parameter: chi2 against its value, the limit of 95 %, and the runs.
+
+    found: name -> {values, chi2, limit, interval, confirmed}; parameters: name -> {value, unit}. Saves as above.
+    """
+    columns = min(len(found), 3)
+    rows = -(-len(found) // columns)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN * (0.45 + 0.55 * columns), 0.62 * COLUMN * rows), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for ax, (name, one) in zip(axes, found.items(), strict=False):
+            _profile(ax, name, one, parameters[name])
+        for ax in axes[len(found) :]:
+            ax.set_axis_off()
+        for ax in axes[::columns]:
+            ax.set_ylabel("χ² above the least")
+        save(figure, path)
+    return figure
+
+
+def _profile(ax, name, one, parameter):
+    top = 2 * one["limit"] if one["limit"] else max(one["chi2"])
+    ax.plot(one["values"], one["chi2"], color=COLOURS[0])
+    if one["limit"]:
+        ax.axhline(one["limit"], color="0.4", linewidth=0.6, linestyle=DASHES[1])
+    ax.axvspan(*one["interval"], color=COLOURS[0], alpha=0.12, linewidth=0)
+    ax.axvline(parameter["value"], color="0.4", linewidth=0.6)
+    runs = [row for row in one["confirmed"] if row["chi2"] is not None]
+    marks = _markers((COLOURS[1], "o", "")) | SMALL
+    ax.plot([row["value"] for row in runs], [row["chi2"] for row in runs], **marks)
+    ax.set_ylim(-0.04 * top, top)
+    unit = "" if parameter["unit"] in ("", "1", None) else f" ({parameter['unit']})"
+    ax.set_xlabel(_label(name) + unit)
+    ax.xaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
+
+
+def correlations(names, matrix, path):
+    """The correlation matrix of the estimates, (n, n), each entry with its number. Saves as above."""
+    values = np.array([[np.nan if x is None else x for x in row] for row in matrix], dtype=float)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(0.75 * COLUMN, 0.6 * COLUMN), layout="constrained")
+        FigureCanvasAgg(figure)
+        ax = figure.add_subplot()
+        image = ax.imshow(values, vmin=-1, vmax=1, cmap="RdBu_r")
+        for (i, j), value in np.ndenumerate(values):
+            text = "?" if np.isnan(value) else f"{value:.2f}"
+            ax.text(j, i, text, ha="center", va="center", color="white" if abs(value) > 0.6 else "black")
+        ax.set_xticks(range(len(names)), [_label(name) for name in names])
+        ax.set_yticks(range(len(names)), [_label(name) for name in names])
+        ax.tick_params(length=0)
+        figure.colorbar(image, label="correlation", ticks=[-1, 0, 1])
+        save(figure, path)
+    return figure
+
+
+def designs(found, path, shown=12):
+    """Bars: standard error of the worst parameter with each further test, best above; the line is without any. found: as of
+    `Design.as_json`. Saves as above."""
+    worst = found["worst"]
+    rows = [one for one in found["candidates"] if one["stderr"]][:shown][::-1]
+    names = [f"{one['change'] or 'as the case is'}, {one['angle']}°, {one['depth']:.3g} mm" for one in rows]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(1.4 * COLUMN, 0.25 * COLUMN + 0.2 * len(rows)), layout="constrained")
+        FigureCanvasAgg(figure)
+        ax = figure.add_subplot()
+        ax.barh(range(len(rows)), [one["stderr"][worst] for one in rows], color=COLOURS[0], height=0.65)
+        ax.axvline(found["stderr"][worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
+        ax.set_yticks(range(len(rows)), [_label(name) for name in names])
+        ax.set_xlabel(f"standard error of {_label(worst)}; dashed: without a further test")
+        save(figure, path)
+    return figure
+
+
 def residual(measured, simulated):
     """Displacements that both curves reach, of the measured one (n,), and simulated minus measured force there (n,)."""
     d, F = _from_origin(simulated)

@@ -83,3 +83,31 @@ def _contact(simulation):
 
 def _count(number, what):
     return f"{number:,} {what}{'' if number == 1 else 's'}"
+
+
+def certainty_lines(result):
+    """What a FitResult says about its own certainty, line by line, after its table of parameters."""
+    for sentence in result.summary:
+        yield f"summary   {sentence}"
+    for name, test in result.tests_alone.items():
+        parts = ", ".join(f"{key} {_span(one['interval'])}" for key, one in test["parameters"].items())
+        yield f"alone     {name}: {parts}; RMSE {test['rmse']:.3g} mN"
+    for name, one in result.uncertain.get("inputs", {}).items():
+        parts = ", ".join(f"{key} {share:.0%}" for key, share in one["share"].items() if share is not None)
+        yield f"input     {name} {one['value']:g} +- {one['sd']:g} makes of the variance: {parts}"
+    for other in result.rivals:
+        values = ", ".join(f"{key} = {value:.4g}" for key, value in other["parameters"].items())
+        yield f"rival     {values}: objective {other['objective']:.5g} mN"
+    if result.surrogate:
+        yield f"surrogate {_of_surrogate(result.surrogate)}"
+
+
+def _of_surrogate(surrogate):
+    last = [one for one in surrogate["held_out"] if one["error"] is not None][-1:]
+    right = "".join(f"; off by {one['error']:.2g} mN at a run not seen before (allowed {one['allowed']:.2g})" for one in last)
+    failed = f", {surrogate['failed']} failed" if surrogate["failed"] else ""
+    return f"degree {surrogate['degree']} on {surrogate['runs']} sets of parameters{failed}{right}"
+
+
+def _span(interval):
+    return f"{interval[0]:.3g} to {interval[1]:.3g}"

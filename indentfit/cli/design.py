@@ -1,0 +1,95 @@
+"""`indentfit design`: which further test would determine the worst parameter best."""
+
+import json
+from pathlib import Path
+
+import click
+
+from ..case import read_case
+from ..errors import CaseError
+from ..inverse.design import design
+from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_json
+from .progress import progress
+
+SHOWN = 12  # candidates in the table
+
+
+@click.command(short_help="Say which test to do next.")
+@click.argument("case", type=click.Path())
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--result", type=click.Path(), metavar="DIR", help="Take the parameters of this result folder.")
+@click.option("--noise", type=click.FloatRange(min=0, min_open=True), metavar="MN", help="Standard deviation of a force, mN.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder with a plot.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
+def command(case, overrides, result, noise, as_json, output, overwrite):
+    """Rank further tests by how well they, together with those of CASE, would determine its worst parameter.
+
+    Each candidate changes one thing: depth, angle, indenter, friction. The parameters are the case's start values, or those
+    of --result. The noise is 1 % of the largest force unless --noise says otherwise.
+    """
+    if output is None and overwrite:
+        raise click.UsageError("--overwrite needs -o DIR")
+    read = read_case(case, overrides)
+    if not read.free:
+        raise CaseError([f"{case}: material.parameters: no parameter is free; give at least one as {{start, min, max}}"])
+    parameters = _parameters(read, result) if result else read.start_values()
+    if output is not None:
+        refuse_existing(output, overwrite)
+    for warning in read.warnings():
+        click.echo(f"warning: {warning}", err=True)
+    with progress("design", total=1) as step:
+        found = design(read, parameters, noise, step)
+    if output is not None:
+        _write(output, overwrite, read, found)
+    click.echo(json_text(found.as_json()) if as_json else "\n".join(_lines(read, found)))
+    if output is not None and not as_json:
+        click.echo(f"written   {output}")
+
+
+def _parameters(case, folder):
+    """The parameters of a result folder, which must be those of the case's material."""
+    path = Path(folder) / "result.json"
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
+        values = {name: float(held[name]["value"]) for name in case.material_class.parameters}
+    except OSError as error:
+        raise CaseError([f"{path}: cannot be read ({error.strerror}); name the folder of a fit"]) from error
+    except (ValueError, KeyError, TypeError) as error:
+        kind = case.material.model or "this energy"
+        raise CaseError([f"{path}: holds no parameters of {kind}; name the folder of a fit of this case"]) from error
+    return {
+        name: min(max(value, case.free[name].min), case.free[name].max) if name in case.free else value
+        for name, value in values.items()
+    }
+
+
+def _write(path, overwrite, case, found):
+    from ..report.plots import designs  # matplotlib is slow to import
+
+    with result_folder(path, overwrite) as folder:
+        again = copy_case(case, folder)
+        write_json(folder / "design.json", {**found.as_json(), "case_hash": case.hash, "overrides": list(again)})
+        designs(found.as_json(), Path(folder) / "design")
+
+
+def _lines(case, found):
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in found.parameters.items())
+    yield f"at {values}; noise {found.noise:.3g} mN; {found.runs} runs"
+    yield f"the tests of the case leave {found.worst} worst: standard error {found.stderr[found.worst]:.3g}"
+    yield ""
+    names = list(case.free)
+    yield "  " + "  ".join([f"{'further test':<20}", "angle", "depth mm", *(f"{'se ' + name:>10}" for name in names)])
+    good = [one for one in found.candidates if one.stderr]
+    for one in good[:SHOWN]:
+        errors = (f"{one.stderr[name]:>10.3g}" for name in names)
+        yield "  " + "  ".join([f"{one.change or 'as the case is':<20}", f"{one.angle:>5}", f"{one.depth:>8.3g}", *errors])
+    for one in found.candidates:
+        if one.cause:
+            yield f"failed    {one.change}, {one.angle}: {one.cause}"
+    if good:
+        best = good[0]
+        gain = found.stderr[found.worst] / best.stderr[found.worst]
+        what = f"{best.change or 'as the case is'}, angle {best.angle}, to {best.depth:.3g} mm"
+        yield ""
+        yield f"best for {found.worst}: {what}: its standard error falls {gain:.2g} times"

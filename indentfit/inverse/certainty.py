@@ -1,0 +1,172 @@
+"""What a fit knows and what it doesn't, as plain numbers for the result: everything that follows once an optimum is found."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from indentfit.inverse import inputs, profiles
+from indentfit.inverse.derivatives import derivatives, evaluate
+from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, clipped, identifiability, noise_of, verdict
+from indentfit.inverse.surrogate import learn
+
+TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
+RIGHT = 0.15  # of a profile's limit: how well a run must meet what was predicted of it
+
+
+def certainty(case, problem, pool, optimum, exploration, equation_one, progress):
+    """Keys of the result, and the Identifiability (None where no derivatives were found): profiles, bootstrap, tests alone,
+    weights, uncertain inputs, published values; parameters: name -> interval and verdict, by profile where there is one."""
+    if not optimum.derivatives:
+        return {}, None
+    best, seed = optimum.best, case.fit.seed
+    known = identifiability(problem, best, optimum.derivatives, equation_one)
+    found = {"noise": noise_of(problem, known), "notes": _notes(known), "uncertain": {}}
+    alone = known
+    if case.fit.uncertain.given:
+        known, found["uncertain"] = with_inputs(case, problem, best, known)
+    if exploration.surrogate is not None and case.fit.profiles:
+        progress(0.0, "profiles")
+        found |= _on_surrogate(problem, pool, exploration, best, known, seed, progress)
+    found["surrogate"] = exploration.facts or None
+    found["rivals"] = [
+        {"parameters": {name: one.parameters[name] for name in problem.free}, "objective": one.objective}
+        for one in exploration.rivals
+    ]
+    found["parameters"] = _parameters(problem, best, known, found)
+    found["published"] = _published(case, problem, pool, best, found["parameters"])
+    found["summary"] = _summary(problem, found)
+    return found, alone
+
+
+def with_inputs(case, problem, best, known):
+    """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers."""
+    shares = inputs.shares(case, problem, best, known)
+    covar = known.errors.covar + shares.covar
+    total = np.sqrt(np.diag(covar))
+    half = np.where(np.isfinite(total * known.quantile), total * known.quantile, np.inf)
+    values = np.array([best.parameters[name] for name in problem.free])
+    interval = clipped(np.column_stack([values - half, values + half]), problem)
+    stderr = {name: float(one) if np.isfinite(one) else None for name, one in zip(problem.free, total, strict=True)}
+    wider = replace(known, errors=replace(known.errors, covar=covar), interval=interval)
+    return wider, {"inputs": shares.rows, "stderr_total": stderr}
+
+
+def coverage(problem, surrogate, truth, sigma, draws, seed=0):
+    """Whether the profile intervals of least-squares fits hold the truth: bool (draws, n_free).
+
+    Curves are the surrogate's at the truth (name -> value) with white noise of sigma mN in each test.
+    """
+    exact = problem.scaled(truth, evaluate(problem, surrogate, [truth])[0].forces)
+    rng, x, inside = np.random.default_rng(seed), problem.units(truth), []
+    for _ in range(draws):
+        forces = [force + s * rng.standard_normal(force.size) for force, s in zip(exact, sigma, strict=True)]
+        inside.append(holds(problem.measured(forces), surrogate, truth, x))
+    return np.array(inside)
+
+
+def holds(problem, surrogate, truth, x):
+    """Whether each profile interval of a fit on the surrogate, started at x in units of the ranges, holds the truth."""
+    weights = [test.weight / test.curve.force.size for test in problem.tests]
+    parameters = problem.parameters(profiles.estimate(problem, surrogate, weights, x)[0])
+    best = problem.judge(parameters, evaluate(problem, surrogate, [parameters])[0].forces)
+    known = identifiability(problem, best, derivatives(problem, surrogate, problem.units(parameters)))
+    return [
+        profiles.chi2_at(problem, surrogate, best, known, name, truth[name]) <= known.quantile[n] ** 2
+        for n, name in enumerate(problem.free)
+    ]
+
+
+def _on_surrogate(problem, pool, exploration, best, known, seed, progress):
+    surrogate = learn(problem, pool.known)
+    error = surrogate.error
+    if not exploration.facts.get("reached") and error > TRUSTED:
+        return {"notes": [*_notes(known), f"no profiles: the surrogate's error is {error:.0%} of the misfit"]}
+    first = profiles.profiles(problem, surrogate, best, known)
+    alone = profiles.alone(problem, pool, surrogate, seed)
+    report = lambda done, total: progress(0.9 * done / total, "runs at the ends of profiles")  # noqa: E731
+    proofs = profiles.prove(problem, pool, surrogate, first, known, best, report)
+    surrogate = learn(problem, pool.known)
+    last = profiles.profiles(problem, surrogate, best, known)
+    notes = _notes(known)
+    wrong = [name for name, rows in proofs.items() if not all(_right(row, last[name].limit) for row in rows)]
+    if wrong:
+        notes.append(f"the profiles of {', '.join(wrong)} were predicted badly at their ends, and corrected by the runs there")
+    progress(0.95, "bootstrap")
+    return {
+        "notes": notes,
+        "profiles": {name: {**_plain(one), "confirmed": proofs[name]} for name, one in last.items()},
+        "bootstrap": profiles.bootstrap(problem, surrogate, best, known, seed),
+        "tests_alone": alone if len(problem.tests) > 1 else {},
+        "weights_scan": profiles.scan_weights(problem, surrogate, seed),
+    }
+
+
+def _right(row, limit):
+    if row["chi2"] is None or not np.isfinite(row["predicted"]):
+        return False
+    return abs(np.sqrt(row["chi2"]) - np.sqrt(row["predicted"])) <= RIGHT * np.sqrt(limit)
+
+
+def _plain(profile):
+    return {
+        "values": profile.values.tolist(),
+        "chi2": profile.chi2.tolist(),
+        "limit": profile.limit if np.isfinite(profile.limit) else None,
+        "interval": list(profile.interval),
+    }
+
+
+def _notes(known):
+    smooth = any(one > SMOOTH for one in known.noise.autocorrelation)
+    return [NOTE, *([MISFIT] if smooth else [])]
+
+
+def _parameters(problem, best, known, found):
+    """name -> interval and verdict, by profile where there is one, and the linear interval; wider by uncertain inputs."""
+    rows = {}
+    for n, (name, bounds) in enumerate(problem.free.items()):
+        linear = known.interval[n].tolist()
+        interval = found.get("profiles", {}).get(name, {}).get("interval", linear)
+        said = verdict(best.parameters[name], interval, bounds, known.at_bound[n])
+        rows[name] = {"interval": interval, "interval_linear": linear, "verdict": said}
+        total = found["uncertain"].get("stderr_total", {}).get(name)
+        if total is not None:
+            rows[name]["stderr_total"] = total
+    return rows
+
+
+def _published(case, problem, pool, best, parameters):
+    """The published parameters that the case names: their objective here, and whether each lies inside its interval."""
+    if not case.fit.published:
+        return None
+    point = {**best.parameters, **case.fit.published}
+    run = evaluate(problem, pool, [point])[0]
+    judged = problem.judge(point, run.forces) if run.forces else None
+    inside = {
+        name: bool(parameters[name]["interval"][0] <= value <= parameters[name]["interval"][1])
+        for name, value in case.fit.published.items()
+        if name in parameters
+    }
+    return {"parameters": dict(case.fit.published), "objective": judged and judged.objective, "inside": inside}
+
+
+def _summary(problem, found):
+    """Sentences: what these tests determine, with intervals, what they don't, and where published values lie."""
+    kinds: dict = {"determined": [], "weakly determined": [], "not determined": []}
+    for name, one in found["parameters"].items():
+        said = one["verdict"].rpartition("; ")[2] if "bound" in one["verdict"] else one["verdict"]
+        kind = next((kind for kind in kinds if said.startswith(kind)), "not determined")
+        low, high = one["interval"]
+        kinds[kind].append(f"{name} ({low:.3g} to {high:.3g})")
+    number = {1: "this curve", 2: "these two curves"}.get(len(problem.tests), f"these {len(problem.tests)} curves")
+    sentences = [f"{kind} by {number}: {', '.join(names)}" for kind, names in kinds.items() if names]
+    published = found["published"]
+    if published:
+        said = [
+            f"{name} = {published['parameters'][name]:g} {'inside' if inside else 'outside'}"
+            for name, inside in published["inside"].items()
+        ]
+        value = published["objective"]
+        objective = f"; together their objective is {value:.4g} mN" if value is not None else ""
+        sentences.append(f"published values and the 95 % intervals: {', '.join(said)}{objective}")
+    return sentences

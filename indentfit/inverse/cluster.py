@@ -1,0 +1,141 @@
+"""Runs on a Dask cluster, an existing one or one of this machine's own: the same numbers, from other processes.
+
+Needs the extra `indentfit[cluster]`. dask.distributed sends objects by pickle, between the processes of the cluster
+only: whoever can reach the scheduler can run code on its workers, so only the address that was given is ever used.
+"""
+
+import contextlib
+import logging
+import threading
+from typing import Any
+
+from indentfit.errors import WorkerError
+from indentfit.inverse.bench import Bench
+from indentfit.inverse.ledger import Inputs, Run
+from indentfit.inverse.processes import deaf_to_interrupts
+
+LOCAL = "local"
+PATIENCE = 30  # seconds to find the scheduler, and for it to have a worker
+
+
+class Cluster:
+    """The workers of the Dask cluster at an address ("tcp://host:8786"), or of one that is started here ("local")."""
+
+    def __init__(self, case, address, number, limit):
+        self.case, self.address, self.limit = case, address, limit
+        self.origin = Inputs(case).origin
+        self._dask = _distributed()
+        self._own: Any = None
+        self._client: Any = None
+        try:
+            with deaf_to_interrupts():
+                self._connect(number)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def number(self):
+        """The runs that the cluster can do at once: one for each worker."""
+        with self._there():
+            return max(len(self._client.nthreads()), 1)
+
+    def solve(self, units, names, stopping):
+        """Yield (unit, Run) of each unit, in the order in which they end; nothing is begun once stopping() is true.
+
+        A lost worker's units are run again by Dask, on another one. Raises WorkerError where the scheduler is lost.
+        """
+        queue = iter(units)
+        futures: dict[str, tuple] = {}
+        course = self._dask.as_completed(loop=self._client.loop)
+        try:
+            while True:
+                while len(futures) < self.number and not stopping() and (unit := next(queue, None)):
+                    future = self._submit(unit, names)
+                    futures[future.key] = future, unit
+                    course.add(future)
+                if not futures:
+                    return
+                with self._there():
+                    future, unit = futures.pop(next(course).key)
+                yield unit, self._run(future)
+        finally:
+            with contextlib.suppress(Exception):  # the scheduler may be gone
+                for future, _ in futures.values():
+                    future.cancel()
+
+    def close(self, now=False):
+        """Let go of the cluster, and end it where it is our own."""
+        client, own, self._client, self._own = self._client, self._own, None, None
+        for one in (client, own):
+            if one is not None:
+                with contextlib.suppress(Exception):  # it may be gone already
+                    one.close(timeout=0 if now else 5)
+
+    def _connect(self, number):
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told by us, in one line
+        try:
+            if self.address == LOCAL:
+                self._own = self._dask.LocalCluster(
+                    n_workers=number, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, memory_limit=0,
+                    silence_logs=logging.CRITICAL,
+                )  # fmt: skip
+            self._client = self._dask.Client(self._own or self.address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise WorkerError(f"--scheduler {self.address}: no Dask scheduler answers there ({error}); check it") from error
+        try:
+            self._client.wait_for_workers(1, timeout=PATIENCE)
+        except (OSError, TimeoutError) as error:
+            raise WorkerError(f"--scheduler {self.address}: it has no workers; start some with `dask worker`") from error
+
+    def _submit(self, unit, names):
+        with self._there():
+            return self._client.submit(run_there, self.case, unit, names, self.limit, self.origin, pure=False)
+
+    def _run(self, future):
+        with self._there():
+            error = future.exception()
+            if error is None:
+                return future.result()
+        if isinstance(error, self._dask.scheduler.KilledWorker):
+            return Run(None, "its workers were lost, one after the other (out of memory, or killed)", 0.0, {}, lost=True)
+        if future.status == "cancelled" or isinstance(error, self._dask.CancelledError):
+            raise self._gone(error) from error
+        raise error
+
+    @contextlib.contextmanager
+    def _there(self):
+        """Context in which what Dask raises is a scheduler that is lost."""
+        try:
+            yield
+        except Exception as error:
+            raise self._gone(error) from error
+
+    def _gone(self, error):
+        return WorkerError(f"--scheduler {self.address}: it was lost ({type(error).__name__}: {str(error)[:100]})")
+
+
+def _distributed():
+    try:
+        import distributed
+
+        return distributed
+    except ImportError:
+        raise WorkerError("Dask is not installed; pip install 'indentfit[cluster]'") from None
+
+
+# In the worker's process
+
+_lock = threading.Lock()  # a model does one run at a time, whatever the number of a worker's threads
+_benches: dict[str, Bench] = {}
+
+
+def run_there(case, unit, names, limit, origin):
+    """The Run of a unit, on this worker's own bench."""
+    with _lock:
+        if origin not in _benches:
+            if Inputs(case).origin != origin:
+                raise WorkerError("the cluster's workers have other versions of indentfit, its libraries or the material")
+            _benches.clear()
+            _benches[origin] = Bench(case, limit)
+        return _benches[origin].run_at_last(unit, names)

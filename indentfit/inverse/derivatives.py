@@ -1,0 +1,91 @@
+"""Derivatives of the curves by the free parameters: exact where the mechanics gives them, else by differences.
+
+The forward model's own sensitivities come with a run; where they are not to be had, one-sided differences are run on
+the workers. The scale parameter's derivative is F / scale, and costs nothing.
+"""
+
+import inspect
+
+import numpy as np
+
+STEP = 1e-2  # of a parameter's range, for differences: wide enough for curves that are smooth to 1e-4 of their force
+
+
+class Underivable(Exception):
+    """No derivatives: runs near the point failed. Holds the cause."""
+
+
+def evaluate(problem, pool, points, report=None):
+    """Evaluations of points (name -> value) at the problem's reference scale, asked to bring their sensitivities.
+
+    Whoever needs a derivative afterwards finds it there: `sensitivities` is a tuple over the tests of name -> (n,),
+    mN per unit of the parameter, or None.
+    """
+    return asked(pool, [problem.at_reference(point) for point in points], report, tuple(problem.searched))
+
+
+def asked(pool, points, report=None, sensitivities=()):
+    """The pool's evaluations, with these sensitivities where the pool knows what they are."""
+    if sensitivities and "sensitivities" in inspect.signature(pool.evaluate).parameters:
+        return pool.evaluate(points, report, sensitivities=sensitivities)
+    return pool.evaluate(points, report)
+
+
+def brings_sensitivities(problem, pool, x):
+    """Whether derivatives at x (units of the ranges) come with the run there."""
+    return _has(problem, evaluate(problem, pool, [problem.parameters(x)])[0])
+
+
+def derivatives(problem, pool, x, report=None):
+    """Derivatives of the curves at x (units of the ranges, (n_free,)): an array (n, n_free) for each test, mN per range.
+
+    Raises Underivable where neither sensitivities nor differences can be had.
+    """
+    at = problem.parameters(x)
+    here = evaluate(problem, pool, [at])[0]
+    if here.forces is None:
+        raise Underivable(f"no derivative where the mechanics failed: {here.cause}")
+    columns = _of_scale(problem, here)
+    if _has(problem, here):
+        columns |= _of_sensitivities(problem, at, here.sensitivities)
+    else:
+        columns |= _by_differences(problem, pool, x, problem.scaled(at, here.forces), report)
+    return tuple(np.column_stack([columns[name][test] for name in problem.free]) for test in range(len(problem.tests)))
+
+
+def last_cause(pool):
+    """Why the last failed evaluation failed."""
+    return pool.failures[-1].cause if pool.failures else "cause unknown"
+
+
+def _has(problem, evaluation):
+    given = getattr(evaluation, "sensitivities", None)
+    return bool(given) and all(name in (one or {}) for one in given for name in problem.searched)
+
+
+def _of_scale(problem, here):
+    if not problem.scale:
+        return {}
+    factor = problem.range(problem.scale) / problem.reference
+    return {problem.scale: tuple(factor * force for force in here.forces)}
+
+
+def _of_sensitivities(problem, at, given):
+    return {name: problem.scaled(at, [np.asarray(one[name]) * problem.range(name) for one in given]) for name in problem.searched}
+
+
+def _by_differences(problem, pool, x, forces, report):
+    """One-sided differences; backwards, then with shorter steps, where a run fails."""
+    columns, left, names = {}, problem.searched, list(problem.free)
+    for step in (STEP, -STEP, STEP / 10, -STEP / 10):
+        steps = {name: step if 0 <= x[names.index(name)] + step <= 1 else -step for name in left}
+        points = [problem.parameters(x + steps[name] * np.eye(len(names))[names.index(name)]) for name in left]
+        evaluations = pool.evaluate([problem.at_reference(point) for point in points], report)
+        for name, point, evaluation in zip(left, points, evaluations, strict=True):
+            if evaluation.forces:
+                there = problem.scaled(point, evaluation.forces)
+                columns[name] = tuple((b - a) / steps[name] for a, b in zip(forces, there, strict=True))
+        left = [name for name in left if name not in columns]
+        if not left:
+            return columns
+    raise Underivable(f"no derivative by {', '.join(left)}: {last_cause(pool)}")

@@ -1,0 +1,114 @@
+"""Kill campaign: a fit is killed with -9 at random moments, resumed, and must end with the same numbers, bit by bit.
+
+    python tests/campaigns/kills.py [--kills 10] [--seed 0] [--case CASE] [--set KEY=VALUE ...] [--victim fit|worker]
+
+Each round kills one fit: the whole process (then `--resume`, which is killed too, up to three times, at the next
+random moments) or, with `--victim worker`, one of its workers a few times. Prints a line for each round and a table;
+exit code 1 when a result differs from that of the undisturbed fit in anything but times and what came from the ledger.
+"""
+
+import argparse
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+CASE = Path(__file__).parents[2] / "cases" / "quickstart" / "case.toml"
+SETS = ["mesh.elements=40", "fit.method=ga", "fit.population=5", "fit.generations=3", "fit.workers=2"]
+PROGRAM = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()"]
+MAY_DIFFER = ("seconds", "reused", "solver")
+
+
+def main():
+    options = arguments()
+    folder, dice = Path(tempfile.mkdtemp(prefix="kills-")), random.Random(options.seed)
+    command = [*PROGRAM, "fit", str(options.case), *(word for key in options.set or SETS for word in ("--set", key))]
+    started = time.monotonic()
+    subprocess.run([*command, "-o", str(folder / "whole")], check=True, capture_output=True)
+    whole, length = result(folder / "whole"), time.monotonic() - started
+    print(f"undisturbed: {length:.1f} s, {whole['runs']} runs, {values(whole)}", flush=True)
+    rounds = [
+        (kill_fit if options.victim == "fit" else kill_workers)(command, folder / f"r{n}", length, dice)
+        for n in range(options.kills)
+    ]
+    wrong = 0
+    for n, (moments, found) in enumerate(rounds):
+        differs = [key for key in whole if key not in MAY_DIFFER and whole[key] != found.get(key)]
+        wrong += bool(differs)
+        when = ", ".join(f"{moment:.1f}" for moment in moments)
+        print(f"{n:3d}  killed at {when} s  reused {found['reused']:3d}  {differs or 'same'}")
+    print(f"{len(rounds)} rounds, {sum(len(moments) for moments, _ in rounds)} kills, {wrong} results differ")
+    shutil.rmtree(folder)
+    sys.exit(wrong > 0)
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--case", type=Path, default=CASE)
+    parser.add_argument("--set", action="append", metavar="KEY=VALUE")
+    parser.add_argument("--victim", choices=["fit", "worker"], default="fit")
+    return parser.parse_args()
+
+
+def kill_fit(command, place, length, dice):
+    """Moments of the kills, and the result after the last `--resume`."""
+    moments = []
+    for _ in range(dice.randint(1, 3)):
+        process = subprocess.Popen([*command, "-o", str(place), "--resume"], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        moments.append(dice.uniform(0, length))
+        try:
+            process.wait(moments[-1])
+            break
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    if not place.exists():
+        done = subprocess.run([*command, "-o", str(place), "--resume"], capture_output=True, text=True)
+        if done.returncode:
+            sys.exit(done.stderr)
+    return moments, result(place)
+
+
+def kill_workers(command, place, length, dice):
+    """Moments of the kills of one worker each, and the result of the fit, which goes on."""
+    process = subprocess.Popen([*command, "-o", str(place)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    moments, started = [], time.monotonic()
+    for moment in sorted(dice.uniform(0, length) for _ in range(3)):
+        time.sleep(max(started + moment - time.monotonic(), 0))
+        if workers := children(process.pid):
+            os.kill(dice.choice(workers), 9)
+            moments.append(moment)
+    process.wait()
+    return moments, result(place)
+
+
+def children(pid):
+    """The worker processes of a fit: its children that multiprocessing has spawned, without its resource tracker."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == pid and b"spawn_main" in (entry / "cmdline").read_bytes():
+                found.append(int(entry.name))
+        except (OSError, ValueError):
+            continue
+    return found
+
+
+def result(place):
+    return json.loads((place / "result.json").read_text())
+
+
+def values(found):
+    return ", ".join(f"{name} {one['value']!r}" for name, one in found["parameters"].items())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,305 @@
+"""What a fit says about its own certainty: errors under correlated noise, profiles, single tests, uncertain inputs."""
+
+import numpy as np
+import pytest
+from conftest import white_matter
+from scipy.stats import t as student
+from test_inverse import TRUTH, Formula, bent, coarse, formula, problem
+
+from indentfit.case import Fit, Range, read_case
+from indentfit.curve import Curve
+from indentfit.errors import CaseError
+from indentfit.fem.simulate import simulate
+from indentfit.inverse import certainty, genetic, inputs, profiles
+from indentfit.inverse.exploration import Watched, explore
+from indentfit.inverse.fit import fit
+from indentfit.inverse.identifiability import identifiability
+from indentfit.inverse.least_squares import least_squares, polish
+from indentfit.inverse.noise import correlations, errors
+from indentfit.inverse.objective import Problem, Target, problem_of
+from indentfit.inverse.surrogate import learn
+from indentfit.inverse.workers import Evaluation, Pool
+
+D = np.linspace(0.1, 1, 25)
+DESIGN = np.column_stack([D, D**2])
+
+
+def share_inside(noises):
+    """How often 95 % intervals of a straight and a square coefficient hold their truth, over draws of noise by test."""
+    inside = []
+    for noise in noises:
+        slopes, weights = [DESIGN] * len(noise), [1.0] * len(noise)
+        theta, *_ = np.linalg.lstsq(np.concatenate(slopes), np.concatenate(noise), rcond=None)
+        _, found = errors(slopes, [DESIGN @ theta - one for one in noise], weights)
+        half = np.sqrt(np.diag(found.covar)) * student.ppf(0.975, found.freedom)
+        inside.append(np.abs(theta) <= half)
+    return np.mean(inside, axis=0)
+
+
+def test_intervals_hold_the_truth_under_white_noise_of_different_size():
+    """One test is five times as noisy as the other; 400 draws, 95 % +- 3 %."""
+    rng = np.random.default_rng(0)
+    noises = [(rng.standard_normal(25), 5 * rng.standard_normal(25)) for _ in range(400)]
+    assert np.all(np.abs(share_inside(noises) - 0.95) < 0.03)
+
+
+def test_intervals_hold_the_truth_under_correlated_noise_where_independent_ones_do_not():
+    """AR(1) with 0.7 between neighbours: independent errors would hold it in about 60 %."""
+    rng, root = np.random.default_rng(0), np.linalg.cholesky(correlations(25, 0.7))
+    noises = [tuple(root @ rng.standard_normal(25) for _ in range(2)) for _ in range(400)]
+    assert np.all(share_inside(noises) > 0.88)
+    plain = []
+    for noise in noises:
+        theta, squares, *_ = np.linalg.lstsq(np.concatenate([DESIGN] * 2), np.concatenate(noise), rcond=None)
+        covar = np.linalg.inv(2 * DESIGN.T @ DESIGN) * squares[0] / 48
+        plain.append(np.abs(theta) <= 2.01 * np.sqrt(np.diag(covar)))
+    assert np.all(np.mean(plain, axis=0) < 0.8)
+
+
+def test_the_autocorrelation_found_is_that_of_the_noise():
+    """Median over 200 draws, although the fit takes the smoothest part of the noise away."""
+    rng, root = np.random.default_rng(1), np.linalg.cholesky(correlations(25, 0.6))
+    found = []
+    for _ in range(200):
+        noise = root @ rng.standard_normal(25)
+        theta, *_ = np.linalg.lstsq(DESIGN, noise, rcond=None)
+        found.append(errors([DESIGN], [DESIGN @ theta - noise], [1.0])[0].autocorrelation[0])
+    assert np.median(found) == pytest.approx(0.6, abs=0.08)
+
+
+# Profiles, on a model that is linear, where they must be what the linear theory says
+
+
+class Line(Formula):
+    def evaluation(self, point):
+        if self.broken(point):
+            return Evaluation(point, None, "broken here", 0.0, ({},))
+        return Evaluation(point, (point["a"] * D + point["b"] * D**2,), None, 0.0, ({},))
+
+
+def line(noise, low=-40.0, high=60.0):
+    free = {name: Range(start=1, min=low, max=high) for name in "ab"}
+    curve = Curve(D, 30 * D + 20 * D**2 + noise)
+    return Problem((Target("t", curve, 1.0),), {"a": 1.0, "b": 1.0}, free, None)
+
+
+def solved(whole, pool):
+    """Candidate, Identifiability and Surrogate at the least-squares solution by NumPy."""
+    theta, *_ = np.linalg.lstsq(DESIGN, whole.tests[0].curve.force, rcond=None)
+    parameters = dict(zip("ab", theta.tolist(), strict=True))
+    places = [dict(zip("ab", place, strict=True)) for place in np.random.default_rng(0).uniform(-40, 60, (12, 2)).tolist()]
+    best = whole.judge(parameters, (DESIGN @ theta,))
+    known = identifiability(whole, best, (DESIGN * 100,))
+    return best, known, learn(whole, pool.evaluate(places))
+
+
+def test_the_profile_of_a_linear_model_is_its_students_interval():
+    whole = line(np.random.default_rng(3).standard_normal(25))
+    best, known, surrogate = solved(whole, Line())
+    found = profiles.profiles(whole, surrogate, best, known)
+    for n, name in enumerate("ab"):
+        np.testing.assert_allclose(found[name].interval, known.interval[n], rtol=1e-3)
+        expected = ((found[name].values - best.parameters[name]) / known.stderr[n]) ** 2
+        np.testing.assert_allclose(found[name].chi2, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_the_bootstrap_of_a_linear_model_has_its_standard_errors():
+    """400 draws: the standard deviation of a standard deviation is 3.5 %; the tolerance three of these."""
+    whole = line(np.random.default_rng(3).standard_normal(25))
+    best, known, surrogate = solved(whole, Line())
+    found = profiles.bootstrap(whole, surrogate, best, known, 0, draws=400)
+    for n, name in enumerate("ab"):
+        assert found[name]["stderr"] == pytest.approx(known.stderr[n], rel=0.11)
+
+
+def test_ends_of_profiles_are_proved_by_runs():
+    whole, pool = line(np.random.default_rng(3).standard_normal(25)), Line()
+    best, known, surrogate = solved(whole, pool)
+    found = profiles.profiles(whole, surrogate, best, known)
+    rows = profiles.prove(whole, pool, surrogate, found, known, best)
+    for name in "ab":
+        assert len(rows[name]) == 2
+        for row in rows[name]:
+            assert row["predicted"] == pytest.approx(row["chi2"], rel=1e-6)
+            assert row["chi2"] == pytest.approx(found[name].limit, rel=0.25)  # ends near each other share a run
+
+
+def test_a_run_that_fails_at_an_end_is_told_with_its_cause():
+    whole = line(np.random.default_rng(3).standard_normal(25))
+    best, known, surrogate = solved(whole, Line())
+    found = profiles.profiles(whole, surrogate, best, known)
+    rows = profiles.prove(whole, Line(broken=lambda point: True), surrogate, found, known, best)
+    assert {row["cause"] for pair in rows.values() for row in pair} == {"broken here"}
+    assert all(row["chi2"] is None for pair in rows.values() for row in pair)
+
+
+# Profiles, on the two curves of `formula`
+
+
+@pytest.fixture(scope="module")
+def explored():
+    whole, pool = problem(bent(1, 0.05)), Watched(Formula())
+    exploration = explore(whole, pool, Fit(), genetic.search, lambda share, note: None)
+    end = polish(whole, pool, exploration.found.best, surrogate=exploration.surrogate)
+    known = identifiability(whole, end.best, end.derivatives, equation_one=True)
+    return whole, pool, learn(whole, pool.known), end.best, known
+
+
+def test_one_test_alone_leaves_open_what_it_does_not_see(explored):
+    """Along, mu (40 + zeta / 2) is all that is seen: mu may lie between the values that zeta = 20 and zeta = 0 ask for."""
+    whole, pool, surrogate, _, _ = explored
+    alone = profiles.alone(whole, pool, surrogate, 0)["parallel"]
+    assert alone["parameters"]["zeta"]["interval"] == [0.0, 20.0]
+    assert "not determined" in alone["parameters"]["zeta"]["verdict"]
+    low, high = alone["parameters"]["mu"]["interval"]
+    force = TRUTH["mu"] * (40 + 0.5 * TRUTH["zeta"])
+    assert low == pytest.approx(force / 50, rel=0.02)
+    assert high == pytest.approx(force / 40, rel=0.02)
+    assert alone["confirmed_rmse"] == pytest.approx(alone["rmse"], rel=0.02)
+
+
+def test_weights_move_the_fit_from_one_test_to_the_other(explored):
+    whole, _, surrogate, best, _ = explored
+    rows = profiles.scan_weights(whole, surrogate, 0)
+    assert [row["weights"][0] for row in rows] == [float(f"{1 - n / 10:.6g}") for n in range(11)]
+    for name, better in (("parallel", -1), ("perpendicular", 1)):
+        sizes = [row["rmse"][name] for row in rows][1:-1]
+        assert np.all(better * np.diff(sizes) <= 1e-3 * max(sizes))
+    even = rows[5]["parameters"]
+    assert even["mu"] == pytest.approx(best.parameters["mu"], rel=0.005)
+
+
+def test_intervals_of_profiles_cover_the_truth_as_often_as_they_say(explored):
+    """100 draws of white noise on the surrogate's own curves; three standard errors of the share are 6.5 %.
+    tests/campaigns/interval_coverage.py has 200 draws on the true model's."""
+    whole, _, surrogate, _, _ = explored
+    inside = certainty.coverage(whole, surrogate, TRUTH, [0.02 * force.max() for force in formula(**TRUTH)], 100, seed=2)
+    assert np.all(np.abs(inside.mean(axis=0) - 0.95) < 0.065)
+
+
+# Uncertain inputs
+
+
+def test_an_uncertain_input_moves_an_estimate_by_what_it_moves_the_curve(monkeypatch):
+    """If the input adds d to the curve, a gives way by exactly its standard deviation, and b not at all."""
+    whole = line(np.random.default_rng(3).standard_normal(25))
+    best, known, _ = solved(whole, Line())
+    case = coarse_white_matter({"friction": 0.5})
+    monkeypatch.setattr(inputs, "derivatives", lambda *_: [D])
+    found = inputs.shares(case, whole, best, known)
+    row = found.rows["friction"]
+    assert row["effect"]["a"] == pytest.approx(-0.5, rel=1e-9)
+    assert row["effect"]["b"] == pytest.approx(0.0, abs=1e-9)
+    total = np.hypot(known.stderr[0], 0.5)
+    assert row["share"]["a"] == pytest.approx((0.5 / total) ** 2, rel=1e-9)
+    np.testing.assert_allclose(found.covar, [[0.25, 0], [0, 0]], atol=1e-9)
+
+
+def test_forces_that_are_wrong_as_a_whole_move_a_linear_estimate_as_much():
+    """F = a d + b d^2 with all forces 2 % too large: a and b are 2 % too large; intervals grow by that."""
+    whole = line(np.zeros(25))
+    best, known, _ = solved(whole, Line())
+    wider, found = certainty.with_inputs(coarse_white_matter({"force": 0.02}), whole, best, known)
+    for n, (name, value) in enumerate((("a", 30.0), ("b", 20.0))):
+        assert found["inputs"]["force"]["effect"][name] == pytest.approx(0.02 * value, rel=1e-6)
+        assert found["stderr_total"][name] == pytest.approx(0.02 * value, rel=1e-6)
+        assert np.ptp(wider.interval[n]) == pytest.approx(2 * known.quantile[n] * 0.02 * value, rel=1e-6)
+
+
+def coarse_white_matter(uncertain):
+    keys = ["mesh.elements=40", "solver.element=q1p0", *(f"fit.uncertain.{key}={value}" for key, value in uncertain.items())]
+    return white_matter(*keys)
+
+
+def test_derivatives_by_inputs_have_the_sign_of_mechanics():
+    """Across the fibres: more friction, less compressibility and a deeper contact are stiffer, a thicker sample softer."""
+    case = coarse_white_matter({"friction": 0.1})
+    parameters = case.start_values()
+    by = {name: inputs.derivatives(case, parameters, name)[1][-1] for name in ("friction", "bulk_ratio", "thickness", "offset")}
+    assert by["friction"] > 0
+    assert by["bulk_ratio"] > 0
+    assert by["offset"] > 0
+    assert by["thickness"] < 0
+
+
+def test_the_derivative_by_the_contact_point_is_the_curves_own_slope():
+    case = coarse_white_matter({"offset": 0.01})
+    depths = case.outputs(case.tests[1])
+    force = simulate(case).tests[1].force
+    slope = inputs.derivatives(case, case.start_values(), "offset")[1]
+    np.testing.assert_allclose(slope[2:-1], np.gradient(force, depths)[2:-1], rtol=0.03)
+
+
+def test_an_uncertainty_of_nothing_known_is_refused():
+    with pytest.raises(CaseError, match="offfset"):
+        coarse_white_matter({"offfset": 0.1})
+
+
+# The whole, on the forward model
+
+
+def test_a_fit_says_in_words_what_its_curves_determine(tmp_path):
+    """Curves that the model made itself at zeta = 4: mu is determined, and published values are put in their place."""
+    case = coarse(tmp_path, "fit.method=ga", "fit.published={mu=3.0,zeta=4.0}", "fit.seed=1")
+    result = fit(case)
+    assert result.success
+    assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.005)
+    assert result.parameters["zeta"]["value"] == pytest.approx(4.0, rel=0.02)
+    assert result.nfev <= 40
+    assert any(sentence.startswith("determined by these two curves") and "mu" in sentence for sentence in result.summary)
+    assert result.published["inside"]["mu"] is False
+    assert set(result.profiles) == {"mu", "zeta", "phi"}
+    assert set(result.tests_alone) == {"parallel", "perpendicular"}
+    both, one = (found["parameters"]["zeta"]["interval"] for found in (vars(result), result.tests_alone["parallel"]))
+    assert np.ptp(one) > 5 * np.ptp(both)  # along the fibres, zeta hardly shows
+    assert read_case(case.path, case.overrides).hash == result.case_hash
+
+
+def test_friction_can_be_fitted_too(tmp_path):
+    """One test across the fibres, made by the model itself with friction 0.3; only it and mu are free."""
+    made = white_matter("mesh.elements=40", "solver.element=q1p0", "indenter.friction=0.3")
+    keys = ["mesh.elements=40", "solver.element=q1p0", "fit.workers=1", "fit.uncertain.friction={start=0.5,min=0.1,max=0.8}"]
+    whole = problem_of(white_matter(*keys, "material.mu={start=1,min=0.1,max=10}"))
+    forces = [test.force for test in simulate(made).tests]
+    assert list(whole.free) == ["mu", "friction"]
+    with Pool(white_matter(*keys), 1) as pool:
+        found = least_squares(whole.measured(forces), pool, whole.start)
+    assert found.best.parameters["friction"] == pytest.approx(0.3, abs=0.01)
+    assert found.best.parameters["mu"] == pytest.approx(1.49, rel=0.002)
+
+
+def test_an_offset_shifts_a_curve_along_its_displacements():
+    """No force before contact; beyond it the curve is the other's, further left."""
+    case = white_matter("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
+    parameters, step = case.start_values(), case.outputs(case.tests[0])[1] - case.outputs(case.tests[0])[0]
+    with Pool(case, 1) as pool:
+        plain, late = pool.evaluate([parameters, {**parameters, "offset": -2 * step}])
+    assert np.all(late.forces[1][:2] == 0)
+    np.testing.assert_allclose(late.forces[1][2:], plain.forces[1][:-2], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (["fit.uncertain.friction=-0.1"], "above 0"),
+        (["fit.uncertain.friction={start=0.5,min=-0.1,max=1}"], "at least 0"),
+        (["fit.uncertain.friction=0.1", "indenter.friction=stick"], "the indenter sticks"),
+        (["fit.uncertain.bulk_ratio=100", "material.kappa=1000"], "material.kappa is given"),
+    ],
+)
+def test_uncertain_inputs_that_cannot_be_are_refused(keys, said):
+    with pytest.raises(CaseError, match=said):
+        white_matter(*keys)
+
+
+def test_the_error_of_the_mesh_is_the_change_that_half_of_the_elements_make():
+    """mu alone: forces that are wrong by a share make mu wrong by that share."""
+    keys = ["mesh.elements=80", "solver.element=q1p0", "material.mu={start=1.49,min=0.1,max=10}", "test.parallel.weight=0"]
+    case = white_matter(*keys, "fit.uncertain.mesh=1")
+    fine, coarse = (simulate(white_matter(*keys, *more)).tests for more in ([], ["mesh.elements=40"]))
+    whole = problem_of(case).measured([test.force for test in fine])
+    best = whole.judge(case.start_values(), [test.force for test in fine])
+    slopes = [whole.range("mu") * test.force[:, None] / 1.49 for test in fine]
+    found = inputs.shares(case, whole, best, identifiability(whole, best, slopes))
+    share = max(np.linalg.norm(b.force - a.force) / np.linalg.norm(a.force) for a, b in zip(fine, coarse, strict=True))
+    assert abs(found.rows["mesh"]["effect"]["mu"]) == pytest.approx(share * 1.49, rel=0.25)  # elements are only about as asked

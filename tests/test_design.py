@@ -1,0 +1,150 @@
+"""The design of the next experiment: Fisher's information added up, and what the mechanics make of it."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import CASES, white_matter
+
+from indentfit.cli import main
+from indentfit.errors import ConvergenceError, DesignError
+from indentfit.fem.simulate import Model
+from indentfit.inverse import design as module
+from indentfit.inverse.design import POINTS, design
+from indentfit.inverse.workers import Evaluation
+
+COARSE = ("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
+MU = "material.parameters={mu={start=2,min=0,max=10},zeta=4,phi=1}"
+ZETA = "material.parameters={mu=1,zeta={start=3,min=0,max=20},phi=1}"
+
+
+class Springs:
+    """A pool whose sample is a spring of mu times the indenter's width, three times as stiff across the fibres."""
+
+    def __init__(self, case):
+        self.case, self.runs, self.failures = case, 0, []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def evaluate(self, points, progress=None):
+        return [Evaluation(point, tuple(self.forces(point)), None, 0.0, ()) for point in points]
+
+    def forces(self, point):
+        for test in self.case.tests:
+            yield point["mu"] * self.case.indenter.width * (3 if test.angle == 90 else 1) * self.case.outputs(test)
+
+
+@pytest.fixture
+def springs(monkeypatch):
+    monkeypatch.setattr(module, "Pool", Springs)
+    return white_matter(MU)
+
+
+def test_information_adds_up(springs):
+    """By hand: var(mu) = 1 / (sum of (width k d)^2 / sigma^2 over all points + 12 / range^2)."""
+    found = design(springs, noise=0.5)
+    d = springs.outputs(springs.tests[0])
+    own = np.sum((2 * d) ** 2 + (6 * d) ** 2) / 0.25 + 12 / 100
+    assert found.stderr["mu"] == pytest.approx(own**-0.5, rel=1e-9)
+    best = found.candidates[0]
+    assert (best.change, best.angle) == ("width 4 mm", 90)
+    assert best.depth == pytest.approx(1.5 * 0.33)
+    further = best.depth * np.linspace(1, 6 * POINTS, POINTS).round() / (6 * POINTS)
+    assert best.stderr["mu"] == pytest.approx((own + np.sum((12 * further) ** 2) / 0.25) ** -0.5, rel=1e-3)
+
+
+def test_more_tests_never_determine_less(springs):
+    found = design(springs)
+    assert all(one.stderr["mu"] < found.stderr["mu"] for one in found.candidates)
+    ranked = [one.stderr[found.worst] for one in found.candidates]
+    assert ranked == sorted(ranked)
+    assert found.noise == pytest.approx(0.01 * 2 * 6 * 0.33)
+
+
+def test_a_deeper_test_tells_more_of_a_spring(springs):
+    same = {one.depth: one.stderr["mu"] for one in design(springs).candidates if (one.change, one.angle) == ("", 90)}
+    assert [same[depth] for depth in sorted(same)] == sorted(same.values(), reverse=True)
+
+
+def test_across_the_fibres_tells_more_of_them_than_along():
+    """Under a bar that overhangs the sample, 0 degrees is nearly plane strain, where fibres do not show."""
+    found = design(white_matter(ZETA, *COARSE))
+    assert found.worst == "zeta"
+    by = {one.angle: one.stderr["zeta"] for one in found.candidates if one.change == "" and one.depth == pytest.approx(0.33)}
+    assert by[90] < 0.75 * found.stderr["zeta"]
+    assert by[0] > 0.98 * found.stderr["zeta"]
+
+
+def test_what_does_not_converge_is_a_line_and_no_number(springs, monkeypatch):
+    class Wide(Springs):
+        def evaluate(self, points, progress=None):
+            if self.case.indenter.width == 4:
+                return [Evaluation(point, None, "too wide", 0.0, ()) for point in points]
+            return super().evaluate(points)
+
+    monkeypatch.setattr(module, "Pool", Wide)
+    found = design(springs)
+    failed = [one for one in found.candidates if one.stderr is None]
+    assert {one.change for one in failed} == {"width 4 mm"}
+    assert all("too wide" in one.cause for one in failed)
+    assert found.candidates[0].stderr is not None
+
+
+def test_without_the_cases_own_derivatives_there_is_no_design(monkeypatch):
+    def never(self, *_, **__):
+        raise ConvergenceError("the fibres buckle", 0.1, 3, 4)
+
+    monkeypatch.setattr(Model, "run", never)
+    with pytest.raises(DesignError, match="the fibres buckle"):
+        design(white_matter(ZETA, *COARSE))
+
+
+# The command
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["design", str(CASES / "white_matter_2017" / "case.toml"), *arguments])
+
+
+def test_the_command_prints_a_table_or_json_and_writes_a_plot(springs, tmp_path):
+    done = run("--set", MU)
+    assert done.exit_code == 0, done.output
+    assert "best for mu: width 4 mm, angle 90" in done.stdout
+    done = run("--set", MU, "--json", "--noise", "0.5", "-o", str(tmp_path / "r"))
+    found = json.loads(done.stdout)
+    assert (found["worst"], found["noise_mN"]) == ("mu", 0.5)
+    assert {"design.json", "design.svg", "design.png", "case.toml"} <= {path.name for path in (tmp_path / "r").iterdir()}
+    assert run("--set", MU, "-o", str(tmp_path / "r")).exit_code == 2
+
+
+def test_the_parameters_of_a_result_are_taken(springs, tmp_path):
+    values = {name: {"value": value} for name, value in {"mu": 5, "zeta": 4, "phi": 1}.items()}
+    (tmp_path / "result.json").write_text(json.dumps({"parameters": values}))
+    found = json.loads(run("--set", MU, "--json", "--result", str(tmp_path)).stdout)
+    assert found["parameters"]["mu"] == 5
+
+
+@pytest.mark.parametrize("arguments", [["--noise", "0"], ["--result", "no/such"], ["--overwrite"]])
+def test_wrong_input_ends_with_2(springs, arguments):
+    done = run("--set", MU, *arguments)
+    assert done.exit_code == 2
+    assert done.stderr
+
+
+def test_a_result_of_another_material_is_refused_in_one_line(springs, tmp_path):
+    (tmp_path / "result.json").write_text('{"parameters": {"c10": {"value": 1}}}')
+    done = run("--set", MU, "--result", str(tmp_path))
+    assert done.exit_code == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "result.json" in done.stderr
+
+
+def test_nothing_free_is_refused():
+    done = run("--set", "material.parameters={mu=1,zeta=4,phi=1}")
+    assert done.exit_code == 2
+    assert "no parameter is free" in done.stderr

@@ -1,0 +1,369 @@
+"""The workers: whatever happens to one, or to what it runs, the numbers are the same or the failure is recorded."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from indentfit.case import read_case
+from indentfit.errors import Stopped, WorkerError
+from indentfit.fem.simulate import Model
+from indentfit.inverse import bench, workers
+from indentfit.inverse.fit import fit
+from indentfit.inverse.ledger import Ledger
+from indentfit.inverse.workers import Pool
+
+CASE = """
+[sample]
+shape = "disc"
+diameter = 14
+thickness = 3.3
+base = "sliding"
+[indenter]
+shape = "strip"
+width = 2
+length = 20
+friction = 0
+[mesh]
+elements = 24
+[solver]
+element = "q1p0"
+[material]
+model = "wild.py:Wild"
+[material.parameters]
+mu = { start = 1, min = 0.1, max = 10 }
+zeta = { start = 3, min = 0, max = 20 }
+[[test]]
+name = "parallel"
+angle = 0
+curve = "parallel.csv"
+[[test]]
+name = "across"
+angle = 90
+curve = "across.csv"
+[fit]
+method = "ga"
+population = 4
+generations = 2
+workers = 1
+"""
+# Tame up to zeta = 4. Above, what each test asks for happens in the middle of a run.
+WILD = """
+import os, signal, sys
+from pathlib import Path
+import numpy as np
+from indentfit.material import Material, Parameter
+
+class Wild(Material):
+    mu = Parameter("kPa", "shear modulus", min=0, scale=True)
+    zeta = Parameter("1", "fibre stiffness", min=0)
+
+    def energy(self, I1, I4):
+        return self.mu / 2 * ((I1 - 3) + self.zeta * (I4 - 1) ** 2)
+
+    def gradient(self, I):
+        found = super().gradient(I)
+        return self.wild(found) if self.zeta > 4 and np.ndim(I) > 1 else found
+
+    def wild(self, found):
+        WHAT
+"""
+TAME, OTHER, BAD = {"mu": 1.0, "zeta": 3.0}, {"mu": 1.0, "zeta": 1.0}, {"mu": 1.0, "zeta": 5.0}
+LOOP = "while True: pass"
+ONE_TEST = "test=[{name='parallel', angle=0, curve='parallel.csv'}]"
+
+
+@pytest.fixture
+def case(tmp_path):
+    """case(*overrides, wild=): a case of 2 tests whose material does something wild above zeta = 4."""
+
+    def case(*overrides, wild="return found"):
+        (tmp_path / "case.toml").write_text(CASE)
+        (tmp_path / "wild.py").write_text(WILD.replace("WHAT", wild.replace("FOLDER", str(tmp_path))))
+        for name, stiffness in (("parallel", 80), ("across", 130)):
+            rows = [f"{0.05 * n:.2f},{stiffness * 0.05 * n:.3f}" for n in range(1, 6)]
+            (tmp_path / f"{name}.csv").write_text("displacement_mm,force_mN\n" + "\n".join(rows) + "\n")
+        return read_case(tmp_path / "case.toml", overrides)
+
+    return case
+
+
+# What a material may do
+
+
+@pytest.mark.parametrize(
+    ("wild", "said"),
+    [
+        ("raise ZeroDivisionError('by nothing')", "ZeroDivisionError: by nothing"),
+        ("sys.exit(3)", "SystemExit: 3"),
+        ("return found * np.nan", ""),
+        ("return found[:2]", ""),
+        ("return found * 1j", ""),
+        ("return 'a text'", ""),
+        ("return None", ""),
+        ("raise MemoryError", "out of memory"),
+        (LOOP, "not solved within 4 s"),
+    ],
+)
+def test_what_a_material_does_is_a_failure_with_a_cause_and_the_others_go_on(case, wild, said):
+    limit = ["fit.time_limit=4", ONE_TEST] if wild == LOOP else []
+    with Pool(case(*limit, wild=wild)) as pool:
+        failed, fine = pool.evaluate([BAD, TAME])
+    assert failed.forces is None
+    assert failed.cause.startswith("test 'parallel': ")
+    assert said in failed.cause
+    assert "\n" not in failed.cause
+    assert pool.failures == [failed]
+    assert np.array_equal(fine.forces[0], tame(case).forces[0])
+
+
+def tame(case):
+    """The Evaluation at TAME by nobody but this process."""
+    with Pool(case()) as pool:
+        return pool.evaluate([TAME])[0]
+
+
+@pytest.mark.parametrize(
+    ("wild", "said"),
+    [
+        ("os.kill(os.getpid(), signal.SIGKILL)", "killed by signal 9"),
+        (LOOP, "not solved within 6 s"),
+    ],
+)
+def test_a_run_that_ends_its_worker_is_tried_twice_and_the_others_go_on(case, wild, said):
+    where = "open('FOLDER/tries', 'a').write('x')\n        "
+    given = case("fit.time_limit=6", wild=where + wild)
+    with Pool(given, 2) as pool:
+        failed, fine, other = pool.evaluate([BAD, TAME, OTHER])
+        assert pool.evaluate([BAD, TAME])[0] == failed  # and is not tried again
+    assert failed.forces is None
+    assert said in failed.cause
+    assert np.array_equal(fine.forces[1], tame(case).forces[1])
+    assert other.forces is not None
+    tries = len((given.path.parent / "tries").read_text())
+    assert tries == 2 * (1 if wild == LOOP else 2)  # of two tests; what takes too long is not worth another try
+
+
+def test_a_worker_killed_at_work_changes_nothing(case):
+    """Killed once, in the middle of a run: a mark in the folder says that it has happened."""
+    once = "mark = Path('FOLDER/mark'); first = not mark.exists(); mark.touch(); first and os.kill(os.getpid(), 9); return found"
+    with Pool(case(wild=once), 2) as pool:
+        after = pool.evaluate([BAD, TAME])
+    assert (case().path.parent / "mark").exists()
+    with Pool(case()) as pool:
+        undisturbed = pool.evaluate([BAD, TAME])
+    for a, b in zip(after, undisturbed, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
+
+
+def test_workers_killed_from_outside_change_nothing(case):
+    points = [{"mu": 1.0, "zeta": 0.25 * n} for n in range(5)]
+    with Pool(case(), 2) as pool:
+        done = []
+
+        def report(*share):
+            done.append(share)
+            if len(done) == 2:
+                for worker in pool._workers._workers:
+                    os.kill(worker.process.pid, signal.SIGKILL)
+
+        disturbed = pool.evaluate(points, report)
+    with Pool(case()) as pool:
+        calm = pool.evaluate(points)
+    for a, b in zip(disturbed, calm, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
+    assert done[-1] == (10, 10)
+    assert not pool.failures
+
+
+SCRIPT = """
+import sys
+from indentfit.case import read_case
+from indentfit.inverse.workers import Pool
+with Pool(read_case(sys.argv[1]), 2) as pool:
+    pool.evaluate([{"mu": 1.0, "zeta": 3.0}])
+"""
+
+
+def test_a_script_without_its_guard_is_told_so_and_does_not_hang(case, tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    command = [sys.executable, "-P", str(tmp_path / "script.py"), str(case().path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert "WorkerError" in done.stderr.splitlines()[-1]
+    assert "__main__" in done.stderr.splitlines()[-1]
+
+
+def test_the_workers_end_with_a_killed_parent(case, tmp_path):
+    guarded = SCRIPT.replace("with Pool", "if __name__ == '__main__':\n  with Pool").replace("    pool", "      pool")
+    (tmp_path / "script.py").write_text(guarded.replace("3.0", "5.0"))
+    given = case(wild=f"Path('FOLDER/pid').write_text(str(os.getpid()))\n        {LOOP}")
+    parent = subprocess.Popen([sys.executable, "-P", str(tmp_path / "script.py"), str(given.path)])
+    try:
+        assert within(60, lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text())
+    finally:
+        parent.kill()
+        parent.wait()
+    worker = int((tmp_path / "pid").read_text())
+    assert within(10, lambda: not alive(worker))
+
+
+def within(seconds, question):
+    """Whether the question is answered with yes within the time."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if question():
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except OSError:
+        return False
+    try:  # one that nobody has waited for yet is dead all the same
+        return open(f"/proc/{pid}/stat").read().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return True
+
+
+def test_the_clock_of_a_run_harms_no_other(case):
+    """The time limit ends a run in this very thread, and nothing that comes after it."""
+    place = bench.Bench(case("fit.time_limit=0.5", wild=LOOP), limit=0.5)
+    key = tuple(BAD.items()), 0
+    assert place.run(key).lost
+    before = threading.active_count()
+    tame = place.run((tuple(TAME.items()), 0))
+    assert tame.force is not None
+    time.sleep(0.6)
+    assert threading.active_count() <= before
+
+
+# The ledger
+
+
+def test_a_second_fit_runs_nothing_that_the_first_has_run(case, tmp_path):
+    """The same fit takes all of its runs from the ledger, one with other weights those that it shares."""
+    with Ledger(tmp_path / "l", case()) as ledger:
+        first = fit(case(), ledger=ledger)
+        assert first.reused == 0
+        assert len(ledger) == first.runs
+    with Ledger(tmp_path / "l", case(), resume=True) as ledger:
+        second = fit(case(), ledger=ledger)
+        assert second.reused == second.runs == first.runs
+    assert differences(first, second) <= {"seconds", "reused", "solver"}
+    again = case("test.across.weight=0.7", "fit.seed=0", "fit.generations=1")
+    with Ledger(tmp_path / "l", again) as ledger:
+        third = fit(again, ledger=ledger)
+    assert third.reused >= 2 * 4  # the first generation does not depend on the weights
+    with Pool(again) as pool:
+        assert fit(again).parameters == third.parameters  # nor do its numbers depend on where they come from
+        assert not pool.runs
+
+
+def differences(one, two):
+    one, two = one.as_json(), two.as_json()
+    return {key for key in one if one[key] != two[key]}
+
+
+def test_workers_that_are_asked_to_stop_end_what_they_are_at(case, tmp_path):
+    points = [{"mu": 1.0, "zeta": 0.25 * n} for n in range(8)]
+    with Ledger(tmp_path / "l", case()) as ledger, Pool(case(), 2, ledger, stop=lambda: len(ledger) >= 3) as pool:
+        with pytest.raises(Stopped):
+            pool.evaluate(points)
+        assert 3 <= len(ledger) <= 5
+
+
+# Sensitivities
+
+
+def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_path, monkeypatch):
+    """A model that gives zeta's derivatives only, one of them not finite."""
+    calls = []
+
+    def run(self, material, kappa, angle, depths, name="", progress=None, sensitivities=()):
+        calls.append(sensitivities)
+        given = {"zeta": np.full(5, 2.0 if angle else np.nan)} if sensitivities else None
+        return SimpleNamespace(force=np.arange(5.0) + angle, facts={}, sensitivities=given)
+
+    monkeypatch.setattr(Model, "run", run)
+    with Ledger(tmp_path / "l", case()) as ledger:
+        with Pool(case(), 1, ledger) as pool:
+            plain = pool.evaluate([TAME])[0]
+            assert plain.sensitivities is None
+            along, across = pool.evaluate([TAME], sensitivities=["zeta", "phi"])[0].sensitivities
+            assert along == {}
+            assert across["zeta"].tolist() == [2.0] * 5
+            assert pool.runs == 4
+            assert pool.evaluate([TAME], sensitivities=("phi", "zeta"))[0].sensitivities[1].keys() == {"zeta"}
+            assert pool.runs == 4
+        with Pool(case(), 1, ledger) as pool:
+            assert pool.evaluate([TAME], sensitivities=("zeta",))[0].sensitivities[1]["zeta"].tolist() == [2.0] * 5
+            assert (pool.runs, pool.reused) == (2, 2)
+    assert calls[1:] == [(), (), ("phi", "zeta"), ("phi", "zeta")]  # after the first run of all
+
+
+def test_sensitivities_are_left_out_where_the_model_has_none(case, monkeypatch):
+    monkeypatch.setattr(workers, "derivable", lambda: False)
+    with Pool(case()) as pool:
+        assert pool.evaluate([TAME], sensitivities=("zeta",))[0].sensitivities is None
+
+
+# Order
+
+
+def test_the_longest_runs_are_begun_first(case):
+    pool = Pool(case())
+    facts = {"steps": 1}
+    pool._known = {((), 0): [bench.Run(None, None, 1.0, facts)], ((), 1): [bench.Run(None, None, 3.0, facts)]}
+    assert [test for _, test in pool._longest_first([("a", 0), ("b", 1), ("c", 0)])] == [1, 0, 0]
+
+
+# Dask
+
+
+def test_a_dask_cluster_gives_the_same_numbers_also_when_a_worker_is_killed(case):
+    distributed = pytest.importorskip("distributed")
+    points = [{"mu": 1.0, "zeta": 0.25 * n} for n in range(10)]
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+        ) as cluster,
+        Pool(case(), cluster=cluster.scheduler_address) as pool,
+    ):
+        done = []
+
+        def report(*share):
+            done.append(share)
+            if len(done) == 4:
+                os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+        there = pool.evaluate(points, report)
+        assert pool.workers in (1, 2)
+        assert not pool.failures
+    with Pool(case()) as pool:
+        here = pool.evaluate(points)
+    for a, b in zip(there, here, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
+
+
+def test_a_scheduler_that_is_not_there_is_an_error_in_one_line(case, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("indentfit.inverse.cluster.PATIENCE", 1)
+    with Pool(case(), cluster="tcp://127.0.0.1:9") as pool, pytest.raises(WorkerError, match=r"tcp://127.0.0.1:9") as error:
+        pool.evaluate([TAME])
+    assert "\n" not in str(error.value)
+
+
+def test_without_dask_the_extra_is_named(case, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with Pool(case(), cluster="local") as pool, pytest.raises(WorkerError, match=r"indentfit\[cluster\]"):
+        pool.evaluate([TAME])
