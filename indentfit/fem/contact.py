@@ -31,7 +31,7 @@ from skfem import FacetBasis
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
-_DOWN, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
+_DOWN, UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,14 @@ class History:
 class Touch:
     """The contact at one displacement: pressure (n_f, n_q) and friction (n_f, n_q, 3) in kPa, and what follows.
 
-    place: positions in the indenter's frame, mm; traction: of the body on the indenter, T - p n, kPa;
+    place: positions in the indenter's frame, mm; normal, bend: gradient and Hessian of the gap; traction: of the body on the indenter, T - p n, kPa;
     D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool; history: the one it started from.
     """
 
     place: np.ndarray
     gap: np.ndarray
     normal: np.ndarray
+    bend: np.ndarray | None = field(repr=False)
     pressure: np.ndarray
     friction: np.ndarray
     traction: np.ndarray
@@ -89,6 +90,30 @@ class Touch:
         return History(np.maximum(pressure, 0) if self.unilateral else pressure, friction, anchor)
 
 
+@dataclass(frozen=True)
+class Change:
+    """How a touch changes with something: derivatives of its fields and, as a History, of the history that it started from."""
+
+    place: np.ndarray
+    normal: np.ndarray
+    pressure: np.ndarray
+    friction: np.ndarray
+    traction: np.ndarray
+    history: History = field(repr=False)
+
+    def advanced(self, touch, rate, rate_change, step):
+        """Derivative of `touch.advanced(rate, step)`, where the rate changes by rate_change (n_f, n_q, 3)."""
+        moved = (touch.slipping | ~touch.touching)[..., None]
+        anchor = np.where(moved, self.place, self.history.anchor)
+        n, dn = touch.normal, self.normal
+        along, change = _dot(rate, n), _dot(rate_change, n) + _dot(rate, dn)
+        pressure = self.pressure - step * change
+        if touch.unilateral:
+            pressure = pressure * (touch.pressure - step * along > 0)
+        turned = rate_change - change[..., None] * n - along[..., None] * dn
+        return History(pressure, self.friction + step * turned * ~moved, anchor)
+
+
 class Contact:
     """The facets of a quarter sample that may touch one indenter.
 
@@ -97,9 +122,7 @@ class Contact:
 
     def __init__(self, solid, indenter, thickness):
         facets = solid.mesh.boundaries["footprint"]
-        basis = FacetBasis(
-            solid.mesh, type(solid.basis.elem.elem)(), facets=facets, quadrature=_at_nodes(solid.element)
-        )
+        basis = FacetBasis(solid.mesh, type(solid.basis.elem.elem)(), facets=facets, quadrature=_at_nodes(solid.element))
         self.thickness, self.indenter = thickness, indenter
         sharp = indenter.shape != "sphere" and not indenter.edge_radius
         self.tied = indenter.friction == "stick" and sharp
@@ -117,13 +140,17 @@ class Contact:
         """History of the untouched sample."""
         return History(np.zeros(self.weights.shape), np.zeros_like(self.X), self.X)
 
+    def no_change(self):
+        """Derivative of the untouched sample's history, which depends on nothing."""
+        return History(np.zeros(self.weights.shape), np.zeros_like(self.X), np.zeros_like(self.X))
+
     def field(self, u):
         """Displacements (n_f, n_q, 3) at the contact points."""
         return np.einsum("fqn,fni->fqi", self.shape, u[self.dofs])
 
     def touch(self, u, depth, history, springs, derivative=True):
         """Contact at displacements u (n,) and a depth in mm, after a history, with Springs."""
-        place = self.X + self.field(u) + depth * _UP
+        place = self.X + self.field(u) + depth * UP
         gap, n, H = signed_distance(self.indenter, place, self.thickness)
         p = history.pressure - springs.normal * gap
         touching = (p >= 0) | self.tied
@@ -136,7 +163,7 @@ class Contact:
         size = np.where(size > 0, size, 1.0)
         T = np.where(slipping, limit / size, 1.0)[..., None] * trial if slipping.any() else trial
         D = self._derivative(springs, n, H, p, pull, trial, size, slipping, touching) if derivative else None
-        return Touch(place, gap, n, p, T, T - p[..., None] * n, touching, slipping, history, not self.tied, D)
+        return Touch(place, gap, n, H, p, T, T - p[..., None] * n, touching, slipping, history, not self.tied, D)
 
     def _pull(self, place, history, springs, touching):
         """Friction (n_f, n_q, 3) that sticking would need."""
@@ -155,9 +182,7 @@ class Contact:
         stick = springs.tangential * (np.eye(3) - nn)
         if H is not None:
             pn = np.einsum("fqi,fqi->fq", pull, n)
-            stick = (
-                stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
-            )
+            stick = stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
         if slipping.any():
             f, m = self.friction, trial / size[..., None]
             turn = stick - m[..., :, None] * np.einsum("fqi,fqij->fqj", m, stick)[..., None, :]
@@ -165,38 +190,70 @@ class Contact:
             stick = np.where(slipping[..., None, None], slip, stick)
         return D + touching[..., None, None] * stick
 
+    def change(self, touch, springs, spring_change, friction_change, history, place):
+        """Change of a touch: derivatives by something that changes springs and friction, the history (a History) and the
+        places (n_f, n_q, 3) so; contact states stay."""
+        n, H, touching = touch.normal, touch.bend, touch.touching
+        dn = np.zeros_like(place) if H is None else np.einsum("fqij,fqj->fqi", H, place)
+        p = history.pressure - spring_change.normal * touch.gap - springs.normal * _dot(n, place)
+        p = np.where(touching, p, 0.0)
+        if self.friction == 0:
+            T = np.zeros_like(place)
+        else:
+            pull = self._pull(touch.place, touch.history, springs, touching)
+            dpull = history.friction + spring_change.tangential * (touch.place - touch.history.anchor)
+            dpull = (dpull + springs.tangential * (place - history.anchor)) * touching[..., None]
+            along = _dot(pull, n)[..., None]
+            T = dpull - (_dot(dpull, n) + _dot(pull, dn))[..., None] * n - along * dn
+            if touch.slipping.any():
+                trial = pull - along * n
+                size = np.sqrt(_dot(trial, trial))[..., None]
+                m = trial / np.where(size > 0, size, 1.0)
+                turn = (T - m * _dot(m, T)[..., None]) / np.where(size > 0, size, 1.0)
+                limit = friction_change * touch.pressure + self.friction * p
+                slip = limit[..., None] * m + (self.friction * touch.pressure)[..., None] * turn
+                T = np.where(touch.slipping[..., None], slip, T)
+        traction = T - p[..., None] * n - touch.pressure[..., None] * dn
+        return Change(place, dn, p, T, traction, history)
+
+    def stiffness_change(self, touch, spring_change):
+        """Derivative of the D of an untouched sample, whose pressures and friction are zero."""
+        n = touch.normal
+        nn = n[..., :, None] * n[..., None, :]
+        tangential = spring_change.tangential if self.friction else 0.0
+        return touch.touching[..., None, None] * (spring_change.normal * nn + tangential * (np.eye(3) - nn))
+
     def residual(self, touch):
         """Nodal forces (n,) of the contact in the residual, mN."""
+        return self.spread(touch.traction)
+
+    def spread(self, traction):
+        """Nodal forces (n,) of tractions (n_f, n_q, 3)."""
         out = np.zeros(self.n_dofs)
-        forces = np.einsum("fqn,fqi->fni", self.shape * self.weights[..., None], touch.traction)
+        forces = np.einsum("fqn,fqi->fni", self.shape * self.weights[..., None], traction)
         np.add.at(out, self.dofs.ravel(), forces.ravel())
         return out
 
     def add_tangent(self, touch, values):
         """Adds the contact's tangent to the CSR data of the solid's."""
-        blocks = np.einsum(
-            "fqn,fqm,fqij->fnmij", self.shape * self.weights[..., None], self.shape, touch.D, optimize=True
-        )
+        blocks = np.einsum("fqn,fqm,fqij->fnmij", self.shape * self.weights[..., None], self.shape, touch.D, optimize=True)
         _scatter(blocks, self.dofs, self.positions, self.indptr, values)
 
     def by_depth(self, touch):
         """Derivative (n,) of the contact's residual by the depth at fixed displacements, mN/mm."""
-        out = np.zeros(self.n_dofs)
-        change = np.einsum("fqn,fqi->fni", self.shape * self.weights[..., None], touch.D @ _UP)
-        np.add.at(out, self.dofs.ravel(), change.ravel())
-        return out
+        return self.spread(touch.D @ UP)
 
     def force(self, touch):
         """Force on the indenter that the quarter carries, mN, positive when pressing."""
-        return float(np.sum(self.weights * touch.traction[..., 1]))
+        return self.total(touch.traction)
+
+    def total(self, traction):
+        """Upward force of tractions (n_f, n_q, 3) on the indenter, mN."""
+        return float(np.sum(self.weights * traction[..., 1]))
 
     def rate(self, touch, v):
         """Change (n_f, n_q, 3) of the traction on the indenter with the depth, kPa/mm; v (n,): du/d(depth)."""
-        return np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + _UP)
-
-    def stiffness(self, rate):
-        """dF/d(depth) of the quarter, mN/mm, from the traction's rate."""
-        return float(np.sum(self.weights * rate[..., 1]))
+        return np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + UP)
 
     def penalty_error(self, touch, rate, springs):
         """Force of the quarter that the springs' give withholds, mN, to first order.
@@ -207,6 +264,10 @@ class Contact:
         slip = (touch.friction - touch.history.friction) / springs.tangential * ~touch.slipping[..., None]
         r = (slip - give[..., None] * touch.normal) * touch.touching[..., None]
         return float(np.sum(self.weights[..., None] * r * rate))
+
+
+def _dot(a, b):
+    return np.einsum("fqi,fqi->fq", a, b)
 
 
 def _at_nodes(element):
@@ -269,7 +330,7 @@ def _rounded_cylinder(a, r, x, bottom):
     beyond = np.maximum(rho - (a - r), 0)
     safe = np.where(rho > 0, rho, 1.0)
     radial = np.stack([x[..., 0] / safe, np.zeros_like(rho), x[..., 2] / safe], axis=-1)
-    away = beyond[..., None] * radial + np.minimum(x[..., 1] - (bottom + r), 0)[..., None] * _UP
+    away = beyond[..., None] * radial + np.minimum(x[..., 1] - (bottom + r), 0)[..., None] * UP
     hoop = np.stack([-radial[..., 2], np.zeros_like(rho), radial[..., 0]], axis=-1)
     return _from_core(away, hoop * np.sqrt(beyond / safe)[..., None], r, x, bottom, radial)
 
@@ -285,8 +346,8 @@ def _from_core(away, hoop, r, x, bottom, radial=None):
     else:
         out = np.einsum("...i,...i->...", away, radial) != 0
         free = out[..., None, None] * radial[..., :, None] * radial[..., None, :]
-        free = free + (away[..., 1] != 0)[..., None, None] * _UP[:, None] * _UP
-    H = (free - n[..., :, None] * n[..., None, :] + hoop[..., :, None] * hoop[..., None, :]) / np.where(
-        inside, np.inf, distance
-    )[..., None, None]
+        free = free + (away[..., 1] != 0)[..., None, None] * UP[:, None] * UP
+    H = (free - n[..., :, None] * n[..., None, :] + hoop[..., :, None] * hoop[..., None, :]) / np.where(inside, np.inf, distance)[
+        ..., None, None
+    ]
     return g, n, H

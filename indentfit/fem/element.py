@@ -73,8 +73,11 @@ class Solid:
 
     def residual(self, u, state, material, pressure, fibre):
         """Internal forces (n,), mN, at given pressure modes."""
-        out = np.zeros(self.n_dofs)
-        d1 = np.ascontiguousarray(material.gradient(state.I))
+        return self.forces(u, material.gradient(state.I), pressure, fibre)
+
+    def forces(self, u, gradient, pressure, fibre):
+        """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in both."""
+        out, d1 = np.zeros(self.n_dofs), np.ascontiguousarray(gradient)
         _residual(u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
         return out
 
@@ -132,10 +135,7 @@ def _pattern(nodes, n_nodes):
     starts = np.concatenate([[0], np.cumsum(np.repeat(lengths * 3, 3))])
     expanded = (3 * blocks.indices[:, None] + np.arange(3)).astype(np.int32)
     indices = np.concatenate(
-        [
-            expanded[a:b].ravel()
-            for a, b in zip(np.repeat(blocks.indptr[:-1], 3), np.repeat(blocks.indptr[1:], 3), strict=True)
-        ]
+        [expanded[a:b].ravel() for a, b in zip(np.repeat(blocks.indptr[:-1], 3), np.repeat(blocks.indptr[1:], 3), strict=True)]
     )
     keys = np.repeat(np.arange(n_nodes, dtype=np.int64), lengths) * n_nodes + blocks.indices
     places = np.searchsorted(keys, rows.astype(np.int64) * n_nodes + cols) - blocks.indptr[rows]
@@ -290,9 +290,7 @@ def _moduli(b, a, c, m, d1, d2, p, tau, trace, D):
                 v += d1[1, p] * (b[i, k] * b[j, l] - 0.5 * (b[i, j] * b[k, l] + b[i, l] * b[k, j]))
             if d1[3, p] != 0.0:
                 v += (
-                    d1[3, p]
-                    * 0.5
-                    * (a[i] * b[k, j] * a[l] + a[i] * b[k, l] * a[j] + a[k] * b[i, j] * a[l] + a[k] * b[i, l] * a[j])
+                    d1[3, p] * 0.5 * (a[i] * b[k, j] * a[l] + a[i] * b[k, l] * a[j] + a[k] * b[i, j] * a[l] + a[k] * b[i, l] * a[j])
                 )
             D[s, t] = 4.0 * v
             D[t, s] = 4.0 * v

@@ -59,8 +59,8 @@ class FormSolid(Solid):
         with np.errstate(all="ignore"):  # wild displacements: the state is not valid then
             return State(invariants(F, fibre).reshape(4, -1), np.transpose(theta), bool(J.min() > 0))
 
-    def residual(self, u, state, material, pressure, fibre):
-        return internal_forces.assemble(self.basis, P=self._piola(u, state, material, pressure, fibre))
+    def forces(self, u, gradient, pressure, fibre):
+        return internal_forces.assemble(self.basis, P=self._piola(u, gradient, pressure, fibre))
 
     def tangent(self, u, state, material, pressure, kappa, fibre):
         F, p = self._deformation(u), self._field(pressure)
@@ -79,7 +79,7 @@ class FormSolid(Solid):
 
     def stress(self, u, state, material, pressure, fibre):
         F = self._deformation(u)
-        P = self._piola(u, state, material, pressure, fibre)
+        P = self._piola(u, material.gradient(state.I), pressure, fibre)
         sigma = np.einsum("ik...,jk...->ij...", P, F) / det(F)
         return np.array([sigma[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
 
@@ -97,8 +97,8 @@ class FormSolid(Solid):
         first, second = material.gradient(state.I), material.hessian(state.I)
         return first.reshape(4, *self.weights.shape), second.reshape(4, 4, *self.weights.shape)
 
-    def _piola(self, u, state, material, pressure, fibre):
-        F, (first, _) = self._deformation(u), self._derivatives(state, material)
+    def _piola(self, u, gradient, pressure, fibre):
+        F, first = self._deformation(u), gradient.reshape(4, *self.weights.shape)
         P = np.einsum("a...,aij...->ij...", first, invariant_gradients(F, fibre))
         return P + self._field(pressure) * cofactor(F)
 

@@ -62,9 +62,7 @@ class LinearSolver:
         self._factorize(A)
         x, ok = self._krylov(A, b, size, tolerance, self._factor.patience)
         if not ok:
-            raise ConvergenceError(
-                "the linear system could not be solved (singular tangent: lost support or instability)"
-            )
+            raise ConvergenceError("the linear system could not be solved (singular tangent: lost support or instability)")
         return x
 
     def _factorize(self, A):
@@ -87,9 +85,7 @@ class LinearSolver:
             return x, False
         M = spla.LinearOperator(A.shape, self._factor.solve, dtype=float)
         counter = _Counter()
-        x, _ = spla.gmres(
-            A, b, M=M, rtol=tolerance * 0.5, restart=steps, maxiter=1, callback=counter, callback_type="pr_norm"
-        )
+        x, _ = spla.gmres(A, b, M=M, rtol=tolerance * 0.5, restart=steps, maxiter=1, callback=counter, callback_type="pr_norm")
         self.counts.krylov_iterations += counter.count
         return x, bool(np.linalg.norm(A @ x - b) <= tolerance * size)
 
@@ -160,9 +156,7 @@ class _SuperLU:
     patience = 20
 
     def factorize(self, A):
-        self._lu = spla.splu(
-            A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True}
-        )
+        self._lu = spla.splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
 
     def solve(self, b):
         return self._lu.solve(b)

@@ -41,9 +41,7 @@ def quarter(sample, indenter, mesh, element="q1p0", depth=None):
     """
     if mesh.size is not None:
         return _quarter(sample, indenter, mesh.size, depth)
-    return _quarter(
-        sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth), depth
-    )
+    return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth), depth)
 
 
 def _size_for(sample, indenter, elements, depth):
@@ -205,9 +203,7 @@ def _round_punch(sample, a, grading):
     """Three patches inside the circle of radius a, two rings of quadrilaterals from there to the sample's side."""
     outer = sample.diameter / 2 if sample.shape == "disc" else min(sample.length, sample.width) / 2
     if a > 0.95 * outer:
-        raise MeshError(
-            f"the indenter's contact radius {a:g} mm leaves no room on the sample (half-width {outer:g} mm)"
-        )
+        raise MeshError(f"the indenter's contact radius {a:g} mm leaves no room on the sample (half-width {outer:g} mm)")
     radii = graded(0, a, grading, at=a, least=3)[::-1]
     core = 0.4 * a
     rings = radii[radii > core * 1.05][::-1]
@@ -243,9 +239,7 @@ def _wall(sample, angles, first):
     corner = np.array([sample.length / 2, sample.width / 2])
     if first == 0:
         return np.array([np.full_like(angles, corner[0]), corner[1] * np.tan(angles) / np.tan(angles[-1])])
-    return np.array(
-        [corner[0] * np.tan(np.pi / 2 - angles) / np.tan(np.pi / 2 - angles[-1]), np.full_like(angles, corner[1])]
-    )
+    return np.array([corner[0] * np.tan(np.pi / 2 - angles) / np.tan(np.pi / 2 - angles[-1]), np.full_like(angles, corner[1])])
 
 
 def _arc(radius, angles):

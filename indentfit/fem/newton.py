@@ -1,8 +1,7 @@
 """Equilibrium along the indentation: steps of depth, Newton with a full linearisation, cutback and regrowth.
 
 A step starts from the tangent prediction u + du/dd * step (one solve with the factor at hand) and is repeated with half its
-length when Newton fails. The derivative dF/dd that comes with the prediction makes the curve a cubic between steps, so
-the outputs asked for do not decide how many steps are taken.
+length when Newton fails. The curve between the steps is a spline, so the outputs asked for do not decide how many are taken.
 """
 
 from dataclasses import dataclass, field, replace
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from indentfit.errors import ConvergenceError
+from indentfit.fem import sensitivity
 
 MAX_ITERATIONS = 15
 MAX_DAMPED = 30
@@ -35,12 +35,14 @@ class Counts:
 
 @dataclass(frozen=True)
 class Load:
-    """What one run of a model is made of: material, bulk modulus kPa, fibre direction (3,), contact springs."""
+    """What one run of a model is made of: material, bulk modulus kPa, fibre direction (3,), contact springs, and the
+    Directions (fem.sensitivity) that it is differentiated by."""
 
     material: object
     kappa: float
     fibre: np.ndarray
     springs: object
+    directions: tuple = ()
 
     def softened(self):
         return replace(self, springs=self.springs.scaled(SOFTER))
@@ -56,8 +58,9 @@ class Load:
 class Equilibrium:
     """A converged step: depth mm, displacements u (n,) mm, pressure modes, contact, force mN and dF/dd mN/mm of the quarter.
 
-    penalty_error: force withheld by the contact springs, mN; direction: du/dd (n,); rate: of the
-    contact's traction.
+    penalty_error: force withheld by the contact springs, mN; direction: du/dd (n,); rate: of the contact's traction since
+    the last step (at rest: its tangent), which the next step's multipliers follow; slopes: derivatives by the load's
+    directions, None where the steps left the differentiable path.
     """
 
     depth: float
@@ -69,6 +72,13 @@ class Equilibrium:
     penalty_error: float
     direction: np.ndarray = field(repr=False)
     rate: np.ndarray = field(repr=False)
+    slopes: sensitivity.Slopes | None = field(default=None, repr=False)
+
+    def since(self, here):
+        """This step with the traction's rate, and its changes, since the step `here`."""
+        step = self.depth - here.depth
+        rate = (self.touch.traction - here.touch.traction) / step
+        return replace(self, rate=rate, slopes=self.slopes and self.slopes.since(here.slopes, step))
 
 
 def indent(body, contact, fixed, load, solver, depths, options, counts, progress=None):
@@ -98,7 +108,8 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
             continue
         counts.steps += 1
         load = load.stiffened(springs)
-        path.append(_augmented(body, contact, fixed, load, solver, there, LEASH * last, options, counts))
+        there = _augmented(body, contact, fixed, load, solver, there, LEASH * last, options, counts)
+        path.append(there.since(here))
         if progress is not None:
             progress(depth / last)
         if iterations <= EASY:
@@ -125,15 +136,16 @@ def untouched(body, contact, fixed, load, solver):
     u = np.zeros(body.n_dofs)
     state = body.state(u, load.fibre)
     pressure = body.pressure(state, load.kappa)
-    system = _System(body, contact, fixed, load, contact.rest(), 0.0)
+    system = _System(body, contact, fixed, load, contact.rest(), 0.0, changes=tuple(contact.no_change() for _ in load.directions))
     system.assemble(u, pressure)
-    return system.equilibrium(u, solver)
+    return system.equilibrium(u, solver, at_rest=True)
 
 
 def _step(body, contact, fixed, load, solver, here, depth, leash, options, counts):
     """The equilibrium at a depth from the tangent prediction, and how many iterations it took: by Newton, else damped."""
     history = here.touch.advanced(here.rate, depth - here.depth)
-    system = _System(body, contact, fixed, load, history, depth, leash)
+    changes = here.slopes and here.slopes.advanced(here.touch, here.rate, depth - here.depth)
+    system = _System(body, contact, fixed, load, history, depth, leash, changes)
     try:
         return _newton(system, *_predicted(system, here, depth), solver, options, counts)
     except ConvergenceError:
@@ -223,20 +235,16 @@ def _line_search(system, u, pressure, du, iteration, growth=2.0):
 class _System:
     """Residual and tangent of body and contact at one depth."""
 
-    def __init__(self, body, contact, fixed, load, history, depth, leash=np.inf):
+    def __init__(self, body, contact, fixed, load, history, depth, leash=np.inf, changes=()):
         self.body, self.contact, self.fixed, self.load = body, contact, fixed, load
-        self.history, self.depth, self.leash = history, depth, leash
+        self.history, self.depth, self.leash, self.changes = history, depth, leash, changes
 
     def failure(self, size, iteration, cause=None):
         """ConvergenceError that tells what the contact did when the iteration ended."""
         touch = self.touch
-        state = (
-            f"{int(touch.touching.sum())} of {touch.gap.size} contact points touch, {int(touch.slipping.sum())} slip"
-        )
+        state = f"{int(touch.touching.sum())} of {touch.gap.size} contact points touch, {int(touch.slipping.sum())} slip"
         cause = cause or f"residual still {size:.1e} of the contact force after {iteration + 1} iterations"
-        return ConvergenceError(
-            f"{cause} ({state}); try a coarser mesh or an edge radius", self.depth, iteration=iteration
-        )
+        return ConvergenceError(f"{cause} ({state}); try a coarser mesh or an edge radius", self.depth, iteration=iteration)
 
     def damped(self, damping):
         """The tangent with nodal dampers: shear modulus times size of the node's share of the body, times `damping`."""
@@ -278,8 +286,8 @@ class _System:
         """Newton's change of the iterated pressures that goes with du."""
         return self.body.pressure(self.state, self.load.kappa) - pressure + self.linear_pressure(u, du)
 
-    def equilibrium(self, u, solver):
-        """The converged step at u with its tangent direction and stiffness."""
+    def equilibrium(self, u, solver, at_rest=False):
+        """The converged step at u with its tangent direction and stiffness, and its slopes by the load's directions."""
         by_depth = self.contact.by_depth(self.touch)
         by_depth[self.fixed.dofs] = 0
         direction = solver.solve(self.matrix, -by_depth)
@@ -290,10 +298,14 @@ class _System:
             pressure=self.body.pressure(self.state, self.load.kappa),
             touch=self.touch,
             force=self.contact.force(self.touch),
-            stiffness=self.contact.stiffness(rate),
+            stiffness=self.contact.total(rate),
             penalty_error=self.contact.penalty_error(self.touch, rate, self.load.springs),
             direction=direction,
             rate=rate,
+            slopes=self.load.directions
+            and self.changes
+            and sensitivity.at_equilibrium(self, u, solver, direction if at_rest else None)
+            or None,
         )
 
 
