@@ -385,7 +385,7 @@ class Uncertain(Section):
     bulk_ratio: Spread | None = Field(default=None, description="standard deviation, or range, of bulk over shear modulus")
     thickness: SpreadOfLength | None = Field(default=None, description="standard deviation, or range, of the thickness, mm")
     offset: SpreadOfLength | None = Field(
-        default=None, description="standard deviation, or range, of the contact point, mm, added to every displacement"
+        default=None, description="standard deviation, or range, of the contact point, mm: F(d - offset)"
     )
 
     mesh: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = Field(

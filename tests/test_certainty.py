@@ -212,13 +212,13 @@ def coarse_white_matter(uncertain):
 
 
 def test_derivatives_by_inputs_have_the_sign_of_mechanics():
-    """Across the fibres: more friction, less compressibility and a deeper contact are stiffer, a thicker sample softer."""
+    """Across the fibres: more friction and less compressibility are stiffer; a contact later on and a thicker sample softer."""
     case = coarse_white_matter({"friction": 0.1})
     parameters = case.start_values()
     by = {name: inputs.derivatives(case, parameters, name)[1][-1] for name in ("friction", "bulk_ratio", "thickness", "offset")}
     assert by["friction"] > 0
     assert by["bulk_ratio"] > 0
-    assert by["offset"] > 0
+    assert by["offset"] < 0
     assert by["thickness"] < 0
 
 
@@ -227,7 +227,7 @@ def test_the_derivative_by_the_contact_point_is_the_curves_own_slope():
     depths = case.outputs(case.tests[1])
     force = simulate(case).tests[1].force
     slope = inputs.derivatives(case, case.start_values(), "offset")[1]
-    np.testing.assert_allclose(slope[2:-1], np.gradient(force, depths)[2:-1], rtol=0.03)
+    np.testing.assert_allclose(-slope[2:-1], np.gradient(force, depths)[2:-1], rtol=0.03)
 
 
 def test_an_uncertainty_of_nothing_known_is_refused():
@@ -273,7 +273,7 @@ def test_an_offset_shifts_a_curve_along_its_displacements():
     case = white_matter("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
     parameters, step = case.start_values(), case.outputs(case.tests[0])[1] - case.outputs(case.tests[0])[0]
     with Pool(case, 1) as pool:
-        plain, late = pool.evaluate([parameters, {**parameters, "offset": -2 * step}])
+        plain, late = pool.evaluate([parameters, {**parameters, "offset": 2 * step}])
     assert np.all(late.forces[1][:2] == 0)
     np.testing.assert_allclose(late.forces[1][2:], plain.forces[1][:-2], rtol=2e-3)
 

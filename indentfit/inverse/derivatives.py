@@ -21,7 +21,7 @@ def evaluate(problem, pool, points, report=None):
     Whoever needs a derivative afterwards finds it there: `sensitivities` is a tuple over the tests of name -> (n,),
     mN per unit of the parameter, or None.
     """
-    return asked(pool, [problem.at_reference(point) for point in points], report, tuple(problem.searched))
+    return asked(pool, [problem.at_reference(point) for point in points], report, _exact(problem))
 
 
 def asked(pool, points, report=None, sensitivities=()):
@@ -33,7 +33,8 @@ def asked(pool, points, report=None, sensitivities=()):
 
 def brings_sensitivities(problem, pool, x):
     """Whether derivatives at x (units of the ranges) come with the run there."""
-    return _has(problem, evaluate(problem, pool, [problem.parameters(x)])[0])
+    here = evaluate(problem, pool, [problem.parameters(x)])[0]
+    return len(given_by(problem, here)) == len(problem.searched)
 
 
 def derivatives(problem, pool, x, report=None):
@@ -46,10 +47,10 @@ def derivatives(problem, pool, x, report=None):
     if here.forces is None:
         raise Underivable(f"no derivative where the mechanics failed: {here.cause}")
     columns = _of_scale(problem, here)
-    if _has(problem, here):
-        columns |= _of_sensitivities(problem, at, here.sensitivities)
-    else:
-        columns |= _by_differences(problem, pool, x, problem.scaled(at, here.forces), report)
+    columns |= _of_sensitivities(problem, at, here)
+    left = [name for name in problem.free if name not in columns]
+    if left:
+        columns |= _by_differences(problem, pool, x, left, problem.scaled(at, here.forces), report)
     return tuple(np.column_stack([columns[name][test] for name in problem.free]) for test in range(len(problem.tests)))
 
 
@@ -58,9 +59,15 @@ def last_cause(pool):
     return pool.failures[-1].cause if pool.failures else "cause unknown"
 
 
-def _has(problem, evaluation):
-    given = getattr(evaluation, "sensitivities", None)
-    return bool(given) and all(name in (one or {}) for one in given for name in problem.searched)
+def _exact(problem):
+    """The searched parameters that the model has sensitivities of."""
+    return tuple(name for name in problem.searched if name not in problem.differences)
+
+
+def given_by(problem, evaluation):
+    """Those of them that an evaluation brought for all of its tests."""
+    given = getattr(evaluation, "sensitivities", None) or ()
+    return [name for name in _exact(problem) if given and all(name in (one or {}) for one in given)]
 
 
 def _of_scale(problem, here):
@@ -70,13 +77,16 @@ def _of_scale(problem, here):
     return {problem.scale: tuple(factor * force for force in here.forces)}
 
 
-def _of_sensitivities(problem, at, given):
-    return {name: problem.scaled(at, [np.asarray(one[name]) * problem.range(name) for one in given]) for name in problem.searched}
+def _of_sensitivities(problem, at, here):
+    return {
+        name: problem.scaled(at, [np.asarray(one[name]) * problem.range(name) for one in here.sensitivities])
+        for name in given_by(problem, here)
+    }
 
 
-def _by_differences(problem, pool, x, forces, report):
+def _by_differences(problem, pool, x, left, forces, report):
     """One-sided differences; backwards, then with shorter steps, where a run fails."""
-    columns, left, names = {}, problem.searched, list(problem.free)
+    columns, names = {}, list(problem.free)
     for step in (STEP, -STEP, STEP / 10, -STEP / 10):
         steps = {name: step if 0 <= x[names.index(name)] + step <= 1 else -step for name in left}
         points = [problem.parameters(x + steps[name] * np.eye(len(names))[names.index(name)]) for name in left]

@@ -13,7 +13,7 @@ from indentfit.case import WIDEST_INDENTER, Test
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
-from indentfit.inverse.objective import Problem, Target, scale_of
+from indentfit.inverse.objective import Problem, Target, differences_of, scale_of
 from indentfit.inverse.workers import Pool
 
 NOISE = 0.01  # of the largest force, where no noise is given
@@ -161,7 +161,7 @@ def _problem(case, parameters):
     """A Problem whose tests have only displacements: enough for derivatives."""
     tests = tuple(Target(test.name, Curve(case.outputs(test), case.outputs(test)), 1.0) for test in case.tests)
     scale, reference = scale_of(case)
-    return Problem(tests, dict(parameters), case.free, scale, reference)
+    return Problem(tests, dict(parameters), case.free, scale, reference, differences_of(case))
 
 
 def _stderr(names, information):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import qmc
 
-from indentfit.inverse.derivatives import asked, evaluate
+from indentfit.inverse.derivatives import asked, evaluate, given_by
 from indentfit.inverse.least_squares import polish
 from indentfit.inverse.objective import Candidate
 from indentfit.inverse.population import Search, judged, parameters_of
@@ -93,7 +93,7 @@ def scanned(problem, surrogate, seed=0):
 def _first_runs(problem, pool, options, progress):
     """The start values, then the design; its size depends on whether runs bring sensitivities."""
     first = evaluate(problem, pool, [problem.start])[0]
-    slopes = bool(getattr(first, "sensitivities", None))
+    slopes = len(given_by(problem, first)) == len(problem.searched)
     places = design(len(problem.searched), slopes, options.seed)
     points = [parameters_of(problem, place) for place in places]
     report = lambda done, total: progress(SHARE_OF_DESIGN * done / total, f"{total} first runs")  # noqa: E731

@@ -1,12 +1,11 @@
 """Inputs of the model that are known with some error only: fitted too, or what their error does to the parameters.
 
-Friction, bulk ratio, thickness and the contact point (`offset`, added to every displacement) move the curves; an estimate
-follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are the model's own where
-it gives them, else differences of runs with the input changed. `force` is an error common to all forces of a test;
-`mesh` is such an error too, its size the largest relative change that a mesh of half as many elements makes.
+Friction, bulk ratio, thickness and the contact point (`offset`: contact begins so much deeper, F(d - offset)) move the
+curves; an estimate follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are
+the model's own where it gives them, else differences of runs with the input changed. `force` is an error common to all
+forces of a test; `mesh` is one too, its size the largest relative change that a mesh of half as many elements makes.
 """
 
-import inspect
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from indentfit.case import Mesh
 from indentfit.fem.simulate import Model
 
 UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
+EXACT = ("friction", "bulk_ratio", "offset")  # what the model differentiates by
 STEP = 0.05  # of an input, for differences
 FEWEST = 20  # elements of a mesh
 LEAST_FRICTION = 0.02  # its step where the friction is small
@@ -32,7 +32,7 @@ class Setting:
 
     def outputs(self, test):
         """Displacements of a test from the contact point, mm, (n,)."""
-        return self.case.outputs(test) + self.offset
+        return self.case.outputs(test) - self.offset
 
 
 def setting(case, point):
@@ -103,10 +103,7 @@ def value_of(case, name):
 def derivatives(case, parameters, name):
     """dF/d input of each test, (n,), mN per unit of the input, at these parameters."""
     material = case.material_class(**parameters)
-    kappa = case.material.bulk_modulus(material.shear_modulus)
-    if name == "offset":
-        return _by_displacement(case, material, kappa)
-    exact = _exact(case, material, kappa, name)
+    exact = _exact(case, material, name) if name in EXACT else None
     if exact is not None:
         return exact
     value = value_of(case, name)
@@ -131,29 +128,14 @@ def _forces(case, material):
     return [model.run(material, kappa, test.angle, case.outputs(test), test.name).force for test in case.tests]
 
 
-def _exact(case, material, kappa, name):
+def _exact(case, material, name):
     """The model's own sensitivities, or None where it has none."""
-    if "sensitivities" not in inspect.signature(Model.run).parameters:
-        return None
-    model, found = Model(case), []
+    kappa, model, found = case.material.bulk_modulus(material.shear_modulus), Model(case), []
     for test in case.tests:
         run = model.run(material, kappa, test.angle, case.outputs(test), test.name, sensitivities=(name,))
-        if name not in (run.sensitivities or {}) or not np.isfinite(run.sensitivities[name]).all():
+        if not run.sensitivities or not np.isfinite(run.sensitivities[name]).all():
             return None
         found.append(run.sensitivities[name])
-    return found
-
-
-def _by_displacement(case, material, kappa):
-    """A contact point that lies deeper by so much leaves the sample pressed deeper by as much."""
-    model, found = Model(case), []
-    for test in case.tests:
-        depths = case.outputs(test)
-        step = 1e-2 * depths[-1]
-        around = np.unique(np.concatenate([depths, np.maximum(depths - step, 0.2 * depths), depths + step]))
-        force = model.run(material, kappa, test.angle, around, test.name).force
-        low = np.maximum(depths - step, 0.2 * depths)
-        found.append((np.interp(depths + step, around, force) - np.interp(low, around, force)) / (depths + step - low))
     return found
 
 

@@ -1,4 +1,4 @@
-"""The local searches: scipy's least squares under the sum of squares, and Gauss-Newton under equation (1).
+"""The local searches: Gauss-Newton under the sum of squares, and under equation (1).
 
 Both work in units of the parameters' ranges, with the derivatives of `derivatives`.
 """
@@ -9,12 +9,10 @@ import numpy as np
 import scipy.optimize
 
 from indentfit.inverse.derivatives import Underivable, brings_sensitivities, derivatives, evaluate, last_cause
-from indentfit.inverse.objective import Candidate, equation_one, misfit
+from indentfit.inverse.objective import Candidate, equation_one, misfit, sum_of_squares
 
 RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
 EVALUATIONS = 40  # at most, of the curves; their derivatives not counted
-ENDS = {1: "the gradient vanished", 2: "the sum of squares stood still", 3: "the steps became small",
-        4: "the sum of squares stood still and the steps became small"}  # fmt: skip
 STEPS_OF_POLISH = 20
 WIDEST = 0.5  # of the ranges: the first trust region of the polish
 SHORTEST = 1e-4  # of the ranges: a shorter step is no step
@@ -33,32 +31,34 @@ class Optimum:
 
 
 def least_squares(problem, pool, start, tolerance=1e-6, progress=None):
-    """Optimum of the sum of w RMSE^2 from `start` (name -> value), by scipy's dogleg within the bounds,
-    which reaches a bound in one step where its other methods creep up to it.
+    """Optimum of the sum of w RMSE^2 from `start` (name -> value), by Gauss-Newton within bounds and a trust region.
 
-    progress: called with (share, note). A failed run shortens the step; a failed start or derivative ends the search.
+    The scale parameter follows every step exactly (variable projection, Golub and Pereyra 1973): a narrow valley between it
+    and the others, along which other methods creep, is then none. progress: called with (share, note). A failed run shortens
+    the step; a failed start or derivative ends the search.
     """
     course = _Course(problem, pool, progress)
-    first = course.candidate(problem.units(start))
-    if first is None:
+    best = course.candidate(problem.units(start))
+    if best is None:
         return Optimum(None, None, False, f"the mechanics failed at the start values: {last_cause(pool)}", [])
+    radius, message, success = WIDEST, f"still moving after {EVALUATIONS} evaluations", False
+    nothing = RESOLVED**2 * sum_of_squares(problem.tests, [0 * force for force in best.forces])
     try:
-        found = scipy.optimize.least_squares(
-            course.residuals,
-            problem.units(first.parameters),
-            course.jacobian,
-            bounds=(0, 1),
-            method="dogbox",
-            ftol=tolerance,
-            xtol=SHORTEST,
-            gtol=1e-12,
-            max_nfev=EVALUATIONS,
-        )
-        slopes = course.derivatives(found.x)
+        for _ in range(EVALUATIONS):
+            x = problem.units(best.parameters)
+            step, promised = _step_of_squares(problem, best, course.derivatives(x), x, radius)
+            if promised <= max(tolerance * best.sum_of_squares, nothing) or np.abs(step).max() < SHORTEST:
+                message, success = "no step would lower the sum of squares", True
+                break
+            trial = course.candidate(np.clip(x + step, 0, 1))
+            trial = trial and _with_best_scale(problem, trial)
+            gain = best.sum_of_squares - trial.sum_of_squares if trial else -np.inf
+            length = np.abs(step).max()
+            radius = max(radius, 2 * length) if gain > 0.25 * promised else length / (2 if trial else 4)
+            best = trial if gain > 0 else best
+        return Optimum(best, course.derivatives(problem.units(best.parameters)), success, message, course.history)
     except Underivable as failure:
-        return Optimum(course.best, None, False, str(failure), course.history)
-    message = ENDS.get(found.status, f"still moving after {EVALUATIONS} evaluations")
-    return Optimum(course.best, slopes, found.status > 0, message, course.history)
+        return Optimum(best, None, False, str(failure), course.history)
 
 
 def multi_start(problem, pool, starts, searches, tolerance=1e-6, progress=None):
@@ -117,17 +117,6 @@ class _Course:
         self.best, self.history = best, []
         self.report = (lambda done, total: progress(self._share(), self._note())) if progress else None
 
-    def residuals(self, x):
-        """Misfits of all tests, shape (N,); NaN where the mechanics failed, which makes scipy shorten its step."""
-        candidate = self.candidate(x)
-        if candidate is None:
-            return np.full(sum(test.curve.force.size for test in self.problem.tests), np.nan)
-        return np.concatenate([misfit(t, f) for t, f in zip(self.problem.tests, candidate.forces, strict=True)])
-
-    def jacobian(self, x):
-        """Derivatives of the residuals, shape (N, n_free)."""
-        return stacked(self.problem.tests, self.derivatives(x))
-
     def candidate(self, x):
         """The Candidate at x, shape (n_free,), or None where the mechanics failed."""
         parameters = self.problem.parameters(x)
@@ -159,6 +148,30 @@ def stacked(tests, slopes):
     """Derivatives of the misfits of all tests, shape (N, n_free), from those of their curves."""
     weighted = [np.sqrt(t.weight / t.curve.force.size) * d for t, d in zip(tests, slopes, strict=True)]
     return np.concatenate(weighted)
+
+
+def _step_of_squares(problem, candidate, slopes, x, radius):
+    """The step that makes the sum of squares of the linearised curves least, and by how much, within bounds and radius."""
+    A = stacked(problem.tests, slopes)
+    b = -np.concatenate([misfit(t, f) for t, f in zip(problem.tests, candidate.forces, strict=True)])
+    low, high = np.minimum(np.maximum(-x, -radius), -1e-12), np.maximum(np.minimum(1 - x, radius), 1e-12)
+    if problem.scale:  # it follows by itself
+        n = list(problem.free).index(problem.scale)
+        low[n], high[n] = -x[n] - 1e-12, 1 - x[n] + 1e-12
+    step = scipy.optimize.lsq_linear(A, b, (low, high), tol=1e-14).x
+    return step, float(b @ b - np.sum((A @ step - b) ** 2))
+
+
+def _with_best_scale(problem, candidate):
+    """The Candidate at the scale that makes the sum of squares least, within its bounds."""
+    if not problem.scale:
+        return candidate
+    pairs = [(t.weight / len(f), f, t.curve.force) for t, f in zip(problem.tests, candidate.forces, strict=True)]
+    factor = sum(w * (f @ target) for w, f, target in pairs) / sum(w * (f @ f) for w, f, target in pairs)
+    bounds, value = problem.free[problem.scale], candidate.parameters[problem.scale]
+    scaled = float(np.clip(factor * value, bounds.min, bounds.max))
+    forces = [force * problem.reference / value for force in candidate.forces]
+    return problem.judge({**candidate.parameters, problem.scale: scaled}, forces)
 
 
 def _step(problem, candidate, slopes, x, radius):

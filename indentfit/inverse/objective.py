@@ -86,6 +86,7 @@ class Problem:
     free: dict[str, Range]
     scale: str | None
     reference: float = 1.0
+    differences: tuple[str, ...] = ()  # parameters that the model has no sensitivities of
 
     @property
     def searched(self):
@@ -148,7 +149,7 @@ def problem_of(case: Case) -> Problem:
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     tests = tuple(Target(test.name, curve, float(test.weight or 0.0)) for test, curve in curves)
     start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
-    return Problem(tests, start, case.fitted, *scale_of(case))
+    return Problem(tests, start, case.fitted, *scale_of(case), differences_of(case))
 
 
 def scale_of(case):
@@ -163,3 +164,9 @@ def scale_of(case):
         return None, 1.0
     bounds = case.free[name]
     return name, bounds.start if bounds.start > 0 else bounds.max
+
+
+def differences_of(case):
+    """The fitted parameters by which the model cannot be differentiated: all, where kappa does not go with the shear modulus,
+    as the model takes it to; otherwise the thickness."""
+    return tuple(case.fitted) if case.material.kappa is not None else tuple({"thickness"} & set(case.fit.uncertain.fitted))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.stats import qmc
 
+from indentfit.inverse.derivatives import given_by
 from indentfit.inverse.workers import Evaluation
 
 BETAS = (0.0, 3.0, 10.0, 30.0)
@@ -159,10 +160,10 @@ def _samples(problem, evaluations):
 
 
 def _slopes(problem, evaluation):
-    given = getattr(evaluation, "sensitivities", None)
-    if not given or not all(name in one for one in given for name in problem.searched):
+    if len(given_by(problem, evaluation)) < len(problem.searched):
         return None
-    return np.column_stack([np.concatenate([one[name] for one in given]) * problem.range(name) for name in problem.searched])
+    by_test = evaluation.sensitivities
+    return np.column_stack([np.concatenate([one[name] for one in by_test]) * problem.range(name) for name in problem.searched])
 
 
 def _fit_of_all(samples, d):

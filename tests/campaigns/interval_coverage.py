@@ -8,6 +8,9 @@ The noise does not hold the error of the mesh: fit.uncertain.mesh, 1 here unless
    and phi lie inside their intervals. All fits share one pool: a run that one of them needed helps the next.
 2. Noise draws at one parameter set, on the same mesh: coverage of least-squares fits, on the surrogate.
 
+Seen with --set mesh.elements=50 --other mesh.elements=90: other mesh mu 100 %, zeta 90 %, phi 100 % of 20 (without the mesh's error
+mu 60 %, zeta 90 %, phi 100 %); same mesh 96.0, 95.5 and 95.0 % of 200 draws.
+
 Prints a line per set and a summary; exit code 1 where mu or zeta is inside in less than 90 %, or a coverage is off by over 3 %.
 """
 
