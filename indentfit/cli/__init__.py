@@ -17,6 +17,9 @@ COMMANDS = {
     "validate": "Show every error of a case, or what it says.",
     "simulate": "Compute the curves of a case, and its stresses.",
     "fit": "Find the parameters that its curves ask for.",
+    "sweep": "Vary keys of a case: curves and ranked sensitivities.",
+    "mesh-check": "How exact a mesh is, and what that costs.",
+    "report": "Draw the report of a result folder again.",
     "materials": "List, describe or check materials.",
 }
 INTERRUPTED = 130
@@ -31,7 +34,7 @@ class Commands(click.Group):
     def get_command(self, ctx, name):
         if name not in COMMANDS:
             return None
-        return importlib.import_module(f"{__name__}.{name}").command
+        return importlib.import_module(f"{__name__}.{name.replace('-', '_')}").command
 
     def format_commands(self, ctx, formatter):
         with formatter.section("Commands"):
