@@ -9,6 +9,7 @@ from ..errors import ConvergenceError
 from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_json
 from ..study.kept import Kept, place_beside
 from ..study.sweep import sweep, variation
+from .mesh_check import aligned
 from .progress import progress
 
 
@@ -68,7 +69,7 @@ def _lines(result):
     for point in (result.base, *result.points):
         label = ", ".join(f"{key} = {value}" for key, value in point.values.items()) or "the case"
         rows.append([label, *_cells(point, result.tests)])
-    yield from _aligned(rows)
+    yield from aligned(rows)
     for point in (result.base, *result.points):
         if point.cause:
             yield f"failed    {', '.join(f'{k} = {v}' for k, v in point.values.items()) or 'the case'}: {point.cause}"
@@ -89,7 +90,7 @@ def _lines(result):
                     one.trend,
                 ]
             )
-        yield from _aligned(rows)
+        yield from aligned(rows)
 
 
 def _cells(point, tests):
@@ -101,9 +102,3 @@ def _cells(point, tests):
         for value, change in ((one.force, one.force_change), (one.stiffness, one.stiffness_change)):
             cells.append(f"{value:.3f}" + ("" if change is None else f" ({change:+.2%})"))
     return cells
-
-
-def _aligned(rows):
-    widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
-    for row in rows:
-        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()

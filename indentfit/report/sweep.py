@@ -9,7 +9,7 @@ from .vtu import file_names
 def write_tables(folder, result):
     """curves.csv, points.csv and sensitivities.csv of a study.sweep.Sweep."""
     keys = [one.key for one in result.variations]
-    _table(
+    table(
         folder / "curves.csv",
         ["point", *keys, "test", "displacement_mm", "force_mN"],
         (
@@ -20,7 +20,7 @@ def write_tables(folder, result):
         ),
     )
     measures = ("force", "stiffness", "force_change", "stiffness_change", "rmse")
-    _table(
+    table(
         folder / "points.csv",
         ["point", *keys, "test", "force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN", "cause"],
         (
@@ -33,7 +33,7 @@ def write_tables(folder, result):
     if result.sensitivities:
         names = ("key", "test", "force_span", "stiffness_span", "elasticity", "trend")
         rows = ([_given(getattr(one, name)) for name in names] for one in result.sensitivities)
-        _table(folder / "sensitivities.csv", names, rows)
+        table(folder / "sensitivities.csv", names, rows)
 
 
 def draw(folder, result):
@@ -81,7 +81,8 @@ def _draw_grid(folder, result):
     return [("grid", "Force at the last displacement over the grid.")]
 
 
-def _table(path, header, rows):
+def table(path, header, rows):
+    """Write one table as CSV."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(header)
