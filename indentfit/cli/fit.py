@@ -7,7 +7,7 @@ import click
 from ..case import read_case, require_fittable
 from ..errors import FitError
 from ..inverse.fit import fit
-from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
+from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
 from .progress import progress
 
 
@@ -43,15 +43,17 @@ def command(case, overrides, method, workers, seed, output, overwrite, as_json):
 
 def _write(path, overwrite, case, result):
     """The result folder; returns what its result.json holds."""
+    from ..report.html import write_report
     from ..report.plots import force_displacement  # matplotlib is slow to import
 
     measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
-        written = {**result.as_json(), "overrides": list(again)}
+        written = {**result.as_json(), "overrides": list(again), "case": case_facts(case)}
         write_json(folder / "result.json", written)
         write_curves(folder / "curves.csv", result.curves, measured)
         force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
+        write_report(folder)
     return written
 
 

@@ -7,7 +7,7 @@ import click
 from ..case import read_case
 from ..fem.fields import recover
 from ..fem.simulate import Model
-from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
+from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
 from ..report.text import simulation_lines
 from .progress import progress
 
@@ -53,17 +53,19 @@ def _simulated(model, material, case):
 
 def _write(path, overwrite, case, model, material, simulation, vtu):
     """The result folder: simulation.json, curves.csv, the figure, the case, and asked, the fields."""
+    from ..report.html import write_report
     from ..report.plots import force_displacement  # matplotlib is slow to import
 
     simulated = {test.name: test.curve for test in simulation.tests}
     measured = [(test.name, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
-        write_json(folder / "simulation.json", {**_origin(case, material, again), **simulation.as_json()})
+        write_json(folder / "simulation.json", {**_origin(case, material, again), **simulation.as_json(), "case": case_facts(case)})
         write_curves(folder / "curves.csv", simulated)
         force_displacement(measured, list(simulated.items()), folder / "force_displacement")
         if vtu:
             _write_fields(folder / "fields", case, model, material, simulation)
+        write_report(folder)
 
 
 def _origin(case, material, overrides):

@@ -1,12 +1,13 @@
 """`indentfit sweep`: what each key of a case does to its force curves."""
 
+import json
 from pathlib import Path
 
 import click
 
 from ..case import read_case
 from ..errors import ConvergenceError
-from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_json
+from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_json
 from ..study.kept import Kept, place_beside
 from ..study.sweep import sweep, variation
 from .mesh_check import aligned
@@ -51,14 +52,16 @@ def command(case, asked, grid, overrides, workers, output, overwrite, as_json):
 
 def _write(path, overwrite, case, result):
     """The result folder; returns what its result.json holds."""
-    from ..report.sweep import draw, write_tables  # matplotlib is slow to import
+    from ..report.html import write_report  # matplotlib is slow to import
+    from ..report.sweep import draw, write_tables
 
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
-        written = {**result.as_json(), "overrides": list(again)}
+        written = json.loads(json_text({**result.as_json(), "overrides": list(again), "case": case_facts(case)}))
         write_json(folder / "result.json", written)
-        write_tables(Path(folder), result)
-        draw(Path(folder), result)
+        write_tables(Path(folder), written)
+        draw(Path(folder), written)
+        write_report(folder)
     return written
 
 

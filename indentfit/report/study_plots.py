@@ -165,3 +165,38 @@ def _force_axes(axes, title):
     axes.set_ylabel("Force (mN)")
     axes.xaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
+
+
+def profile(label, values, objectives, best=None, interval=None):
+    """The least objective (mN) left when one parameter is held at each of some values."""
+    with matplotlib.rc_context(STYLE):
+        figure, (axes,) = _panels(1, width=COLUMN, height=0.7 * COLUMN)
+        order = np.argsort(values)
+        if interval and all(x is not None for x in interval):
+            axes.axvspan(*interval, color=COLOURS[4], alpha=0.3, linewidth=0)
+        axes.plot(np.array(values)[order], np.array(objectives)[order], color=COLOURS[0], marker="o", markerfacecolor="white")
+        if best is not None:
+            axes.axvline(best, color="0.3", linestyle=DASHES[2])
+        axes.set_xlabel(_label(label))
+        axes.set_ylabel("Best objective (mN)")
+    return figure
+
+
+def course(objectives, phases):
+    """The best objective (mN) after each step of a search; a marker for each phase."""
+    with matplotlib.rc_context(STYLE):
+        figure, (axes,) = _panels(1, width=COLUMN, height=0.7 * COLUMN)
+        at, values = np.arange(1, len(objectives) + 1), np.minimum.accumulate(objectives)
+        axes.plot(at, values, color="0.4", linewidth=0.8)
+        for phase, colour, marker in zip(dict.fromkeys(phases), itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):
+            mine = np.array([one == phase for one in phases])
+            axes.plot(at[mine], values[mine], marker, color=colour, markerfacecolor="white", label=_label(phase) or "step")
+        if values.min() > 0 and values[0] > 5 * values[-1]:
+            axes.set_yscale("log")
+        else:
+            axes.set_ylim(bottom=0)
+        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        axes.set_xlabel("Step of the search")
+        axes.set_ylabel("Best objective (mN)")
+        figure.legend(loc="outside upper left", ncols=3)
+    return figure

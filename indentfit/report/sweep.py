@@ -1,92 +1,100 @@
-"""The tables and figures of a sweep's result folder."""
+"""The tables and figures of a sweep's result folder, from what its result.json holds."""
 
 import csv
 
+from ..curve import Curve
 from . import study_plots
 from .vtu import file_names
 
+MEASURES = ("force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN")
+
 
 def write_tables(folder, result):
-    """curves.csv, points.csv and sensitivities.csv of a study.sweep.Sweep."""
-    keys = [one.key for one in result.variations]
+    """curves.csv, points.csv and sensitivities.csv of a sweep."""
+    keys, points = list(result["variations"]), [result["base"], *result["points"]]
     table(
         folder / "curves.csv",
         ["point", *keys, "test", "displacement_mm", "force_mN"],
         (
-            [n, *(point.values.get(key, "") for key in keys), name, d, F]
-            for n, point in enumerate((result.base, *result.points))
-            for name, one in (point.tests or {}).items()
-            for d, F in zip(one.curve.displacement.tolist(), one.curve.force.tolist(), strict=True)
+            [n, *(point["values"].get(key, "") for key in keys), name, d, F]
+            for n, point in enumerate(points)
+            for name, one in (point["tests"] or {}).items()
+            for d, F in zip(one["displacement_mm"], one["forces_mN"], strict=True)
         ),
     )
-    measures = ("force", "stiffness", "force_change", "stiffness_change", "rmse")
     table(
         folder / "points.csv",
-        ["point", *keys, "test", "force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN", "cause"],
+        ["point", *keys, "test", *MEASURES, "cause"],
         (
-            [n, *(point.values.get(key, "") for key in keys), name, *cells, point.cause or ""]
-            for n, point in enumerate((result.base, *result.points))
-            for name in result.tests
-            for cells in [[_given(getattr(point.tests[name], m)) if point.tests else "" for m in measures]]
+            [n, *(point["values"].get(key, "") for key in keys), name, *cells, point["cause"] or ""]
+            for n, point in enumerate(points)
+            for name in result["tests"]
+            for cells in [[_given(point["tests"] and point["tests"][name][measure]) for measure in MEASURES]]
         ),
     )
-    if result.sensitivities:
-        names = ("key", "test", "force_span", "stiffness_span", "elasticity", "trend")
-        rows = ([_given(getattr(one, name)) for name in names] for one in result.sensitivities)
-        table(folder / "sensitivities.csv", names, rows)
+    if result["sensitivities"]:
+        names = list(result["sensitivities"][0])
+        table(folder / "sensitivities.csv", names, ([_given(one[name]) for name in names] for one in result["sensitivities"]))
 
 
 def draw(folder, result):
-    """The figures: one for each key, and the ranking; or one of the grid. Returns [(file name, caption)]."""
-    if result.grid:
-        return _draw_grid(folder, result)
-    drawn = []
-    stems = file_names([one.key.replace(".", "-") for one in result.variations])
-    for one, stem in zip(result.variations, stems, strict=True):
-        mine = sorted((p for p in result.points if one.key in p.values), key=lambda p: p.numbers[one.key] or 0)
-        points = [
-            (point.values[one.key], {name: test.curve for name, test in point.tests.items()})
-            for point in mine
-            if point.tests is not None
-        ]
-        if result.base.tests is None or not points:
-            continue
-        own = (_own(result.own[one.key]), {name: test.curve for name, test in result.base.tests.items()})
-        study_plots.curves_by_value(one.key, result.tests, own, points, folder / f"sweep-{stem}")
-        drawn.append((f"sweep-{stem}", f"Force against displacement at each value of {one.key}."))
-    if result.sensitivities:
-        rows = [(one.key, one.test, one.force_span) for one in result.sensitivities]
-        study_plots.ranked(rows, result.tests, folder / "sensitivities")
-        drawn.append(("sensitivities", "Keys by the spread of the force at the last displacement over their values."))
-    return drawn
+    """Save the figures: one for each key, and the ranking; or one of the grid."""
+    if result["grid"]:
+        grid_figure(result, result["tests"], folder / "grid")
+        return
+    stems = file_names([key.replace(".", "-") for key in result["variations"]])
+    for key, stem in zip(result["variations"], stems, strict=True):
+        key_figure(result, key, result["tests"], folder / f"sweep-{stem}")
+    ranking_figure(result, folder / "sensitivities")
 
 
-def _own(value):
-    return "default" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+def key_figure(result, key, tests, path=None):
+    """Curves at each value of a key, a panel for each test (name -> angle); None where there is nothing to draw."""
+    mine = sorted((p for p in result["points"] if key in p["values"] and p["tests"]), key=lambda p: p["numbers"][key] or 0)
+    if not result["base"]["tests"] or not mine:
+        return None
+    points = [(point["values"][key], _curves(point)) for point in mine]
+    return study_plots.curves_by_value(key, tests, (own_words(result, key), _curves(result["base"])), points, path)
 
 
-def _draw_grid(folder, result):
-    keys = [one.key for one in result.variations]
+def ranking_figure(result, path=None):
+    """Keys by what they do; None where there is nothing to rank."""
+    rows = [(one["key"], one["test"], one["force_span"]) for one in result["sensitivities"]]
+    return study_plots.ranked(rows, result["tests"], path) if rows else None
+
+
+def grid_figure(result, tests, path=None):
+    """Last forces over the grid; None where every point failed."""
+    keys = list(result["variations"])
     points = [
         (
-            [point.values[key] for key in keys],
-            [point.numbers[key] for key in keys],
-            point.tests and {name: one.force for name, one in point.tests.items()},
+            [point["values"][key] for key in keys],
+            [point["numbers"][key] for key in keys],
+            point["tests"] and {name: one["force_mN"] for name, one in point["tests"].items()},
         )
-        for point in result.points
+        for point in result["points"]
     ]
     if all(forces is None for *_, forces in points):
-        return []
-    study_plots.forces_on_grid(keys, points, result.tests, folder / "grid")
-    return [("grid", "Force at the last displacement over the grid.")]
+        return None
+    return study_plots.forces_on_grid(keys, points, tests, path)
+
+
+def own_words(result, key):
+    """The case's own value of a key."""
+    value = result["own"][key]
+    return "default" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def table(path, header, rows):
     """Write one table as CSV."""
     with open(path, "w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(header)
-        table.writerows(rows)
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def _curves(point):
+    return {name: Curve(one["displacement_mm"], one["forces_mN"]) for name, one in point["tests"].items()}
 
 
 def _given(value):
