@@ -5,7 +5,8 @@ from pathlib import Path
 import click
 
 from ..case import read_case, require_fittable
-from ..errors import FitError
+from ..errors import ConvergenceError, FitError
+from ..fem.simulate import Model
 from ..inverse.fit import fit
 from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
 from .progress import progress
@@ -19,8 +20,9 @@ from .progress import progress
 @click.option("--seed", type=int, metavar="N", help="The same as --set fit.seed=N")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-result.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
+@click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, overrides, method, workers, seed, output, overwrite, as_json):
+def command(case, overrides, method, workers, seed, output, overwrite, no_fields, as_json):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
@@ -35,13 +37,13 @@ def command(case, overrides, method, workers, seed, output, overwrite, as_json):
         click.echo(f"warning: {warning}", err=True)
     with progress("fit", total=1) as step:
         result = fit(read, step)
-    written = _write(output, overwrite, read, result)
+    written = _write(output, overwrite, read, result, not no_fields)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result), f"written   {output}"]))
     if not result.success:
         raise FitError(f"the fit did not converge: {result.message}; its result is in {output}")
 
 
-def _write(path, overwrite, case, result):
+def _write(path, overwrite, case, result, fields):
     """The result folder; returns what its result.json holds."""
     from ..report.html import write_report
     from ..report.plots import force_displacement  # matplotlib is slow to import
@@ -53,8 +55,24 @@ def _write(path, overwrite, case, result):
         write_json(folder / "result.json", written)
         write_curves(folder / "curves.csv", result.curves, measured)
         force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
+        if fields and result.objective is not None:
+            _write_fields(Path(folder) / "fields", case, result)
         write_report(folder)
     return written
+
+
+def _write_fields(folder, case, result):
+    """The stresses at the optimum, by one more run; a fit does not fail for want of them."""
+    from ..report.fields import write_fields
+
+    material = case.material_class(**{name: one["value"] for name, one in result.parameters.items()})
+    model = Model(case)
+    try:
+        simulation = model.simulate(material, case)
+    except ConvergenceError as error:
+        click.echo(f"warning: no stress pictures: {error}", err=True)
+        return
+    write_fields(folder, model, material, case.material.bulk_modulus(material.shear_modulus), simulation.tests)
 
 
 def _lines(case, result):

@@ -26,7 +26,7 @@ class TestResult:
 
     penalty_error: share of the last force that the contact penalty takes away; edge_slip: largest motion of the material
     under a sharp edge away from it, as a share of the indenter's half-width (0 where the edge is rounded);
-    fields: the last equilibrium, for stresses and files (fem.fields).
+    last: the last equilibrium, path: all of them, for stresses and files (fem.fields).
     """
 
     __test__ = False  # not a test of pytest's
@@ -37,6 +37,7 @@ class TestResult:
     force: np.ndarray
     facts: dict = field(default_factory=dict)
     last: object = field(default=None, repr=False)
+    path: tuple = field(default=(), repr=False)
 
     @property
     def curve(self):
@@ -144,7 +145,7 @@ class Model:
             "slipping": float(path[-1].touch.slipping.mean()),
         }
         force = QUARTERS * interpolate(path, depths, self._starts_smoothly())
-        return TestResult(name, angle, depths, force, facts, path[-1])
+        return TestResult(name, angle, depths, force, facts, path[-1], tuple(path))
 
     def stiffness(self, material, kappa, angle):
         """Small-strain stiffness of the full sample, mN/mm, under a flat indenter that slips freely or sticks."""

@@ -8,7 +8,10 @@ from . import plots, study_plots
 from .html_case import again_section, case_words, number, percent, tests_table
 from .page import Figures, Lines, Page, Section, Table, Text, drawn, image
 
-STRESSES = "Cauchy stresses at the last displacement, averaged at the nodes; at a sharp edge they grow without limit as the mesh is refined."
+STRESSES = (
+    "Cauchy stresses at the last displacement, averaged at the nodes; at a sharp edge they grow without limit as the mesh is "
+    "refined."
+)
 
 
 def fit_page(folder, result):
@@ -79,10 +82,24 @@ def stress_sections(folder):
     parts = [Figures(figures), Text(STRESSES)]
     for peaks in listed["peaks"]:
         rows = tuple(
-            (one["component"], number(one["largest"]), number(one["smallest"]), number(one["magnitude"]), one["place"])
+            (
+                one["component"],
+                number(one["largest"]),
+                number(one["smallest"]),
+                number(one["magnitude"]),
+                number(one["usual"]),
+                one["place"],
+            )
             for one in peaks["rows"]
         )
-        header = ("Component", "Largest (kPa)", "Smallest (kPa)", "Largest magnitude (kPa)", "Where, undeformed x, y, z (mm)")
+        header = (
+            "Component",
+            "Largest (kPa)",
+            "Smallest (kPa)",
+            "Largest magnitude (kPa)",
+            "Exceeded at 1 % of nodes (kPa)",
+            "Where, undeformed x, y, z (mm)",
+        )
         parts += [Table(f"Peak stresses, {peaks['test']} ({peaks['angle']}°)", header, rows), Text(peaks["words"])]
     return [Section("stresses", "Displacements and stresses", tuple(parts))]
 
@@ -141,7 +158,10 @@ def _parameters(result):
     return Section(
         "parameters",
         "Parameters",
-        (Table("Parameters, their errors, and what these say", header, tuple(rows)), *(Text(note) for note in result["notes"])),
+        (
+            Table("Parameters, their errors, and what these say", header, tuple(rows)),
+            *(Text(f"{note[:1].upper()}{note[1:]}.") for note in result["notes"]),
+        ),
     )
 
 
@@ -302,9 +322,9 @@ def _alt_of_curves(simulated):
 
 def _alt_of_fit(result, measured, simulated):
     given = dict(measured)
-    words = [
-        f"{name}: measured {given[name].force[-1]:.3g} mN and fitted {curve.force[-1]:.3g} mN at {curve.displacement[-1]:.3g} mm, RMSE {number(result['rmse'].get(name), 3)} mN"
-        for name, curve in simulated
-        if name in given
-    ]
+    words = []
+    for name, curve in simulated:
+        if name in given:
+            ends = f"measured {given[name].force[-1]:.3g} mN and fitted {curve.force[-1]:.3g} mN at {curve.displacement[-1]:.3g} mm"
+            words.append(f"{name}: {ends}, RMSE {number(result['rmse'].get(name), 3)} mN")
     return f"Measured and fitted force against displacement. {'; '.join(words)}"

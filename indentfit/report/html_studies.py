@@ -34,6 +34,11 @@ def mesh_check_page(folder, result):
     return Page(result["title"] or "Mesh check", "Convergence of the mesh", headline, lead, good, tuple(sections))
 
 
+ELASTICITY = (
+    "Elasticity: relative change of the force by a relative change of the value. Stiffness: slope of the line fitted to a curve."
+)
+
+
 # ---- sweep -------------------------------------------------------------------------------------------------------
 
 
@@ -84,18 +89,15 @@ def _keys(result):
         caption = "Keys by the spread of the force at the last displacement over their values."
         figure = ranking_figure(result)
         parts = [Figures((drawn(figure, caption, alt),)), Table("Sensitivities, the strongest key first", header, rows)]
-        parts.append(
-            Text(
-                "Elasticity: relative change of the force by a relative change of the value. Stiffness: slope of the line fitted to a curve."
-            )
-        )
+        parts.append(Text(ELASTICITY))
     for key in result["variations"]:
         figures = []
         for name, angle in result["tests"].items():
             figure = key_figure(result, key, {name: angle})
             if figure is None:
                 continue
-            caption = f"Force against displacement of {name} ({angle}°) at each value of {key}; the case itself has {own_words(result, key)}."
+            own = own_words(result, key)
+            caption = f"Force against displacement of {name} ({angle}°) at each value of {key}; the case itself has {own}."
             figures.append(drawn(figure, caption, _alt(result, key, name)))
         parts.append(Figures(tuple(figures)))
     return Section("keys", "What each key does", tuple(parts))
@@ -172,7 +174,8 @@ def _meshes(result):
     figure = cost_figure(result)
     if figure is not None:
         done = [one for one in result["meshes"] if one["forces"]]
-        alt = f"From {done[0]['elements']} to {done[-1]['elements']} elements the processor time goes from {number(done[0]['cpu_seconds'], 2)} to {number(done[-1]['cpu_seconds'], 2)} s"
+        times = f"{number(done[0]['cpu_seconds'], 2)} to {number(done[-1]['cpu_seconds'], 2)} s"
+        alt = f"From {done[0]['elements']} to {done[-1]['elements']} elements the processor time goes from {times}"
         parts.append(Figures((drawn(figure, "What is computed on each mesh, and the processor time that it takes.", alt),)))
     return Section("meshes", "The meshes and their cost", tuple(parts))
 
@@ -191,8 +194,10 @@ def _errors(result):
         rows.append((*row, _index(index)))
         figure = convergence_figure([one])
         if figure is not None:
-            alt = f"{one['kind']} of {one['test']} from {number(one['values'][0])} to {number(one['values'][-1])} {unit} as the mesh is refined"
-            caption = f"{one['kind'].capitalize()} of {one['test']} against element size, the fitted approach to zero size, and the band of the finest mesh."
+            ends = f"{number(one['values'][0])} to {number(one['values'][-1])} {unit}"
+            alt = f"{one['kind']} of {one['test']} from {ends} as the mesh is refined"
+            what = f"{one['kind'].capitalize()} of {one['test']} against element size"
+            caption = f"{what}, the fitted approach to zero size, and the band of the finest mesh."
             figures.append(drawn(figure, caption, alt))
     header = (
         "Test",

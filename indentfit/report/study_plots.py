@@ -193,6 +193,8 @@ def course(objectives, phases):
             axes.plot(at[mine], values[mine], marker, color=colour, markerfacecolor="white", label=_label(phase) or "step")
         if values.min() > 0 and values[0] > 5 * values[-1]:
             axes.set_yscale("log")
+            for part in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+                part(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "125" else ""))
         else:
             axes.set_ylim(bottom=0)
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
