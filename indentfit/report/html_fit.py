@@ -137,9 +137,9 @@ def _what(result):
 def _parameters(result):
     rows = []
     for name, one in result["parameters"].items():
-        value = number(one["value"], 5)
+        value, unit = number(one["value"], 5), _unit(one["unit"]) or "–"
         if one["fixed"]:
-            rows.append((name, value, "–", "–", one["unit"], "–", "fixed"))
+            rows.append((name, value, unit, "–", "fixed", "–", "–"))
             continue
         interval = one["interval"] and " to ".join(number(x) for x in one["interval"])
         bounds = f"{number(one['min'])} to {number(one['max'])}"
@@ -147,14 +147,14 @@ def _parameters(result):
             (
                 name,
                 value,
-                number(one["stderr"], 2) if one["stderr"] is not None else "unknown",
+                unit,
                 interval or "unknown",
-                one["unit"],
-                bounds,
                 one["verdict"],
+                number(one["stderr"], 2) if one["stderr"] is not None else "unknown",
+                bounds,
             )
         )
-    header = ("Parameter", "Value", "Standard error", "95 % interval", "Unit", "Searched", "Verdict")
+    header = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Standard error", "Searched")
     return Section(
         "parameters",
         "Parameters",

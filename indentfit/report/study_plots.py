@@ -6,14 +6,14 @@ import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from .plots import TICKS, _from_origin, _label, save
 from .style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 
 WIDE = 2 * COLUMN  # both columns of a journal
 MOST_CURVES = 14  # in one panel: more cannot be told apart
-RAMP = "cividis"  # even in lightness, for the colour-blind too
+RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; not paler than can be seen
 
 
 def curves_by_value(key, tests, own, points, path):
@@ -23,7 +23,7 @@ def curves_by_value(key, tests, own, points, path):
     path.svg and path.png and returns the figure.
     """
     shown = [points[n] for n in np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).astype(int))]
-    ramp = matplotlib.colormaps[RAMP](np.linspace(0.0, 0.85, len(shown)))
+    ramp = matplotlib.colormaps[RAMP](np.linspace(DARKEST, LIGHTEST, len(shown)))
     with matplotlib.rc_context(STYLE):
         figure, panels = _panels(len(tests))
         for axes, (name, angle) in zip(panels, tests.items(), strict=True):
@@ -32,7 +32,8 @@ def curves_by_value(key, tests, own, points, path):
                 axes.plot(*_from_origin(curves[name]), color=colour, linestyle=dashes, label=_label(value))
             _force_axes(axes, f"{name} ({angle}°)")
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, title=_label(key), handlelength=3.2)
+        columns = 4 if len(tests) > 1 else 2
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=_label(key), handlelength=3.2)
         save(figure, path)
     return figure
 
@@ -41,7 +42,7 @@ def ranked(rows, tests, path):
     """Spread of the last force over each key's values, the largest above, a bar for each test (`rows`: (key, test, share))."""
     keys = list(dict.fromkeys(key for key, _, _ in rows))
     with matplotlib.rc_context(STYLE):
-        figure, (axes,) = _panels(1, width=1.3 * COLUMN, height=0.5 + 0.28 * (1 + len(keys)) * max(1, len(tests) / 2))
+        figure, (axes,) = _panels(1, width=1.1 * COLUMN, height=0.9 + 0.3 * len(keys) * max(1, len(tests) / 2))
         thick = 0.8 / len(tests)
         for n, name in enumerate(tests):
             found = {key: share for key, test, share in rows if test == name}
@@ -57,7 +58,7 @@ def ranked(rows, tests, path):
         axes.margins(x=0.12)
         axes.set_xlabel("Spread of the force at the last displacement (% of the case's)")
         axes.tick_params(axis="y", length=0)
-        figure.legend(loc="outside upper left", ncols=2)
+        figure.legend(loc="outside upper left", ncols=1)
         save(figure, path)
     return figure
 
@@ -114,7 +115,7 @@ def mesh_convergence(families, path):
             axes.set_ylabel(label)
             axes.yaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        figure.legend(handles, labels, loc="outside lower center", ncols=3 if len(families) > 1 else 1)
         save(figure, path)
     return figure
 
@@ -126,7 +127,7 @@ def error_and_cost(h, errors, seconds, path):
     """
     label, series = errors
     with matplotlib.rc_context(STYLE):
-        figure, (axes,) = _panels(1, width=1.3 * COLUMN, height=0.85 * COLUMN)
+        figure, (axes,) = _panels(1, width=COLUMN, height=0.85 * COLUMN)
         cost = axes.twinx()
         cost.spines["right"].set_visible(True)
         order = np.argsort(h)
@@ -136,6 +137,7 @@ def error_and_cost(h, errors, seconds, path):
         cost.set_yscale("log")
         cost.set_ylabel("CPU time (s)")
         cost.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        cost.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         cost.yaxis.set_minor_formatter(NullFormatter())
         cost.yaxis.set_minor_locator(NullLocator())
         axes.set_ylim(bottom=0)
@@ -148,7 +150,7 @@ def error_and_cost(h, errors, seconds, path):
 
 def _panels(number, rows=1, width=None, height=None):
     columns = -(-number // rows)
-    width = width or (WIDE if columns > 1 else 1.2 * COLUMN)
+    width = width or (WIDE if columns > 1 else COLUMN)
     figure = Figure(figsize=(width, height or (0.3 + 0.72 * COLUMN * rows)), layout="constrained")
     FigureCanvasAgg(figure)
     panels = list(figure.subplots(rows, columns, squeeze=False).ravel())

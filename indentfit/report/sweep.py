@@ -50,7 +50,7 @@ def draw(folder, result):
 
 def key_figure(result, key, tests, path=None):
     """Curves at each value of a key, a panel for each test (name -> angle); None where there is nothing to draw."""
-    mine = sorted((p for p in result["points"] if key in p["values"] and p["tests"]), key=lambda p: p["numbers"][key] or 0)
+    mine = sorted((p for p in result["points"] if key in p["values"] and p["tests"]), key=lambda p: _place(p["numbers"][key]))
     if not result["base"]["tests"] or not mine:
         return None
     points = [(point["values"][key], _curves(point)) for point in mine]
@@ -91,6 +91,11 @@ def table(path, header, rows):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
+
+
+def _place(number):
+    """Numbers in their order, words behind them."""
+    return float("inf") if number is None else number
 
 
 def _curves(point):
