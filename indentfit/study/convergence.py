@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.stats import f as fisher
 
-SMALLEST_ORDER, LARGEST_ORDER = 0.5, 2.0  # outside of these an observed order is not believed (Eca and Hoekstra)
+SMALLEST_ORDER, LARGEST_ORDER = 0.5, 2.1  # outside of these an observed order is not believed (Eca and Hoekstra)
 RELIABLE, UNRELIABLE = 1.25, 3.0  # safety factors
 SEARCHED = (0.05, 8.0)  # orders
 
@@ -135,7 +135,7 @@ def _interval(h, f):
     weights = h.size / h / np.sum(1 / h)
     freedom = max(h.size - 3, 1)
     fits = []
-    for p in np.linspace(SMALLEST_ORDER, LARGEST_ORDER, 61):
+    for p in np.linspace(SMALLEST_ORDER, LARGEST_ORDER, 65):
         columns = np.column_stack([np.ones_like(h), h**p]) * np.sqrt(weights)[:, None]
         solution = np.linalg.lstsq(columns, f * np.sqrt(weights), rcond=None)[0]
         squares = np.sum((f * np.sqrt(weights) - columns @ solution) ** 2)

@@ -46,12 +46,12 @@ CHECKS = {
 class Measured:
     """The tests of a case on one mesh: what they gave, and what they cost; `cause` instead of forces where they failed.
 
-    h: mm; forces: mN, an array (n,) for each test; cpu_seconds: of all tests, without the set-up; memory: peak, bytes.
+    h: mm, None where it failed; forces: mN, an array (n,) for each test; cpu_seconds: of all tests, without the set-up; memory: peak, bytes.
     """
 
     elements: int
     dofs: int
-    h: float
+    h: float | None
     forces: tuple[np.ndarray, ...] | None
     newton_iterations: int
     factorizations: int
@@ -238,7 +238,7 @@ def _measured_or_cause(case):
         cause = DIED if isinstance(error, Died) else " ".join(str(error).split())
         nothing = dict.fromkeys(("newton_iterations", "factorizations", "loose_steps", "memory"), 0)
         return {
-            "elements": elements, "dofs": dofs, "h": float("inf"), "forces": None, **nothing, "penalty_error": 0.0,
+            "elements": elements, "dofs": dofs, "h": None, "forces": None, **nothing, "penalty_error": 0.0,
             "cpu_seconds": 0.0, "setup_seconds": 0.0, "cause": cause,
         }  # fmt: skip
 
