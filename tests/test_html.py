@@ -135,11 +135,19 @@ def test_optional_parts_of_a_fit_are_shown_where_a_result_has_them(pages, tmp_pa
     result = json.loads((folder / "result.json").read_text())
     (tmp_path / "curves.csv").write_bytes((folder / "curves.csv").read_bytes())
     values = np.linspace(0.8, 1.4, 7)
-    result["profiles"] = {"mu": {"values": values.tolist(), "objective": (0.2 + (values - 1.1) ** 2).tolist()}}
-    result["tests_alone"] = {"perpendicular": {"mu": {"value": 1.1, "stderr": 0.2, "verdict": "weakly determined (+-40 %)"}}}
+    runs = [{"value": 0.9, "chi2": 4.1, "predicted": 4.0}, {"value": 1.3, "chi2": None, "predicted": 4.0}]
+    profile = {"values": values.tolist(), "chi2": (100 * (values - 1.1) ** 2).tolist(), "limit": 4.0, "interval": [0.9, 1.3]}
+    result["profiles"] = {"mu": {**profile, "confirmed": runs}}
+    alone = {"value": 1.1, "interval": [0.7, 1.5], "verdict": "weakly determined (+-40 %)"}
+    result["tests_alone"] = {EVIL: {"rmse": 0.1, "confirmed_rmse": 0.1, "parameters": {"mu": alone}}}
+    result["summary"] = ["determined by this curve: mu (0.9 to 1.3)"]
+    result["uncertain"] = {"inputs": {"friction": {"value": 0.5, "sd": 0.1, "share": {"mu": 0.25}}}}
+    result["rivals"] = [{"parameters": {"mu": 2.0}, "objective": 0.9}]
     (tmp_path / "result.json").write_text(json.dumps(result))
     text = write_report(tmp_path).read_text()
-    assert "Profile of mu" in text and "weakly determined (+-40 %)" in text
+    for words in ("Profile of mu", "weakly determined (+-40 %)", "Determined by this curve", "25 %", "Other optima"):
+        assert words in text
+    assert EVIL not in text
     del result["case"]  # a result of before the page
     (tmp_path / "result.json").write_text(json.dumps(result))
     assert "Profile of mu" in write_report(tmp_path).read_text()

@@ -202,6 +202,8 @@ def read_fitted(path):
 
 def _identifiability(result):
     free, parts = result["free"], []
+    if result.get("summary"):
+        parts.append(Lines(tuple(f"{one[:1].upper()}{one[1:]}" for one in result["summary"])))
     if result["correlation"] and len(free) > 1:
         rows = tuple((name, *(number(x, 2) for x in row)) for name, row in zip(free, result["correlation"], strict=True))
         parts.append(Table("Correlation of the parameters' errors; near 1 or -1, only a combination is known", ("", *free), rows))
@@ -214,39 +216,59 @@ def _identifiability(result):
         parts.append(
             Table("What the curves see, from most to least: change of the misfit by a relative change of parameters", header, rows)
         )
-    parts += _profiles(result) + _tests_alone(result)
+    parts += _profiles(result) + _tests_alone(result) + _uncertain(result)
     if not parts:
         parts = [Text("Not known: the fit stopped before the errors of its parameters were found.", warning=True)]
     return Section("identifiability", "What the curves determine", tuple(parts))
 
 
 def _profiles(result):
-    """Figures of the profiles, where a result has them: name -> {"values": [...], "objective": [...]}."""
+    """Figures of the profiles, where a result has them: name -> values, chi2, limit, interval, confirmed."""
     figures = []
     for name, one in (result.get("profiles") or {}).items():
-        values, objectives = one.get("values"), one.get("objective") or one.get("sum_of_squares")
-        if not values or not objectives:
+        if not one.get("values") or name not in result["parameters"]:
             continue
-        best = result["parameters"].get(name, {})
-        figure = study_plots.profile(
-            f"{name}{_unit(best.get('unit', ''), ' (', ')')}", values, objectives, best.get("value"), one.get("interval")
+        best = result["parameters"][name]
+        figure = study_plots.profile(f"{name}{_unit(best['unit'], ' (', ')')}", one, best["value"])
+        alt = f"Profile of {name}, least at {number(best['value'])}, its 95 % interval {_between(one['interval'])}"
+        caption = (
+            f"Profile of {name}: χ² above its least when {name} is held at a value and the others are fitted again; shaded: 95 %."
         )
-        alt = f"Profile of {name}: least objective at values from {number(min(values))} to {number(max(values))}"
-        figures.append(drawn(figure, f"Profile of {name}: the best objective that is left when it is held at a value.", alt))
+        figures.append(drawn(figure, caption, alt))
     return [Figures(tuple(figures))] if figures else []
 
 
 def _tests_alone(result):
-    """What each test alone would determine, where a result has it: test -> parameter -> {"value", "stderr", "verdict"}."""
+    """What each test alone would determine, where a result has it: test -> rmse, parameters (value, interval, verdict)."""
     rows = []
     for test, found in (result.get("tests_alone") or {}).items():
-        for name, one in (found.get("parameters", found) or {}).items():
-            if isinstance(one, dict):
-                rows.append((test, name, number(one.get("value")), number(one.get("stderr"), 2), str(one.get("verdict", "–"))))
+        for name, one in found["parameters"].items():
+            rows.append((test, name, number(one["value"]), _between(one["interval"]), one.get("verdict", "–")))
     if not rows:
         return []
-    header = ("Curves", "Parameter", "Value", "Standard error", "Verdict")
-    return [Table("What each test alone would have determined", header, tuple(rows))]
+    for name in result["free"]:
+        one = result["parameters"][name]
+        rows.append(("all together", name, number(one["value"]), _between(one["interval"]), one["verdict"]))
+    header = ("Curves", "Parameter", "Value", "95 % interval", "Verdict")
+    return [Table("What each test alone determines, and all together", header, tuple(rows))]
+
+
+def _between(interval):
+    return "unknown" if interval is None else " to ".join(number(x) for x in interval)
+
+
+def _uncertain(result):
+    """Inputs that are not known exactly, where a result has them: their share of each parameter's variance."""
+    inputs = (result.get("uncertain") or {}).get("inputs")
+    if not inputs:
+        return []
+    free = result["free"]
+    rows = tuple(
+        (name, number(one["value"]), number(one["sd"]), *(percent(one["share"].get(key), 2) for key in free))
+        for name, one in inputs.items()
+    )
+    header = ("Input", "Value", "Standard deviation", *(f"Share of {name}" for name in free))
+    return [Table("What uncertain inputs make of each parameter's variance", header, rows)]
 
 
 def _search(result):
@@ -259,6 +281,13 @@ def _search(result):
             f"The objective falls from {number(steps[0]['objective'])} to {number(steps[-1]['objective'])} mN in {len(steps)} steps"
         )
         parts.append(Figures((drawn(figure, caption, alt),)))
+    rivals = result.get("rivals") or []
+    if rivals:
+        rows = tuple(
+            (str(n), *(number(one["parameters"][k]) for k in result["free"]), number(one["objective"]))
+            for n, one in enumerate(rivals, 1)
+        )
+        parts.append(Table("Other optima that were found", ("Number", *result["free"], "Objective (mN)"), rows))
     failures = result["failures"]
     if failures:
         rows = tuple(

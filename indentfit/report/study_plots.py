@@ -169,18 +169,25 @@ def _force_axes(axes, title):
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
 
 
-def profile(label, values, objectives, best=None, interval=None):
-    """The least objective (mN) left when one parameter is held at each of some values."""
+def profile(label, found, best):
+    """A profile likelihood: chi2 above its least against a parameter's value, the limit of 95 % and its interval, and runs.
+
+    found: values, chi2, limit (or None), interval, confirmed (rows of value and chi2).
+    """
     with matplotlib.rc_context(STYLE):
-        figure, (axes,) = _panels(1, width=COLUMN, height=0.7 * COLUMN)
-        order = np.argsort(values)
-        if interval and all(x is not None for x in interval):
-            axes.axvspan(*interval, color=COLOURS[4], alpha=0.3, linewidth=0)
-        axes.plot(np.array(values)[order], np.array(objectives)[order], color=COLOURS[0], marker="o", markerfacecolor="white")
-        if best is not None:
-            axes.axvline(best, color="0.3", linestyle=DASHES[2])
+        figure, (axes,) = _panels(1, height=0.7 * COLUMN)
+        top = 2 * found["limit"] if found.get("limit") else max(found["chi2"])
+        axes.axvspan(*found["interval"], color=COLOURS[0], alpha=0.12, linewidth=0)
+        axes.axvline(best, color="0.4", linewidth=0.6)
+        if found.get("limit"):
+            axes.axhline(found["limit"], color="0.4", linewidth=0.6, linestyle=DASHES[1])
+        axes.plot(found["values"], found["chi2"], color=COLOURS[0])
+        runs = [row for row in found.get("confirmed") or () if row["chi2"] is not None]
+        axes.plot([row["value"] for row in runs], [row["chi2"] for row in runs], "o", color=COLOURS[1], markerfacecolor="white")
+        axes.set_ylim(-0.04 * top, top)
         axes.set_xlabel(_label(label))
-        axes.set_ylabel("Best objective (mN)")
+        axes.set_ylabel("χ² above the least")
+        axes.xaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
     return figure
 
 
