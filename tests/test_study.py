@@ -346,3 +346,66 @@ def test_the_default_family_and_checks_are_around_the_case(case):
     assert set(checks) == {"solver.penalty", "solver.max_step", "indenter.edge_radius"}
     assert all(len(values) == 3 for values in checks.values()) and max(checks["solver.max_step"]) < 0.1
     assert "indenter.edge_radius" not in own_checks(read_case(QUICK, [*SMALL, "indenter.friction=stick"]))
+
+
+# ---- refits ------------------------------------------------------------------------------------------------------
+
+GEL = """
+[sample]
+shape = "disc"
+diameter = 14
+thickness = 3.3
+base = "sliding"
+[indenter]
+shape = "cylinder"
+diameter = 4
+friction = 0
+[mesh]
+elements = 40
+[solver]
+element = "q1p0"
+[material]
+model = "neo_hookean"
+[material.parameters]
+mu = { start = 1, min = 0.1, max = 10 }
+[[test]]
+name = "punch"
+angle = 0
+curve = "curve.csv"
+[fit]
+method = "least_squares"
+workers = 1
+"""
+
+
+@pytest.fixture
+def gel(tmp_path):
+    """A material with one parameter, which the force is proportional to, and the curve that mu = 2 kPa would give."""
+    (tmp_path / "case.toml").write_text(GEL)
+    d = [0.02, 0.04, 0.06, 0.08, 0.1]
+    (tmp_path / "curve.csv").write_text("displacement_mm,force_mN\n" + "".join(f"{x},{x}\n" for x in d))
+    force = simulate(read_case(tmp_path / "case.toml", ["material.mu=2"])).tests[0].force
+    rows = "".join(f"{x},{y:.9g}\n" for x, y in zip(d, force, strict=True))
+    (tmp_path / "curve.csv").write_text("displacement_mm,force_mN\n" + rows)
+    return tmp_path / "case.toml"
+
+
+def test_refits_find_the_parameter_that_a_stiffer_base_asks_for(gel, tmp_path):
+    """A bonded base makes the sample stiffer by some factor, so the same curve asks for a mu smaller by that factor."""
+    words = ["--vary", "sample.base=bonded", "--refit", "--workers", 1, "-o", tmp_path / "out"]
+    done = run("sweep", gel, "--set", "material.mu={start=1,min=0.1,max=10}", *words)
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    own, bonded = (one["parameters"]["mu"]["value"] for one in result["refits"])
+    assert own == pytest.approx(2, rel=1e-3)
+    forces = [p["tests"]["punch"]["forces_mN"] for p in (result["base"], *result["points"])]
+    factor = np.dot(*forces) / np.dot(forces[1], forces[1])  # of the best proportional curve
+    assert bonded == pytest.approx(2 * factor, rel=0.01) and factor < 0.9
+    assert "sample.base = bonded" in done.stdout.split("fitted with")[1]
+    assert "The parameters fitted anew" in (tmp_path / "out" / "report.html").read_text()
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "case.toml", "curve.csv"}
+
+
+def test_a_refit_needs_something_to_fit(tmp_path):
+    done = run("sweep", QUICK, *OPTIONS, "--vary", "sample.base=bonded", "--refit", "-o", tmp_path / "out")
+    assert done.exit_code == 2 and "a fit needs a measured curve" in done.stderr

@@ -1,15 +1,16 @@
 """`indentfit mesh-check`: how exact the mesh of a case is, and which mesh would be exact enough."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from ..case import read_case
+from ..case import read_case, require_fittable
 from ..errors import CaseError
 from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_json
 from ..study.kept import Kept, place_beside
-from ..study.mesh_check import mesh_check, own_checks, own_family, parse
+from ..study.mesh_check import mesh_check, own_checks, own_family, parse, refitted
 from .progress import progress
 
 
@@ -19,11 +20,12 @@ from .progress import progress
 @click.option("--elements", metavar="LIST", help="Numbers of elements, such as 60,100,180,300 (as mesh.elements).")
 @click.option("--error", "wanted", default=2.0, show_default=True, metavar="PERCENT", help="Largest error that is wanted.")
 @click.option("--mesh-only", is_flag=True, help="Leave contact penalty, load steps and edge radius out.")
+@click.option("--refit", is_flag=True, help="Fit the free parameters anew at each of them, too: long.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-mesh-check.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, sizes, elements, wanted, mesh_only, overrides, output, overwrite, as_json):
+def command(case, sizes, elements, wanted, mesh_only, refit, overrides, output, overwrite, as_json):
     """Compute the case file CASE on a family of meshes: errors of its forces and what each mesh costs.
 
     Without --sizes and --elements, six meshes from a third to twice the case's number of elements. A parameter that the
@@ -35,6 +37,8 @@ def command(case, sizes, elements, wanted, mesh_only, overrides, output, overwri
     read = read_case(case, overrides)
     family = parse("sizes", sizes) if sizes else []
     family += parse("elements", elements) if elements else []
+    if refit:
+        require_fittable(read)
     output = output or f"{read.path.resolve().parent.name or 'case'}-mesh-check"
     target = refuse_existing(output, overwrite)
     for warning in read.warnings():
@@ -45,6 +49,9 @@ def command(case, sizes, elements, wanted, mesh_only, overrides, output, overwri
     checks = {} if mesh_only else own_checks(read)
     with progress("mesh-check", total=1) as step:
         result = mesh_check(read, family or own_family(read), kept, wanted / 100, checks, step)
+    if refit:
+        with progress("refit", total=1) as step:
+            result = replace(result, refits=refitted(read, family or own_family(read), kept, step))
     written = _write(output, overwrite, read, result)
     kept.forget()
     click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
@@ -96,6 +103,24 @@ def _lines(result):
         yield from aligned(rows)
     yield ""
     yield f"verdict   {result.verdict}"
+    yield from refit_lines(result.refits)
+
+
+def refit_lines(refits):
+    """Refits as a table."""
+    if not refits:
+        return
+    names = list(dict.fromkeys(name for one in refits for name in one.parameters))
+    rows = [["fitted with", *names, "objective, mN"]]
+    for one in refits:
+        if one.cause:
+            rows.append([one.label, f"failed: {one.cause}", *[""] * len(names)])
+            continue
+        values = [one.parameters.get(name) for name in names]
+        cells = ["held" if v is None else f"{v['value']:.4g}" + (f" +- {v['stderr']:.2g}" if v["stderr"] else "") for v in values]
+        rows.append([one.label, *cells, f"{one.objective:.4g}{'' if one.success else ' (not converged)'}"])
+    yield ""
+    yield from aligned(rows)
 
 
 def _quantity_lines(result):

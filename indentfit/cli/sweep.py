@@ -1,16 +1,17 @@
 """`indentfit sweep`: what each key of a case does to its force curves."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from ..case import read_case
+from ..case import read_case, require_fittable
 from ..errors import ConvergenceError
 from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_json
 from ..study.kept import Kept, place_beside
-from ..study.sweep import sweep, variation
-from .mesh_check import aligned
+from ..study.sweep import refitted, sweep, variation
+from .mesh_check import aligned, refit_lines
 from .progress import progress
 
 
@@ -21,12 +22,13 @@ from .progress import progress
     help="0.2,0.3,0.5 (a list), 0.2:0.5:4 (four values evenly spaced) or +-15% (of the case's own); may be repeated.",
 )  # fmt: skip
 @click.option("--grid", is_flag=True, help="Every combination, instead of one key at a time.")
+@click.option("--refit", is_flag=True, help="Fit the free parameters anew at each of them, too: long.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Processes; by default one for each core.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-sweep.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, asked, grid, overrides, workers, output, overwrite, as_json):
+def command(case, asked, grid, refit, overrides, workers, output, overwrite, as_json):
     """Compute the curves of the case file CASE with some of its keys at other values.
 
     A parameter that the case leaves free has its start value. A point that fails is shown with its cause and the rest
@@ -34,6 +36,8 @@ def command(case, asked, grid, overrides, workers, output, overwrite, as_json):
     """
     read = read_case(case, overrides)
     variations = [variation(read, text) for text in asked]
+    if refit:
+        require_fittable(read)
     output = output or f"{read.path.resolve().parent.name or 'case'}-sweep"
     target = refuse_existing(output, overwrite)
     for warning in read.warnings():
@@ -43,6 +47,9 @@ def command(case, asked, grid, overrides, workers, output, overwrite, as_json):
         click.echo(f"resumed: {len(kept)} points are there from an earlier run", err=True)
     with progress("sweep", total=1) as step:
         result = sweep(read, variations, kept, grid, workers, lambda done, all_: step(done / all_, f"{done} of {all_} points"))
+    if refit:
+        with progress("refit", total=1) as step:
+            result = replace(result, refits=refitted(read, variations, kept, grid, step))
     written = _write(output, overwrite, read, result)
     kept.forget()
     click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
@@ -94,6 +101,7 @@ def _lines(result):
                 ]
             )
         yield from aligned(rows)
+    yield from refit_lines(result.refits)
 
 
 def _cells(point, tests):

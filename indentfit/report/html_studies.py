@@ -9,7 +9,7 @@ from .sweep import grid_figure, key_figure, own_words, ranking_figure
 def sweep_page(folder, result):
     """Page of a sweep's result folder."""
     failed = [point for point in (result["base"], *result["points"]) if point["tests"] is None]
-    sections = [_what(result), _keys(result) if not result["grid"] else _grid(result), _points(result)]
+    sections = [_what(result), _keys(result) if not result["grid"] else _grid(result), _points(result), *_refits(result)]
     if failed:
         rows = tuple((_values(point), point["cause"]) for point in failed)
         sections.append(
@@ -24,7 +24,7 @@ def sweep_page(folder, result):
 
 def mesh_check_page(folder, result):
     """Page of a mesh-check's result folder."""
-    sections = [_what(result), _meshes(result), _errors(result), *_changes(result)]
+    sections = [_what(result), _meshes(result), _errors(result), *_changes(result), *_refits(result)]
     asked = " ".join(f"--{'sizes' if 'size' in one['asked'] else 'elements'}" for one in result["meshes"][:1])
     family = ",".join(one["asked"].partition("=")[2] for one in result["meshes"])
     sections.append(again_section(folder, result, f"mesh-check {asked} {family} --error {100 * result['wanted']:g}"))
@@ -232,6 +232,24 @@ def _changes(result):
             "changes",
             "Contact, load steps and edge",
             (Table("Changes of the last force against the case as it is, on its own mesh", header, rows),),
+        )
+    ]
+
+
+def _refits(result):
+    refits = result.get("refits")
+    if not refits:
+        return []
+    names = list(dict.fromkeys(name for one in refits for name in one["parameters"]))
+    rows = []
+    for one in refits:
+        values = [one["parameters"].get(name) for name in names]
+        cells = ["held" if v is None else f"{number(v['value'])} ± {number(v['stderr'], 2)}" for v in values]
+        rows.append((one["label"], *cells, number(one["objective"]), one["cause"] or ("yes" if one["success"] else "no")))
+    header = ("Fitted with", *names, "Objective (mN)", "Converged")
+    return [
+        Section(
+            "refits", "The parameters fitted anew", (Table("Fitted parameters with their standard errors", header, tuple(rows)),)
         )
     ]
 

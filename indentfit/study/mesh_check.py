@@ -18,6 +18,7 @@ from indentfit.fem.simulate import Model
 from indentfit.inverse.objective import Target, equation_one, rmse
 from indentfit.study.convergence import Approach, Index, fitted, grid_convergence_index
 from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
+from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import forward, key
 from indentfit.study.sweep import stiffness
 
@@ -46,7 +47,8 @@ CHECKS = {
 class Measured:
     """The tests of a case on one mesh: what they gave, and what they cost; `cause` instead of forces where they failed.
 
-    h: mm, None where it failed; forces: mN, an array (n,) for each test; cpu_seconds: of all tests, without the set-up; memory: peak, bytes.
+    h: mm, None where it failed; forces: mN, an array (n,) for each test; cpu_seconds: of all tests, without the set-up;
+    memory: peak, bytes.
     """
 
     elements: int
@@ -109,6 +111,7 @@ class MeshCheck:
     changes: tuple[Change, ...]
     chosen: int | None
     verdict: str
+    refits: tuple[Refit, ...] = ()
 
     def as_json(self):
         """The stable keys of a mesh-check's result.json."""
@@ -123,6 +126,7 @@ class MeshCheck:
             "quantities": [asdict(one) for one in self.quantities],
             "changes": [asdict(one) for one in self.changes],
             "chosen": self.chosen,
+            "refits": [asdict(one) for one in self.refits],
             "verdict": self.verdict,
         }
 
@@ -154,6 +158,12 @@ def mesh_check(case, family, kept, wanted=0.02, checks=None, progress=None):
         case.solver.linear, tuple(family_found), tuple(e for e, _ in fine), tuple(o for _, o in fine), quantities, changes,
         chosen, verdict,
     )  # fmt: skip
+
+
+def refitted(case, family, kept, progress=None):
+    """Refits of the case on each mesh of the family, from coarse to fine: the meshes' error in the parameters themselves."""
+    cases = [(asked, read_case(case.path, (*case.overrides, asked))) for asked in family]
+    return refits(sorted(cases, key=lambda pair: estimate(pair[1])[0]), kept, progress)
 
 
 def own_family(case):

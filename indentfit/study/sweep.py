@@ -14,6 +14,7 @@ from indentfit.case import Case, Range, read_case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.inverse.objective import rmse
+from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import evaluate
 
 FORMAT = "indentfit.sweep/1"
@@ -91,6 +92,7 @@ class Sweep:
     tests: dict[str, int]
     parameters: dict[str, float]
     own: dict[str, float | str | None]
+    refits: tuple[Refit, ...] = ()
 
     def as_json(self):
         """The stable keys of a sweep's result.json."""
@@ -105,8 +107,16 @@ class Sweep:
             "own": self.own,
             "base": _point_json(self.base),
             "points": [_point_json(point) for point in self.points],
+            "refits": [asdict(one) for one in self.refits],
             "sensitivities": [asdict(one) for one in self.sensitivities],
         }
+
+
+def refitted(case, variations, kept, grid=False, progress=None):
+    """Refits of the case as it is and of each point of a sweep; a varied parameter is held. Arguments as of `sweep`."""
+    combinations = _combinations(variations, grid)
+    labels = ["the case", *(", ".join(f"{key} = {value}" for key, value in values.items()) for values in combinations)]
+    return refits(list(zip(labels, [case, *_cases(case, combinations)], strict=True)), kept, progress)
 
 
 def sweep(case, variations, kept, grid=False, workers=None, progress=None):
