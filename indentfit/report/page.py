@@ -56,7 +56,7 @@ class Table:
     def numeric(self):
         """Whether each column holds numbers."""
         columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
-        return [all(re.fullmatch(r"[-+−±]?[\d.,]+(e[-+]?\d+)?( ?%)?|", cell) for cell in column) for column in columns]
+        return [all(re.fullmatch(r"[-+−±]?[\d.,]+(e[-+]?\d+)?( ?%)?|–|", cell) for cell in column) for column in columns]
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from .plots import TICKS, _from_origin, _label, save
 from .style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 
 WIDE = 2 * COLUMN  # both columns of a journal
+LINES = (DASHES[1], DASHES[3], DASHES[4], DASHES[5])  # dots look pale
 MOST_CURVES = 14  # in one panel: more cannot be told apart
 RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; not paler than can be seen
 
@@ -28,8 +29,8 @@ def curves_by_value(key, tests, own, points, path):
         figure, panels = _panels(len(tests))
         for axes, (name, angle) in zip(panels, tests.items(), strict=True):
             axes.plot(*_from_origin(own[1][name]), color="black", linewidth=1.3, zorder=3, label=f"{own[0]} (the case)")
-            for (value, curves), colour, dashes in zip(shown, ramp, itertools.cycle(DASHES[1:]), strict=False):
-                axes.plot(*_from_origin(curves[name]), color=colour, linestyle=dashes, label=_label(value))
+            for (value, curves), colour, dashes in zip(shown, ramp, itertools.cycle(LINES), strict=False):
+                axes.plot(*_from_origin(curves[name]), color=colour, linewidth=1.2, linestyle=dashes, label=_label(value))
             _force_axes(axes, f"{name} ({angle}°)")
         handles, labels = panels[0].get_legend_handles_labels()
         columns = 4 if len(tests) > 1 else 2
@@ -56,7 +57,7 @@ def ranked(rows, tests, path):
         axes.set_yticks(range(len(keys)), [_label(key) for key in keys])
         axes.invert_yaxis()
         axes.margins(x=0.12)
-        axes.set_xlabel("Spread of the force at the last displacement (% of the case's)")
+        axes.set_xlabel("Spread of the last force\n(% of that of the case)")
         axes.tick_params(axis="y", length=0)
         figure.legend(loc="outside upper left", ncols=1)
         save(figure, path)
