@@ -2,7 +2,7 @@
 
 import shlex
 
-from .page import Code, Lines, Section, Table, Text
+from .page import Code, Lines, Part, Section, Table, Text
 
 
 def case_words(case):
@@ -61,7 +61,7 @@ def again_section(folder, result, command):
     """The case file, and the commands that give the result again."""
     overrides = result.get("overrides", [])
     options = "".join(f" --set {shlex.quote(one)}" for one in overrides)
-    parts = [
+    parts: list[Part] = [
         Text("From this folder:"),
         Code("Command that gives this result again", f"indentfit {command} case.toml{options} -o ../again"),
     ]

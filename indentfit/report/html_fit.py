@@ -3,10 +3,12 @@
 import csv
 import json
 
+import numpy as np
+
 from ..curve import Curve
 from . import plots, study_plots
 from .html_case import again_section, case_words, number, percent, tests_table
-from .page import Figures, Lines, Page, Section, Table, Text, drawn, image
+from .page import Figures, Lines, Page, Part, Section, Table, Text, drawn, image
 
 STRESSES = (
     "Cauchy stresses at the last displacement, averaged at the nodes; at a sharp edge they grow without limit as the mesh is "
@@ -34,7 +36,7 @@ def fit_page(folder, result):
 def simulation_page(folder, result):
     """Page of a simulation's result folder."""
     case = result.get("case")
-    parts = [Lines(case_words(case)), tests_table(case, "Tests")] if case else []
+    parts: list[Part] = [Lines(case_words(case)), tests_table(case, "Tests")] if case else []
     parameters = tuple((name, number(value, 6)) for name, value in result["parameters"].items())
     parts.append(Table("Parameters of the material", ("Parameter", "Value"), parameters))
     simulated = [(test["name"], Curve(test["displacement_mm"], test["force_mN"])) for test in result["tests"]]
@@ -49,7 +51,7 @@ def simulation_page(folder, result):
         )
         for test in result["tests"]
     ]
-    forces = [
+    forces: list[Part] = [
         Figures((drawn(figure, "Force of the full sample against displacement.", _alt_of_curves(simulated)),)),
         Table(
             "Forces at the last displacement",
@@ -79,7 +81,7 @@ def stress_sections(folder):
         for one in listed["pictures"]
         if (folder / "fields" / one["file"]).is_file() and "/" not in one["file"] and "\\" not in one["file"]
     )
-    parts = [Figures(figures), Text(STRESSES)]
+    parts: list[Part] = [Figures(figures), Text(STRESSES)]
     for peaks in listed["peaks"]:
         rows = tuple(
             (
@@ -126,7 +128,7 @@ def _and(words):
 
 def _what(result):
     case = result.get("case")
-    parts = [
+    parts: list[Part] = [
         Text(f"The free parameters {', '.join(result['free'])} were fitted to {len(result['rmse']) or 'the'} measured curves.")
     ]
     if case:
@@ -167,7 +169,7 @@ def _parameters(result):
 
 def _curves(folder, result):
     measured, simulated = read_fitted(folder / "curves.csv") if (folder / "curves.csv").is_file() else ([], [])
-    parts = []
+    parts: list[Part] = []
     if simulated:
         figure = plots.force_displacement(measured, simulated, None)
         caption = "Measured (marks) and fitted (lines) force of the full sample against displacement; below, what is left over."
@@ -195,13 +197,14 @@ def read_fitted(path):
             rows.setdefault(row["test"], []).append(
                 [float(row[key] or "nan") for key in ("displacement_mm", "force_mN", "measured_force_mN")]
             )
-    columns = {name: list(zip(*numbers, strict=True)) for name, numbers in rows.items()}
-    measured = [(name, Curve(d, given)) for name, (d, _, given) in columns.items() if given[0] == given[0]]
+    columns = {name: np.array(numbers).T for name, numbers in rows.items()}
+    measured = [(name, Curve(d, given)) for name, (d, _, given) in columns.items() if not np.isnan(given).any()]
     return measured, [(name, Curve(d, force)) for name, (d, force, _) in columns.items()]
 
 
 def _identifiability(result):
-    free, parts = result["free"], []
+    free = result["free"]
+    parts: list[Part] = []
     if result.get("summary"):
         parts.append(Lines(tuple(f"{one[:1].upper()}{one[1:]}" for one in result["summary"])))
     if result["correlation"] and len(free) > 1:
@@ -272,7 +275,7 @@ def _uncertain(result):
 
 
 def _search(result):
-    parts = [Text(f"{result['message'][:1].upper()}{result['message'][1:]}.")]
+    parts: list[Part] = [Text(f"{result['message'][:1].upper()}{result['message'][1:]}.")]
     steps = [row for row in result["history"] if row.get("objective") is not None]
     if len(steps) > 1:
         figure = study_plots.course([row["objective"] for row in steps], [str(row.get("phase", "")) for row in steps])

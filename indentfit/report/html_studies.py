@@ -2,7 +2,7 @@
 
 from .html_case import again_section, case_words, number, percent, signed_percent, tests_table
 from .mesh_check import convergence_figure, cost_figure
-from .page import Figures, Lines, Page, Section, Table, Text, drawn
+from .page import Figures, Lines, Page, Part, Section, Table, Text, drawn
 from .sweep import grid_figure, key_figure, own_words, ranking_figure
 
 
@@ -53,7 +53,8 @@ def _lead(result):
 
 
 def _what(result):
-    case, parts = result.get("case"), []
+    case = result.get("case")
+    parts: list[Part] = []
     if case:
         parts += [Lines(case_words(case)), tests_table(case, "Tests")]
     rows = tuple((name, number(value, 6)) for name, value in result["parameters"].items())
@@ -62,7 +63,7 @@ def _what(result):
 
 
 def _keys(result):
-    parts = []
+    parts: list[Part] = []
     if result["sensitivities"]:
         header = (
             "Key",
@@ -170,7 +171,9 @@ def _meshes(result):
             continue
         row += [number(one["h"]), str(one["newton_iterations"]), number(one["cpu_seconds"], 3), number(one["memory"] / 1e6, 3)]
         rows.append((*row, *(number(force[-1]) for force in one["forces"]), *(number(one["rmse_mN"][name]) for name in measured)))
-    parts = [Table("The meshes, from coarse to fine; h is the cube root of an element's mean volume", tuple(header), tuple(rows))]
+    parts: list[Part] = [
+        Table("The meshes, from coarse to fine; h is the cube root of an element's mean volume", tuple(header), tuple(rows))
+    ]
     figure = cost_figure(result)
     if figure is not None:
         done = [one for one in result["meshes"] if one["forces"]]

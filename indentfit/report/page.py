@@ -88,13 +88,16 @@ class Code:
     kind = "code"
 
 
+Part = Text | Lines | Table | Figures | Code
+
+
 @dataclass(frozen=True)
 class Section:
     """A heading and what stands below it."""
 
     id: str
     title: str
-    parts: tuple
+    parts: tuple[Part, ...]
 
 
 @dataclass(frozen=True)
