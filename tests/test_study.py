@@ -254,10 +254,10 @@ def test_a_known_approach_to_zero_size_is_found_with_its_order_and_limit(ideal, 
 
 
 def test_the_verdict_is_the_coarsest_mesh_within_the_wanted_error_and_its_cost(ideal, tmp_path):
-    """1.25 times 6 h / (70 + 6 h) is 5.1 % at h = 0.5 (1280 elements), 6.4 % at 0.63 (640) and 7.9 % at 0.79 (320)."""
+    """6 h / (70 + 6 h) is 5.1 % at h = 0.63 (640 elements), 6.4 % at 0.79 (320) and 7.9 % at 1 (160)."""
     done, result = check(tmp_path, "--error", "7")
-    assert result["meshes"][result["chosen"]]["elements"] == 640
-    assert "640 elements" in done.stdout.splitlines()[-2] and "12.8 s" in done.stdout.splitlines()[-2]
+    assert result["meshes"][result["chosen"]]["elements"] == 320
+    assert "320 elements" in done.stdout.splitlines()[-2] and "6.4 s" in done.stdout.splitlines()[-2]
     done, result = check(tmp_path, "--error", "2", name="strict")
     assert result["chosen"] is None and "none of these meshes" in done.stdout
 

@@ -124,7 +124,18 @@ def refit_lines(refits):
 
 
 def _quantity_lines(result):
-    rows = [["test", "quantity", "finest", "at h = 0", "95 % interval", "band of the finest", "order", "GCI of the finest"]]
+    rows = [
+        [
+            "test",
+            "quantity",
+            "finest",
+            "at h = 0",
+            "95 % interval of it",
+            "Eca-Hoekstra of the finest",
+            "order",
+            "GCI of the finest",
+        ]
+    ]
     for one in result.quantities:
         unit = "mN" if one.kind == "force" else "mN/mm"
         row = [one.test, f"{one.kind}, {unit}", f"{one.values[one.h.argmin()]:.3f}" if one.h.size else ""]
@@ -132,7 +143,7 @@ def _quantity_lines(result):
             rows.append([*row, *["" for _ in range(3)], "", gci_words(one.index)])
             continue
         low, high = one.approach.interval
-        row += [f"{one.approach.value:.3f}", f"{low:.3f} to {high:.3f}", f"{one.band[0]:.3f} to {one.band[1]:.3f}"]
+        row += [f"{one.approach.value:.3f}", f"{low:.3f} to {high:.3f}", f"+-{one.approach.uncertainty[one.h.argmin()]:.3f}"]
         rows.append([*row, order_words(one.approach), gci_words(one.index)])
     yield from aligned(rows)
 

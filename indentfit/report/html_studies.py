@@ -191,7 +191,7 @@ def _errors(result):
         approach, index = one["approach"], one["index"]
         row = [one["test"], f"{one['kind']} ({unit})", number(finest, 5)]
         if approach:
-            row += [number(approach["value"], 5), _to(approach["interval"]), _to(one["band"]), _order(approach)]
+            row += [number(approach["value"], 5), _to(approach["interval"]), f"± {number(_of_finest(one))}", _order(approach)]
         else:
             row += ["–"] * 4
         rows.append((*row, _index(index)))
@@ -200,7 +200,7 @@ def _errors(result):
             ends = f"{number(one['values'][0])} to {number(one['values'][-1])} {unit}"
             alt = f"{one['kind']} of {one['test']} from {ends} as the mesh is refined"
             what = f"{one['kind'].capitalize()} of {one['test']} against element size"
-            caption = f"{what}, the fitted approach to zero size, and the band of the finest mesh."
+            caption = f"{what}, the fitted approach to zero size, and the error band."
             figures.append(drawn(figure, caption, alt))
     header = (
         "Test",
@@ -208,7 +208,7 @@ def _errors(result):
         "Finest mesh",
         "At zero size",
         "95 % interval of it",
-        "Band of the finest mesh",
+        "Eca-Hoekstra of the finest mesh",
         "Observed order",
         "GCI of the finest mesh",
     )
@@ -255,6 +255,10 @@ def _refits(result):
             "refits", "The parameters fitted anew", (Table("Fitted parameters with their standard errors", header, tuple(rows)),)
         )
     ]
+
+
+def _of_finest(one):
+    return one["approach"]["uncertainty"][one["h"].index(min(one["h"]))]
 
 
 def _to(pair):

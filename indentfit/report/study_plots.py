@@ -105,7 +105,7 @@ def mesh_convergence(families, path):
         figure, panels = _panels(len(families), rows=-(-len(families) // 2))
         for axes, (title, label, h, values, curve, band) in zip(panels, families, strict=True):
             if band is not None:
-                axes.axhspan(*band, color=COLOURS[4], alpha=0.3, linewidth=0, label="band of the finest mesh")
+                axes.axhspan(*band, color=COLOURS[4], alpha=0.3, linewidth=0, label="error band")
             if curve is not None:
                 axes.plot(*curve.T, color=COLOURS[0], label="fitted approach to zero size")
             axes.plot(h, values, "o", color=COLOURS[1], markerfacecolor="white", markeredgewidth=0.9, label="meshes", clip_on=False)

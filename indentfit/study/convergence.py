@@ -4,8 +4,8 @@ Two published methods, side by side:
 
 - `fitted`: least squares over the whole family, f(h) = f0 + C h^p, and its uncertainty of each mesh (Eca and Hoekstra
   2014, J Comput Phys 262:104-130). It stands the scatter of meshes that are not nested, and says when it can't. Theirs is
-  a rule of thumb; beside it stands the 95 % profile interval of f0 under the same fit, with the order left free between
-  its bounds.
+  a rule of thumb that grows without measure where the order cannot be observed; beside it stands the 95 % profile interval
+  of f0 under the same fit, the order free between its bounds, whose coverage the tests measure.
 - `grid_convergence_index`: Roache's index from the three finest meshes by the procedure of Celik et al. 2008 (J Fluids
   Eng 130:078001), which holds only where the three change in one direction.
 
@@ -43,8 +43,8 @@ class Approach:
     uncertainty: np.ndarray
 
     def band(self, f):
-        """Half-widths (n,) of the meshes' error bands around their own values f (n,): the wider of both methods."""
-        return np.maximum(self.uncertainty, np.abs(np.subtract.outer(np.asarray(f), self.interval)).max(axis=1))
+        """Largest errors (n,) of the meshes' own values f (n,): their distances from the far end of the interval."""
+        return np.abs(np.subtract.outer(np.asarray(f), self.interval)).max(axis=1)
 
     def at(self, h):
         """Fitted values at element sizes h, mm."""

@@ -24,9 +24,9 @@ from indentfit.study.sweep import stiffness
 
 FORMAT = "indentfit.mesh-check/1"
 METHOD = (
-    "error bands: the wider of the 95 % profile interval of f(h) = f0 + C h^p and of the uncertainty by Eca and Hoekstra 2014 "
-    "(J Comput Phys 262:104); GCI of the three finest meshes by Roache and Celik et al. 2008 (J Fluids Eng 130:078001), "
-    "safety factor 1.25"
+    "error bands: 95 % profile interval of f0 in f(h) = f0 + C h^p, 0.5 <= p <= 2.1, by least squares over all meshes; beside it "
+    "the uncertainty of the finest mesh by Eca and Hoekstra 2014 (J Comput Phys 262:104); GCI of the three finest meshes by "
+    "Roache and Celik et al. 2008 (J Fluids Eng 130:078001), safety factor 1.25"
 )
 SHARES = (1 / 3, 1 / 2, 0.7, 1.0, 1.5, 2.2)  # of the case's number of elements
 LEAST_FAMILY = 4
@@ -69,8 +69,9 @@ class Measured:
 class Quantity:
     """One number of one test over the family: its values on the meshes that were computed, in their order, and its errors.
 
-    kind: "force" at the last displacement, mN, or "stiffness", mN/mm; band: of the finest mesh, (low, high), or None where
-    fewer than LEAST_FAMILY meshes were computed; error (n,): each mesh's band as a share of its value.
+    kind: "force" at the last displacement, mN, or "stiffness", mN/mm; band: (low, high), from the finest mesh to the
+    far end of the interval at zero size, or None where fewer than LEAST_FAMILY meshes were computed; error (n,): each mesh's
+    largest error, a share of its value.
     """
 
     test: str
@@ -306,8 +307,7 @@ def _quantity(test, kind, h, values):
         return Quantity(test, kind, h, values, None, grid_convergence_index(h, values), None, None)
     approach, finest = fitted(h, values), int(np.argmin(h))
     half = approach.band(values)
-    band = (float(values[finest] - approach.uncertainty[finest]), float(values[finest] + approach.uncertainty[finest]))
-    band = (min(band[0], approach.interval[0]), max(band[1], approach.interval[1]))
+    band = (min(float(values[finest]), approach.interval[0]), max(float(values[finest]), approach.interval[1]))
     return Quantity(test, kind, h, values, approach, grid_convergence_index(h, values), band, half / np.abs(values))
 
 
