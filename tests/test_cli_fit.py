@@ -65,7 +65,7 @@ def test_a_fit_writes_its_folder_and_says_what_it_found(case, tmp_path):
     assert done.exit_code == 0, done.output
     folder = tmp_path / "gel-result"
     names = {path.name for path in folder.iterdir()}
-    assert {"result.json", "curves.csv", "fit.svg", "fit.png", "case.toml", "curve.csv"} <= names
+    assert {"result.json", "report.html", "fields", "curves.csv", "fit.svg", "fit.png", "case.toml", "curve.csv"} <= names
     assert (folder / "case.toml").read_text() == CASE
     result = json.loads((folder / "result.json").read_text())
     mu = result["parameters"]["mu"]
@@ -83,7 +83,7 @@ def test_the_json_on_stdout_is_the_one_in_the_folder_and_keeps_its_keys(case, tm
     keys = (
         "format_version method seed success message parameters free objective sum_of_squares rmse redchi covar "
         "correlation singular_values directions nfev runs reused seconds history failures notes solver mesh case_hash title "
-        "versions overrides noise profiles bootstrap tests_alone weights_scan uncertain rivals surrogate published summary"
+        "versions overrides noise profiles bootstrap tests_alone weights_scan uncertain rivals surrogate published summary case"
     )
     assert set(result) == set(keys.split())
     assert result["format_version"] == 1

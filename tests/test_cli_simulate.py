@@ -5,6 +5,7 @@ import io
 import json
 import math
 import sys
+import xml.etree.ElementTree as ET
 
 import meshio
 import numpy as np
@@ -16,6 +17,7 @@ from indentfit.case import read_case
 from indentfit.cli import main, progress
 from indentfit.errors import ConvergenceError
 from indentfit.fem.simulate import Model, simulate
+from indentfit.report.stress_plots import surface
 
 CASE = CASES / "white_matter_2017" / "case.toml"
 COARSE = ("--set", "mesh.elements=60", "--set", "solver.element=q1p0")
@@ -76,7 +78,8 @@ def test_the_folder_holds_numbers_curves_figure_fields_and_the_case(folder):
     assert names == {
         "simulation.json", "curves.csv", "force_displacement.svg", "force_displacement.png",
         "case.toml", "run_again.txt", "curves/parallel.csv", "curves/perpendicular.csv",
-        "fields/parallel.vtu", "fields/perpendicular.vtu",
+        "fields/parallel.vtu", "fields/perpendicular.vtu", "report.html", "fields/pictures.json", "fields/displacement.png",
+        "fields/stress-parallel.png", "fields/stress-perpendicular.png",
     }  # fmt: skip
     written = json.loads((path / "simulation.json").read_text())
     case = read_case(path / "case.toml", written["overrides"])
@@ -98,7 +101,7 @@ def test_an_existing_folder_is_refused_before_anything_is_computed(folder, monke
     assert done.exit_code == 2 and "--overwrite" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("option", ["--vtu", "--overwrite"])
+@pytest.mark.parametrize("option", ["--vtu", "--series", "--overwrite"])
 def test_what_needs_a_folder_asks_for_one(option, monkeypatch):
     monkeypatch.setattr("indentfit.cli.simulate.Model", never)
     done = run(CASE, option)
@@ -154,3 +157,78 @@ def test_on_a_terminal_progress_is_a_bar_on_stderr(monkeypatch, capsys):
         print("the result")
     assert capsys.readouterr().out == "the result\n"
     assert "fit" in terminal.getvalue() and "50%" in terminal.getvalue() and "objective [0.9] mN" in terminal.getvalue()
+
+
+# ---- pictures and the series -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def series(tmp_path_factory):
+    """A result folder with a series of fields, on quadratic bricks."""
+    path = tmp_path_factory.mktemp("series") / "out"
+    done = run(CASE, "--set", "mesh.elements=60", *DEPTHS, "--series", "-o", path)
+    assert done.exit_code == 0, done.stderr
+    return path
+
+
+def entries(path):
+    """Displacement and file of each entry of a PVD collection."""
+    found = ET.parse(path).getroot().findall("./Collection/DataSet")
+    return [(float(one.get("timestep")), path.parent / one.get("file")) for one in found]
+
+
+def test_a_series_goes_from_the_untouched_sample_to_the_last_displacement(series):
+    for name, depth in (("parallel", 0.06), ("perpendicular", 0.05)):
+        steps = entries(series / "fields" / f"{name}.pvd")
+        assert [d for d, _ in steps] == sorted({d for d, _ in steps})
+        assert steps[0][0] == 0 and steps[-1][0] == pytest.approx(depth)
+        last, alone = meshio.read(steps[-1][1]), meshio.read(series / "fields" / f"{name}.vtu")
+        assert np.array_equal(last.point_data["displacement_mm"], alone.point_data["displacement_mm"])
+        for d, file in steps:  # the footprint sinks with the indenter
+            mesh = meshio.read(file)
+            pressed = mesh.point_data["contact_pressure_kPa"] > 0
+            sunk = -mesh.point_data["displacement_mm"][pressed, 1]
+            assert not d or np.median(sunk) == pytest.approx(d, rel=0.02)
+
+
+def test_pyvista_reads_the_file_and_its_contact_pressure_adds_up_to_the_force(series):
+    pyvista = pytest.importorskip("pyvista")
+    written = json.loads((series / "simulation.json").read_text())
+    for test in written["tests"]:
+        mesh = pyvista.read(series / "fields" / f"{test['name']}.vtu")
+        top = mesh.extract_surface(algorithm="dataset_surface", nonlinear_subdivision=3)
+        middle = top.cell_centers().points
+        footprint = top.extract_cells((middle[:, 1] > 3.3 - 1e-6) & (middle[:, 2] < 1))
+        force = 4 * footprint.integrate_data()["contact_pressure_kPa"][0]
+        assert force == pytest.approx(test["force_mN"][-1], rel=0.01)
+    assert len(pyvista.get_reader(series / "fields" / "parallel.pvd").time_values) == len(
+        entries(series / "fields" / "parallel.pvd")
+    )
+
+
+def test_the_peaks_are_those_of_the_file(series):
+    listed = json.loads((series / "fields" / "pictures.json").read_text())
+    for table in listed["peaks"]:
+        stress = meshio.read(series / "fields" / f"{table['test']}.vtu").point_data["cauchy_stress_kPa"]
+        for row, values in zip(table["rows"], stress.T, strict=True):
+            assert (row["largest"], row["smallest"]) == pytest.approx((values.max(), values.min()))
+            assert row["magnitude"] == pytest.approx(np.abs(values).max())
+            share = np.mean(np.abs(values) > row["usual"])
+            assert share == pytest.approx(0.01, abs=0.002)
+        shears = {row["component"]: row["magnitude"] for row in table["rows"][3:]}
+        assert f"largest shear stress is {max(shears, key=shears.get)} " in table["words"]
+
+
+@pytest.mark.parametrize("element", ["q1p0", "q2p1"])
+def test_the_drawn_surface_is_closed_and_holds_the_volume(element):
+    """The divergence theorem: areas of a closed surface add up to zero, and x . area to three times the volume."""
+    case = read_case(CASE, ["mesh.elements=60", f"solver.element={element}"])
+    body = Model(case).body
+    x = body.basis.doflocs[:, ::3].T
+    quads = surface(body.dofs[:, :, 0] // 3)
+    a, b, c, d = (x[quads[:, n]] for n in range(4))
+    area = np.cross(c - a, d - b) / 2
+    middle = (a + b + c + d) / 4
+    outwards = area * np.sign(np.einsum("ij,ij->i", area, middle - x.mean(axis=0)))[:, None]
+    assert np.allclose(outwards.sum(axis=0), 0, atol=1e-9)
+    assert np.einsum("ij,ij->", outwards, middle) / 3 == pytest.approx(body.volume.sum(), rel=0.01)

@@ -19,6 +19,9 @@ COMMANDS = {
     "simulate": "Compute the curves of a case, and its stresses.",
     "fit": "Find the parameters that its curves ask for.",
     "design": "Say which test to do next.",
+    "sweep": "Vary keys of a case: curves and ranked sensitivities.",
+    "mesh-check": "How exact a mesh is, and what that costs.",
+    "report": "Draw the report of a result folder again.",
     "materials": "List, describe or check materials.",
 }
 INTERRUPTED = 130
@@ -33,7 +36,7 @@ class Commands(click.Group):
     def get_command(self, ctx, name):
         if name not in COMMANDS:
             return None
-        return importlib.import_module(f"{__name__}.{name}").command
+        return importlib.import_module(f"{__name__}.{name.replace('-', '_')}").command
 
     def format_commands(self, ctx, formatter):
         with formatter.section("Commands"):

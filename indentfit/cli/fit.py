@@ -6,11 +6,14 @@ from pathlib import Path
 import click
 
 from ..case import read_case, require_fittable
-from ..errors import FitError, LedgerError, OutputError, Stopped, WorkerError
+from ..errors import ConvergenceError, FitError, LedgerError, OutputError, Stopped, WorkerError
+from ..fem.simulate import Model
 from ..inverse.fit import fit
+from ..inverse.inputs import setting
 from ..inverse.ledger import Ledger, refuse_in_use
 from ..report.folder import (
     LEDGER,
+    case_facts,
     clear,
     copy_case,
     json_text,
@@ -41,9 +44,10 @@ METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 @click.option("--reuse", type=click.Path(), metavar="DIR", help="Use the runs of this result folder too, where they fit.")
 @click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
+@click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
-def command(case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, as_json, per_sample):
+def command(case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, no_fields, as_json, per_sample):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
@@ -75,7 +79,7 @@ def command(case, overrides, method, direct, workers, seed, output, overwrite, r
     with stopping() as stop, lasting_folder(output, overwrite) as folder, _ledger(folder, read, resume, sources) as ledger:
         clear(folder)
         result = _fitted(read, ledger, cluster or scheduler, stop)
-        written = _write(folder, read, result)
+        written = _write(folder, read, result, not no_fields)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result), f"written   {output}"]))
     if not result.success:
         raise FitError(f"the fit did not converge: {result.message}; its result is in {output}")
@@ -100,7 +104,7 @@ def _fit_samples(path, overrides, output, overwrite, as_json):
                 fits.append(one)
                 if one.result:
                     (folder / name).mkdir()
-                    _write(folder / name, one.case, one.result)
+                    _write(folder / name, one.case, one.result, False)
         spread = parameter_spread(fits)
         samples = [sample_facts(one, name) for one, name in zip(fits, names, strict=True)]
         written = {"format": "indentfit.per_sample/1", "samples": samples, "spread": spread}
@@ -178,13 +182,14 @@ def _kept(ledger):
     return f"{len(ledger)} runs are kept, --resume goes on from there" if len(ledger) else "nothing was run yet"
 
 
-def _write(folder, case, result):
+def _write(folder, case, result, fields):
     """Fill the result folder; returns what its result.json holds."""
+    from ..report.html import write_report
     from ..report.plots import correlations, force_displacement, profiles  # matplotlib is slow to import
 
     measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
     again = copy_case(case, folder)
-    written = {**result.as_json(), "overrides": list(again)}
+    written = {**result.as_json(), "overrides": list(again), "case": case_facts(case)}
     write_json(folder / "result.json", written)
     write_curves(folder / "curves.csv", result.curves, measured)
     force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
@@ -192,7 +197,25 @@ def _write(folder, case, result):
         profiles(result.profiles, result.parameters, Path(folder) / "profiles")
     if result.correlation and len(result.free) > 1:
         correlations(result.free, result.correlation, Path(folder) / "correlation")
+    if fields and result.objective is not None:
+        _write_fields(Path(folder) / "fields", case, result)
+    write_report(folder)
     return written
+
+
+def _write_fields(folder, case, result):
+    """The stresses at the optimum, by one more run; a fit does not fail for want of them."""
+    from ..report.fields import write_fields
+
+    at = setting(case, {name: one["value"] for name, one in result.parameters.items()})
+    case, material = at.case, case.material_class(**at.parameters)
+    model = Model(case)
+    try:
+        simulation = model.simulate(material, case)
+    except ConvergenceError as error:
+        click.echo(f"warning: no stress pictures: {error}", err=True)
+        return
+    write_fields(folder, model, material, case.material.bulk_modulus(material.shear_modulus), simulation.tests)
 
 
 def _lines(case, result):

@@ -1,7 +1,7 @@
 """Progress on stderr: a bar with an estimate on a terminal, otherwise a line about every ten seconds.
 
-    with progress("fit", total=240) as step:
-        step(12, "objective 0.91 mN")
+with progress("fit", total=240) as step:
+    step(12, "objective 0.91 mN")
 """
 
 import contextlib

@@ -5,9 +5,8 @@ import importlib.metadata
 import click
 
 from ..case import read_case
-from ..fem.fields import recover
 from ..fem.simulate import Model
-from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
+from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
 from ..report.text import simulation_lines
 from .progress import progress
 
@@ -19,13 +18,14 @@ from .progress import progress
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--vtu", is_flag=True, help="Write the fields at the last displacement, too (needs -o).")
-def command(case, overrides, as_json, output, overwrite, vtu):
+@click.option("--series", is_flag=True, help="The same at every step, as a series for ParaView (needs -o).")
+def command(case, overrides, as_json, output, overwrite, vtu, series):
     """Compute the force-displacement curves of the case file CASE.
 
     A parameter that the case leaves free has its start value; another one by --set material.NAME.start=VALUE.
     """
-    if output is None and (vtu or overwrite):
-        raise click.UsageError(f"{'--vtu' if vtu else '--overwrite'} needs -o DIR")
+    if output is None and (vtu or series or overwrite):
+        raise click.UsageError(f"{'--vtu' if vtu else '--series' if series else '--overwrite'} needs -o DIR")
     read = read_case(case, overrides)
     if output is not None:
         refuse_existing(output, overwrite)
@@ -35,7 +35,7 @@ def command(case, overrides, as_json, output, overwrite, vtu):
     model = Model(read)
     simulation = _simulated(model, material, read)
     if output is not None:
-        _write(output, overwrite, read, model, material, simulation, vtu)
+        _write(output, overwrite, read, model, material, simulation, vtu, series)
     if as_json:
         click.echo(json_text(simulation.as_json()))
         return
@@ -51,19 +51,24 @@ def _simulated(model, material, case):
         return model.simulate(material, case, lambda name, share: step(order[name] + share, name))
 
 
-def _write(path, overwrite, case, model, material, simulation, vtu):
+def _write(path, overwrite, case, model, material, simulation, vtu, series):
     """The result folder: simulation.json, curves.csv, the figure, the case, and asked, the fields."""
+    from ..report.html import write_report
     from ..report.plots import force_displacement  # matplotlib is slow to import
 
     simulated = {test.name: test.curve for test in simulation.tests}
     measured = [(test.name, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
-        write_json(folder / "simulation.json", {**_origin(case, material, again), **simulation.as_json()})
+        write_json(folder / "simulation.json", {**_origin(case, material, again), **simulation.as_json(), "case": case_facts(case)})
         write_curves(folder / "curves.csv", simulated)
         force_displacement(measured, list(simulated.items()), folder / "force_displacement")
-        if vtu:
-            _write_fields(folder / "fields", case, model, material, simulation)
+        if vtu or series:
+            from ..report.fields import write_fields
+
+            kappa = case.material.bulk_modulus(material.shear_modulus)
+            write_fields(folder / "fields", model, material, kappa, simulation.tests, series=series)
+        write_report(folder)
 
 
 def _origin(case, material, overrides):
@@ -76,12 +81,3 @@ def _origin(case, material, overrides):
         "overrides": list(overrides),
         "parameters": {name: getattr(material, name) for name in type(material).parameters},
     }
-
-
-def _write_fields(folder, case, model, material, simulation):
-    from ..report.vtu import file_names, write_vtu
-
-    folder.mkdir()
-    kappa = case.material.bulk_modulus(material.shear_modulus)
-    for test, name in zip(simulation.tests, file_names([test.name for test in simulation.tests]), strict=True):
-        write_vtu(folder / f"{name}.vtu", recover(model, test, material, kappa))

@@ -28,9 +28,13 @@ class Fields:
     contact_pressure: np.ndarray
 
 
-def recover(model, result, material, kappa):
-    """Fields of a TestResult that fem.simulate.Model `model` gave with a material and its bulk modulus, kPa."""
-    body, u, fibre = model.body, result.last.u, FIBRES[result.angle]
+def recover(model, result, material, kappa, equilibrium=None):
+    """Fields of a TestResult that fem.simulate.Model `model` gave with a material and its bulk modulus, kPa.
+
+    equilibrium: one of result.path; by default the last.
+    """
+    equilibrium = equilibrium or result.last
+    body, u, fibre = model.body, equilibrium.u, FIBRES[result.angle]
     state = body.state(u, fibre)
     stress = body.stress(u, state, material, body.pressure(state, kappa), fibre)
     return Fields(
@@ -40,7 +44,7 @@ def recover(model, result, material, kappa):
         nodal_stress=nodal_stress(body, stress),
         cell_stress=cell_stress(body, stress),
         volume_ratio=state.theta[:, 0] / body.means[:, 0],
-        contact_pressure=contact_pressure(body, model.contact, result.last.touch),
+        contact_pressure=contact_pressure(body, model.contact, equilibrium.touch),
     )
 
 

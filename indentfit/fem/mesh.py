@@ -44,6 +44,12 @@ def quarter(sample, indenter, mesh, element="q1p0", depth=None):
     return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth), depth)
 
 
+def count(sample, indenter, mesh, element="q1p0", depth=None):
+    """About how many elements `quarter` would make, without making them."""
+    size = mesh.size or _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth)
+    return _count(sample, indenter, size, depth)
+
+
 def _size_for(sample, indenter, elements, depth):
     """Size at which the mesh has about that many elements, by bisection on the logarithm."""
     low, high = np.log(0.01), np.log(5 * sample.thickness)

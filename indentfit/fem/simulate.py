@@ -29,7 +29,7 @@ class TestResult:
     a step's unbalanced residual stands for; edge_slip: largest motion of the material
     under a sharp edge away from it, as a share of the indenter's half-width (0 where the edge is rounded);
     sensitivities: name -> dF/dname (n,) mN per unit, as asked for, None where the path could not be differentiated;
-    last: the last equilibrium, for stresses and files (fem.fields).
+    last: the last equilibrium, path: all of them, for stresses and files (fem.fields).
     """
 
     __test__ = False  # not a test of pytest's
@@ -41,6 +41,7 @@ class TestResult:
     facts: dict = field(default_factory=dict)
     sensitivities: dict[str, np.ndarray] | None = None
     last: object = field(default=None, repr=False)
+    path: tuple = field(default=(), repr=False)
 
     @property
     def curve(self):
@@ -150,7 +151,7 @@ class Model:
         }
         force = QUARTERS * interpolate(path, [point.force for point in path], depths)
         slopes = self._sensitivities(sensitivities, load.directions, path, depths)
-        return TestResult(name, angle, depths, force, facts, slopes, path[-1])
+        return TestResult(name, angle, depths, force, facts, slopes, path[-1], tuple(path))
 
     def _directions(self, names, material, kappa, angle):
         def stiffness(material):

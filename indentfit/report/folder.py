@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import hashlib
+import inspect
 import json
 import math
 import os
@@ -99,6 +100,16 @@ def refuse_existing(path, overwrite=False):
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: {target.parent} is read-only; choose another folder")
     return target
+
+
+def case_facts(case):
+    """What a report says of a case: its tables, its tests with their number of points and depth, the equation of its material."""
+    sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
+    tests = [
+        {**test.model_dump(mode="json"), "n": len(case.outputs(test)), "depth_mm": float(case.outputs(test)[-1])}
+        for test in case.tests
+    ]
+    return {**sections, "tests": tests, "equation": inspect.getdoc(case.material_class) or ""}
 
 
 def write_json(path, value):

@@ -130,7 +130,9 @@ def residual(measured, simulated):
 
 
 def save(figure, path):
-    """Write the figure as SVG and as PNG; the same figure gives the same bytes."""
+    """Write the figure as SVG and as PNG; the same figure gives the same bytes. Nothing where the path is None."""
+    if path is None:
+        return
     path = Path(path)
     figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
     figure.savefig(path.with_suffix(".png"), metadata={"Software": None})

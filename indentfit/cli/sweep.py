@@ -1,0 +1,115 @@
+"""`indentfit sweep`: what each key of a case does to its force curves."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from ..case import read_case, require_fittable
+from ..errors import ConvergenceError
+from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_json
+from ..study.kept import Kept, place_beside
+from ..study.sweep import refitted, sweep, variation
+from .mesh_check import aligned, refit_lines
+from .progress import progress
+
+
+@click.command(short_help="Vary keys of a case: curves and ranked sensitivities.")
+@click.argument("case", type=click.Path())
+@click.option(
+    "--vary", "asked", multiple=True, required=True, metavar="KEY=VALUES",
+    help="0.2,0.3,0.5 (a list), 0.2:0.5:4 (four values evenly spaced) or +-15% (of the case's own); may be repeated.",
+)  # fmt: skip
+@click.option("--grid", is_flag=True, help="Every combination, instead of one key at a time.")
+@click.option("--refit", is_flag=True, help="Fit the free parameters anew at each of them, too: long.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Processes; by default one for each core.")
+@click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-sweep.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print result.json.")
+def command(case, asked, grid, refit, overrides, workers, output, overwrite, as_json):
+    """Compute the curves of the case file CASE with some of its keys at other values.
+
+    A parameter that the case leaves free has its start value. A point that fails is shown with its cause and the rest
+    stands. A sweep that was killed goes on where it stopped when the same command is given again.
+    """
+    read = read_case(case, overrides)
+    variations = [variation(read, text) for text in asked]
+    if refit:
+        require_fittable(read)
+    output = output or f"{read.path.resolve().parent.name or 'case'}-sweep"
+    target = refuse_existing(output, overwrite)
+    for warning in read.warnings():
+        click.echo(f"warning: {warning}", err=True)
+    kept = Kept(place_beside(target))
+    if kept:
+        click.echo(f"resumed: {len(kept)} points are there from an earlier run", err=True)
+    with progress("sweep", total=1) as step:
+        result = sweep(read, variations, kept, grid, workers, lambda done, all_: step(done / all_, f"{done} of {all_} points"))
+    if refit:
+        with progress("refit", total=1) as step:
+            result = replace(result, refits=refitted(read, variations, kept, grid, step))
+    written = _write(output, overwrite, read, result)
+    kept.forget()
+    click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
+    if all(point.tests is None for point in (result.base, *result.points)):
+        raise ConvergenceError(f"every point of the sweep failed; the first: {result.base.cause}")
+
+
+def _write(path, overwrite, case, result):
+    """The result folder; returns what its result.json holds."""
+    from ..report.html import write_report  # matplotlib is slow to import
+    from ..report.sweep import draw, write_tables
+
+    with result_folder(path, overwrite) as folder:
+        again = copy_case(case, folder)
+        written = json.loads(json_text({**result.as_json(), "overrides": list(again), "case": case_facts(case)}))
+        write_json(folder / "result.json", written)
+        write_tables(Path(folder), written)
+        draw(Path(folder), written)
+        write_report(folder)
+    return written
+
+
+def _lines(result):
+    """The sweep in words, line by line."""
+    rows = [["", *(f"{name} ({angle}°)" for name, angle in result.tests.items() for _ in range(2))]]
+    rows.append(["point", *(word for _ in result.tests for word in ("force, mN", "stiffness, mN/mm"))])
+    for point in (result.base, *result.points):
+        label = ", ".join(f"{key} = {value}" for key, value in point.values.items()) or "the case"
+        rows.append([label, *_cells(point, result.tests)])
+    yield from aligned(rows)
+    for point in (result.base, *result.points):
+        if point.cause:
+            yield f"failed    {', '.join(f'{k} = {v}' for k, v in point.values.items()) or 'the case'}: {point.cause}"
+    if result.sensitivities:
+        yield ""
+        rows = [["rank", "key", "test", "spread of force", "of stiffness", "elasticity", "force with value"]]
+        ranks = {key: n for n, key in enumerate(dict.fromkeys(one.key for one in result.sensitivities), start=1)}
+        for one in result.sensitivities:
+            elasticity = "" if one.elasticity is None else f"{one.elasticity:.3f}"
+            rows.append(
+                [
+                    str(ranks[one.key]),
+                    one.key,
+                    one.test,
+                    f"{one.force_span:.2%}",
+                    f"{one.stiffness_span:.2%}",
+                    elasticity,
+                    one.trend,
+                ]
+            )
+        yield from aligned(rows)
+    yield from refit_lines(result.refits)
+
+
+def _cells(point, tests):
+    if point.tests is None:
+        return ["failed" for _ in tests for _ in range(2)]
+    cells = []
+    for name in tests:
+        one = point.tests[name]
+        for value, change in ((one.force, one.force_change), (one.stiffness, one.stiffness_change)):
+            cells.append(f"{value:.3f}" + ("" if change is None else f" ({change:+.2%})"))
+    return cells

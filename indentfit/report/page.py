@@ -1,0 +1,184 @@
+"""One self-contained HTML page: text, tables, figures, in sections, from values; everything given is shown escaped.
+
+It loads nothing: figures are inline SVG or images in the page itself, the content security policy allows one style sheet
+by its hash and no script at all.
+"""
+
+import base64
+import hashlib
+import importlib.metadata
+import io
+import itertools
+import re
+import struct
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+import matplotlib
+from markupsafe import Markup
+
+from .style import STYLE
+
+HERE = Path(__file__).parent
+SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+NOT_SHOWN = ("metadata", "style")  # of a figure: the page has its own style
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `warning` sets it off."""
+
+    text: str
+    warning: bool = False
+    kind = "text"
+
+
+@dataclass(frozen=True)
+class Lines:
+    """A list of lines."""
+
+    lines: tuple[str, ...]
+    kind = "list"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; the first column heads its rows. A column of numbers only is set to the right."""
+
+    caption: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    kind = "table"
+
+    @property
+    def numeric(self):
+        """Whether each column holds numbers."""
+        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
+        return [all(re.fullmatch(r"[-+−±]?[\d.,]+(e[-+]?\d+)?( ?%)?|–|", cell) for cell in column) for column in columns]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawn figure (inline SVG) or an image (a data: address), with its caption and what it shows in words."""
+
+    caption: str
+    alt: str
+    svg: Markup | None = None
+    source: str = ""
+    width: int = 0
+    height: int = 0
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Pictures side by side where there is room."""
+
+    figures: tuple[Picture, ...]
+    kind = "figures"
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text as it is in a file."""
+
+    caption: str
+    text: str
+    kind = "code"
+
+
+Part = Text | Lines | Table | Figures | Code
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands below it."""
+
+    id: str
+    title: str
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """The whole page; headline and lead: the result in a sentence or two; good: whether it went well."""
+
+    title: str
+    kind: str
+    headline: str
+    lead: str
+    good: bool
+    sections: tuple[Section, ...]
+
+
+def render(page):
+    """The HTML of a Page."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(HERE),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    style = (HERE / "page.css").read_text(encoding="utf-8")
+    return environment.get_template("page.html").render(
+        page=page,
+        style=Markup(style),  # our own file, not of anybody's input
+        style_hash=base64.b64encode(hashlib.sha256(style.encode()).digest()).decode(),
+        version=importlib.metadata.version("indentfit"),
+    )
+
+
+def drawn(figure, caption, alt, number=itertools.count()):  # noqa: B008 - the count shall go on
+    """The Picture of a matplotlib figure, as SVG to be put into the page."""
+    text = io.StringIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})
+    return Picture(caption, alt, svg=_inline(text.getvalue(), f"f{next(number)}-", alt))
+
+
+def image(path, caption, alt):
+    """The Picture of a PNG file."""
+    raw = Path(path).read_bytes()
+    width, height = struct.unpack(">II", raw[16:24])
+    return Picture(caption, alt, source=f"data:image/png;base64,{base64.b64encode(raw).decode()}", width=width, height=height)
+
+
+def _inline(text, prefix, alt):
+    """SVG for the inside of a page: no names of its own that another figure has, too, and no styles that a policy forbids."""
+    root = ET.fromstring(text)  # comments, which hold the texts, are left out
+    names = {element.get("id") for element in root.iter()} - {None}
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if child.tag.rpartition("}")[2] in NOT_SHOWN:
+                parent.remove(child)
+    for element in root.iter():
+        for declaration in (element.attrib.pop("style", "") or "").split(";"):
+            name, colon, value = declaration.partition(":")
+            if colon and name.strip() != "font":
+                element.set(name.strip(), value.strip())
+        element.attrib.pop("type", None)
+        for name, value in list(element.attrib.items()):
+            if name in ("id", f"{{{XLINK}}}href"):
+                del element.attrib[name]
+                element.set(name.rpartition("}")[2], re.sub(r"^(#?)(.*)$", rf"\1{prefix}\2", value))
+            else:
+                element.set(name, re.sub(r"url\(#", f"url(#{prefix}", value))
+    _drop_unused_names(root, {prefix + name for name in names})
+    for name in ("width", "height", "version"):
+        root.attrib.pop(name, None)
+    root.set("role", "img")
+    root.set("aria-label", alt)
+    ET.register_namespace("", SVG)
+    return Markup(ET.tostring(root, encoding="unicode"))
+
+
+def _drop_unused_names(root, names):
+    used = set()
+    for element in root.iter():
+        for value in element.attrib.values():
+            used |= set(re.findall(r"#([^)\s]+)", value))
+    for element in root.iter():
+        if element.get("id") in names - used:
+            del element.attrib["id"]

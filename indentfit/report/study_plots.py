@@ -1,0 +1,214 @@
+"""Figures of the studies: curves for each value of a key, keys by what they do, convergence of meshes."""
+
+import itertools
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
+
+from .plots import TICKS, _from_origin, _label, save
+from .style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
+
+WIDE = 2 * COLUMN  # both columns of a journal
+LINES = (DASHES[1], DASHES[3], DASHES[4], DASHES[5])  # dots look pale
+MOST_CURVES = 14  # in one panel: more cannot be told apart
+RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; not paler than can be seen
+
+
+def curves_by_value(key, tests, own, points, path):
+    """Force curves of each test, a panel for each, at each value of one key (figures 8 and 9 of the source paper).
+
+    tests: name -> angle; own, points: (value as written, or None where it is the case's own; {test: Curve}). Saves
+    path.svg and path.png and returns the figure.
+    """
+    shown = [points[n] for n in np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).astype(int))]
+    ramp = matplotlib.colormaps[RAMP](np.linspace(DARKEST, LIGHTEST, len(shown)))
+    with matplotlib.rc_context(STYLE):
+        figure, panels = _panels(len(tests))
+        for axes, (name, angle) in zip(panels, tests.items(), strict=True):
+            axes.plot(*_from_origin(own[1][name]), color="black", linewidth=1.3, zorder=3, label=f"{own[0]} (the case)")
+            for (value, curves), colour, dashes in zip(shown, ramp, itertools.cycle(LINES), strict=False):
+                axes.plot(*_from_origin(curves[name]), color=colour, linewidth=1.2, linestyle=dashes, label=_label(value))
+            _force_axes(axes, f"{name} ({angle}°)")
+        handles, labels = panels[0].get_legend_handles_labels()
+        columns = 4 if len(tests) > 1 else 2
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=_label(key), handlelength=3.2)
+        save(figure, path)
+    return figure
+
+
+def ranked(rows, tests, path):
+    """Spread of the last force over each key's values, the largest above, a bar for each test (`rows`: (key, test, share))."""
+    keys = list(dict.fromkeys(key for key, _, _ in rows))
+    with matplotlib.rc_context(STYLE):
+        figure, (axes,) = _panels(1, width=1.1 * COLUMN, height=0.9 + 0.3 * len(keys) * max(1, len(tests) / 2))
+        thick = 0.8 / len(tests)
+        for n, name in enumerate(tests):
+            found = {key: share for key, test, share in rows if test == name}
+            at = np.arange(len(keys)) + (n - (len(tests) - 1) / 2) * thick
+            bars = axes.barh(
+                at, [100 * found.get(key, 0) for key in keys], height=0.9 * thick, color=COLOURS[n % len(COLOURS)],
+                hatch=("", "////", "....", "xxxx")[n % 4], edgecolor="white", linewidth=0.3,
+                label=_label(f"{name} ({tests[name]}°)"),
+            )  # fmt: skip
+            axes.bar_label(bars, fmt="%.2g", padding=2, fontsize=6.5)
+        axes.set_yticks(range(len(keys)), [_label(key) for key in keys])
+        axes.invert_yaxis()
+        axes.margins(x=0.12)
+        axes.set_xlabel("Spread of the last force\n(% of that of the case)")
+        axes.tick_params(axis="y", length=0)
+        figure.legend(loc="outside upper left", ncols=1)
+        save(figure, path)
+    return figure
+
+
+def forces_on_grid(keys, points, tests, path):
+    """Last force of each test over the first key of a grid, a line for each combination of the others.
+
+    points: list of (values as written, in the order of keys; numbers; {test: force} or None where it failed).
+    """
+    lines: dict[tuple, list] = {}
+    for values, numbers, forces in points:
+        lines.setdefault(tuple(values[1:]), []).append((values[0], numbers[0], forces))
+    words = any(number is None for one in lines.values() for _, number, _ in one)
+    with matplotlib.rc_context(STYLE):
+        figure, panels = _panels(len(tests))
+        looks = itertools.cycle(zip(COLOURS, MARKERS, DASHES, strict=True))
+        for (others, one), (colour, marker, dashes) in zip(list(lines.items())[:MOST_CURVES], looks, strict=False):
+            for axes, name in zip(panels, tests, strict=True):
+                x = [value if words else number for value, number, _ in one]
+                y = [np.nan if forces is None else forces[name] for _, _, forces in one]
+                label = _label(", ".join(others)) or "force"
+                axes.plot(x, y, color=colour, marker=marker, linestyle=dashes, label=label, markerfacecolor="white")
+        for axes, (name, angle) in zip(panels, tests.items(), strict=True):
+            _force_axes(axes, f"{_label(name)} ({angle}°)")
+            axes.set_xlim(auto=True)
+            axes.set_xlabel(_label(keys[0]))
+            axes.set_ylabel("Force at the last\ndisplacement (mN)")
+            axes.autoscale()
+        if len(keys) > 1:
+            handles, labels = panels[0].get_legend_handles_labels()
+            title = _label(", ".join(keys[1:]))
+            figure.legend(handles, labels, loc="outside lower center", ncols=4, title=title, handlelength=3.2)
+        save(figure, path)
+    return figure
+
+
+def mesh_convergence(families, path):
+    """What was computed on each mesh against the mesh's element size, with the fitted approach to zero size and its band.
+
+    families: list of (title, label of the axis, h (n,), values (n,), curve (m, 2) or None, band (2,) or None).
+    """
+    with matplotlib.rc_context(STYLE):
+        figure, panels = _panels(len(families), rows=-(-len(families) // 2))
+        for axes, (title, label, h, values, curve, band) in zip(panels, families, strict=True):
+            if band is not None:
+                axes.axhspan(*band, color=COLOURS[4], alpha=0.3, linewidth=0, label="error band")
+            if curve is not None:
+                axes.plot(*curve.T, color=COLOURS[0], label="fitted approach to zero size")
+            axes.plot(h, values, "o", color=COLOURS[1], markerfacecolor="white", markeredgewidth=0.9, label="meshes", clip_on=False)
+            axes.set_xlim(0, 1.05 * max(h))
+            axes.margins(y=0.15)
+            axes.set_title(_label(title), fontsize=8, loc="left")
+            axes.set_xlabel("Element size h (mm)")
+            axes.set_ylabel(label)
+            axes.yaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3 if len(families) > 1 else 1)
+        save(figure, path)
+    return figure
+
+
+def error_and_cost(h, errors, seconds, path):
+    """Misfit or force against the mesh's element size, and the CPU time that it takes (figure 10 of the source paper).
+
+    errors: (label of the axis, {name: values (n,)}); seconds (n,).
+    """
+    label, series = errors
+    with matplotlib.rc_context(STYLE):
+        figure, (axes,) = _panels(1, width=COLUMN, height=0.85 * COLUMN)
+        cost = axes.twinx()
+        cost.spines["right"].set_visible(True)
+        order = np.argsort(h)
+        for (name, values), colour, marker in zip(series.items(), COLOURS, MARKERS, strict=False):
+            axes.plot(h[order], np.array(values)[order], color=colour, marker=marker, markerfacecolor="white", label=_label(name))
+        cost.plot(h[order], np.array(seconds)[order], color="0.35", linestyle=DASHES[2], marker="X", label="CPU time (right)")
+        cost.set_yscale("log")
+        cost.set_ylabel("CPU time (s)")
+        cost.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        cost.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        cost.yaxis.set_minor_formatter(NullFormatter())
+        cost.yaxis.set_minor_locator(NullLocator())
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("Element size h (mm)")
+        axes.set_ylabel(label)
+        figure.legend(loc="outside upper left", ncols=2)
+        save(figure, path)
+    return figure
+
+
+def _panels(number, rows=1, width=None, height=None):
+    columns = -(-number // rows)
+    width = width or (WIDE if columns > 1 else COLUMN)
+    figure = Figure(figsize=(width, height or (0.3 + 0.72 * COLUMN * rows)), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for spare in panels[number:]:
+        spare.set_axis_off()
+    return figure, panels[:number]
+
+
+def _force_axes(axes, title):
+    axes.set_title(_label(title), fontsize=8, loc="left")
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("Displacement (mm)")
+    axes.set_ylabel("Force (mN)")
+    axes.xaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
+    axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
+
+
+def profile(label, found, best):
+    """A profile likelihood: chi2 above its least against a parameter's value, the limit of 95 % and its interval, and runs.
+
+    found: values, chi2, limit (or None), interval, confirmed (rows of value and chi2).
+    """
+    with matplotlib.rc_context(STYLE):
+        figure, (axes,) = _panels(1, height=0.7 * COLUMN)
+        top = 2 * found["limit"] if found.get("limit") else max(found["chi2"])
+        axes.axvspan(*found["interval"], color=COLOURS[0], alpha=0.12, linewidth=0)
+        axes.axvline(best, color="0.4", linewidth=0.6)
+        if found.get("limit"):
+            axes.axhline(found["limit"], color="0.4", linewidth=0.6, linestyle=DASHES[1])
+        axes.plot(found["values"], found["chi2"], color=COLOURS[0])
+        runs = [row for row in found.get("confirmed") or () if row["chi2"] is not None]
+        axes.plot([row["value"] for row in runs], [row["chi2"] for row in runs], "o", color=COLOURS[1], markerfacecolor="white")
+        axes.set_ylim(-0.04 * top, top)
+        axes.set_xlabel(_label(label))
+        axes.set_ylabel("χ² above the least")
+        axes.xaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
+    return figure
+
+
+def course(objectives, phases):
+    """The best objective (mN) after each step of a search; a marker for each phase."""
+    with matplotlib.rc_context(STYLE):
+        figure, (axes,) = _panels(1, width=COLUMN, height=0.7 * COLUMN)
+        at, values = np.arange(1, len(objectives) + 1), np.minimum.accumulate(objectives)
+        axes.plot(at, values, color="0.4", linewidth=0.8)
+        for phase, colour, marker in zip(dict.fromkeys(phases), itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):
+            mine = np.array([one == phase for one in phases])
+            axes.plot(at[mine], values[mine], marker, color=colour, markerfacecolor="white", label=_label(phase) or "step")
+        if values.min() > 0 and values[0] > 5 * values[-1]:
+            axes.set_yscale("log")
+            for part in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+                part(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "125" else ""))
+        else:
+            axes.set_ylim(bottom=0)
+        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        axes.set_xlabel("Step of the search")
+        axes.set_ylabel("Best objective (mN)")
+        figure.legend(loc="outside upper left", ncols=3)
+    return figure

@@ -1,0 +1,67 @@
+"""One function call in a fresh process: what it uses of processor and memory is its own, and its death is survived."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+DIED = "its process was killed (out of memory?)"
+
+
+class Died(Exception):
+    """The process ended before the call did."""
+
+
+def isolated(function, *arguments):
+    """What function(*arguments) returns, called in a process of its own. Raises Died, and whatever the function raises."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin) as executor:
+        try:
+            return executor.submit(function, *arguments).result()
+        except BrokenProcessPool as error:
+            raise Died(DIED) from error
+        except BaseException:
+            for process in list((executor._processes or {}).values()):
+                process.terminate()
+            raise
+
+
+def peak_memory():
+    """Largest memory that this process has held so far, in bytes."""
+    status = Path("/proc/self/status")
+    if status.exists():  # what getrusage says there includes the process that started this one
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) * 1024
+    import resource  # not on Windows
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def available_memory():
+    """Memory that a new process can have, in bytes, None where not known: the machine's, or less by a group's limit."""
+    found = []
+    table = Path("/proc/meminfo")
+    if table.exists():
+        line = next((line for line in table.read_text().splitlines() if line.startswith("MemAvailable:")), None)
+        found += [int(line.split()[1]) * 1024] if line else []
+    limit, used = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
+    if limit.exists() and used.exists() and (text := limit.read_text().strip()).isdigit():
+        found.append(int(text) - int(used.read_text()))
+    if not found and hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    return min(found, default=None)
+
+
+def _begin():
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without a traceback; the parent reports it
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent():
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)

@@ -1,0 +1,365 @@
+"""How exact the forces of a case are on its mesh, and on a family of meshes, and what that costs.
+
+The family shares the case's grading, so that a size is all that tells its meshes apart; they are not nested. The element
+size h is the cube root of the mean volume of an element, mm. Changes by contact penalty, load step and edge radius are
+found one at a time on the case's own mesh.
+"""
+
+import time
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from indentfit.case import Case, read_case
+from indentfit.curve import Curve
+from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshError
+from indentfit.fem import mesh as meshes
+from indentfit.fem.simulate import Model
+from indentfit.inverse.objective import Target, equation_one, rmse
+from indentfit.study.convergence import Approach, Index, fitted, grid_convergence_index
+from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
+from indentfit.study.refit import Refit, refits
+from indentfit.study.runs import forward, key
+from indentfit.study.sweep import stiffness
+
+FORMAT = "indentfit.mesh-check/1"
+METHOD = (
+    "error bands: 95 % profile interval of f0 in f(h) = f0 + C h^p, 0.5 <= p <= 2.1, by least squares over all meshes; beside it "
+    "the uncertainty of the finest mesh by Eca and Hoekstra 2014 (J Comput Phys 262:104); GCI of the three finest meshes by "
+    "Roache and Celik et al. 2008 (J Fluids Eng 130:078001), safety factor 1.25"
+)
+SHARES = (1 / 3, 1 / 2, 0.7, 1.0, 1.5, 2.2)  # of the case's number of elements
+LEAST_FAMILY = 4
+FITS = 0.9  # of the memory that is free
+# Peak memory of a run, bytes: a process with the libraries, and for each dof what element and solver take, which a factor of
+# three-dimensional nested dissection makes grow as n^(4/3). Fitted to quarter discs of 1,000 to 65,000 dofs, within 7 %;
+# SuperLU's fill is a guess from above.
+PROCESS, PER_DOF = 285e6, {"q2p1": 14e3, "q1p0": 5e3}
+PER_DOF_FACTOR = {"pardiso": 400.0, "superlu": 1200.0, "pyamg": 400.0}
+CHECKS = {
+    "solver.penalty": (0.3, 3.0, 10.0),  # factors on the case's own
+    "solver.max_step": (0.05, 0.025, 0.0125),  # of the largest displacement
+    "indenter.edge_radius": (0.1, 0.05, 0.025),  # of the indenter's half-width
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The tests of a case on one mesh: what they gave, and what they cost; `cause` instead of forces where they failed.
+
+    h: mm, None where it failed; forces: mN, an array (n,) for each test; cpu_seconds: of all tests, without the set-up;
+    memory: peak, bytes.
+    """
+
+    elements: int
+    dofs: int
+    h: float | None
+    forces: tuple[np.ndarray, ...] | None
+    newton_iterations: int
+    factorizations: int
+    loose_steps: int
+    penalty_error: float
+    cpu_seconds: float
+    setup_seconds: float
+    memory: int
+    cause: str | None
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of one test over the family: its values on the meshes that were computed, in their order, and its errors.
+
+    kind: "force" at the last displacement, mN, or "stiffness", mN/mm; band: (low, high), from the finest mesh to the
+    far end of the interval at zero size, or None where fewer than LEAST_FAMILY meshes were computed; error (n,): each mesh's
+    largest error, a share of its value.
+    """
+
+    test: str
+    kind: str
+    h: np.ndarray
+    values: np.ndarray
+    approach: Approach | None
+    index: Index | None
+    band: tuple[float, float] | None
+    error: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Change:
+    """One key of contact, steps or edge at another value: the change of each test's last force, a share, or the cause."""
+
+    key: str
+    value: float
+    changes: dict[str, float] | None
+    cause: str | None
+
+
+@dataclass(frozen=True)
+class MeshCheck:
+    """The whole check; `meshes` from coarse to fine as (what was asked, Measured), `chosen`: the verdict's mesh or None."""
+
+    title: str
+    case_hash: str
+    tests: dict[str, int]
+    parameters: dict[str, float]
+    wanted: float
+    element: str
+    linear: str
+    meshes: tuple[tuple[str, Measured], ...]
+    rmse: tuple[dict[str, float] | None, ...]
+    objective: tuple[float | None, ...]
+    quantities: tuple[Quantity, ...]
+    changes: tuple[Change, ...]
+    chosen: int | None
+    verdict: str
+    refits: tuple[Refit, ...] = ()
+
+    def as_json(self):
+        """The stable keys of a mesh-check's result.json."""
+        return {
+            "format": FORMAT,
+            "method": METHOD,
+            **{name: getattr(self, name) for name in ("title", "case_hash", "tests", "parameters", "wanted", "element", "linear")},
+            "meshes": [
+                {"asked": asked, **asdict(one), "rmse_mN": errors, "objective_mN": objective}
+                for (asked, one), errors, objective in zip(self.meshes, self.rmse, self.objective, strict=True)
+            ],
+            "quantities": [asdict(one) for one in self.quantities],
+            "changes": [asdict(one) for one in self.changes],
+            "chosen": self.chosen,
+            "refits": [asdict(one) for one in self.refits],
+            "verdict": self.verdict,
+        }
+
+
+def mesh_check(case, family, kept, wanted=0.02, checks=None, progress=None):
+    """MeshCheck of a Case over a family, a list of "mesh.size=..." or "mesh.elements=...".
+
+    wanted: largest error of force and stiffness, a share; checks: key -> values of contact, steps and edge (`own_checks`);
+    kept: mapping of what is finished, added to. progress: called with (share done, note). Raises CaseError and MeshError
+    before anything is run, for a mesh that cannot be or that does not fit into memory, with the estimate.
+    """
+    cases = [read_case(case.path, (*case.overrides, asked)) for asked in family]
+    others = [(k, v, read_case(case.path, (*case.overrides, f"{k}={v:.10g}"))) for k, vs in (checks or {}).items() for v in vs]
+    for asked, one in zip(family, cases, strict=True):
+        _refuse_too_large(one, asked)
+    order = sorted(range(len(cases)), key=lambda n: estimate(cases[n])[0])
+    work = [cases[n] for n in order] + ([case] if others else []) + [one for *_, one in others]
+    found = _measure_all(work, kept, progress or (lambda share, note: None))
+    family_found = [(family[n], one) for n, one in zip(order, found, strict=False)]
+    family_found = [
+        pair for n, pair in enumerate(family_found) if pair[1].elements not in [o.elements for _, o in family_found[:n]]
+    ]
+    quantities = tuple(_quantities(case, [one for _, one in family_found]))
+    changes = tuple(_changes(case, found[len(cases) :], others))
+    chosen, verdict = _verdict(family_found, quantities, wanted)
+    fine = [_misfits(case, one) for _, one in family_found]
+    return MeshCheck(
+        case.title, case.hash, {test.name: test.angle for test in case.tests}, case.start_values(), wanted, case.solver.element,
+        case.solver.linear, tuple(family_found), tuple(e for e, _ in fine), tuple(o for _, o in fine), quantities, changes,
+        chosen, verdict,
+    )  # fmt: skip
+
+
+def refitted(case, family, kept, progress=None):
+    """Refits of the case on each mesh of the family, from coarse to fine: the meshes' error in the parameters themselves."""
+    cases = [(asked, read_case(case.path, (*case.overrides, asked))) for asked in family]
+    return refits(sorted(cases, key=lambda pair: estimate(pair[1])[0]), kept, progress)
+
+
+def own_family(case):
+    """The default family around the case's mesh, as overrides."""
+    own = estimate(case)[0]
+    return [f"mesh.elements={max(20, round(share * own))}" for share in SHARES]
+
+
+def own_checks(case):
+    """Key -> values of contact penalty, load step and edge radius, in the units of the case."""
+    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+    found = {
+        "solver.penalty": [share * case.solver.penalty for share in CHECKS["solver.penalty"]],
+        "solver.max_step": [float(f"{share * depth:.4g}") for share in CHECKS["solver.max_step"]],
+    }
+    if case.indenter.shape != "sphere" and case.indenter.friction != "stick":
+        radii = [share * case.indenter.half_width for share in CHECKS["indenter.edge_radius"]]
+        own = case.indenter.edge_radius
+        found["indenter.edge_radius"] = ([0.0, own / 2, own * 2] if own else radii)[:3]
+    return found
+
+
+# ---- memory ------------------------------------------------------------------------------------------------------
+
+
+def estimate(case):
+    """Elements, degrees of freedom and peak memory, bytes, of a case, before its mesh is made."""
+    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+    elements = meshes.count(case.sample, case.indenter, case.mesh, case.solver.element, depth)
+    nodes = elements * (8 if case.solver.element == "q2p1" else 1)
+    dofs = 3 * nodes * (1 + 1 / nodes ** (1 / 3)) ** 3
+    return elements, round(dofs), memory_of(dofs, case.solver.element, case.solver.linear)
+
+
+def memory_of(dofs, element, linear="auto"):
+    """Peak memory of a run, bytes."""
+    used = ("pardiso" if _has_pardiso() else "superlu") if linear == "auto" else linear
+    factor = PER_DOF_FACTOR[used]
+    return PROCESS + PER_DOF[element] * dofs + factor * dofs ** (4 / 3)
+
+
+def _has_pardiso():
+    from indentfit.fem.linear import LinearSolver
+
+    return LinearSolver("auto").name == "pardiso"
+
+
+def _refuse_too_large(case, asked):
+    elements, dofs, memory = estimate(case)
+    free = available_memory()
+    if free is not None and memory > FITS * free:
+        raise MeshError(
+            f"{case.path}: {asked.replace('=', ' = ')}: about {elements:,} elements, {dofs:,} degrees of freedom and "
+            f"{memory / 1e9:.1f} GB of memory, of which {free / 1e9:.1f} GB are free; ask for a coarser mesh"
+        )
+
+
+# ---- runs --------------------------------------------------------------------------------------------------------
+
+
+def _measure_all(cases, kept, progress):
+    """Measured of each case, one after the other, each in a process of its own; progress by estimated cost."""
+    bare = [forward(case) for case in cases]
+    costs = np.array([estimate(case)[1] ** (4 / 3) for case in bare])
+    found = []
+    for n, case in enumerate(bare):
+        k = key(case, "mesh")
+        if k not in kept:
+            progress(costs[:n].sum() / costs.sum(), f"mesh {n + 1} of {len(bare)}")
+            kept[k] = _measured_or_cause(case)
+        record = kept[k]
+        forces = record["forces"] and tuple(map(np.array, record["forces"]))
+        found.append(Measured(**{**record, "forces": forces}))
+    return found
+
+
+def _measured_or_cause(case):
+    elements, dofs, _ = estimate(case)
+    try:
+        return isolated(measure, case)
+    except (IndentfitError, Died) as error:
+        cause = DIED if isinstance(error, Died) else " ".join(str(error).split())
+        nothing = dict.fromkeys(("newton_iterations", "factorizations", "loose_steps", "memory"), 0)
+        return {
+            "elements": elements, "dofs": dofs, "h": None, "forces": None, **nothing, "penalty_error": 0.0,
+            "cpu_seconds": 0.0, "setup_seconds": 0.0, "cause": cause,
+        }  # fmt: skip
+
+
+def measure(case: Case):
+    """The record of a Measured, as plain numbers: every test of a case in this process. Raises ConvergenceError."""
+    _compile(case)
+    started = time.process_time()
+    model = Model(case)
+    ready = time.process_time()
+    simulation = model.simulate(case.material_class(**case.start_values()), case)
+    solver = simulation.solver
+    return {
+        "elements": simulation.mesh["elements"],
+        "dofs": simulation.mesh["dofs"],
+        "h": float(np.mean(model.body.volume) ** (1 / 3)),
+        "forces": [test.force.tolist() for test in simulation.tests],
+        "newton_iterations": solver["newton_iterations"],
+        "factorizations": solver["factorizations"],
+        "loose_steps": solver["loose_steps"],
+        "penalty_error": solver["penalty_error"],
+        "cpu_seconds": time.process_time() - ready,
+        "setup_seconds": ready - started,
+        "memory": peak_memory(),
+        "cause": None,
+    }
+
+
+def _compile(case):
+    """Run a small mesh to a small depth, so that what is compiled on first use is not counted as work."""
+    small = case.model_copy(update={"mesh": type(case.mesh)(elements=20)})
+    try:
+        material = small.material_class(**small.start_values())
+        kappa = small.material.bulk_modulus(material.shear_modulus)
+        Model(small).run(material, kappa, small.tests[0].angle, [1e-3 * small.outputs(small.tests[0])[-1]])
+    except (ConvergenceError, MeshError):
+        pass
+
+
+# ---- what the family says ----------------------------------------------------------------------------------------
+
+
+def _quantities(case, found):
+    computed = [one for one in found if one.forces is not None]
+    h = np.array([one.h for one in computed])
+    for n, test in enumerate(case.tests):
+        curves = [Curve(case.outputs(test), one.forces[n]) for one in computed]
+        yield _quantity(test.name, "force", h, np.array([curve.force[-1] for curve in curves]))
+        if case.outputs(test).size > 1:
+            yield _quantity(test.name, "stiffness", h, np.array([stiffness(curve) for curve in curves]))
+
+
+def _quantity(test, kind, h, values):
+    if h.size < LEAST_FAMILY:
+        return Quantity(test, kind, h, values, None, grid_convergence_index(h, values), None, None)
+    approach, finest = fitted(h, values), int(np.argmin(h))
+    half = approach.band(values)
+    band = (min(float(values[finest]), approach.interval[0]), max(float(values[finest]), approach.interval[1]))
+    return Quantity(test, kind, h, values, approach, grid_convergence_index(h, values), band, half / np.abs(values))
+
+
+def _misfits(case, one):
+    """RMSE of each measured test, mN, and equation (1)'s objective where all were measured."""
+    if one.forces is None or all(curve is None for curve in case.curves):
+        return None, None
+    targets = [
+        (Target(test.name, curve, test.weight), force)
+        for test, curve, force in zip(case.tests, case.curves, one.forces, strict=True)
+        if curve is not None
+    ]
+    errors = {target.name: rmse(target, force) for target, force in targets}
+    whole = len(targets) == len(case.tests)
+    return errors, equation_one(*zip(*targets, strict=True)) if whole else None
+
+
+def _changes(case, found, others):
+    """Change of each key's value against the case as it is, which is found[0]."""
+    for (name, value, _), one in zip(others, found[1:], strict=True):
+        own = found[0]
+        if one.forces is None or own.forces is None:
+            yield Change(name, value, None, one.cause or own.cause)
+            continue
+        pairs = zip(case.tests, one.forces, own.forces, strict=True)
+        yield Change(name, value, {test.name: float(new[-1] / old[-1] - 1) for test, new, old in pairs}, None)
+
+
+def _verdict(found, quantities, wanted):
+    """Index among `found` of the coarsest mesh whose bands are all within the wanted error, or None; and words."""
+    computed = [n for n, (_, one) in enumerate(found) if one.forces is not None]
+    if len(computed) < LEAST_FAMILY:
+        return None, f"no verdict: {len(computed)} meshes were computed, and an error needs {LEAST_FAMILY}"
+    worst = np.max([one.error for one in quantities], axis=0)
+    good = [n for n in range(len(computed)) if (worst[n:] <= wanted).all()]
+    best = int(np.argmin(worst))
+    if not good:
+        asked, one = found[computed[best]]
+        return None, (
+            f"none of these meshes is exact to {100 * wanted:g} % of force and stiffness with certainty; the best is {asked} "
+            f"({one.elements:,} elements), within {worst[best]:.2%}; ask for finer ones"
+        )
+    asked, one = found[computed[good[0]]]
+    return computed[good[0]], (
+        f"{asked} ({one.elements:,} elements) is the coarsest mesh exact to {100 * wanted:g} % of force and stiffness "
+        f"(within {worst[good[0]]:.2%}): {one.cpu_seconds:.3g} s of processor time for all tests, {one.memory / 1e6:.0f} MB"
+    )
+
+
+def parse(option, text):
+    """Overrides of a family: texts of --sizes ("0.6,0.5 mm") or --elements ("60,100")."""
+    parts = [part.strip() for part in text.split(",")]
+    if "" in parts or len(set(parts)) < 2:
+        raise CaseError(f"--{option} {text}: give two or more values, separated by commas")
+    return [f"mesh.{'size' if option == 'sizes' else 'elements'}={part}" for part in dict.fromkeys(parts)]

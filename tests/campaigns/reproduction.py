@@ -1,0 +1,147 @@
+"""The paper's numbers beside ours: every row of the tables in cases/white_matter_2017/README.md.
+
+    python tests/campaigns/reproduction.py [-o DIR] [--workers 2] [--fit] [--set KEY=VALUE ...]
+
+Prints the tables as Markdown and writes sweeps, fields and their reports into DIR. --fit adds the two inversions (minutes
+each). Killed, it goes on where it stopped. The mesh study is `indentfit mesh-check` with the command in that README.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+CASES = Path(__file__).parents[2] / "cases"
+OPTIMUM = "material.parameters={mu=1.49,zeta=4.68,phi=0.68}"
+PARAMETERS = [f"material.{name}=+-15%" for name in ("mu", "zeta", "phi")]
+FRICTION = ["indenter.friction=0.2,0.25,0.3,0.4"]
+UNKNOWN = [
+    "material.bulk_ratio=20,100,5000",
+    "indenter.friction=0,stick",
+    "sample.base=bonded",
+    "solver.element=q1p0",
+    "indenter.edge_radius=0.1,0.05",  # the slow ones last
+]
+PAPER = {"parallel": 72.9, "perpendicular": 170.5}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", "--output", default="reproduction")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--set", action="append", default=[], dest="extra")
+    arguments = parser.parse_args()
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+    home = Path(arguments.output)
+    home.mkdir(exist_ok=True)
+    rows = forward(home, arguments.workers, arguments.extra)
+    rows += stresses(home, arguments.extra)
+    if arguments.fit:
+        rows += fits(home, arguments.workers, arguments.extra)
+    print("| what | paper | here |\n|---|---|---|")
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
+
+
+def command(home, name, words):
+    """Run one command of indentfit into home/name, unless that is there, and return its result.json."""
+    import json
+
+    from click.testing import CliRunner
+
+    from indentfit.cli import main as indentfit
+
+    folder = home / name
+    if not folder.exists():
+        done = CliRunner().invoke(indentfit, [*words, "-o", str(folder)])
+        if not folder.exists():
+            sys.exit(f"{name}: {done.output}")
+    file = next(folder / one for one in ("result.json", "simulation.json") if (folder / one).exists())
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def swept(home, name, texts, workers, extra):
+    words = ["sweep", str(CASES / "white_matter_2017" / "case.toml"), "--workers", str(workers)]
+    for text in (OPTIMUM, *extra):
+        words += ["--set", text]
+    for text in texts:
+        words += ["--vary", text]
+    return command(home, name, words)
+
+
+def forward(home, workers, extra):
+    """Rows from sweeps: stiffness and objective at the optimum, parameters, friction, and what the paper does not say."""
+    parameters = swept(home, "parameters", PARAMETERS, workers, extra)
+    friction = swept(home, "friction", FRICTION, workers, extra)
+    unknown = swept(home, "unknown", UNKNOWN, workers, extra)
+    base = parameters["base"]["tests"]
+    rows = [
+        (f"stiffness at the paper's optimum, {name} (mN/mm)", f"{stiffness} measured", f"{base[name]['stiffness_mN_per_mm']:.1f}")
+        for name, stiffness in PAPER.items()
+    ]
+    objective = sum(0.5 * one["rmse_mN"] for one in base.values())
+    rows.append(("objective at the paper's optimum (mN)", "0.832", f"{objective:.2f}"))
+    for one in parameters["sensitivities"]:
+        rows.append(
+            (
+                f"spread of the force by {one['key']} +-15 %, {one['test']}",
+                "mu > zeta > phi; 90 > 0 deg",
+                f"{one['force_span']:.2%}",
+            )
+        )
+    for point in friction["points"]:
+        for name, said in (("parallel", "no effect"), ("perpendicular", "about -8 % at 0.2")):
+            rows.append((f"force at 10 % by friction {point['values']['indenter.friction']}, {name}", said, change(point, name)))
+    for point in unknown["points"]:
+        what = ", ".join(f"{key} = {value}" for key, value in point["values"].items())
+        rows.append(
+            (
+                f"{what}: force at 10 %, parallel; perpendicular",
+                "not said",
+                f"{change(point, 'parallel')}; {change(point, 'perpendicular')}",
+            )
+        )
+    return rows
+
+
+def change(point, name):
+    return f"failed: {point['cause']}" if point["tests"] is None else f"{point['tests'][name]['force_change']:+.2%}"
+
+
+def stresses(home, extra):
+    """Rows of the peak stresses, from the pictures' table."""
+    import json
+
+    words = ["simulate", str(CASES / "white_matter_2017" / "case.toml"), "--vtu"]
+    for text in (OPTIMUM, *extra):
+        words += ["--set", text]
+    command(home, "stresses", words)
+    listed = json.loads((home / "stresses" / "fields" / "pictures.json").read_text(encoding="utf-8"))
+    said = {"parallel": "zz; yz", "perpendicular": "zz; xz"}
+    rows = [(f"largest normal and shear stress, {one['test']}", said[one["test"]], one["words"]) for one in listed["peaks"]]
+    first, second = ({row["component"]: row["usual"] for row in one["rows"]} for one in listed["peaks"])
+    larger = [name for name in first if second[name] > first[name]]
+    rows.append(("components that are larger at 90 deg", "all six", ", ".join(larger)))
+    return rows
+
+
+def fits(home, workers, extra):
+    """Rows of the two inversions."""
+    rows = []
+    published = {"white_matter_2017": (1.49, 4.68, 0.68), "white_matter_small_strain": (0.60, 4.0, 0.5)}
+    for name, values in published.items():
+        words = ["fit", str(CASES / name / "case.toml"), "--workers", str(workers)]
+        for text in extra:
+            words += ["--set", text]
+        result = command(home, f"fit-{name}", words)
+        for (parameter, one), value in zip(result["parameters"].items(), values, strict=True):
+            interval = one["interval"] and " to ".join(f"{x:.3g}" for x in one["interval"])
+            rows.append((f"{name}: {parameter}", f"{value:g}", f"{one['value']:.3g} ({interval}; {one['verdict']})"))
+        rows.append((f"{name}: objective (mN)", "0.832" if "2017" in name else "not said", f"{result['objective']:.3g}"))
+    return rows
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,411 @@
+"""sweep and mesh-check: what they compute, that a failed point harms only itself, and that a killed study goes on."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import CASES
+
+from indentfit.case import read_case
+from indentfit.cli import main
+from indentfit.errors import CaseError, ConvergenceError, MeshError
+from indentfit.fem.simulate import Model, simulate
+from indentfit.study import isolated, mesh_check, runs
+from indentfit.study.kept import Kept, place_beside
+from indentfit.study.mesh_check import Measured, estimate, measure, own_checks, own_family
+from indentfit.study.sweep import sweep, variation
+
+QUICK = CASES / "quickstart" / "case.toml"
+SMALL = ("mesh.elements=30", "test.parallel.depth=0.1", "test.perpendicular.depth=0.1")
+OPTIONS = tuple(word for one in SMALL for word in ("--set", one))
+
+
+@pytest.fixture(scope="module")
+def case():
+    return read_case(QUICK, SMALL)
+
+
+def run(*words):
+    return CliRunner().invoke(main, list(map(str, words)))
+
+
+# ---- what is kept ------------------------------------------------------------------------------------------------
+
+
+def test_what_is_finished_is_there_after_a_kill_but_for_a_line_cut_short(tmp_path):
+    path = tmp_path / ".out.unfinished.jsonl"
+    kept = Kept(path)
+    kept["a"], kept["b"] = {"force": [1 / 3, 2.0]}, {"force": None}
+    with path.open("ab") as file:
+        file.write(b'["c", {"force": [1.')
+    again = Kept(path)
+    assert dict(again) == {"a": {"force": [1 / 3, 2.0]}, "b": {"force": None}}
+    again["d"] = {"force": [4.0]}
+    assert set(Kept(path)) == {"a", "b", "d"}
+    again.forget()
+    assert not path.exists() and not Kept(path)
+
+
+# ---- sweep: values -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("indenter.friction=0.2, 0.3,stick", ["0.2", "0.3", "stick"]),
+        ("indenter.friction=0.2:0.5:4", ["0.2", "0.3", "0.4", "0.5"]),
+        ("indenter.friction=+-20%", ["0.4", "0.6"]),
+        ("material.mu=±15 %", ["0.85", "1.15"]),
+        ("test.parallel.depth=+-10%", ["0.09", "0.11"]),
+        ("indenter.edge_radius='50 um',0.1", ["'50 um'", "0.1"]),
+        ("material.parameters={mu=1,zeta=2,phi=3},{mu=2,zeta=2,phi=3}", ["{mu=1,zeta=2,phi=3}", "{mu=2,zeta=2,phi=3}"]),
+    ],
+)
+def test_values_are_a_list_a_range_or_percents_of_the_cases_own(case, text, values):
+    assert list(variation(case, text).values) == values
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["indenter.friction", "=1", "indenter.friction=", "mesh.size=+-10%", "sample.base=+-10%", "indenter.edge_radius=+-5%",
+     "material.mu=1,,2", "material.mu=a:b:3", "material.mu=1:2:1", "fit.seed=1,2"],
+)  # fmt: skip
+def test_a_variation_that_means_nothing_ends_with_2_in_one_line(text, tmp_path):
+    done = run("sweep", QUICK, *OPTIONS, "--vary", text, "-o", tmp_path / "out")
+    assert done.exit_code == 2 and len(done.stderr.splitlines()) == 1 and "--vary" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_wrong_value_is_named_before_anything_is_run(case, monkeypatch):
+    monkeypatch.setattr(runs, "Pool", lambda *_: pytest.fail("something was run"))
+    texts = ["indenter.friction=0.2,-1", "material.nu=1", "sample.base=glued"]
+    with pytest.raises(CaseError) as error:
+        sweep(case, [variation(case, text) for text in texts], {})
+    assert len(error.value.problems) == 3 and all("(--vary)" in line for line in error.value.problems)
+
+
+# ---- sweep: what comes out ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def swept(case):
+    texts = ["material.mu=+-15%", "material.zeta=+-15%", "indenter.friction=0,stick"]
+    return sweep(case, [variation(case, text) for text in texts], {}, workers=1)
+
+
+def point(swept, **values):
+    (found,) = [p for p in swept.points if p.values == {key.replace("_", ".", 1): value for key, value in values.items()}]
+    return found.tests
+
+
+def test_the_case_itself_is_what_simulate_gives(case, swept):
+    for test in simulate(case).tests:
+        found = swept.base.tests[test.name]
+        assert np.allclose(found.curve.force, test.force, rtol=1e-5)
+        d = test.displacement - test.displacement.mean()
+        assert found.stiffness == pytest.approx(d @ test.force / (d @ d), rel=1e-5)  # the normal equation of a line
+
+
+def test_the_force_is_proportional_to_mu_so_15_percent_are_15_percent(swept):
+    for value, change in (("0.85", -0.15), ("1.15", 0.15)):
+        for test in point(swept, material_mu=value).values():
+            assert test.force_change == pytest.approx(change, abs=1e-4)
+            assert test.stiffness_change == pytest.approx(change, abs=1e-4)
+    for one in swept.sensitivities:
+        if one.key == "material.mu":
+            assert one.elasticity == pytest.approx(1, abs=1e-3) and one.trend == "rises"
+            assert one.force_span == pytest.approx(0.30, abs=1e-3)
+
+
+def test_keys_are_ranked_by_what_they_do_and_words_have_no_elasticity(swept):
+    keys = list(dict.fromkeys(one.key for one in swept.sensitivities))
+    spans = [max(one.force_span for one in swept.sensitivities if one.key == key) for key in keys]
+    assert spans == sorted(spans, reverse=True) and keys.index("material.mu") < keys.index("material.zeta")
+    friction = [one for one in swept.sensitivities if one.key == "indenter.friction"]
+    assert all(one.elasticity is None for one in friction)  # one of its values is 0
+    across, along = (next(one for one in friction if one.test == name) for name in ("perpendicular", "parallel"))
+    assert across.force_span > 3 * along.force_span  # friction matters across the fibres
+
+
+def test_a_grid_has_every_combination_and_equal_points_are_run_once(case, monkeypatch):
+    count = []
+    real = Model.run
+    monkeypatch.setattr(Model, "run", lambda self, *a, **k: count.append(a[2:4]) or real(self, *a, **k))
+    texts = ["material.mu=1,2", "material.zeta=3"]
+    found = sweep(case, [variation(case, text) for text in texts], {}, grid=True, workers=1)
+    assert [p.values for p in found.points] == [{"material.mu": mu, "material.zeta": "3"} for mu in ("1", "2")]
+    assert found.points[0].tests["parallel"].force_change == 0  # it is the case itself
+    assert len(count) == 1 + 2 * 2  # one to make the model ready, then two tests at two points
+
+
+@pytest.fixture
+def fails_across(monkeypatch):
+    """No equilibrium across the fibres where zeta is 9."""
+    real = Model.run
+
+    def fails(self, material, kappa, angle, *rest):
+        if angle == 90 and material.zeta == 9:
+            raise ConvergenceError("the fibres <i>lock</i>", 0.05, 3, 4)
+        return real(self, material, kappa, angle, *rest)
+
+    monkeypatch.setattr(Model, "run", fails)
+
+
+def test_a_failed_point_is_shown_with_its_cause_and_the_rest_stands(fails_across, tmp_path):
+    done = run("sweep", QUICK, *OPTIONS, "--vary", "material.zeta=2,9,4", "--workers", 1, "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "failed    material.zeta = 9" in done.stdout and "the fibres <i>lock</i>" in done.stdout
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert [point["tests"] is None for point in result["points"]] == [False, True, False]
+    rows = list(csv.DictReader((tmp_path / "out" / "points.csv").open()))
+    assert [row["cause"] != "" for row in rows if row["test"] == "parallel"] == [False, False, True, False]
+    assert "the fibres &lt;i&gt;lock&lt;/i&gt;" in (tmp_path / "out" / "report.html").read_text()
+    assert {path.name for path in tmp_path.iterdir()} == {"out"}
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"sweep-material-zeta.svg", "sensitivities.png", "curves.csv", "case.toml"} <= names
+
+
+def test_a_sweep_in_which_nothing_converges_ends_with_3(monkeypatch, tmp_path):
+    def never(*_, **__):
+        raise ConvergenceError("chatter", 0.1, 1, 1)
+
+    monkeypatch.setattr(Model, "run", never)
+    done = run("sweep", QUICK, *OPTIONS, "--vary", "material.zeta=2,4", "--workers", 1, "-o", tmp_path / "out")
+    assert done.exit_code == 3 and "chatter" in done.stderr
+
+
+def test_a_sweep_that_was_killed_goes_on_where_it_stopped_with_the_same_numbers(tmp_path):
+    words = [str(QUICK), *OPTIONS, "--vary", "material.zeta=2,4,5", "--workers", "1", "--json", "-o"]
+    program = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()", "sweep"]
+    kept = place_beside(tmp_path / "out")
+    process = subprocess.Popen([*program, *words, tmp_path / "out"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 120
+    while len(Kept(kept)) < 2 and time.monotonic() < until:
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = len(Kept(kept))
+    assert 2 <= before <= 4 and not (tmp_path / "out").exists()
+    resumed = run("sweep", *words, tmp_path / "out")
+    assert resumed.exit_code == 0 and f"resumed: {before} points" in resumed.stderr
+    whole = run("sweep", *words, tmp_path / "whole")
+
+    def forces(done):
+        return [(p["values"], {n: t["forces_mN"] for n, t in p["tests"].items()}) for p in json.loads(done.stdout)["points"]]
+
+    assert forces(resumed) == forces(whole)
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "whole"}
+
+
+# ---- mesh-check --------------------------------------------------------------------------------------------------
+
+
+def record(elements):
+    """What a mesh of so many elements would give if the force went like 70 + 6 h and the other like 28 - 2 h^2."""
+    h = (160 / elements) ** (1 / 3)
+    curves = [np.linspace(0.2, 1, 25) * (28 - 2 * h**2), np.linspace(0.2, 1, 25) * (70 + 6 * h)]
+    return {
+        "elements": elements, "dofs": 30 * elements, "h": h, "forces": [curve.tolist() for curve in curves],
+        "newton_iterations": 50, "factorizations": 9, "loose_steps": 0, "penalty_error": 1e-3, "cpu_seconds": 0.02 * elements,
+        "setup_seconds": 0.1, "memory": 3e8, "cause": None,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def ideal(monkeypatch):
+    """Meshes without mechanics: `record` in place of every run; returns the numbers of elements that were asked for."""
+    asked = []
+
+    def call(_, case):
+        asked.append(case.mesh.elements)
+        return record(case.mesh.elements)
+
+    monkeypatch.setattr(mesh_check, "isolated", call)
+    return asked
+
+
+FAMILY = "40,80,160,320,640,1280"
+
+
+def check(tmp_path, *words, name="out"):
+    done = run("mesh-check", QUICK, "--elements", FAMILY, "--mesh-only", "-o", tmp_path / name, *words)
+    assert done.exit_code == 0, done.output
+    return done, json.loads((tmp_path / name / "result.json").read_text())
+
+
+def test_a_known_approach_to_zero_size_is_found_with_its_order_and_limit(ideal, tmp_path):
+    _, result = check(tmp_path)
+    found = {(one["test"], one["kind"]): one for one in result["quantities"]}
+    for test, order, limit in (("parallel", 2, 28), ("perpendicular", 1, 70)):
+        one = found[test, "force"]
+        assert one["approach"]["order"] == pytest.approx(order, abs=0.01)
+        assert one["approach"]["value"] == pytest.approx(limit, rel=1e-4)
+        assert one["band"][0] <= limit <= one["band"][1]
+        assert one["index"]["order"] == pytest.approx(order, abs=1e-3)
+    assert result["meshes"][0]["rmse_mN"].keys() == {"parallel", "perpendicular"}
+
+
+def test_the_verdict_is_the_coarsest_mesh_within_the_wanted_error_and_its_cost(ideal, tmp_path):
+    """6 h / (70 + 6 h) is 5.1 % at h = 0.63 (640 elements), 6.4 % at 0.79 (320) and 7.9 % at 1 (160)."""
+    done, result = check(tmp_path, "--error", "7")
+    assert result["meshes"][result["chosen"]]["elements"] == 320
+    assert "320 elements" in done.stdout.splitlines()[-2] and "6.4 s" in done.stdout.splitlines()[-2]
+    done, result = check(tmp_path, "--error", "2", name="strict")
+    assert result["chosen"] is None and "none of these meshes" in done.stdout
+
+
+def test_a_failed_mesh_is_shown_with_its_cause_and_the_rest_stands(ideal, monkeypatch, tmp_path):
+    def call(_, case):
+        if case.mesh.elements == 320:
+            raise isolated.Died("killed")
+        return record(case.mesh.elements)
+
+    monkeypatch.setattr(mesh_check, "isolated", call)
+    done, result = check(tmp_path)
+    assert "failed    mesh.elements=320: its process was killed" in done.stdout
+    assert [one["forces"] is None for one in result["meshes"]] == [False, False, False, True, False, False]
+    assert result["quantities"][0]["approach"]["value"] == pytest.approx(28, rel=1e-3)
+
+
+def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, tmp_path):
+    whole, _ = check(tmp_path, name="whole")
+    del ideal[:]
+    real = mesh_check.isolated
+
+    def killed(function, case):
+        if len(ideal) == 3:
+            raise KeyboardInterrupt
+        return real(function, case)
+
+    monkeypatch.setattr(mesh_check, "isolated", killed)
+    done = run("mesh-check", QUICK, "--elements", FAMILY, "--mesh-only", "-o", tmp_path / "out")
+    assert done.exit_code == 130 and ideal == [40, 80, 160] and not (tmp_path / "out").exists()
+    monkeypatch.setattr(mesh_check, "isolated", real)
+    resumed, _ = check(tmp_path)
+    assert ideal == [40, 80, 160, 320, 640, 1280]
+    assert resumed.stdout.replace("out", "whole") == whole.stdout and "resumed: 3 runs" in resumed.stderr
+
+
+@pytest.mark.parametrize("words", [("--sizes", "0.02,0.5"), ("--elements", "2000000,60")])
+def test_a_mesh_too_large_for_the_memory_is_refused_beforehand_with_the_estimate(ideal, tmp_path, monkeypatch, words):
+    monkeypatch.setattr(mesh_check, "available_memory", lambda: 8e9)
+    done = run("mesh-check", QUICK, *words, "-o", tmp_path / "out")
+    assert done.exit_code == 2 and len(done.stderr.splitlines()) == 1
+    assert "GB of memory, of which 8.0 GB are free; ask for a coarser mesh" in done.stderr
+    assert not ideal and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", [("--sizes", "0.5"), ("--elements", "60,,80"), ("--elements", "5,60"), ("--error", "0")])
+def test_a_family_that_is_none_ends_with_2(ideal, tmp_path, words):
+    done = run("mesh-check", QUICK, *words, "-o", tmp_path / "out")
+    assert done.exit_code == 2 and not ideal and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("element", ["q1p0", "q2p1"])
+@pytest.mark.parametrize("elements", [100, 600])
+def test_the_estimate_of_the_size_is_near_the_mesh(element, elements):
+    case = read_case(QUICK, [f"mesh.elements={elements}", f"solver.element={element}"])
+    about, dofs, memory = estimate(case)
+    facts = Model(case).mesh_facts()
+    assert about == facts["elements"] and dofs == pytest.approx(facts["dofs"], rel=0.15)
+    assert 285e6 < memory < 2e9
+
+
+def test_a_mesh_is_measured_in_a_process_of_its_own(case):
+    """Real mechanics: forces as simulate gives them, time and memory of that process alone."""
+    found = Measured(**isolated.isolated(measure, runs.forward(case)))
+    for force, test in zip(found.forces, simulate(case).tests, strict=True):
+        assert np.allclose(force, test.force, rtol=1e-5)
+    assert 0 < found.cpu_seconds < 60 and 50e6 < found.memory < 2e9
+    assert found.h**3 * found.elements == pytest.approx(3.3 * np.pi * 49 / 4, rel=0.05)  # the quarter disc's volume
+
+
+def test_a_process_that_dies_is_an_event_not_an_end():
+    with pytest.raises(isolated.Died):
+        isolated.isolated(os._exit, 9)
+    with pytest.raises(MeshError):
+        isolated.isolated(_refuse)
+
+
+def _refuse():
+    raise MeshError("no")
+
+
+def test_the_default_family_and_checks_are_around_the_case(case):
+    family = [int(one.partition("=")[2]) for one in own_family(case)]
+    assert len(family) >= 6 and family == sorted(family) and family[0] < estimate(case)[0] < family[-1]
+    checks = own_checks(case)
+    assert set(checks) == {"solver.penalty", "solver.max_step", "indenter.edge_radius"}
+    assert all(len(values) == 3 for values in checks.values()) and max(checks["solver.max_step"]) < 0.1
+    assert "indenter.edge_radius" not in own_checks(read_case(QUICK, [*SMALL, "indenter.friction=stick"]))
+
+
+# ---- refits ------------------------------------------------------------------------------------------------------
+
+GEL = """
+[sample]
+shape = "disc"
+diameter = 14
+thickness = 3.3
+base = "sliding"
+[indenter]
+shape = "cylinder"
+diameter = 4
+friction = 0
+[mesh]
+elements = 40
+[solver]
+element = "q1p0"
+[material]
+model = "neo_hookean"
+[material.parameters]
+mu = { start = 1, min = 0.1, max = 10 }
+[[test]]
+name = "punch"
+angle = 0
+curve = "curve.csv"
+[fit]
+method = "least_squares"
+workers = 1
+"""
+
+
+@pytest.fixture
+def gel(tmp_path):
+    """A material with one parameter, which the force is proportional to, and the curve that mu = 2 kPa would give."""
+    (tmp_path / "case.toml").write_text(GEL)
+    d = [0.02, 0.04, 0.06, 0.08, 0.1]
+    (tmp_path / "curve.csv").write_text("displacement_mm,force_mN\n" + "".join(f"{x},{x}\n" for x in d))
+    force = simulate(read_case(tmp_path / "case.toml", ["material.mu=2"])).tests[0].force
+    rows = "".join(f"{x},{y:.9g}\n" for x, y in zip(d, force, strict=True))
+    (tmp_path / "curve.csv").write_text("displacement_mm,force_mN\n" + rows)
+    return tmp_path / "case.toml"
+
+
+def test_refits_find_the_parameter_that_a_stiffer_base_asks_for(gel, tmp_path):
+    """A bonded base makes the sample stiffer by some factor, so the same curve asks for a mu smaller by that factor."""
+    words = ["--vary", "sample.base=bonded", "--refit", "--workers", 1, "-o", tmp_path / "out"]
+    done = run("sweep", gel, "--set", "material.mu={start=1,min=0.1,max=10}", *words)
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    own, bonded = (one["parameters"]["mu"]["value"] for one in result["refits"])
+    assert own == pytest.approx(2, rel=1e-3)
+    forces = [p["tests"]["punch"]["forces_mN"] for p in (result["base"], *result["points"])]
+    factor = np.dot(*forces) / np.dot(forces[1], forces[1])  # of the best proportional curve
+    assert bonded == pytest.approx(2 * factor, rel=0.01) and factor < 0.9
+    assert "sample.base = bonded" in done.stdout.split("fitted with")[1]
+    assert "The parameters fitted anew" in (tmp_path / "out" / "report.html").read_text()
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "case.toml", "curve.csv"}
+
+
+def test_a_refit_needs_something_to_fit(tmp_path):
+    done = run("sweep", QUICK, *OPTIONS, "--vary", "sample.base=bonded", "--refit", "-o", tmp_path / "out")
+    assert done.exit_code == 2 and "a fit needs a measured curve" in done.stderr

@@ -1,0 +1,118 @@
+"""Figures of the studies: every text inside, none on another, and what is drawn is what was given."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from indentfit.curve import Curve
+from indentfit.report import study_plots
+
+TESTS = {"parallel": 0, "a perpendicular test, second sample": 90}
+
+
+def curves(stiffness):
+    d = np.linspace(0.05, 0.3, 6)
+    return {name: Curve(d, stiffness * (n + 1) * d) for n, name in enumerate(TESTS)}
+
+
+def by_value(tests=TESTS, values=("0.2", "0.3", "stick", "0.45")):
+    points = [(value, curves(60 + 5 * n)) for n, value in enumerate(values)]
+    return study_plots.curves_by_value("indenter.friction", tests, ("0.5", curves(100)), points, None)
+
+
+def ranked():
+    rows = [(key, test, share) for key, share in (("material.mu", 0.3), ("indenter.edge_radius", 1e-5)) for test in TESTS]
+    return study_plots.ranked(rows, TESTS, None)
+
+
+def grid(keys=("indenter.friction", "material.mu")):
+    points = [
+        ((f, mu), (float(f), float(mu)), {n: float(f) * float(mu) * 50 for n in TESTS}) for f in ("0.2", "0.5") for mu in "12"
+    ]
+    return study_plots.forces_on_grid(keys, [*points, (("0.9", "1"), (0.9, 1.0), None)], TESTS, None)
+
+
+def convergence(number=4):
+    h = np.array([1.0, 0.8, 0.6])
+    kinds = ("Force at the last\ndisplacement (mN)", "Stiffness (mN/mm)")
+    line = np.column_stack([h, 70 + h])
+    families = [(name, kind, h, 70 + h, line, (69.5, 71.0)) for name in TESTS for kind in kinds]
+    return study_plots.mesh_convergence(families[:number], None)
+
+
+def cost():
+    series = {name: [0.5, 0.4, 0.35] for name in TESTS}
+    return study_plots.error_and_cost(
+        np.array([1.0, 0.8, 0.6]), ("RMSE against the measured curve (mN)", series), [2.1, 4.0, 9.0], None
+    )
+
+
+def profile():
+    rows = [{"value": 3.0, "chi2": 4.2, "predicted": 4.0}, {"value": 5.0, "chi2": None, "predicted": 4.0}]
+    found = {"values": [3, 4, 5], "chi2": [4, 0, 4], "limit": 4.0, "interval": [3, 5], "confirmed": rows}
+    return study_plots.profile("zeta", found, 4.0)
+
+
+def course():
+    return study_plots.course([9.0, 3.0, 4.0, 0.2], ["ga", "ga", "ga", "gauss-newton"])
+
+
+FIGURES = {
+    "by value": by_value,
+    "by value, one test": lambda: by_value({"parallel": 0}),
+    "by value, many": lambda: by_value(values=[f"{n / 50:g}" for n in range(40)]),
+    "ranked": ranked,
+    "grid": grid,
+    "convergence": convergence,
+    "convergence, one": lambda: convergence(1),
+    "cost": cost,
+    "profile": profile,
+    "course": course,
+}
+
+
+def shown(axis):
+    """The labels of the ticks that lie within the axis."""
+    low, high = sorted(axis.get_view_interval())
+    slack = 1e-9 * (high - low)
+    return [
+        one for at, one in zip(axis.get_majorticklocs(), axis.get_ticklabels(), strict=True) if low - slack <= at <= high + slack
+    ]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_texts_are_inside_of_the_figure_and_not_on_each_other(name):
+    figure = FIGURES[name]()
+    figure.canvas.draw()
+    texts = []
+    for axes in figure.axes:
+        ticks = [label for axis in (axes.xaxis, axes.yaxis) for label in shown(axis)]
+        texts += [axes.xaxis.label, axes.yaxis.label, axes.title, axes._left_title, *ticks, *axes.texts]
+    texts += [text for legend in figure.legends for text in (*legend.get_texts(), legend.get_title())]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text() and text.get_visible()]
+    boxes = list({(said, tuple(box.bounds)): (said, box) for said, box in boxes}.values())  # twin axes have the same ticks
+    for said, box in boxes:
+        assert box.x0 >= -1 and box.y0 >= -1 and box.x1 <= figure.bbox.x1 + 1 and box.y1 <= figure.bbox.y1 + 1, said
+    overlapping = [
+        (a, b)
+        for (a, one), (b, other) in itertools.combinations(boxes, 2)
+        if min(one.x1, other.x1) - max(one.x0, other.x0) > 1 and min(one.y1, other.y1) - max(one.y0, other.y0) > 1
+    ]
+    assert not overlapping
+
+
+def test_each_test_has_a_panel_with_the_case_and_its_values():
+    figure = by_value()
+    assert len(figure.axes) == 2
+    for axes, (n, stiffness) in zip(figure.axes, enumerate((100, 200)), strict=True):
+        drawn = [line.get_ydata()[-1] for line in axes.lines]
+        assert drawn[0] == pytest.approx(0.3 * stiffness)
+        assert drawn[1:] == pytest.approx([0.3 * (60 + 5 * m) * (n + 1) for m in range(4)])
+        looks = {(line.get_linestyle(), tuple(np.atleast_1d(line.get_color()))) for line in axes.lines}
+        assert len(looks) == 5
+
+
+def test_a_course_never_rises_and_is_drawn_on_a_logarithm_where_it_falls_far():
+    axes = course().axes[0]
+    assert axes.lines[0].get_ydata().tolist() == [9.0, 3.0, 3.0, 0.2] and axes.get_yscale() == "log"
