@@ -34,6 +34,7 @@ def recover(model, result, material, kappa, equilibrium=None):
     equilibrium: one of result.path; by default the last.
     """
     equilibrium = equilibrium or result.last
+    model = result.model or model
     body, u, fibre = model.body, equilibrium.u, FIBRES[result.angle]
     state = body.state(u, fibre)
     stress = body.stress(u, state, material, body.pressure(state, kappa), fibre)

@@ -26,22 +26,22 @@ class Grading:
     size: float
     edge: float
     reach: float
+    rim: float = RIM
 
     def width(self, distance):
         """Wanted element width at a distance from the footprint's edge, mm."""
         return np.minimum(self.size, self.edge + GROWTH * self.size / self.reach * np.asarray(distance))
 
 
-def quarter(sample, indenter, mesh, element="q1p0", depth=None):
+def quarter(sample, indenter, mesh, element="q1p0", depth=None, rim=RIM):
     """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the default size,
-    the largest depth (mm) how far a sphere's contact will reach.
+    the largest depth (mm) how far a sphere's contact will reach; rim: width of the elements where a strip leaves the sample, of `size`.
 
     Returns a MeshHex with the boundaries top, base, x0, z0 and footprint (the facets that may touch the indenter).
     Raises MeshError where the indenter does not fit on the sample.
     """
-    if mesh.size is not None:
-        return _quarter(sample, indenter, mesh.size, depth)
-    return _quarter(sample, indenter, _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth), depth)
+    size = mesh.size or _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth)
+    return _quarter(sample, indenter, size, depth, rim)
 
 
 def count(sample, indenter, mesh, element="q1p0", depth=None):
@@ -69,8 +69,8 @@ def _count(sample, indenter, size, depth):
     return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in plane) * (layers.size - 1)
 
 
-def _quarter(sample, indenter, size, depth):
-    plane, layers = _parts(sample, indenter, size, depth)
+def _quarter(sample, indenter, size, depth, rim):
+    plane, layers = _parts(sample, indenter, size, depth, rim)
     mesh = extrude(merge(plane), layers)
     x, z = footprint(indenter, sample)
     inside = {
@@ -103,14 +103,14 @@ def footprint(indenter, sample):
     return (indenter.diameter / 2,) * 2
 
 
-def _parts(sample, indenter, size, depth):
+def _parts(sample, indenter, size, depth, rim=RIM):
     """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
     reach = 0.3 * sample.thickness
     half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(sample, indenter, depth)
     edge = EDGE * size * min(1.0, half / reach)
     if getattr(indenter, "edge_radius", 0):
         edge = min(edge, max(indenter.edge_radius / 2, edge / 8))
-    grading = Grading(size, edge, reach)
+    grading = Grading(size, edge, reach, rim)
     layers = sample.thickness - graded(0, sample.thickness, grading, at=0, least=2)[::-1]
     layers[0], layers[-1] = 0.0, sample.thickness
     if indenter.shape == "strip" and sample.shape == "disc":
@@ -151,7 +151,7 @@ def _across(half_width, end, grading):
 def _along(half_length, end, grading):
     """Positions along the strip: even where it overhangs the sample, else with a line on its end."""
     if half_length >= end * (1 - 1e-6):
-        return graded(0, end, Grading(ALONG * grading.size, RIM * grading.size, grading.reach), at=end, least=2)
+        return graded(0, end, Grading(ALONG * grading.size, grading.rim * grading.size, grading.reach), at=end, least=2)
     ending = Grading(ALONG * grading.size, grading.edge, grading.reach)
     inner, outer = _across(half_length, end, ending)
     return np.concatenate([inner, outer[1:]])

@@ -1,7 +1,8 @@
 """The forward model: from a case and parameters to force-displacement curves, with what they cost and how exact they are."""
 
+import contextlib
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -12,10 +13,10 @@ from indentfit.errors import ConvergenceError
 from indentfit.fem import linear, newton, sensitivity
 from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
 from indentfit.fem.element import Solid
-from indentfit.fem.mesh import quarter
+from indentfit.fem.mesh import RIM, quarter
 
 QUARTERS = 4
-SHARPER = 10.0  # contact springs where the traction is singular at the edge: soft ones let the edge slip where it should stick
+SECOND_TRIES = ((10.0, RIM), (1.0, 2 * RIM), (10.0, 2 * RIM))  # contact springs, in the usual ones, and rim of the mesh after a failure
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
@@ -29,7 +30,8 @@ class TestResult:
     a step's unbalanced residual stands for; edge_slip: largest motion of the material
     under a sharp edge away from it, as a share of the indenter's half-width (0 where the edge is rounded);
     sensitivities: name -> dF/dname (n,) mN per unit, as asked for, None where the path could not be differentiated;
-    last: the last equilibrium, path: all of them, for stresses and files (fem.fields).
+    last: the last equilibrium, path: all of them, model: the Model they belong to, for
+    stresses and files (fem.fields). facts["tries"]: 1, or more where the usual contact and mesh did not converge.
     """
 
     __test__ = False  # not a test of pytest's
@@ -42,6 +44,7 @@ class TestResult:
     sensitivities: dict[str, np.ndarray] | None = None
     last: object = field(default=None, repr=False)
     path: tuple = field(default=(), repr=False)
+    model: object = field(default=None, repr=False)
 
     @property
     def curve(self):
@@ -87,11 +90,12 @@ def simulate(case, parameters=None, progress=None):
 class Model:
     """A meshed sample with its indenter, ready to be run with many materials: mesh, bases and pattern are set up once."""
 
-    def __init__(self, case):
+    def __init__(self, case, rim=RIM):
+        self.case, self.rim = case, rim
         started = time.perf_counter()
         self.sample, self.options = case.sample, case.solver
         depth = max(float(case.outputs(test)[-1]) for test in case.tests)
-        self.mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element, depth)
+        self.mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element, depth, rim)
         self.body = _body(self.mesh, case.solver)
         self.contact = Contact(self.body, case.indenter, case.sample.thickness)
         self.fixed = newton.Fixed(self.body, _held(self.body.basis, case.sample.base))
@@ -116,13 +120,29 @@ class Model:
         """
         depths = np.asarray(depths, dtype=float)
         with threadpool_limits(1 if self.body.n_dofs < THREADS_PAY else None):
-            return self._run(material, kappa, angle, depths, name, progress, tuple(sensitivities))
+            return self._tried(material, kappa, angle, depths, name, progress, tuple(sensitivities))
 
-    def _run(self, material, kappa, angle, depths, name, progress, sensitivities):
+    def _tried(self, *of_run):
+        """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
+        springs, often does not with others. Raises the first try's ConvergenceError where none is."""
+        try:
+            return self._run(1.0, *of_run)
+        except ConvergenceError as error:
+            for number, (stiffer, rim) in enumerate(SECOND_TRIES, start=2):
+                with contextlib.suppress(ConvergenceError):
+                    found = self._with_rim(rim)._run(stiffer, *of_run)
+                    return replace(found, facts={**found.facts, "tries": number, "first_failure": str(error)})
+            raise
+
+    def _with_rim(self, rim):
+        """This model, or one whose mesh is coarser where the strip leaves the sample: that corner folds up less."""
+        return self if rim == self.rim else Model(self.case, rim)  # made anew: no run depends on those before it
+
+    def _run(self, stiffer, material, kappa, angle, depths, name, progress, sensitivities):
         started = time.perf_counter()
         work, counts = newton.Counts(), self.solver.counts
         before = (counts.factorizations, counts.solves, counts.krylov_iterations)
-        springs = self._springs(material, angle)
+        springs = self._springs(material, angle).scaled(stiffer)
         load = newton.Load(material, kappa, FIBRES[angle], springs, self._directions(sensitivities, material, kappa, angle))
         self.solver.forget()
         try:
@@ -136,6 +156,7 @@ class Model:
             ) from error
         after = (counts.factorizations, counts.solves, counts.krylov_iterations)
         facts = {
+            "tries": 1,
             "steps": work.steps,
             "cutbacks": work.cutbacks,
             "newton_iterations": work.iterations,
@@ -151,7 +172,7 @@ class Model:
         }
         force = QUARTERS * interpolate(path, [point.force for point in path], depths)
         slopes = self._sensitivities(sensitivities, load.directions, path, depths)
-        return TestResult(name, angle, depths, force, facts, slopes, path[-1], tuple(path))
+        return TestResult(name, angle, depths, force, facts, slopes, path[-1], tuple(path), self)
 
     def _directions(self, names, material, kappa, angle):
         def stiffness(material):
@@ -184,18 +205,7 @@ class Model:
         moduli = material.moduli()
         young = moduli["E_along"] if angle == 90 else moduli["E_across"]
         stiffness = self.options.penalty * (material.shear_modulus + young / 3) / 2 / self.sample.thickness
-        return Springs(NORMAL * stiffness, TANGENTIAL * stiffness).scaled(SHARPER if self._is_sharp() else 1.0)
-
-    def _is_sharp(self):
-        """Whether the indenter's edge is sharp, or its radius is too small for the mesh to tell."""
-        indenter = self.contact.indenter
-        if indenter.shape == "sphere" or not indenter.edge_radius:
-            return indenter.shape != "sphere"
-        half = (indenter.width if indenter.shape == "strip" else indenter.diameter) / 2
-        x, y, z = self.mesh.p
-        line = np.unique(z[(x < 1e-9 * half) & (y > self.sample.thickness * (1 - 1e-9))])
-        at = int(np.argmin(np.abs(line - half)))
-        return indenter.edge_radius < 1.99 * (line[at] - line[at - 1])  # the mesh has two elements along a radius it resolves
+        return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
 
     def mesh_facts(self):
         return {
