@@ -363,7 +363,8 @@ def test_a_small_genetic_search_lands_near_too(case):
     assert result.success
     assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.01)
     assert result.parameters["zeta"]["value"] == pytest.approx(4.0, rel=0.1)
-    assert [row["phase"] for row in result.history[:4]] == ["ga", "ga", "ga", "polish"]
+    phases = [row["phase"] for row in result.history]
+    assert phases[:3] == ["ga"] * 3 and set(phases[3:]) <= {"polish"}  # none where the search ended at the optimum
 
 
 def test_forces_are_proportional_to_the_scale(case):
