@@ -16,7 +16,8 @@ from indentfit.fem.element import Solid
 from indentfit.fem.mesh import RIM, quarter
 
 QUARTERS = 4
-SECOND_TRIES = ((10.0, RIM), (1.0, 2 * RIM), (10.0, 2 * RIM))  # contact springs, in the usual ones, and rim of the mesh after a failure
+SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
+SECOND_TRIES = ((0.2, RIM), (5.0, RIM), (1.0, 2 * RIM), (5.0, 2 * RIM))  # contact springs, in the usual ones, and rim of the mesh after a failure
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
@@ -201,10 +202,13 @@ class Model:
         return QUARTERS * newton.untouched(self.body, self.contact, self.fixed, load, self.solver).stiffness
 
     def _springs(self, material, angle):
-        """Contact springs in proportion to the sample's stiffness under the indenter, which fibres across it raise."""
-        moduli = material.moduli()
+        """Contact springs in proportion to the sample's stiffness: under a sharp edge, where the traction is singular, SHARP times
+        its shear modulus, else that under the indenter, which fibres across it raise."""
+        moduli, indenter = material.moduli(), self.contact.indenter
         young = moduli["E_along"] if angle == 90 else moduli["E_across"]
-        stiffness = self.options.penalty * (material.shear_modulus + young / 3) / 2 / self.sample.thickness
+        sharp = indenter.shape != "sphere" and not indenter.edge_radius
+        modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
+        stiffness = self.options.penalty * modulus / self.sample.thickness
         return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
 
     def mesh_facts(self):
