@@ -35,7 +35,7 @@ def test_the_default_mesh_is_within_one_and_a_half_percent(run, file):
 @pytest.mark.campaign
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_a_finer_mesh_is_within_half_a_percent(run, file):
-    difference, own, _ = error(run, file, "mesh.elements=300")
+    difference, own, _ = error(run, file, "mesh.elements=480")
     assert difference < 0.005 + own
 
 

@@ -20,7 +20,7 @@ WITHHELD, MAX_AUGMENTATIONS = 2e-3, 3  # share of the force that the springs may
 LEASH = 0.03  # largest motion of a point in one iteration, of the last depth
 SOFTER = 1 / 3  # what a cutback makes of the contact springs; their error is reported
 FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
-SMALLEST_STEP = 2e-3  # of the last depth
+SMALLEST_STEP = 1e-2  # of the last depth; where this is not enough, other springs or another mesh are cheaper than more halvings
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 

@@ -67,7 +67,12 @@ def _exact(problem):
 def given_by(problem, evaluation):
     """Those of them that an evaluation brought for all of its tests."""
     given = getattr(evaluation, "sensitivities", None) or ()
-    return [name for name in _exact(problem) if given and all(name in (one or {}) for one in given)]
+    return [name for name in _exact(problem) if given and all(_known(one, name) for one in given)]
+
+
+def _known(sensitivities, name):
+    """Whether a run brought this one; NaN says that it was asked for and not to be had."""
+    return sensitivities is not None and name in sensitivities and bool(np.isfinite(sensitivities[name]).all())
 
 
 def _of_scale(problem, here):
