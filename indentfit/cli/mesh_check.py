@@ -1,14 +1,12 @@
 """`indentfit mesh-check`: how exact the mesh of a case is, and which mesh would be exact enough."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import click
 
 from ..case import read_case, require_fittable
 from ..errors import CaseError
-from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_json
+from ..report.folder import json_text, refuse_existing
 from ..study.kept import Kept, place_beside
 from ..study.mesh_check import mesh_check, own_checks, own_family, parse, refitted
 from .progress import progress
@@ -58,18 +56,10 @@ def command(case, sizes, elements, wanted, mesh_only, refit, overrides, output, 
 
 
 def _write(path, overwrite, case, result):
-    """The result folder; returns what its result.json holds."""
-    from ..report.html import write_report  # matplotlib is slow to import
-    from ..report.mesh_check import draw, write_tables
+    from ..report import mesh_check as drawing  # matplotlib is slow to import
+    from ..report.studies import write_study
 
-    with result_folder(path, overwrite) as folder:
-        again = copy_case(case, folder)
-        written = json.loads(json_text({**result.as_json(), "overrides": list(again), "case": case_facts(case)}))
-        write_json(folder / "result.json", written)
-        write_tables(Path(folder), written)
-        draw(Path(folder), written)
-        write_report(folder)
-    return written
+    return write_study(path, overwrite, case, result, drawing)
 
 
 def _lines(result):

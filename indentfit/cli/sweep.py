@@ -1,14 +1,12 @@
 """`indentfit sweep`: what each key of a case does to its force curves."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import click
 
 from ..case import read_case, require_fittable
 from ..errors import ConvergenceError
-from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_json
+from ..report.folder import json_text, refuse_existing
 from ..study.kept import Kept, place_beside
 from ..study.sweep import refitted, sweep, variation
 from .mesh_check import aligned, refit_lines
@@ -58,18 +56,10 @@ def command(case, asked, grid, refit, overrides, workers, output, overwrite, as_
 
 
 def _write(path, overwrite, case, result):
-    """The result folder; returns what its result.json holds."""
-    from ..report.html import write_report  # matplotlib is slow to import
-    from ..report.sweep import draw, write_tables
+    from ..report import sweep as drawing  # matplotlib is slow to import
+    from ..report.studies import write_study
 
-    with result_folder(path, overwrite) as folder:
-        again = copy_case(case, folder)
-        written = json.loads(json_text({**result.as_json(), "overrides": list(again), "case": case_facts(case)}))
-        write_json(folder / "result.json", written)
-        write_tables(Path(folder), written)
-        draw(Path(folder), written)
-        write_report(folder)
-    return written
+    return write_study(path, overwrite, case, result, drawing)
 
 
 def _lines(result):

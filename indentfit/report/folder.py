@@ -16,7 +16,8 @@ import numpy as np
 
 from ..errors import OutputError
 
-RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json", "design.json")  # what tells a result folder from any other
+# what tells a result folder from any other
+RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json", "design.json")
 LEDGER = "ledger.sqlite"
 FILES = (*RESULTS, LEDGER, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
 FIGURES = (".svg", ".png")
