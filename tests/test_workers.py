@@ -311,15 +311,6 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
     assert calls[1:] == [(), (), ("phi", "zeta"), ("phi", "zeta")]  # after the first run of all
 
 
-def test_sensitivities_are_left_out_where_the_model_has_none(case, monkeypatch):
-    monkeypatch.setattr(workers, "derivable", lambda: False)
-    with Pool(case()) as pool:
-        assert pool.evaluate([TAME], sensitivities=("zeta",))[0].sensitivities is None
-
-
-# Order
-
-
 def test_the_longest_runs_are_begun_first(case):
     pool = Pool(case())
     facts = {"steps": 1}

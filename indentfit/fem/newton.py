@@ -181,7 +181,8 @@ def _relaxed(system, u, pressure, solver, options, counts):
     in a stable equilibrium of the undamped body. The contact's history goes along with it, as in a slow experiment. What is left
     of the residual after MAX_RELAXED iterations is accepted up to LOOSE, counted, and its share of the force reported.
     """
-    start, damping, best = counts.iterations, 1.0, (np.inf, u, pressure, system.history, system.changes)
+    start, damping, history = counts.iterations, 1.0, (system.history, system.changes)
+    best = (np.inf, u, pressure, *history)
     while counts.iterations - start < MAX_RELAXED and damping < STIFFEST_DAMPER:
         size, scale = system.assemble(u, pressure)
         if not np.isfinite(size):
@@ -189,7 +190,7 @@ def _relaxed(system, u, pressure, solver, options, counts):
         if size < best[0] * scale:
             best = size / scale, u, pressure, system.history, system.changes
         if size <= options.tolerance * scale:
-            return system.equilibrium(u, solver), MAX_ITERATIONS
+            return _settled(system, u, pressure, history, solver, options, counts), MAX_ITERATIONS
         moved = _moved(system, u, pressure, damping, solver, counts, options.tolerance * scale)
         if moved is None:
             damping *= 8
@@ -204,6 +205,19 @@ def _relaxed(system, u, pressure, solver, options, counts):
     counts.loose_steps += 1
     counts.largest_residual = max(counts.largest_residual, size)
     return system.equilibrium(u, solver), MAX_ITERATIONS
+
+
+def _settled(system, u, pressure, history, solver, options, counts):
+    """The equilibrium near a relaxed one that belongs to the history (and its changes) the step began with, where there is one:
+    it can be differentiated; else the relaxed one."""
+    relaxed = system.history, system.changes
+    system.history, system.changes = history
+    try:
+        return _newton(system, u, pressure, solver, options, counts)[0]
+    except ConvergenceError:
+        system.history, system.changes = relaxed
+        system.assemble(u, pressure)
+        return system.equilibrium(u, solver)
 
 
 def _moved(system, u, pressure, damping, solver, counts, enough):

@@ -6,7 +6,6 @@ before it, nor on the process that it falls to, so results are the same, bit by 
 
 import contextlib
 import ctypes
-import inspect
 import threading
 import time
 
@@ -126,11 +125,6 @@ def _of_all(names, result, pressed):
     """Name -> derivatives of the forces, NaN where the model has none: so it is known that they were asked for."""
     given = getattr(result, "sensitivities", None) or {}
     return {name: _where(pressed, given.get(name, np.nan)) for name in names}
-
-
-def derivable():
-    """Whether runs of the forward model can bring sensitivities."""
-    return "sensitivities" in inspect.signature(Model.run).parameters
 
 
 def too_long(limit):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.errors import Stopped
-from indentfit.inverse.bench import Bench, derivable
+from indentfit.inverse.bench import Bench
 from indentfit.inverse.cluster import Cluster
 from indentfit.inverse.ledger import Run
 from indentfit.inverse.processes import Processes
@@ -80,7 +80,7 @@ class Pool:
         the forces are wanted too. Failures of the mechanics are recorded, never raised. Raises Stopped, WorkerError
         and LedgerError; what was run until then is in the ledger.
         """
-        names = tuple(sorted(sensitivities)) if derivable() else ()
+        names = tuple(sorted(sensitivities))
         wanted = [(_key(point), test) for point in points for test in range(len(self.case.tests))]
         missing = [unit for unit in dict.fromkeys(wanted) if self._find(unit, names) is None]
         if missing:
