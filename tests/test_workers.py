@@ -14,7 +14,7 @@ import pytest
 from indentfit.case import read_case
 from indentfit.errors import Stopped, WorkerError
 from indentfit.fem.simulate import Model
-from indentfit.inverse import bench, workers
+from indentfit.inverse import bench
 from indentfit.inverse.fit import fit
 from indentfit.inverse.ledger import Ledger
 from indentfit.inverse.workers import Pool
@@ -309,6 +309,9 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
             assert pool.evaluate([TAME], sensitivities=("zeta",))[0].sensitivities[1]["zeta"].tolist() == [2.0] * 5
             assert (pool.runs, pool.reused) == (2, 2)
     assert calls[1:] == [(), (), ("phi", "zeta"), ("phi", "zeta")]  # after the first run of all
+
+
+# Order
 
 
 def test_the_longest_runs_are_begun_first(case):
