@@ -17,7 +17,8 @@ from indentfit.fem.mesh import RIM, quarter
 
 QUARTERS = 4
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
-SECOND_TRIES = ((0.2, RIM), (5.0, RIM), (1.0, 2 * RIM), (5.0, 2 * RIM))  # contact springs, in the usual ones, and rim of the mesh after a failure
+# After a failure: contact springs, in the usual ones, and the rim of the mesh.
+SECOND_TRIES = ((1.0, 2 * RIM), (5.0, RIM), (5.0, 2 * RIM), (0.2, 2 * RIM))
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
