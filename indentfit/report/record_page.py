@@ -10,7 +10,7 @@ PAGE = """<!doctype html>
 <style>
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; color: #222 }
 table { border-collapse: collapse; font-size: 13px } th, td { padding: .2em .7em; text-align: right; border-bottom: 1px solid #ddd }
-th:first-child, td:first-child, td.text { text-align: left } .failed { color: #a33 } img { max-width: 100% } pre { font-size: 13px }
+th:first-child, td:first-child, td.text { text-align: left } .failed { color: #a33 } img { max-width: 100% } pre { font-size: 13px; white-space: pre-wrap }
 </style></head><body>
 <h1>{{ title }}</h1>
 <p>{{ good }} of {{ outcomes|length }} records processed by indentfit {{ version }}. Uncertainties of contact points are
