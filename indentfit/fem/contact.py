@@ -118,6 +118,7 @@ class Contact:
     """The facets of a quarter sample that may touch one indenter.
 
     solid: fem.element.Solid; indenter: the case's table; friction: number or "stick"; thickness in mm.
+    surface: dofs (n_s,) that the contact acts on, rising.
     """
 
     def __init__(self, solid, indenter, thickness):
@@ -135,6 +136,8 @@ class Contact:
         self.dofs = solid.dofs[self.owners]
         self.positions = solid.positions[self.owners]
         self.indptr, self.n_dofs = solid.indptr, solid.n_dofs
+        self.surface, places = np.unique(self.dofs, return_inverse=True)
+        self._places = places.reshape(self.dofs.shape).astype(np.int32)
 
     def rest(self):
         """History of the untouched sample."""
@@ -235,9 +238,11 @@ class Contact:
         return out
 
     def add_tangent(self, touch, values):
-        """Adds the contact's tangent to the CSR data of the solid's."""
+        """Adds the contact's tangent to the CSR data of the solid's; returns it as a dense matrix on the dofs `surface`, mN/mm."""
         blocks = np.einsum("fqn,fqm,fqij->fnmij", self.shape * self.weights[..., None], self.shape, touch.D, optimize=True)
-        _scatter(blocks, self.dofs, self.positions, self.indptr, values)
+        dense = np.zeros((self.surface.size,) * 2)
+        _scatter(blocks, self.dofs, self.positions, self.indptr, values, self._places, dense)
+        return dense
 
     def by_depth(self, touch):
         """Derivative (n,) of the contact's residual by the depth at fixed displacements, mN/mm."""
@@ -278,7 +283,7 @@ def _at_nodes(element):
 
 
 @numba.njit(cache=True, nogil=True)
-def _scatter(blocks, dofs, positions, indptr, values):
+def _scatter(blocks, dofs, positions, indptr, values, places, dense):
     for f in range(blocks.shape[0]):
         for n in range(blocks.shape[1]):
             for o in range(blocks.shape[1]):
@@ -286,6 +291,7 @@ def _scatter(blocks, dofs, positions, indptr, values):
                     row = indptr[dofs[f, n, i]] + 3 * positions[f, n, o]
                     for k in range(3):
                         values[row + k] += blocks[f, n, o, i, k]
+                        dense[places[f, n, i], places[f, o, k]] += blocks[f, n, o, i, k]
 
 
 # ---- indenters as signed distances -------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ ELEMENTS = {
     "q1p0": (ElementHex1, 2, 1),
     "q2p1": (ElementHex2, 4, 4),
 }  # scikit-fem element, quadrature order, pressure modes
+LANES = 8  # doubles in the widest registers: the nodes of an element are padded to a multiple with shape functions that are zero
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
@@ -51,7 +52,8 @@ class Solid:
         scalar = self.basis.with_element(kind())
         self.dofs = np.ascontiguousarray(self.basis.element_dofs.T.reshape(mesh.nelements, -1, 3).astype(np.int32))
         grads = np.array([scalar.basis[i][0].grad for i in range(scalar.Nbfun)])  # (n_n, 3, n_el, n_q)
-        self.grads = np.ascontiguousarray(grads.transpose(2, 3, 0, 1))
+        self.grads = np.zeros((mesh.nelements, grads.shape[3], 3, -(-scalar.Nbfun // LANES) * LANES))
+        self.grads[..., : scalar.Nbfun] = grads.transpose(2, 3, 1, 0)
         self.weights = np.ascontiguousarray(self.basis.dx)
         self.volume = self.weights.sum(axis=1)
         self.modes = _pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
@@ -146,15 +148,23 @@ def _pattern(nodes, n_nodes):
 
 
 @_jit
-def _gradient(u, dofs, grads, F):
-    """F = 1 + grad u of one integration point; returns J. grads (n_n, 3)."""
-    F[:] = 0.0
-    for n in range(grads.shape[0]):
+def _gather(u, dofs, ue):
+    """Displacements ue (3, n_p) of one element's nodes, zero beyond them."""
+    for n in range(dofs.shape[0]):
         for i in range(3):
-            v = u[dofs[n, i]]
-            for k in range(3):
-                F[i, k] += v * grads[n, k]
+            ue[i, n] = u[dofs[n, i]]
+
+
+@_jit
+def _gradient(ue, grads, F):
+    """F = 1 + grad u of one integration point; returns J. ue, grads (3, n_p)."""
     for i in range(3):
+        x, y, z = 0.0, 0.0, 0.0
+        for n in range(grads.shape[1]):
+            x += ue[i, n] * grads[0, n]
+            y += ue[i, n] * grads[1, n]
+            z += ue[i, n] * grads[2, n]
+        F[i, 0], F[i, 1], F[i, 2] = x, y, z
         F[i, i] += 1.0
     return (
         F[0, 0] * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
@@ -191,10 +201,12 @@ def _kinematics(u, dofs, grads, weights, modes, fibre):
     I = np.empty((4, n_el * n_q))
     theta = np.zeros((n_el, n_m))
     F, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    ue = np.zeros(grads.shape[2:])
     smallest = np.inf
     for e in range(n_el):
+        _gather(u, dofs[e], ue)
         for q in range(n_q):
-            J = _gradient(u, dofs[e], grads[e, q], F)
+            J = _gradient(ue, grads[e, q], F)
             if not (smallest <= J):
                 smallest = J
             _strain(F, J, fibre, b, a, c)
@@ -214,6 +226,7 @@ def _kinematics(u, dofs, grads, weights, modes, fibre):
 
 
 _PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
+_VOIGT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 
 @_jit
@@ -239,30 +252,40 @@ def _kirchhoff(m, d1, p, tau):
 
 
 @_jit
-def _scatter_force(dofs, g, t, w, out):
-    """Adds w t . grad N to the forces of one element; g (n_n, 3) spatial gradients."""
-    for n in range(g.shape[0]):
-        out[dofs[n, 0]] += w * (t[0] * g[n, 0] + t[3] * g[n, 1] + t[5] * g[n, 2])
-        out[dofs[n, 1]] += w * (t[3] * g[n, 0] + t[1] * g[n, 1] + t[4] * g[n, 2])
-        out[dofs[n, 2]] += w * (t[5] * g[n, 0] + t[4] * g[n, 1] + t[2] * g[n, 2])
+def _add_force(g, t, w, fe):
+    """Adds w t . grad N to the forces fe (3, n_p) of one element; g (3, n_p) spatial gradients."""
+    for i in range(3):
+        x, y, z = w * t[_VOIGT[i, 0]], w * t[_VOIGT[i, 1]], w * t[_VOIGT[i, 2]]
+        for n in range(g.shape[1]):
+            fe[i, n] += x * g[0, n] + y * g[1, n] + z * g[2, n]
+
+
+@_jit
+def _scatter_force(dofs, fe, out):
+    for n in range(dofs.shape[0]):
+        for i in range(3):
+            out[dofs[n, i]] += fe[i, n]
 
 
 @_jit
 def _spatial(grads, G, g):
-    """Spatial gradients g = grads F^-1, (n_n, 3)."""
-    for n in range(grads.shape[0]):
-        for i in range(3):
-            g[n, i] = grads[n, 0] * G[0, i] + grads[n, 1] * G[1, i] + grads[n, 2] * G[2, i]
+    """Spatial gradients g = F^-T grads, (3, n_p)."""
+    for i in range(3):
+        for n in range(grads.shape[1]):
+            g[i, n] = grads[0, n] * G[0, i] + grads[1, n] * G[1, i] + grads[2, n] * G[2, i]
 
 
 @_jit
 def _residual(u, dofs, grads, weights, modes, fibre, pressure, d1, out):
     n_el, n_q = weights.shape
     F, G, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    m, tau, g = np.empty((4, 6)), np.empty(6), np.empty((grads.shape[2], 3))
+    m, tau = np.empty((4, 6)), np.empty(6)
+    ue, g, fe = np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty(grads.shape[2:])
     for e in range(n_el):
+        _gather(u, dofs[e], ue)
+        fe[:] = 0.0
         for q in range(n_q):
-            J = _gradient(u, dofs[e], grads[e, q], F)
+            J = _gradient(ue, grads[e, q], F)
             _inverse(F, J, G)
             _strain(F, J, fibre, b, a, c)
             _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
@@ -273,7 +296,8 @@ def _residual(u, dofs, grads, weights, modes, fibre, pressure, d1, out):
             for s in range(3):
                 tau[s] += J * p
             _spatial(grads[e, q], G, g)
-            _scatter_force(dofs[e], g, tau, weights[e, q], out)
+            _add_force(g, tau, weights[e, q], fe)
+        _scatter_force(dofs[e], fe, out)
 
 
 @_jit
@@ -317,17 +341,19 @@ def _tangent(
     u, dofs, grads, weights, modes, fibre, pressure, target, kappa, d1, d2, indptr, positions, out, values
 ):  # fmt: skip
     n_el, n_q = weights.shape
-    n_n, n_m = grads.shape[2], modes.shape[1]
+    n_n, n_p, n_m = dofs.shape[1], grads.shape[3], modes.shape[1]
     F, G, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     m, tau, total, D = np.empty((4, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
-    g, K, B = np.empty((n_n, 3)), np.empty((3 * n_n, 3 * n_n)), np.empty((n_m, 3 * n_n))
-    DB, sg = np.empty((6, 3)), np.empty(3)
+    ue, g, fe = np.zeros((3, n_p)), np.empty((3, n_p)), np.empty((3, n_p))
+    K, B = np.empty((n_n, 3, 3, n_p)), np.empty((n_m, 3, n_p))
     for e in range(n_el):
+        _gather(u, dofs[e], ue)
         K[:] = 0.0
         B[:] = 0.0
+        fe[:] = 0.0
         for q in range(n_q):
             w = weights[e, q]
-            J = _gradient(u, dofs[e], grads[e, q], F)
+            J = _gradient(ue, grads[e, q], F)
             _inverse(F, J, G)
             _strain(F, J, fibre, b, a, c)
             _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
@@ -340,72 +366,100 @@ def _tangent(
             for s in range(6):
                 total[s] = tau[s] + (J * aim if s < 3 else 0.0)
             _spatial(grads[e, q], G, g)
-            _scatter_force(dofs[e], g, total, w, out)
+            _add_force(g, total, w, fe)
             for s in range(3):  # J p (1x1 - 2 I) of the iterated pressure
                 tau[s] += J * p
                 D[s + 3, s + 3] -= J * p
                 for t in range(3):
                     D[s, t] += J * p if s != t else -J * p
-            for k in range(n_m):
-                v = w * J * modes[e, k, q]
-                for n in range(n_n):
+            _add_dilatation(g, modes[e], q, w * J, B)
+            _add_stiffness(g, D, tau, w, n_n, K)
+        _add_bulk(B, kappa, n_n, K)
+        _scatter_force(dofs[e], fe, out)
+        _scatter_stiffness(dofs[e], positions[e], indptr, K, values)
+
+
+@_jit
+def _add_stiffness(g, D, tau, w, n_n, K):
+    """Adds w (grad N_n . D . grad N_o + grad N_n . tau . grad N_o 1) to K (n_n, 3, 3, n_p), for o <= n and up to the next full register."""
+    DB, sg = np.empty((6, 3)), np.empty(3)
+    for n in range(n_n):
+        x, y, z = w * g[0, n], w * g[1, n], w * g[2, n]
+        for s in range(6):
+            DB[s, 0] = D[s, 0] * x + D[s, 3] * y + D[s, 5] * z
+            DB[s, 1] = D[s, 3] * x + D[s, 1] * y + D[s, 4] * z
+            DB[s, 2] = D[s, 5] * x + D[s, 4] * y + D[s, 2] * z
+        sg[0] = tau[0] * x + tau[3] * y + tau[5] * z
+        sg[1] = tau[3] * x + tau[1] * y + tau[4] * z
+        sg[2] = tau[5] * x + tau[4] * y + tau[2] * z
+        width = (n // LANES + 1) * LANES
+        for i in range(3):
+            for k in range(3):
+                X, Y, Z = DB[_VOIGT[k, 0], i], DB[_VOIGT[k, 1], i], DB[_VOIGT[k, 2], i]
+                if i == k:
+                    X, Y, Z = X + sg[0], Y + sg[1], Z + sg[2]
+                for o in range(width):
+                    K[n, i, k, o] += X * g[0, o] + Y * g[1, o] + Z * g[2, o]
+
+
+@_jit
+def _add_bulk(B, kappa, n_n, K):
+    """Adds kappa B B of each pressure mode, as `_add_stiffness` does; B (n_m, 3, n_p)."""
+    for n in range(n_n):
+        width = (n // LANES + 1) * LANES
+        for i in range(3):
+            for j in range(3):
+                for k in range(B.shape[0]):
+                    v = kappa * B[k, i, n]
+                    for o in range(width):
+                        K[n, i, j, o] += v * B[k, j, o]
+
+
+@_jit
+def _scatter_stiffness(dofs, positions, indptr, K, values):
+    """Adds the lower half of one element's tangent, and its mirror image, to the CSR data."""
+    for n in range(dofs.shape[0]):
+        for o in range(n + 1):
+            at, back = 3 * positions[n, o], 3 * positions[o, n]
+            for i in range(3):
+                row = indptr[dofs[n, i]] + at
+                for k in range(3):
+                    values[row + k] += K[n, i, k, o]
+            if o < n:
+                for k in range(3):
+                    row = indptr[dofs[o, k]] + back
                     for i in range(3):
-                        B[k, 3 * n + i] += v * g[n, i]
-            for n in range(n_n):
-                x, y, z = w * g[n, 0], w * g[n, 1], w * g[n, 2]
-                for s in range(6):
-                    DB[s, 0] = D[s, 0] * x + D[s, 3] * y + D[s, 5] * z
-                    DB[s, 1] = D[s, 3] * x + D[s, 1] * y + D[s, 4] * z
-                    DB[s, 2] = D[s, 5] * x + D[s, 4] * y + D[s, 2] * z
-                sg[0] = tau[0] * x + tau[3] * y + tau[5] * z
-                sg[1] = tau[3] * x + tau[1] * y + tau[4] * z
-                sg[2] = tau[5] * x + tau[4] * y + tau[2] * z
-                for o in range(n + 1):
-                    X, Y, Z = g[o, 0], g[o, 1], g[o, 2]
-                    geometric = sg[0] * X + sg[1] * Y + sg[2] * Z
-                    for i in range(3):
-                        K[3 * n + i, 3 * o] += DB[0, i] * X + DB[3, i] * Y + DB[5, i] * Z
-                        K[3 * n + i, 3 * o + 1] += DB[3, i] * X + DB[1, i] * Y + DB[4, i] * Z
-                        K[3 * n + i, 3 * o + 2] += DB[5, i] * X + DB[4, i] * Y + DB[2, i] * Z
-                        K[3 * n + i, 3 * o + i] += geometric
-        for k in range(n_m):
-            for r in range(3 * n_n):
-                v = kappa * B[k, r]
-                for s in range(r // 3 * 3 + 3):
-                    K[r, s] += v * B[k, s]
-        for n in range(n_n):
-            for o in range(n_n):
-                at, back = positions[e, n, o], positions[e, o, n]
-                if o > n:
-                    continue
-                for i in range(3):
-                    row = indptr[dofs[e, n, i]] + 3 * at
-                    for k in range(3):
-                        values[row + k] += K[3 * n + i, 3 * o + k]
-                if o < n:
-                    for k in range(3):
-                        row = indptr[dofs[e, o, k]] + 3 * back
-                        for i in range(3):
-                            values[row + i] += K[3 * n + i, 3 * o + k]
+                        values[row + i] += K[n, i, k, o]
 
 
 @_jit
 def _dilatation_map(u, dofs, grads, weights, modes):
     n_el, n_q = weights.shape
-    n_n, n_m = grads.shape[2], modes.shape[1]
-    B = np.zeros((n_el, n_m, n_n, 3))
-    F, G, g = np.empty((3, 3)), np.empty((3, 3)), np.empty((n_n, 3))
+    n_n, n_m = dofs.shape[1], modes.shape[1]
+    B = np.empty((n_el, n_m, n_n, 3))
+    F, G, ue, g, Be = np.empty((3, 3)), np.empty((3, 3)), np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty((n_m, *grads.shape[2:]))
     for e in range(n_el):
+        _gather(u, dofs[e], ue)
+        Be[:] = 0.0
         for q in range(n_q):
-            J = _gradient(u, dofs[e], grads[e, q], F)
+            J = _gradient(ue, grads[e, q], F)
             _inverse(F, J, G)
             _spatial(grads[e, q], G, g)
-            for k in range(n_m):
-                v = weights[e, q] * J * modes[e, k, q]
-                for n in range(n_n):
-                    for i in range(3):
-                        B[e, k, n, i] += v * g[n, i]
+            _add_dilatation(g, modes[e], q, weights[e, q] * J, Be)
+        for k in range(n_m):
+            for n in range(n_n):
+                for i in range(3):
+                    B[e, k, n, i] = Be[k, i, n]
     return B
+
+
+@_jit
+def _add_dilatation(g, modes, q, v, Be):
+    """Adds v mode . grad N to the derivative Be (n_m, 3, n_p) of an element's pressure modes of J."""
+    for k in range(modes.shape[0]):
+        for i in range(3):
+            for n in range(g.shape[1]):
+                Be[k, i, n] += v * modes[k, q] * g[i, n]
 
 
 @_jit
@@ -413,10 +467,11 @@ def _cauchy(u, dofs, grads, modes, fibre, pressure, d1):
     n_el, n_q = grads.shape[:2]
     stress = np.empty((6, n_el, n_q))
     F, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    m, tau = np.empty((4, 6)), np.empty(6)
+    m, tau, ue = np.empty((4, 6)), np.empty(6), np.zeros(grads.shape[2:])
     for e in range(n_el):
+        _gather(u, dofs[e], ue)
         for q in range(n_q):
-            J = _gradient(u, dofs[e], grads[e, q], F)
+            J = _gradient(ue, grads[e, q], F)
             _strain(F, J, fibre, b, a, c)
             _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
             _kirchhoff(m, d1, e * n_q + q, tau)

@@ -1,21 +1,47 @@
-"""Sparse linear solves behind one call: MKL PARDISO where installed, SuperLU, or pyamg.
+"""The linear solves of Newton's iteration: few factorisations, many uses of each.
 
-Factorising dominates everything else, so one factorisation serves many solves: while it is not too old it is the
-preconditioner of GMRES on the current matrix, which still gives the current matrix's solution.
+The tangent of a nearly incompressible body in contact is K = A + kappa Bᵀ B + C: its isochoric part, the dilatation B of each
+element, and the contact. One factor of an earlier A0 + kappa B0ᵀ B0 preconditions GMRES on the current system, which is taken
+apart so that what changes most never makes the factor useless:
+
+- In the form with the pressures, [A + C, Bᵀ; B, -1/kappa], the change of B from B0 counts once, not times kappa. The stale factor solves that form with
+  B0 as well: x = K0⁻¹ (f + kappa B0ᵀ g), p = kappa (B0 x - g). Without it a step of 1 % strain spoils a factor at kappa/mu = 1000.
+- The contact C is dense on the dofs of the footprint and always the current one. The factor gives the body's Schur complement S
+  on these dofs, and S + C is factorised at every iteration: points may stick, slip or lift off without a new factor.
+
+So 2 to 8 steps of GMRES, of two triangular solves, do where a factorisation would cost 30. Where a solver gives no Schur complement (SuperLU, pyamg)
+the factor includes the contact that it was made with.
 """
 
 import contextlib
-from dataclasses import dataclass
+import ctypes
+from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.linalg as dense
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from indentfit.errors import ConvergenceError, InputError
 
-MAX_KRYLOV = 8  # GMRES steps on a stale factor before a new one is cheaper
-HOPELESS = 0.3  # relative residual of one solve with a stale factor above which GMRES would take too many steps
+MAX_KRYLOV = 15  # GMRES steps on a stale factor before a new one is cheaper
+HOPELESS = 0.5  # what of the residual may be left after the first three of them
 TOLERANCE = 1e-4  # relative residual of one solve inside a Newton iteration
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A linear system in its parts.
+
+    whole: K (n, n), CSR with sorted indices and a full diagonal; body: the part that is factorised, symmetric (default: all of it);
+    contact: C (n_s, n_s), dense, on the solver's surface dofs; dilatation: B (n_p, n), CSR, kPa-free; kappa in kPa.
+    """
+
+    whole: sp.csr_matrix
+    body: sp.csr_matrix | None = field(default=None, repr=False)
+    contact: np.ndarray | None = field(default=None, repr=False)
+    dilatation: sp.csr_matrix | None = field(default=None, repr=False)
+    kappa: float = 0.0
 
 
 @dataclass
@@ -28,24 +54,25 @@ class Counts:
 
 
 class LinearSolver:
-    """Solves with matrices of one sparsity pattern.
+    """Solves with tangents of one sparsity pattern.
 
     kind: "auto", "pardiso", "superlu" or "pyamg"; `name` says which one is used.
-    near_null: rigid-body modes (n, 6) for pyamg.
+    near_null: rigid-body modes (n, 6) for pyamg; surface: dofs (n_s,) that the contact acts on.
     """
 
-    def __init__(self, kind="auto", near_null=None):
+    def __init__(self, kind="auto", near_null=None, surface=()):
         self.name = _available(kind)
         self.counts = Counts()
-        self._factor = {"pardiso": _Pardiso, "superlu": _SuperLU, "pyamg": lambda: _Pyamg(near_null)}[self.name]()
-        self._fresh = False
+        makers = {"pardiso": lambda: _Pardiso(np.asarray(surface, dtype=int)), "superlu": _SuperLU, "pyamg": lambda: _Pyamg(near_null)}
+        self._factor = makers[self.name]()
+        self._made_of, self._fresh = None, False
 
     def forget(self):
         """Factorise again at the next solve."""
         self._fresh = False
 
-    def solve(self, A, b, tolerance=TOLERANCE):
-        """x with |A x - b| <= tolerance |b|, A a CSR matrix with sorted indices and a full diagonal.
+    def solve(self, tangent, b, tolerance=TOLERANCE):
+        """x with |K x - b| <= tolerance |b|, b (n,).
 
         Raises ConvergenceError when the matrix is singular or holds NaN.
         """
@@ -53,49 +80,137 @@ class LinearSolver:
         size = np.linalg.norm(b)
         if size == 0:
             return np.zeros_like(b)
-        if not (np.isfinite(size) and np.isfinite(A.data.sum())):
+        if not (np.isfinite(size) and np.isfinite(tangent.whole.data.sum())):
             raise ConvergenceError("the tangent or the residual holds NaN or infinity")
         if self._fresh:
-            x, ok = self._krylov(A, b, size, tolerance, MAX_KRYLOV)
+            x, ok = self._krylov(tangent, b, tolerance, MAX_KRYLOV)
             if ok:
                 return x
-        self._factorize(A)
-        x, ok = self._krylov(A, b, size, tolerance, self._factor.patience)
+        self._factorize(tangent)
+        x, ok = self._krylov(tangent, b, tolerance, self._factor.patience)
         if not ok:
             raise ConvergenceError("the linear system could not be solved (singular tangent: lost support or instability)")
         return x
 
-    def _factorize(self, A):
+    def _factorize(self, tangent):
         self.counts.factorizations += 1
         self._fresh = False
         try:
-            self._factor.factorize(A)
+            self._factor.factorize(tangent)
         except (RuntimeError, ValueError, np.linalg.LinAlgError) as error:
             raise ConvergenceError(f"{self.name} could not factorise the tangent ({error})") from error
-        self._fresh = True
+        self._made_of, self._fresh = tangent, True
 
-    def _krylov(self, A, b, size, tolerance, steps):
-        x = self._factor.solve(b)
-        if not np.isfinite(x).all():
-            return x, False
-        left = np.linalg.norm(A @ x - b) / size
-        if left <= tolerance:
-            return x, True
-        if left > HOPELESS and steps == MAX_KRYLOV:
-            return x, False
-        M = spla.LinearOperator(A.shape, self._factor.solve, dtype=float)
-        counter = _Counter()
-        x, _ = spla.gmres(A, b, M=M, rtol=tolerance * 0.5, restart=steps, maxiter=1, callback=counter, callback_type="pr_norm")
-        self.counts.krylov_iterations += counter.count
-        return x, bool(np.linalg.norm(A @ x - b) <= tolerance * size)
+    def _krylov(self, tangent, b, tolerance, steps):
+        """x and whether it is a solution, from GMRES on the form with pressures where the tangent has them."""
+        form = _Mixed(tangent, self._made_of) if self._factor.exact and tangent.dilatation is not None else _Condensed(tangent)
+        apply = self._factor.with_contact(tangent)
+        x, count, ok = _gmres(form, apply, b, tolerance, steps)
+        self.counts.krylov_iterations += count
+        return x, ok
 
 
-class _Counter:
-    def __init__(self):
-        self.count = 0
+class _Condensed:
+    """The system as it is."""
 
-    def __call__(self, _):
-        self.count += 1
+    def __init__(self, tangent):
+        self.tangent = tangent
+
+    def extended(self, b):
+        return b
+
+    def product(self, x):
+        return self.tangent.whole @ x
+
+    def preconditioned(self, r, apply):
+        return apply(r)
+
+    def displacements(self, x):
+        return x
+
+
+class _Mixed:
+    """The system with the pressures as unknowns of their own, preconditioned by the factor of the tangent `old`.
+
+    Pressures are scaled by kappa: a residual of theirs then counts with about the force that it stands for.
+    """
+
+    def __init__(self, tangent, old):
+        self.tangent, self.kappa = tangent, tangent.kappa
+        self.B, self.BT = tangent.dilatation, tangent.dilatation.T
+        self.B0, self.BT0, self.kappa0 = old.dilatation, old.dilatation.T, old.kappa
+        self.n = tangent.whole.shape[0]
+
+    def extended(self, b):
+        return np.concatenate([b, np.zeros(self.B.shape[0])])
+
+    def product(self, x):
+        v, p = x[: self.n], x[self.n :] * self.kappa
+        swell = self.B @ v - p / self.kappa
+        return np.concatenate([self.tangent.whole @ v - self.BT @ (self.kappa * swell), swell * self.kappa])
+
+    def preconditioned(self, r, apply):
+        g = r[self.n :] / self.kappa
+        v = apply(r[: self.n] + self.BT0 @ (self.kappa0 * g))
+        return np.concatenate([v, (self.B0 @ v - g) * (self.kappa0 / self.kappa)])
+
+    def displacements(self, x):
+        return x[: self.n]
+
+
+def _gmres(form, apply, b, tolerance, steps):
+    """x, the number of steps and whether |K x - b| <= tolerance |b|: right-preconditioned GMRES (Saad and Schultz 1986).
+
+    The estimate is that of the form's own residual; where it is reached the true one is looked at, and the estimate sharpened.
+    """
+    r = form.extended(b)
+    size = np.linalg.norm(r)
+    wanted = tolerance * size
+    basis, corrections = [r / size], []
+    H, rotations, rhs = np.zeros((steps + 1, steps)), [], np.zeros(steps + 1)
+    rhs[0], aim, x = size, wanted, np.zeros_like(b)
+    for j in range(steps):
+        z = form.preconditioned(basis[j], apply)
+        w = form.product(z)
+        corrections.append(z)
+        for _ in range(2):  # Gram-Schmidt twice: sensitivities ask for 1e-9
+            shares = [v @ w for v in basis]
+            for v, share in zip(basis, shares, strict=True):
+                w = w - share * v
+            H[: j + 1, j] += shares
+        H[j + 1, j] = np.linalg.norm(w)
+        if not np.isfinite(H[: j + 2, j]).all():
+            return x, j + 1, False
+        happy = H[j + 1, j] <= 1e-14 * size * np.abs(H[: j + 1, j]).max()
+        basis.append(w if happy else w / H[j + 1, j])
+        _rotate(H, rotations, rhs, j)
+        left = abs(rhs[j + 1])
+        if left <= aim or happy or j + 1 == steps:
+            y = dense.solve_triangular(H[: j + 1, : j + 1], rhs[: j + 1])
+            x = form.displacements(sum(share * z for share, z in zip(y, corrections, strict=True)))
+            true = np.linalg.norm(form.tangent.whole @ x - b)
+            if true <= wanted:
+                return x, j + 1, True
+            if happy or not np.isfinite(true):
+                break
+            aim = 0.3 * left
+        elif j == 2 and left > HOPELESS * size and steps == MAX_KRYLOV:
+            break
+    return x, j + 1, False
+
+
+def _rotate(H, rotations, rhs, j):
+    """Givens rotations that keep H triangular, applied to its column j and to the right-hand side."""
+    for i, (c, s) in enumerate(rotations):
+        H[i, j], H[i + 1, j] = c * H[i, j] + s * H[i + 1, j], -s * H[i, j] + c * H[i + 1, j]
+    length = np.hypot(H[j, j], H[j + 1, j])
+    c, s = (H[j, j] / length, H[j + 1, j] / length) if length else (1.0, 0.0)
+    rotations.append((c, s))
+    H[j, j], H[j + 1, j] = length, 0.0
+    rhs[j], rhs[j + 1] = c * rhs[j], -s * rhs[j]
+
+
+# ---- the factors -------------------------------------------------------------------------------------------------
 
 
 def _available(kind):
@@ -111,55 +226,137 @@ def _available(kind):
 
 
 class _Pardiso:
-    """MKL PARDISO, unsymmetric; one symbolic analysis for the pattern, then numerical factorisations only."""
+    """MKL PARDISO, symmetric indefinite, with the Schur complement of the body on the contact's dofs.
 
-    patience = 20
+    One symbolic analysis for the pattern, then numerical factorisations only. pypardiso finds and loads the library; its
+    classes have no Schur complement and copy the pattern at every call, so the routine is called from here.
+    """
 
-    def __init__(self):
+    patience = 30
+    exact = True
+    _ANALYSIS, _FACTOR, _SOLVE, _FORWARD, _BACKWARD, _RELEASE = 11, 22, 33, 331, 333, -1
+    _SYMMETRIC_INDEFINITE = -2
+
+    def __init__(self, surface):
         import pypardiso
 
-        self._error = pypardiso.pardiso_wrapper.PyPardisoError
-        self._solver = pypardiso.PyPardisoSolver(mtype=11)
-        self._matrix = None
+        self._routine = pypardiso.PyPardisoSolver()._mkl_pardiso
+        self._surface = surface
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._settings = np.zeros(64, dtype=np.int32)
+        # own values; METIS; perturb pivots below 1e-8; Bunch-Kaufman pivots
+        self._settings[[0, 1, 9, 20]] = 1, 2, 8, 1
+        self._settings[35] = 2 if surface.size else 0  # Schur complement together with the whole factor
+        self._upper = None
 
-    def factorize(self, A):
-        with _as_runtime_error(self._error):
-            if self._matrix is None:
-                self._solver._check_A(A)
-                self._call(A, 11, np.zeros(A.shape[0]))
-            self._matrix = A.copy()
-            self._call(self._matrix, 22, np.zeros(A.shape[0]))
+    def factorize(self, tangent):
+        body = tangent.whole if tangent.body is None else tangent.body
+        first = self._upper is None
+        if first:
+            self._analyse(body)
+        self._values = body.data[self._upper]
+        if first:
+            self._call(self._ANALYSIS)
+        S = self._call(self._FACTOR)[: self._surface.size**2]
+        self._interface = _Interface(S.reshape(self._surface.size, self._surface.size))
 
-    def solve(self, b):
-        with _as_runtime_error(self._error):
-            return self._call(self._matrix, 33, np.ascontiguousarray(b))
+    def with_contact(self, tangent):
+        """r -> (body at the time of the factor + contact of the tangent)⁻¹ r."""
+        if tangent.contact is None or not self._surface.size:
+            return lambda r: self._call(self._SOLVE, r)[: r.size]
+        surface, together = self._surface, self._interface.inverse(tangent.contact)
 
-    def _call(self, A, phase, b):
-        self._solver.set_phase(phase)
-        return self._solver._call_pardiso(A, b)
+        def apply(r):
+            x = self._call(self._FORWARD, r)[: r.size]
+            x[surface] = together(x[surface])
+            return self._call(self._BACKWARD, x)[: r.size]
+
+        return apply
+
+    def _analyse(self, body):
+        n = body.shape[0]
+        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(body.indptr))
+        self._upper = np.flatnonzero(body.indices >= rows)
+        lengths = np.bincount(rows[self._upper], minlength=n)
+        self._indptr = (np.concatenate([[0], np.cumsum(lengths)]) + 1).astype(np.int32)
+        self._indices = body.indices[self._upper].astype(np.int32) + 1
+        self._marks = np.zeros(n, dtype=np.int32)
+        self._marks[self._surface] = 1
+
+    def _call(self, phase, b=None):
+        n = self._indptr.size - 1
+        x = np.zeros(max(n, self._surface.size**2 if phase == self._FACTOR else 0))
+        b = np.zeros(n) if b is None else np.ascontiguousarray(b)
+        error = ctypes.c_int32(0)
+
+        def number(value):
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def place(array, kind=ctypes.c_int32):
+            return array.ctypes.data_as(ctypes.POINTER(kind))
+
+        self._routine(
+            place(self._handle, ctypes.c_int64), number(1), number(1), number(self._SYMMETRIC_INDEFINITE), number(phase), number(n),
+            place(self._values), place(self._indptr), place(self._indices), place(self._marks), number(1), place(self._settings),
+            number(0), place(b), place(x), ctypes.byref(error),
+        )  # fmt: skip
+        if error.value:
+            raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
+        return x
 
     def __del__(self):
-        if getattr(self, "_matrix", None) is not None:
+        if getattr(self, "_upper", None) is not None:
             with contextlib.suppress(Exception):
-                self._solver.free_memory(everything=True)
+                self._call(self._RELEASE)
 
 
-@contextlib.contextmanager
-def _as_runtime_error(kind):
-    try:
-        yield
-    except kind as error:
-        raise RuntimeError(str(error)) from error
+class _Interface:
+    """The dense system S + C on the surface: factors at some C, and a correction on the dofs where it has changed since.
+
+    From one iteration to the next few points stick, slip or lift off (Woodbury: (M + E D Eᵀ)⁻¹ = M⁻¹ - M⁻¹ E (1 + D Eᵀ M⁻¹ E)⁻¹ D Eᵀ M⁻¹).
+    """
+
+    UNCHANGED = 1e-3  # change of an entry, of the largest, that is left to GMRES
+    FEW = 0.15  # share of the dofs up to which the correction is cheaper than new factors
+
+    def __init__(self, S):
+        self.S, self.C = S, None
+
+    def inverse(self, C):
+        """r -> (S + C)⁻¹ r, up to small changes of C; infinities where it is singular, which the caller's residual shows."""
+        change = None if self.C is None else C - self.C
+        dofs = None if change is None else np.flatnonzero(np.abs(change).max(axis=0) > self.UNCHANGED * np.abs(C).max(initial=0))
+        if dofs is None or dofs.size > self.FEW * C.shape[0]:
+            lu, pivots, _ = dense.lapack.dgetrf(self.S + C)
+            self.C, self._lu = C, (lu, pivots)
+            return self._solved
+        if not dofs.size:
+            return self._solved
+        unit = np.zeros((C.shape[0], dofs.size))
+        unit[dofs, np.arange(dofs.size)] = 1
+        W, D = self._solved(unit), change[np.ix_(dofs, dofs)]
+        small = dense.lapack.dgetrf(np.eye(dofs.size) + D @ W[dofs])[:2]
+
+        def corrected(r):
+            x = self._solved(r)
+            return x - W @ dense.lu_solve(small, D @ x[dofs], check_finite=False)
+
+        return corrected
+
+    def _solved(self, r):
+        with np.errstate(all="ignore"):
+            return dense.lu_solve(self._lu, r, check_finite=False)
 
 
 class _SuperLU:
-    patience = 20
+    patience = 30
+    exact = True
 
-    def factorize(self, A):
-        self._lu = spla.splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
+    def factorize(self, tangent):
+        self._lu = spla.splu(tangent.whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
 
-    def solve(self, b):
-        return self._lu.solve(b)
+    def with_contact(self, tangent):
+        return self._lu.solve
 
 
 class _Pyamg:
@@ -169,13 +366,15 @@ class _Pyamg:
     """
 
     patience = 600
+    exact = False
 
     def __init__(self, near_null):
         self._near_null = near_null
 
-    def factorize(self, A):
+    def factorize(self, tangent):
         import pyamg
 
+        A = tangent.whole
         blocks = sp.bsr_matrix(A, blocksize=(3, 3))
         levels = pyamg.smoothed_aggregation_solver(
             blocks,
@@ -186,8 +385,8 @@ class _Pyamg:
         )
         self._cycle = levels.aspreconditioner(cycle="V")
 
-    def solve(self, b):
-        return self._cycle @ b
+    def with_contact(self, tangent):
+        return lambda r: self._cycle @ r
 
 
 def rigid_body_modes(points):

@@ -7,9 +7,11 @@ length when Newton fails. The curve between the steps is a spline, so the output
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.sparse as sp
 
 from indentfit.errors import ConvergenceError
 from indentfit.fem import sensitivity
+from indentfit.fem.linear import Tangent
 
 MAX_ITERATIONS = 15
 MAX_RELAXED, MAX_IMPLICIT = 60, 8  # iterations of a relaxation, and of one of its steps of time
@@ -165,7 +167,7 @@ def _newton(system, u, pressure, solver, options, counts):
         if size <= options.tolerance * scale:
             return system.equilibrium(u, solver), iteration
         counts.iterations += 1
-        du = solver.solve(system.matrix, -system.residual)
+        du = solver.solve(system.tangent, -system.residual)
         u, pressure, share = _line_search(system, u, pressure, du, iteration)
         hard = hard + 1 if share < 0.5 else 0
         if hard == 3:
@@ -250,8 +252,7 @@ def _predicted(system, here, depth):
         u = here.u + share * (depth - here.depth) * here.direction
         state = system.body.state(u, system.load.fibre)
         if state.valid:
-            linear = system.linear_pressure(here.u, u - here.u)
-            return u, here.pressure + linear
+            return u, here.pressure + system.linear_pressure(system.body.dilatation_map(here.u), u - here.u)
     raise ConvergenceError("an element turned inside out", depth)
 
 
@@ -293,22 +294,28 @@ class _System:
 
     def damped(self, dampers):
         """The tangent with dampers (n,), mN/mm, at the dofs."""
-        values = self.matrix.data.copy()
-        values[self.fixed.diagonal] += dampers
-        return self.body.matrix(values)
+        whole, body = self.tangent.whole.data.copy(), self.tangent.body.data.copy()
+        whole[self.fixed.diagonal] += dampers
+        body[self.fixed.diagonal] += dampers
+        return replace(self.tangent, whole=self.body.matrix(whole), body=self.body.matrix(body))
 
     def assemble(self, u, pressure):
-        """Sets residual and matrix at u; returns the norms of the residual and of the contact forces."""
+        """Sets residual and tangent at u; returns the norms of the residual and of the contact forces."""
         load = self.load
         state = self.body.state(u, load.fibre)
         self.state = state
         residual, values = self.body.tangent(u, state, load.material, pressure, load.kappa, load.fibre)
         self.touch = self.contact.touch(u, self.depth, self.history, load.springs)
         forces = self.contact.residual(self.touch)
-        self.contact.add_tangent(self.touch, values)
         residual += forces
         self.fixed.constrain(residual, values)
-        self.residual, self.matrix = residual, self.body.matrix(values)
+        whole = values.copy()
+        dense = self.fixed.without(self.contact.add_tangent(self.touch, whole), self.contact.surface)
+        self.fixed.restore(whole, values)
+        self.dilatation = self.body.dilatation_map(u)
+        B = self.fixed.dilatation(self.dilatation)
+        self.residual = residual
+        self.tangent = Tangent(self.body.matrix(whole), self.body.matrix(values), dense, B, load.kappa)
         return np.linalg.norm(residual), np.linalg.norm(forces)
 
     def merit(self, u, pressure, dampers=None):
@@ -325,19 +332,19 @@ class _System:
         size = float(np.linalg.norm(residual))
         return size if np.isfinite(size) else np.inf
 
-    def linear_pressure(self, u, du):
-        """Change of the pressure modes along du, linearised at u."""
-        return self.load.kappa * np.einsum("emni,eni->em", self.body.dilatation_map(u), du[self.body.dofs])
+    def linear_pressure(self, dilatation, du):
+        """Change of the pressure modes along du, linearised: dilatation is the body's dilatation_map."""
+        return self.load.kappa * np.einsum("emni,eni->em", dilatation, du[self.body.dofs])
 
     def pressure_change(self, u, pressure, du):
         """Newton's change of the iterated pressures that goes with du."""
-        return self.body.pressure(self.state, self.load.kappa) - pressure + self.linear_pressure(u, du)
+        return self.body.pressure(self.state, self.load.kappa) - pressure + self.linear_pressure(self.dilatation, du)
 
     def equilibrium(self, u, solver, at_rest=False):
         """The converged step at u with its tangent direction and stiffness, and its slopes by the load's directions."""
         by_depth = self.contact.by_depth(self.touch)
         by_depth[self.fixed.dofs] = 0
-        direction = solver.solve(self.matrix, -by_depth)
+        direction = solver.solve(self.tangent, -by_depth)
         rate = self.contact.rate(self.touch, direction)
         return Equilibrium(
             depth=self.depth,
@@ -369,11 +376,31 @@ class Fixed:
         held[self.dofs] = True
         rows = np.repeat(np.arange(body.n_dofs, dtype=np.int32), np.diff(body.indptr))
         self._entries = np.flatnonzero(held[rows] | held[body.indices])
+        self._is_held = held
+        n_el, n_m = body.means.shape
+        columns = np.broadcast_to(body.dofs.reshape(n_el, 1, -1), (n_el, n_m, body.dofs[0].size)).astype(np.int32)
+        self._columns, self._moving = columns.ravel(), ~held[columns.ravel()]
+        self._starts = np.arange(n_el * n_m + 1, dtype=np.int32) * body.dofs[0].size
         self.diagonal = np.flatnonzero(rows == body.indices)
         self._held, self._free = self.diagonal[held], self.diagonal[~held]
         shares = np.zeros(body.n_dofs)
         np.add.at(shares, body.dofs, (body.volume / body.dofs.shape[1])[:, None, None])
         self.sizes = np.cbrt(shares)
+
+    def dilatation(self, values):
+        """CSR matrix (n_el * n_m, n) of a dilatation map (n_el, n_m, n_n, 3) that the held dofs have no part in."""
+        shape = (self._starts.size - 1, self._is_held.size)
+        return sp.csr_matrix((values.ravel() * self._moving, self._columns, self._starts), shape=shape, copy=False)
+
+    def without(self, matrix, dofs):
+        """A dense matrix on dofs with the held ones' rows and columns zeroed, in place."""
+        held = np.flatnonzero(self._is_held[dofs])
+        matrix[held], matrix[:, held] = 0, 0
+        return matrix
+
+    def restore(self, values, constrained):
+        """Puts the held rows and columns of CSR data `constrained` into `values`."""
+        values[self._entries] = constrained[self._entries]
 
     def constrain(self, residual, values):
         """Zeroes the held rows and columns in place and puts a typical stiffness on their diagonal."""

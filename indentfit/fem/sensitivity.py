@@ -154,4 +154,4 @@ def _rate_at_rest(system, way, direction, solver):
 
 def _solve(system, solver, load_vector):
     load_vector[system.fixed.dofs] = 0
-    return solver.solve(system.matrix, -load_vector, ACCURACY)
+    return solver.solve(system.tangent, -load_vector, ACCURACY)

@@ -102,7 +102,7 @@ class Model:
         self.contact = Contact(self.body, case.indenter, case.sample.thickness)
         self.fixed = newton.Fixed(self.body, _held(self.body.basis, case.sample.base))
         modes = linear.rigid_body_modes(self.body.basis.doflocs[:, ::3]) if case.solver.linear == "pyamg" else None
-        self.solver = linear.LinearSolver(case.solver.linear, modes)
+        self.solver = linear.LinearSolver(case.solver.linear, modes, self.contact.surface)
         self.setup_seconds = time.perf_counter() - started
 
     def simulate(self, material, case, progress=None):
