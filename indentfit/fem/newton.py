@@ -344,6 +344,8 @@ class _System:
         """The converged step at u with its tangent direction and stiffness, and its slopes by the load's directions."""
         by_depth = self.contact.by_depth(self.touch)
         by_depth[self.fixed.dofs] = 0
+        if self.load.directions and self.changes:
+            solver.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
         direction = solver.solve(self.tangent, -by_depth)
         rate = self.contact.rate(self.touch, direction)
         return Equilibrium(
