@@ -83,17 +83,18 @@ class Solid:
         _residual(u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
         return out
 
-    def tangent(self, u, state, material, pressure, kappa, fibre):
+    def tangent(self, u, state, material, pressure, kappa, fibre, bulk=None):
         """Internal forces (n,) at the pressure modes that follow from u, and CSR data (nnz,) of the consistent tangent.
 
-        pressure (n_el, n_m) is the iterated one, for the geometric part of the tangent.
+        pressure (n_el, n_m) is the iterated one, for the geometric part of the tangent; bulk: bulk modulus of the tangent, where it
+        shall not be kappa (fem.linear).
         """
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
         d1 = np.ascontiguousarray(material.gradient(state.I))
         d2 = np.ascontiguousarray(material.hessian(state.I))
         target = self.pressure(state, kappa)
         _tangent(
-            u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target, kappa, d1, d2,
+            u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target, kappa if bulk is None else bulk, d1, d2,
             self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values

@@ -62,13 +62,13 @@ class FormSolid(Solid):
     def forces(self, u, gradient, pressure, fibre):
         return internal_forces.assemble(self.basis, P=self._piola(u, gradient, pressure, fibre))
 
-    def tangent(self, u, state, material, pressure, kappa, fibre):
+    def tangent(self, u, state, material, pressure, kappa, fibre, bulk=None):
         F, p = self._deformation(u), self._field(pressure)
         A = stiffness.elemental(self.basis, A=moduli(F, fibre, *self._derivatives(state, material), p))
         K = A.data.reshape(*A.local_shape, -1)
         for q in self._modes():
             b = dilatation.elemental(self.basis, q=q, cofactor=cofactor(F)).data.reshape(A.local_shape[0], -1)
-            K = K + kappa * b[:, None] * b[None, :]
+            K = K + (kappa if bulk is None else bulk) * b[:, None] * b[None, :]
         matrix = sp.coo_matrix((K.ravel(), A.indices), A.shape).tocsr()  # keeps zeros: it has the cached pattern
         return self.residual(u, state, material, self.pressure(state, kappa), fibre), matrix.data
 

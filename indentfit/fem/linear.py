@@ -1,16 +1,18 @@
 """The linear solves of Newton's iteration: few factorisations, many uses of each.
 
 The tangent of a nearly incompressible body in contact is K = A + kappa Bᵀ B + C: its isochoric part, the dilatation B of each
-element, and the contact. One factor of an earlier A0 + kappa B0ᵀ B0 preconditions GMRES on the current system, which is taken
-apart so that what changes most never makes the factor useless:
+element, and the contact. GMRES solves it in the form with the pressures, [A + C, Bᵀ; B, -1/kappa], with one of two preconditioners.
 
-- In the form with the pressures, [A + C, Bᵀ; B, -1/kappa], the change of B from B0 counts once, not times kappa. The stale factor solves that form with
-  B0 as well: x = K0⁻¹ (f + kappa B0ᵀ g), p = kappa (B0 x - g). Without it a step of 1 % strain spoils a factor at kappa/mu = 1000.
-- The contact C is dense on the dofs of the footprint and always the current one. The factor gives the body's Schur complement S
-  on these dofs, and S + C is factorised at every iteration: points may stick, slip or lift off without a new factor.
+Direct (PARDISO, SuperLU): a factor of an earlier K0 = A0 + kappa B0ᵀ B0, taken apart so that what changes most never makes it useless.
+- It solves the earlier form with pressures as well, x = K0⁻¹ (f + kappa B0ᵀ g), p = kappa (B0 x - g). The change of B from B0 then
+  counts once, not times kappa; without this a step of 1 % strain spoils a factor at kappa/mu = 1000.
+- PARDISO gives the body's Schur complement S on the dofs of the footprint, and S + C is factorised, dense, at every iteration:
+  points may stick, slip or lift off without a new factor. (SuperLU's factor includes the contact that it was made with.)
+So 2 to 8 steps of GMRES, of two triangular solves, do where a factorisation would cost 30.
 
-So 2 to 8 steps of GMRES, of two triangular solves, do where a factorisation would cost 30. Where a solver gives no Schur complement (SuperLU, pyamg)
-the factor includes the contact that it was made with.
+Iterative (pyamg): the augmented Lagrangian's block form. A + gamma Bᵀ B + C, gamma = SOFT shear moduli, is soft enough for smoothed
+aggregation with the rigid-body modes, and makes the pressures' Schur complement nearly diagonal, 1/kappa + 1/(gamma + 3 mu). The
+matrix is assembled with gamma in kappa's place. Steps of GMRES hardly grow with the mesh or with kappa.
 """
 
 import contextlib
@@ -27,14 +29,18 @@ from indentfit.errors import ConvergenceError, InputError
 MAX_KRYLOV = 15  # GMRES steps on a stale factor before a new one is cheaper
 HOPELESS = 0.5  # what of the residual may be left after the first three of them
 TOLERANCE = 1e-4  # relative residual of one solve inside a Newton iteration
+SOFT, SCHUR = 20.0, 3.0  # gamma and the body's own share in the pressures' Schur complement, in shear moduli
+# Dofs from which multigrid needs less time and memory: than PARDISO, and than SuperLU.
+LARGE, LARGE_WITHOUT_PARDISO = 150_000, 20_000
 
 
 @dataclass(frozen=True)
 class Tangent:
     """A linear system in its parts.
 
-    whole: K (n, n), CSR with sorted indices and a full diagonal; body: the part that is factorised, symmetric (default: all of it);
-    contact: C (n_s, n_s), dense, on the solver's surface dofs; dilatation: B (n_p, n), CSR, kPa-free; kappa in kPa.
+    whole: (n, n), CSR with sorted indices and a full diagonal; body: the part that is factorised, symmetric (default: all of it);
+    contact: C (n_s, n_s), dense, on the solver's surface dofs; dilatation: B (n_p, n), CSR; kappa: bulk modulus, kPa;
+    bulk: the one that `whole` and `body` are assembled with: K = whole + (kappa - bulk) Bᵀ B; mu: a shear modulus, kPa.
     """
 
     whole: sp.csr_matrix
@@ -42,6 +48,14 @@ class Tangent:
     contact: np.ndarray | None = field(default=None, repr=False)
     dilatation: sp.csr_matrix | None = field(default=None, repr=False)
     kappa: float = 0.0
+    bulk: float = 0.0
+    mu: float = 0.0
+
+    def product(self, x):
+        """K x."""
+        if self.dilatation is None or self.bulk == self.kappa:
+            return self.whole @ x
+        return self.whole @ x + self.dilatation.T @ ((self.kappa - self.bulk) * (self.dilatation @ x))
 
 
 @dataclass
@@ -57,37 +71,43 @@ class LinearSolver:
     """Solves with tangents of one sparsity pattern.
 
     kind: "auto", "pardiso", "superlu" or "pyamg"; `name` says which one is used.
-    near_null: rigid-body modes (n, 6) for pyamg; surface: dofs (n_s,) that the contact acts on.
+    near_null: rigid-body modes (n, 6) for pyamg; surface: dofs (n_s,) that the contact acts on; n_dofs: for the choice of "auto".
     """
 
-    def __init__(self, kind="auto", near_null=None, surface=()):
-        self.name = _available(kind)
+    def __init__(self, kind="auto", near_null=None, surface=(), n_dofs=0):
+        self.name = choice(kind, n_dofs)
         self.counts = Counts()
-        makers = {"pardiso": lambda: _Pardiso(np.asarray(surface, dtype=int)), "superlu": _SuperLU, "pyamg": lambda: _Pyamg(near_null)}
+        makers = {"pardiso": lambda: _Pardiso(np.asarray(surface, dtype=int)), "superlu": _SuperLU, "pyamg": lambda: _Multigrid(near_null)}
         self._factor = makers[self.name]()
-        self._made_of, self._fresh = None, False
+        self._fresh, self._steps_when_new = False, 0
+
+    def bulk(self, kappa, mu):
+        """The bulk modulus, kPa, that tangents should be assembled with."""
+        return self._factor.bulk(kappa, mu)
 
     def forget(self):
         """Factorise again at the next solve."""
         self._fresh = False
 
-    def solve(self, tangent, b, tolerance=TOLERANCE):
-        """x with |K x - b| <= tolerance |b|, b (n,).
+    def solve(self, tangent, b, tolerance=None):
+        """x with |K x - b| <= tolerance |b|, b (n,); the default is what an iteration of Newton's needs.
 
         Raises ConvergenceError when the matrix is singular or holds NaN.
         """
         self.counts.solves += 1
+        tolerance = tolerance or self._factor.tolerance
         size = np.linalg.norm(b)
         if size == 0:
             return np.zeros_like(b)
         if not (np.isfinite(size) and np.isfinite(tangent.whole.data.sum())):
             raise ConvergenceError("the tangent or the residual holds NaN or infinity")
         if self._fresh:
-            x, ok = self._krylov(tangent, b, tolerance, MAX_KRYLOV)
+            x, count, ok = self._krylov(tangent, b, tolerance, self._factor.stale_patience)
+            self._fresh = count <= self._factor.weary(self._steps_when_new)
             if ok:
                 return x
         self._factorize(tangent)
-        x, ok = self._krylov(tangent, b, tolerance, self._factor.patience)
+        x, self._steps_when_new, ok = self._krylov(tangent, b, tolerance, self._factor.patience)
         if not ok:
             raise ConvergenceError("the linear system could not be solved (singular tangent: lost support or instability)")
         return x
@@ -99,15 +119,14 @@ class LinearSolver:
             self._factor.factorize(tangent)
         except (RuntimeError, ValueError, np.linalg.LinAlgError) as error:
             raise ConvergenceError(f"{self.name} could not factorise the tangent ({error})") from error
-        self._made_of, self._fresh = tangent, True
+        self._fresh = True
 
     def _krylov(self, tangent, b, tolerance, steps):
-        """x and whether it is a solution, from GMRES on the form with pressures where the tangent has them."""
-        form = _Mixed(tangent, self._made_of) if self._factor.exact and tangent.dilatation is not None else _Condensed(tangent)
-        apply = self._factor.with_contact(tangent)
-        x, count, ok = _gmres(form, apply, b, tolerance, steps)
+        """x, the steps it took and whether it is a solution, from GMRES on the form with pressures where the tangent has them."""
+        form = _Condensed(tangent) if tangent.dilatation is None else _Mixed(tangent)
+        x, count, ok = _gmres(form, self._factor.preconditioner(tangent), b, tolerance, steps, self._factor.hopeless)
         self.counts.krylov_iterations += count
-        return x, ok
+        return x, count, ok
 
 
 class _Condensed:
@@ -120,48 +139,39 @@ class _Condensed:
         return b
 
     def product(self, x):
-        return self.tangent.whole @ x
-
-    def preconditioned(self, r, apply):
-        return apply(r)
+        return self.tangent.product(x)
 
     def displacements(self, x):
         return x
 
 
 class _Mixed:
-    """The system with the pressures as unknowns of their own, preconditioned by the factor of the tangent `old`.
+    """The system with the pressures as unknowns of their own, (n + n_p,).
 
     Pressures are scaled by kappa: a residual of theirs then counts with about the force that it stands for.
     """
 
-    def __init__(self, tangent, old):
-        self.tangent, self.kappa = tangent, tangent.kappa
-        self.B, self.BT = tangent.dilatation, tangent.dilatation.T
-        self.B0, self.BT0, self.kappa0 = old.dilatation, old.dilatation.T, old.kappa
+    def __init__(self, tangent):
+        self.tangent, self.B, self.BT = tangent, tangent.dilatation, tangent.dilatation.T
         self.n = tangent.whole.shape[0]
 
     def extended(self, b):
         return np.concatenate([b, np.zeros(self.B.shape[0])])
 
     def product(self, x):
-        v, p = x[: self.n], x[self.n :] * self.kappa
-        swell = self.B @ v - p / self.kappa
-        return np.concatenate([self.tangent.whole @ v - self.BT @ (self.kappa * swell), swell * self.kappa])
-
-    def preconditioned(self, r, apply):
-        g = r[self.n :] / self.kappa
-        v = apply(r[: self.n] + self.BT0 @ (self.kappa0 * g))
-        return np.concatenate([v, (self.B0 @ v - g) * (self.kappa0 / self.kappa)])
+        kappa, bulk = self.tangent.kappa, self.tangent.bulk
+        v, p = x[: self.n], x[self.n :] * kappa
+        swell = self.B @ v
+        return np.concatenate([self.tangent.whole @ v + self.BT @ (p - bulk * swell), kappa * swell - p])
 
     def displacements(self, x):
         return x[: self.n]
 
 
-def _gmres(form, apply, b, tolerance, steps):
+def _gmres(form, precondition, b, tolerance, steps, hopeless):
     """x, the number of steps and whether |K x - b| <= tolerance |b|: right-preconditioned GMRES (Saad and Schultz 1986).
 
-    The estimate is that of the form's own residual; where it is reached the true one is looked at, and the estimate sharpened.
+    hopeless: share of the residual that may be left after three steps. The estimate is that of the form's own residual; where it is reached the true one is looked at, and the estimate sharpened.
     """
     r = form.extended(b)
     size = np.linalg.norm(r)
@@ -170,7 +180,7 @@ def _gmres(form, apply, b, tolerance, steps):
     H, rotations, rhs = np.zeros((steps + 1, steps)), [], np.zeros(steps + 1)
     rhs[0], aim, x = size, wanted, np.zeros_like(b)
     for j in range(steps):
-        z = form.preconditioned(basis[j], apply)
+        z = precondition(basis[j])
         w = form.product(z)
         corrections.append(z)
         for _ in range(2):  # Gram-Schmidt twice: sensitivities ask for 1e-9
@@ -188,13 +198,13 @@ def _gmres(form, apply, b, tolerance, steps):
         if left <= aim or happy or j + 1 == steps:
             y = dense.solve_triangular(H[: j + 1, : j + 1], rhs[: j + 1])
             x = form.displacements(sum(share * z for share, z in zip(y, corrections, strict=True)))
-            true = np.linalg.norm(form.tangent.whole @ x - b)
+            true = np.linalg.norm(form.tangent.product(x) - b)
             if true <= wanted:
                 return x, j + 1, True
             if happy or not np.isfinite(true):
                 break
             aim = 0.3 * left
-        elif j == 2 and left > HOPELESS * size and steps == MAX_KRYLOV:
+        elif j == 2 and left > hopeless * size:
             break
     return x, j + 1, False
 
@@ -213,27 +223,60 @@ def _rotate(H, rotations, rhs, j):
 # ---- the factors -------------------------------------------------------------------------------------------------
 
 
-def _available(kind):
-    if kind in ("auto", "pardiso"):
-        with contextlib.suppress(ImportError, OSError):
-            import pypardiso  # noqa: F401
+def choice(kind, n_dofs=0):
+    """Name of the solver that "auto" stands for at a number of dofs: PARDISO where it is installed, else SuperLU, and pyamg for large meshes.
 
-            return "pardiso"
-        if kind == "pardiso":
-            raise InputError('solver.linear = "pardiso": pypardiso is not installed here; use "auto" or "superlu"')
-        return "superlu"
-    return kind
+    Raises InputError for "pardiso" where it is not installed.
+    """
+    if kind not in ("auto", "pardiso"):
+        return kind
+    with contextlib.suppress(ImportError, OSError):
+        import pypardiso  # noqa: F401
+
+        return "pyamg" if kind == "auto" and n_dofs > LARGE else "pardiso"
+    if kind == "pardiso":
+        raise InputError('solver.linear = "pardiso": pypardiso is not installed here; use "auto" or "superlu"')
+    return "pyamg" if n_dofs > LARGE_WITHOUT_PARDISO else "superlu"
 
 
-class _Pardiso:
+class _Direct:
+    """A stale factor as a preconditioner. Subclasses: _factorize(tangent), and _apply(tangent) -> (r -> (stale body and contact)⁻¹ r)."""
+
+    patience, stale_patience, hopeless = 30, MAX_KRYLOV, HOPELESS
+    tolerance = TOLERANCE
+
+    def bulk(self, kappa, mu):
+        return kappa
+
+    def weary(self, steps):
+        """Steps of GMRES after which the factor shall be made anew, when it took so many just after it was made."""
+        return np.inf  # a factor costs more than all it could save
+
+    def factorize(self, tangent):
+        self._factorize(tangent)
+        self._kappa, self._B = tangent.kappa, tangent.dilatation
+
+    def preconditioner(self, tangent):
+        apply = self._apply(tangent)
+        if tangent.dilatation is None:
+            return apply
+        n, kappa, kappa0, B, BT = tangent.whole.shape[0], tangent.kappa, self._kappa, self._B, self._B.T
+
+        def with_pressures(r):
+            g = r[n:] / kappa
+            v = apply(r[:n] + BT @ (kappa0 * g))
+            return np.concatenate([v, (B @ v - g) * (kappa0 / kappa)])
+
+        return with_pressures
+
+
+class _Pardiso(_Direct):
     """MKL PARDISO, symmetric indefinite, with the Schur complement of the body on the contact's dofs.
 
     One symbolic analysis for the pattern, then numerical factorisations only. pypardiso finds and loads the library; its
     classes have no Schur complement and copy the pattern at every call, so the routine is called from here.
     """
 
-    patience = 30
-    exact = True
     _ANALYSIS, _FACTOR, _SOLVE, _FORWARD, _BACKWARD, _RELEASE = 11, 22, 33, 331, 333, -1
     _SYMMETRIC_INDEFINITE = -2
 
@@ -249,7 +292,7 @@ class _Pardiso:
         self._settings[35] = 2 if surface.size else 0  # Schur complement together with the whole factor
         self._upper = None
 
-    def factorize(self, tangent):
+    def _factorize(self, tangent):
         body = tangent.whole if tangent.body is None else tangent.body
         first = self._upper is None
         if first:
@@ -260,8 +303,7 @@ class _Pardiso:
         S = self._call(self._FACTOR)[: self._surface.size**2]
         self._interface = _Interface(S.reshape(self._surface.size, self._surface.size))
 
-    def with_contact(self, tangent):
-        """r -> (body at the time of the factor + contact of the tangent)⁻¹ r."""
+    def _apply(self, tangent):
         if tangent.contact is None or not self._surface.size:
             return lambda r: self._call(self._SOLVE, r)[: r.size]
         surface, together = self._surface, self._interface.inverse(tangent.contact)
@@ -348,45 +390,57 @@ class _Interface:
             return dense.lu_solve(self._lu, r, check_finite=False)
 
 
-class _SuperLU:
-    patience = 30
-    exact = True
-
-    def factorize(self, tangent):
+class _SuperLU(_Direct):
+    def _factorize(self, tangent):
         self._lu = spla.splu(tangent.whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
 
-    def with_contact(self, tangent):
+    def _apply(self, tangent):
         return self._lu.solve
 
 
-class _Pyamg:
-    """GMRES preconditioned by one V-cycle of smoothed aggregation with the rigid-body modes.
+class _Multigrid:
+    """One V-cycle of smoothed aggregation on the body and contact at gamma, and the pressures' Schur complement as a diagonal."""
 
-    It treats the pressure only as part of the condensed matrix: expect some hundred iterations at kappa/mu = 1000.
-    """
-
-    patience = 600
-    exact = False
+    patience, stale_patience, hopeless = 200, 60, np.inf
+    tolerance = TOLERANCE
 
     def __init__(self, near_null):
         self._near_null = near_null
 
+    def bulk(self, kappa, mu):
+        return min(kappa, SOFT * mu)
+
+    def weary(self, steps):
+        return 1.3 * steps  # a new hierarchy costs about a quarter of a solve
+
     def factorize(self, tangent):
         import pyamg
 
-        A = tangent.whole
-        blocks = sp.bsr_matrix(A, blocksize=(3, 3))
+        smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
         levels = pyamg.smoothed_aggregation_solver(
-            blocks,
+            sp.bsr_matrix(tangent.whole, blocksize=(3, 3)),
             B=self._near_null,
             strength=("symmetric", {"theta": 0.0}),
-            smooth=("energy", {"maxiter": 2, "degree": 1}) if A.shape[0] < 20_000 else "jacobi",
-            max_coarse=500,
+            smooth="jacobi",
+            improve_candidates=None,
+            presmoother=smoother,
+            postsmoother=smoother,
+            max_coarse=100,
         )
         self._cycle = levels.aspreconditioner(cycle="V")
 
-    def with_contact(self, tangent):
-        return lambda r: self._cycle @ r
+    def preconditioner(self, tangent):
+        if tangent.dilatation is None:
+            return lambda r: self._cycle @ r
+        n, kappa, bulk, B, BT = tangent.whole.shape[0], tangent.kappa, tangent.bulk, tangent.dilatation, tangent.dilatation.T
+        flexibility = 1 / kappa + 1 / (bulk + SCHUR * tangent.mu)
+
+        def with_pressures(r):
+            g = r[n:] / kappa
+            v = self._cycle @ (r[:n] + BT @ (bulk * g))
+            return np.concatenate([v, (B @ v - g) / (flexibility * kappa)])
+
+        return with_pressures
 
 
 def rigid_body_modes(points):

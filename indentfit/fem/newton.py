@@ -39,11 +39,12 @@ class Counts:
 
 @dataclass(frozen=True)
 class Load:
-    """What one run of a model is made of: material, bulk modulus kPa, fibre direction (3,), contact springs, and the
-    Directions (fem.sensitivity) that it is differentiated by."""
+    """What one run of a model is made of: material, bulk modulus kPa and the one to assemble tangents with (fem.linear), fibre
+    direction (3,), contact springs, and the Directions (fem.sensitivity) that it is differentiated by."""
 
     material: object
     kappa: float
+    bulk: float
     fibre: np.ndarray
     springs: object
     directions: tuple = ()
@@ -304,7 +305,7 @@ class _System:
         load = self.load
         state = self.body.state(u, load.fibre)
         self.state = state
-        residual, values = self.body.tangent(u, state, load.material, pressure, load.kappa, load.fibre)
+        residual, values = self.body.tangent(u, state, load.material, pressure, load.kappa, load.fibre, load.bulk)
         self.touch = self.contact.touch(u, self.depth, self.history, load.springs)
         forces = self.contact.residual(self.touch)
         residual += forces
@@ -315,7 +316,8 @@ class _System:
         self.dilatation = self.body.dilatation_map(u)
         B = self.fixed.dilatation(self.dilatation)
         self.residual = residual
-        self.tangent = Tangent(self.body.matrix(whole), self.body.matrix(values), dense, B, load.kappa)
+        whole, body = self.body.matrix(whole), self.body.matrix(values)
+        self.tangent = Tangent(whole, body, dense, B, load.kappa, load.bulk, load.material.shear_modulus)
         return np.linalg.norm(residual), np.linalg.norm(forces)
 
     def merit(self, u, pressure, dampers=None):
@@ -393,6 +395,11 @@ class Fixed:
         """CSR matrix (n_el * n_m, n) of a dilatation map (n_el, n_m, n_n, 3) that the held dofs have no part in."""
         shape = (self._starts.size - 1, self._is_held.size)
         return sp.csr_matrix((values.ravel() * self._moving, self._columns, self._starts), shape=shape, copy=False)
+
+    def freed(self, values):
+        """Values (n, ...) with those of the held dofs zeroed, in place."""
+        values[self.dofs] = 0
+        return values
 
     def without(self, matrix, dofs):
         """A dense matrix on dofs with the held ones' rows and columns zeroed, in place."""

@@ -101,8 +101,9 @@ class Model:
         self.body = _body(self.mesh, case.solver)
         self.contact = Contact(self.body, case.indenter, case.sample.thickness)
         self.fixed = newton.Fixed(self.body, _held(self.body.basis, case.sample.base))
-        modes = linear.rigid_body_modes(self.body.basis.doflocs[:, ::3]) if case.solver.linear == "pyamg" else None
-        self.solver = linear.LinearSolver(case.solver.linear, modes, self.contact.surface)
+        kind = linear.choice(case.solver.linear, self.body.n_dofs)
+        modes = self.fixed.freed(linear.rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None
+        self.solver = linear.LinearSolver(kind, modes, self.contact.surface)
         self.setup_seconds = time.perf_counter() - started
 
     def simulate(self, material, case, progress=None):
@@ -145,7 +146,8 @@ class Model:
         work, counts = newton.Counts(), self.solver.counts
         before = (counts.factorizations, counts.solves, counts.krylov_iterations)
         springs = self._springs(material, angle).scaled(stiffer)
-        load = newton.Load(material, kappa, FIBRES[angle], springs, self._directions(sensitivities, material, kappa, angle))
+        bulk = self.solver.bulk(kappa, material.shear_modulus)
+        load = newton.Load(material, kappa, bulk, FIBRES[angle], springs, self._directions(sensitivities, material, kappa, angle))
         self.solver.forget()
         try:
             path = newton.indent(self.body, self.contact, self.fixed, load, self.solver, depths, self.options, work, progress)
@@ -198,7 +200,7 @@ class Model:
     def stiffness(self, material, kappa, angle):
         """Small-strain stiffness of the full sample, mN/mm, under a flat indenter that slips freely or sticks."""
         springs = self._springs(material, angle).scaled(RIGID)  # one linear solve: nothing can chatter
-        load = newton.Load(material, kappa, FIBRES[angle], springs)
+        load = newton.Load(material, kappa, self.solver.bulk(kappa, material.shear_modulus), FIBRES[angle], springs)
         self.solver.forget()
         return QUARTERS * newton.untouched(self.body, self.contact, self.fixed, load, self.solver).stiffness
 
