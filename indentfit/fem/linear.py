@@ -176,28 +176,28 @@ def _gmres(form, precondition, b, tolerance, steps, hopeless):
     r = form.extended(b)
     size = np.linalg.norm(r)
     wanted = tolerance * size
-    basis, corrections = [r / size], []
+    basis, corrections = np.empty((steps + 1, r.size)), np.empty((steps, r.size))  # memory is taken as rows are written
+    basis[0] = r / size
     H, rotations, rhs = np.zeros((steps + 1, steps)), [], np.zeros(steps + 1)
     rhs[0], aim, x = size, wanted, np.zeros_like(b)
     for j in range(steps):
         z = precondition(basis[j])
         w = form.product(z)
-        corrections.append(z)
+        corrections[j] = z
         for _ in range(2):  # Gram-Schmidt twice: sensitivities ask for 1e-9
-            shares = [v @ w for v in basis]
-            for v, share in zip(basis, shares, strict=True):
-                w = w - share * v
+            shares = basis[: j + 1] @ w
+            w -= shares @ basis[: j + 1]
             H[: j + 1, j] += shares
         H[j + 1, j] = np.linalg.norm(w)
         if not np.isfinite(H[: j + 2, j]).all():
             return x, j + 1, False
         happy = H[j + 1, j] <= 1e-14 * size * np.abs(H[: j + 1, j]).max()
-        basis.append(w if happy else w / H[j + 1, j])
+        basis[j + 1] = w if happy else w / H[j + 1, j]
         _rotate(H, rotations, rhs, j)
         left = abs(rhs[j + 1])
         if left <= aim or happy or j + 1 == steps:
             y = dense.solve_triangular(H[: j + 1, : j + 1], rhs[: j + 1])
-            x = form.displacements(sum(share * z for share, z in zip(y, corrections, strict=True)))
+            x = form.displacements(y @ corrections[: j + 1])
             true = np.linalg.norm(form.tangent.product(x) - b)
             if true <= wanted:
                 return x, j + 1, True

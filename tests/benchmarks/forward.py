@@ -1,0 +1,270 @@
+"""Benchmarks of the forward solve. Not tests: nothing here fails, and times are only worth what the machine was quiet.
+
+    python tests/benchmarks/forward.py solve --elements 1000 3000 8000 39312   phases, counts and memory of one configuration
+    python tests/benchmarks/forward.py newton --elements 39312                 the same against a factorisation at each iteration
+    python tests/benchmarks/forward.py loop --elements 39312                   element loop against scikit-fem forms and FElupe ([bench])
+    python tests/benchmarks/forward.py default                                 both configurations of the shipped case as it is
+
+Every measurement runs in a process of its own (memory is its peak), `--repeat` times; the median is shown. `--set KEY=VALUE` changes the case.
+The case is cases/white_matter_2017 at the published optimum, friction 0.5, 25 outputs to 10 %, with the paper's brick (q1p0).
+"""
+
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+import numpy as np
+
+CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
+OPTIMUM = ("material.parameters={mu=1.49,zeta=4.68,phi=0.68}", "indenter.friction=0.5")
+NEO_HOOKEAN = ("material.name='neo_hookean'", "material.parameters={mu=1.49}")
+PAPER = ("solver.element='q1p0'",)
+
+
+@click.group()
+def main():
+    """Times, counts and memory of the forward solve."""
+
+
+def _common(command):
+    for option in (
+        click.option("--elements", type=int, multiple=True, default=(1000,), help="Bricks of the quarter; may be repeated."),
+        click.option("--set", "settings", multiple=True, help="KEY=VALUE of the case."),
+        click.option("--angle", type=int, default=0),
+        click.option("--repeat", type=int, default=1),
+        click.option("--material", type=click.Choice(["white_matter", "neo_hookean"]), default="white_matter"),
+    ):
+        command = option(command)
+    return command
+
+
+@main.command()
+@_common
+def solve(elements, settings, angle, repeat, material):
+    """Phases of one configuration, a line for each size."""
+    for size in elements:
+        _show(_median([_child("run", size, settings, angle, material) for _ in range(repeat)]))
+
+
+@main.command()
+@_common
+def newton(elements, settings, angle, repeat, material):
+    """One configuration as shipped and with a factorisation at each iteration, in turn."""
+    for size in elements:
+        runs = [[_child("run", size, (*settings, *more), angle, material) for more in ((), ("full",))] for _ in range(repeat)]
+        ours, full = (_median([pair[i] for pair in runs]) for i in (0, 1))
+        _show(ours)
+        _show(full)
+        apart = abs(ours["force"] / full["force"] - 1)
+        click.echo(f"full Newton takes {full['wall'] / ours['wall']:.1f} times as long; forces {apart:.1e} apart")
+
+
+@main.command()
+@_common
+def loop(elements, settings, angle, repeat, material):
+    """Residual and tangent of the body on one thread: the compiled loop, scikit-fem forms, FElupe."""
+    for size in elements:
+        found = _child("loop", size, settings, angle, material)
+        click.echo(f"{found['elements']} bricks, {found['dofs']} dofs (s): " + json.dumps(found["seconds"]))
+        click.echo("times slower than the compiled tangent: " + json.dumps(found["ratios"]))
+
+
+@main.command()
+@click.option("--repeat", type=int, default=3)
+@click.option("--set", "settings", multiple=True)
+def default(repeat, settings):
+    """The shipped case with its default mesh and element, both configurations."""
+    for angle in (0, 90):
+        _show(_median([_child("run", 0, ("default", *settings), angle, "white_matter") for _ in range(repeat)]))
+
+
+def _child(task, *arguments):
+    text = json.dumps(arguments)
+    done = subprocess.run([sys.executable, __file__, "child", task, text], capture_output=True, text=True)
+    if done.returncode:
+        raise click.ClickException(done.stderr.strip().splitlines()[-1])
+    return json.loads(done.stdout)
+
+
+def _median(runs):
+    """The run whose wall time is the (lower) median."""
+    wanted = statistics.median_low([run["wall"] for run in runs])
+    return next(run for run in runs if run["wall"] == wanted) | {"runs": len(runs)}
+
+
+def _show(run):
+    phases = ", ".join(f"{name} {seconds:.2f}" for name, seconds in run["phases"].items())
+    click.echo(
+        f"{run['elements']} bricks, {run['dofs']} dofs, {run['linear']}, {run['angle']} deg: {run['wall']:.2f} s wall ({run['runs']} runs), "
+        f"{run['cpu']:.1f} s CPU, {run['memory_GB']:.2f} GB; force {run['force']:.4f} mN; {run['counts']}\n    {phases}"
+    )
+
+
+# ---- in the child ------------------------------------------------------------------------------------------------
+
+
+@main.command(hidden=True)
+@click.argument("task")
+@click.argument("text")
+def child(task, text):
+    click.echo(json.dumps({"run": _run, "loop": _loop}[task](*json.loads(text))))
+
+
+def _case(size, settings, material):
+    from indentfit.case import read_case
+
+    given = [setting for setting in settings if "=" in setting]
+    brick = () if "default" in settings else (*PAPER, f"mesh.elements={size}")
+    return read_case(CASE, [*OPTIMUM, *(NEO_HOOKEAN if material == "neo_hookean" else ()), *brick, *given])
+
+
+def _run(size, settings, angle, material):
+    from indentfit.fem import linear
+    from indentfit.fem.simulate import Model
+
+    case = _case(size, settings, material)
+    _warm(case, angle)
+    phases = {}
+    started, cpu = time.perf_counter(), time.process_time()
+    model = Model(case)
+    phases["set-up"] = time.perf_counter() - started
+    _watch(model, phases)
+    if "full" in settings:
+        plain = linear.LinearSolver.solve
+        model.solver.solve = lambda *given: (model.solver.forget(), plain(model.solver, *given))[1]
+    law = case.material_class(**case.start_values())
+    test = next(test for test in case.tests if test.angle == angle)
+    result = model.run(law, case.material.bulk_modulus(law.shear_modulus), angle, case.outputs(test))
+    wall = time.perf_counter() - started
+    counts = {key: result.facts[key] for key in ("steps", "newton_iterations", "factorizations", "solves", "krylov_iterations", "tries")}
+    return {
+        **model.mesh_facts(),
+        "linear": model.solver.name,
+        "angle": angle,
+        "wall": wall,
+        "cpu": time.process_time() - cpu,
+        "memory_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
+        "force": float(result.force[-1]),
+        "counts": counts,
+        "phases": phases | {"rest": wall - sum(phases.values())},
+    }
+
+
+def _warm(case, angle):
+    """Compiles, or loads what was compiled, outside the time."""
+    from indentfit.case import read_case
+    from indentfit.fem.simulate import simulate
+
+    simulate(read_case(CASE, [*OPTIMUM, f"solver.element='{case.solver.element}'", "mesh.elements=30"]))
+
+
+def _watch(model, phases):
+    """Adds up the time of what a solve is made of, by wrapping it."""
+    from indentfit.fem import linear
+
+    def wrap(owner, name, phase):
+        plain = getattr(owner, name)
+
+        def timed(*given, **named):
+            before, started = sum(phases.values()), time.perf_counter()
+            try:
+                return plain(*given, **named)
+            finally:  # without what was counted inside
+                phases[phase] = phases.get(phase, 0.0) + time.perf_counter() - started - (sum(phases.values()) - before)
+
+        setattr(owner, name, timed)
+
+    for name, phase in (("tangent", "tangent"), ("forces", "residual"), ("state", "kinematics"), ("dilatation_map", "dilatation")):
+        wrap(model.body, name, phase)
+    for name in ("touch", "add_tangent", "residual"):
+        wrap(model.contact, name, "contact")
+    factor = model.solver._factor
+    wrap(factor, "factorize", "factorisation")
+    wrap(factor, "preconditioner", "contact's dense factor")
+    if hasattr(factor, "_call"):
+        wrap(factor, "_call", "PARDISO")
+        plain, names = factor._call, {11: "analysis", 22: "factorisation"}
+
+        def by_phase(phase, *given):
+            before = dict(phases)
+            found = plain(phase, *given)
+            spent = phases.pop("PARDISO") - before.pop("PARDISO", 0.0)
+            phases[names.get(phase, "back-substitution")] = phases.get(names.get(phase, "back-substitution"), 0.0) + spent
+            return found
+
+        factor._call = by_phase
+    wrap(model.solver, "_krylov", "GMRES")
+    del linear
+
+
+def _loop(size, settings, angle, material):
+    from threadpoolctl import threadpool_limits
+
+    from indentfit.fem.element import Solid
+    from indentfit.fem.forms import FormSolid
+    from indentfit.fem.mesh import quarter
+
+    case = _case(size, settings, material)
+    mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element)
+    law = case.material_class(**case.start_values())
+    kappa, fibre = 1000 * law.shear_modulus, np.array([1.0, 0.0, 0.0])
+    seconds = {}
+    with threadpool_limits(1):
+        solid = Solid(mesh, case.solver.element)
+        u = 1e-3 * np.random.default_rng(0).standard_normal(solid.n_dofs)
+        for name, body, times in (("compiled", solid, 5), ("forms", FormSolid(mesh, case.solver.element), 1)):
+
+            def tangent(body=body):
+                state = body.state(u, fibre)
+                return body.tangent(u, state, law, body.pressure(state, kappa), kappa, fibre)
+
+            def residual(body=body):
+                state = body.state(u, fibre)
+                return body.residual(u, state, law, body.pressure(state, kappa), fibre)
+
+            seconds[f"{name} tangent"], seconds[f"{name} residual"] = _time(tangent, times), _time(residual, times)
+        try:
+            seconds["FElupe tangent"] = _felupe(mesh, law.shear_modulus, kappa)
+        except ImportError:
+            seconds["FElupe tangent"] = None
+    ratios = {name: value / seconds["compiled tangent"] for name, value in seconds.items() if value and "tangent" in name}
+    return {"elements": mesh.nelements, "dofs": solid.n_dofs, "seconds": seconds, "ratios": ratios}
+
+
+def _felupe(mesh, mu, kappa):
+    """FElupe's nearly incompressible body (three fields, two of them condensed), neo-Hookean, residual and tangent."""
+    import felupe
+    from skfem.element import ElementHex1
+
+    order = np.argsort([0, 3, 4, 1, 7, 2, 5, 6])  # only the shape of the cells matters for the time, not the sign of the volumes
+    del ElementHex1
+    cells = mesh.t.T[:, [0, 1, 4, 2, 3, 6, 7, 5]] if False else mesh.t.T[:, order]
+    region = felupe.RegionHexahedron(felupe.Mesh(mesh.p.T, cells, "hexahedron"))
+    body = felupe.SolidBodyNearlyIncompressible(felupe.NeoHooke(mu=mu), felupe.FieldContainer([felupe.Field(region, dim=3)]), bulk=kappa)
+
+    def assemble():
+        body.assemble.vector()
+        return body.assemble.matrix()
+
+    return _time(assemble, 3)
+
+
+def _time(function, times):
+    function()
+    found = []
+    for _ in range(times):
+        started = time.perf_counter()
+        function()
+        found.append(time.perf_counter() - started)
+    return statistics.median(found)
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("PYTHONHASHSEED", "0")
+    main()
