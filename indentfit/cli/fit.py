@@ -9,8 +9,8 @@ from ..case import read_case, require_fittable
 from ..errors import ConvergenceError, FitError, LedgerError, OutputError, Stopped, WorkerError
 from ..fem.simulate import Model
 from ..inverse.fit import fit
-from ..inverse.inputs import setting
 from ..inverse.ledger import Ledger, refuse_in_use
+from ..inverse.setting import setting
 from ..report.folder import (
     LEDGER,
     case_facts,

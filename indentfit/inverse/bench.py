@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.simulate import Model
-from indentfit.inverse.inputs import setting
 from indentfit.inverse.ledger import Run
+from indentfit.inverse.setting import setting
 from indentfit.material import REST, typed
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others

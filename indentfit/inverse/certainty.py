@@ -6,7 +6,7 @@ import numpy as np
 
 from indentfit.inverse import inputs, profiles
 from indentfit.inverse.derivatives import derivatives, evaluate
-from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, clipped, identifiability, noise_of, verdict
+from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, clipped, identifiability, noise_of, quantiles, verdict
 from indentfit.inverse.surrogate import learn
 
 TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
@@ -23,7 +23,9 @@ def certainty(case, problem, pool, optimum, exploration, equation_one, progress)
     found = {"noise": noise_of(problem, known), "notes": _notes(known), "uncertain": {}}
     alone = known
     if case.fit.uncertain.given:
-        known, found["uncertain"] = with_inputs(case, problem, best, known)
+        progress(0.0, "uncertain inputs")
+        known, found["uncertain"] = with_inputs(case, problem, pool, best, known)
+        found["notes"] += [f"the error by {name} is not in the intervals: {why}" for name, why in found["uncertain"].pop("missing").items()]
     if exploration.surrogate is not None and case.fit.profiles:
         progress(0.0, "profiles")
         found |= _on_surrogate(problem, pool, exploration, best, known, seed, progress)
@@ -38,17 +40,25 @@ def certainty(case, problem, pool, optimum, exploration, equation_one, progress)
     return found, alone
 
 
-def with_inputs(case, problem, best, known):
-    """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers."""
-    shares = inputs.shares(case, problem, best, known)
+def with_inputs(case, problem, pool, best, known):
+    """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers.
+
+    Degrees of freedom by Welch and Satterthwaite, infinite for what the case states (GUM, JCGM 100:2008, G.4).
+    """
+    shares = inputs.shares(case, problem, pool, best, known)
     covar = known.errors.covar + shares.covar
     total = np.sqrt(np.diag(covar))
-    half = np.where(np.isfinite(total * known.quantile), total * known.quantile, np.inf)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        freedom = known.errors.freedom * (np.diag(covar) / np.diag(known.errors.covar)) ** 2
+    freedom = np.where(np.isnan(freedom), known.errors.freedom, freedom)
+    errors = replace(known.errors, covar=covar, freedom=freedom)
+    wider = replace(known, errors=errors, quantile=quantiles(freedom))
+    half = np.where(np.isfinite(total * wider.quantile), total * wider.quantile, np.inf)
     values = np.array([best.parameters[name] for name in problem.free])
     interval = clipped(np.column_stack([values - half, values + half]), problem)
     stderr = {name: float(one) if np.isfinite(one) else None for name, one in zip(problem.free, total, strict=True)}
-    wider = replace(known, errors=replace(known.errors, covar=covar), interval=interval)
-    return wider, {"inputs": shares.rows, "stderr_total": stderr}
+    found = {"inputs": shares.rows, "noise": {"share": shares.noise}, "stderr_total": stderr, "missing": shares.missing}
+    return replace(wider, interval=interval), found
 
 
 def coverage(problem, surrogate, truth, sigma, draws, seed=0):

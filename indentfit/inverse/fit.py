@@ -14,15 +14,15 @@ from indentfit.fem.simulate import Model
 from indentfit.inverse import evolution, genetic
 from indentfit.inverse.certainty import certainty
 from indentfit.inverse.exploration import Exploration, Watched, explore
-from indentfit.inverse.inputs import UNITS
 from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.objective import problem_of, rmse
 from indentfit.inverse.population import Search, parameters_of
+from indentfit.inverse.setting import UNITS
 from indentfit.inverse.workers import Pool
 
 FORMAT = 1
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
-MESH_NOTE = "the error of the mesh is not assessed by `fit`; compare with a finer mesh"
+MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
 SHARE_OF_FIT = 0.75  # of the progress; the rest is what follows from it
 SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
 MANY = 4  # free parameters up to which a surrogate is worth its runs
@@ -221,7 +221,7 @@ def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, start
         seconds=time.perf_counter() - started,
         history=optimum.history,
         failures=[{"parameters": failure.parameters, "cause": failure.cause} for failure in pool.failures],
-        notes=[*found.get("notes", []), MESH_NOTE],
+        notes=[*found.get("notes", []), *([] if case.fit.uncertain.mesh else [MESH_NOTE])],
         solver=solver,
         mesh=mesh,
         case_hash=case.hash,

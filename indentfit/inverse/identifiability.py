@@ -66,8 +66,8 @@ def identifiability(problem, candidate, slopes, equation_one=False):
     residuals = [candidate.forces[n] - tests[n].curve.force for n in heavy]
     noise, found = errors([slopes[n] / ranges for n in heavy], residuals, [weights[n] for n in heavy])
     stderr = np.sqrt(np.diag(found.covar))
+    quantile = quantiles(found.freedom)
     with np.errstate(invalid="ignore"):
-        quantile = student.ppf((1 + CONFIDENCE) / 2, found.freedom)
         half = stderr * quantile
         correlation = found.covar / np.outer(stderr, stderr)
     half = np.where(np.isfinite(half), half, np.inf)
@@ -85,7 +85,7 @@ def identifiability(problem, candidate, slopes, equation_one=False):
         redchi=_redchi(problem, candidate),
         at_bound=at_bound,
         verdicts=tuple(verdict(v, i, b, at) for v, i, b, at in zip(values, interval, problem.free.values(), at_bound, strict=True)),
-        quantile=np.where(np.isfinite(quantile), quantile, np.inf),
+        quantile=quantile,
         noise=noise,
         weights=tuple(weights),
         errors=found,
@@ -99,6 +99,13 @@ def weights_of(problem, candidate, equation_one):
         sizes = np.array([rmse(test, force) for test, force in zip(problem.tests, candidate.forces, strict=True)])
         sizes = np.maximum(sizes, max(EXACT * sizes.max(), 1e-12))
     return [test.weight / test.curve.force.size / size for test, size in zip(problem.tests, sizes, strict=True)]
+
+
+def quantiles(freedom):
+    """97.5 % quantiles of Student's t, infinite where there is no freedom."""
+    with np.errstate(invalid="ignore"):
+        found = student.ppf((1 + CONFIDENCE) / 2, freedom)
+    return np.where(np.isfinite(found), found, np.inf)
 
 
 def clipped(interval, problem):

@@ -96,7 +96,9 @@ class Predicted(Evaluation):
 
 
 def learn(problem, evaluations):
-    """Surrogate of a Problem from Evaluations at its reference scale, failed ones among them; None where too few ran."""
+    """Surrogate of a Problem from Evaluations at its reference scale, failed ones among them; None where too few ran. Those
+    of other settings (another mesh, another base) teach nothing."""
+    evaluations = [one for one in evaluations if one.parameters.keys() == problem.start.keys()]
     good = {_key(problem, one): one for one in evaluations if one.forces is not None}
     failed = [_place(problem, one.parameters) for one in evaluations if one.forces is None]
     d = len(problem.searched)

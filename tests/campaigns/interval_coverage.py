@@ -57,7 +57,7 @@ def inside(problem, pool, case, truth):
     end = polish(problem, pool, exploration.found.best, surrogate=exploration.surrogate)
     known = identifiability(problem, end.best, end.derivatives, equation_one=True)
     if case.fit.uncertain.given:
-        known, _ = with_inputs(case, problem, end.best, known)
+        known, _ = with_inputs(case, problem, pool, end.best, known)
     found = profiles.profiles(problem, learn(problem, pool.known), end.best, known)
     return {name: found[name].interval[0] <= truth[name] <= found[name].interval[1] for name in RANGES}, end.best.parameters
 
