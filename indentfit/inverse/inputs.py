@@ -30,7 +30,8 @@ OTHER_BASE = {"sliding": "bonded", "bonded": "sliding"}
 class Shares:
     """What uncertain inputs add to the errors: covar (p, p) of all of them together; rows: name -> value, sd, effect (change
     of each parameter for one sd; of `force` and `mesh`, which every test has its own of, the root of the sum of squares; of
-    `base` for the other one), share (of each parameter's total variance); noise: its share; missing: name -> why it is not known."""
+    `base` for the other one), share (of each parameter's total variance); noise: its share; missing: name -> why there is none.
+    """
 
     covar: np.ndarray
     rows: dict[str, dict]

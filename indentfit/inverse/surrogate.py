@@ -112,6 +112,18 @@ def learn(problem, evaluations):
     return Surrogate(problem, samples, np.array(failed).reshape(-1, d), betas, degree, coefficients, error)
 
 
+def linearised(problem, candidate, derivatives):
+    """Surrogate whose curves are linear in the searched parameters around a Candidate, and exact in the scale; derivatives:
+    of its curves, mN per range, (n, n_free) for each test."""
+    whole, ahead = np.concatenate(candidate.forces), np.concatenate(derivatives)
+    factor = candidate.parameters[problem.scale] / problem.reference if problem.scale else 1.0
+    d, names = len(problem.searched), list(problem.free)
+    half = ahead[:, [names.index(name) for name in problem.searched]].T / 2  # by t = 2 u - 1, (d, N)
+    place = 2 * _place(problem, candidate.parameters) - 1
+    by_powers = [half[np.argmax(powers)] if any(powers) else whole - place @ half for powers in _powers(d, 1)]
+    return Surrogate(problem, (), np.zeros((0, d)), np.zeros(d), 1, np.array(by_powers) / factor, np.nan)
+
+
 def design(d, slopes, seed, degree=None):
     """Places (n, d) of the first runs, in units of the ranges: those that determine a polynomial best (D-optimal)."""
     degree = degree or (4 if slopes and d < 3 else 3)
