@@ -24,7 +24,7 @@ from ..report.folder import (
     write_curves,
     write_json,
 )
-from ..report.text import certainty_lines
+from ..report.text import certainty_lines, weights_lines
 from .progress import progress
 from .stopping import stopping
 
@@ -45,9 +45,13 @@ METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 @click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
 @click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
+@click.option("--scan-weights", is_flag=True, help="Show what other weights of the two tests would find.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
-def command(case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, no_fields, as_json, per_sample):
+def command(
+    case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, no_fields, scan_weights,
+    as_json, per_sample,
+):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
@@ -80,7 +84,7 @@ def command(case, overrides, method, direct, workers, seed, output, overwrite, r
         clear(folder)
         result = _fitted(read, ledger, cluster or scheduler, stop)
         written = _write(folder, read, result, not no_fields)
-    click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result), f"written   {output}"]))
+    click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result, scan_weights), f"written   {output}"]))
     if not result.success:
         raise FitError(f"the fit did not converge: {result.message}; its result is in {output}")
 
@@ -218,7 +222,7 @@ def _write_fields(folder, case, result):
     write_fields(folder, model, material, case.material.bulk_modulus(material.shear_modulus), simulation.tests)
 
 
-def _lines(case, result):
+def _lines(case, result, scan_weights):
     """The result in words, line by line."""
     yield from _table(result.parameters)
     yield ""
@@ -231,6 +235,7 @@ def _lines(case, result):
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
         yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
     yield from certainty_lines(result)
+    yield from weights_lines(result) if scan_weights else ()
     yield f"search    {result.message}"
     failed = f", {len(result.failures)} of them failed" if result.failures else ""
     yield (
@@ -249,15 +254,17 @@ def _reused(result):
 
 
 def _table(parameters):
-    rows = [["parameter", "value", "std. error", "95 % interval", "", "verdict"]]
+    """A row for each parameter; noise: its standard error by the residuals; total: with the mesh and uncertain inputs."""
+    rows = [["parameter", "value", "noise", "total", "95 % interval", "", "verdict"]]
     for name, one in parameters.items():
         unit = "" if one["unit"] in ("", "1") else one["unit"]
         if one["fixed"]:
-            rows.append([name, f"{one['value']:.6g}", "", "", unit, "fixed"])
+            rows.append([name, f"{one['value']:.6g}", "", "", "", unit, "fixed"])
             continue
-        error = "unknown" if one["stderr"] is None else f"{one['stderr']:.2g}"
+        errors = [one["stderr"], one.get("stderr_total", one["stderr"])]
         interval = "unknown" if one["interval"] is None else " to ".join(f"{x:.4g}" for x in one["interval"])
-        rows.append([name, f"{one['value']:.6g}", error, interval, unit, one["verdict"]])
-    widths = [max(len(row[n]) for row in rows) for n in range(6)]
+        said = ["unknown" if error is None else f"{error:.2g}" for error in errors]
+        rows.append([name, f"{one['value']:.6g}", *said, interval, unit, one["verdict"]])
+    widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
     for row in rows:
         yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()

@@ -17,8 +17,9 @@ UNPROVED = (
     "profiles by a surrogate of the search's {runs} runs; {proved} of their {ends} ends confirmed by runs, since {solves} sets of "
     "parameters are allowed in all; `ga` confirms every end"
 )
+OF_RUNS = "profiles by a surrogate of the search's {runs} runs; {more} more sets of parameters were run to confirm them"
 LINEARISED = (
-    "profiles and bootstrap are of the curves linearised at the optimum: no surrogate could be trusted, or the parameters are too many"
+    "profiles and bootstrap are of the curves linearised at the optimum: no surrogate can be trusted, or the parameters are many"
 )
 
 
@@ -45,7 +46,10 @@ def certainty(case, problem, pool, optimum, exploration, progress):
         else:
             found["surrogate"] = exploration.facts or facts_of(surrogate)
             most = None if exploration.equation_one else max(SOLVES - pool.evaluations - bool(case.fit.published), 0)
+            spent = pool.evaluations
             more = _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most)
+            if most is None and exploration.surrogate is None:
+                more["notes"].append(OF_RUNS.format(runs=len(surrogate.samples), more=pool.evaluations - spent))
         found |= more | {"notes": found["notes"] + more["notes"]}
     found["rivals"] = [
         {"parameters": {name: one.parameters[name] for name in problem.free}, "objective": one.objective}

@@ -63,7 +63,8 @@ class Surrogate:
 
     def slopes(self, places):
         """Their derivatives by the units, (m, d, N)."""
-        return np.stack([A @ self.coefficients for A in _by_units(places, self.betas, self.degree)], axis=1)
+        rows = np.array([A @ self.coefficients for A in _by_units(places, self.betas, self.degree)])
+        return rows.reshape(len(self.betas), len(places), self.coefficients.shape[1]).swapaxes(0, 1)
 
     def near_failure(self, places):
         """Whether the run nearest to each place failed, (m,)."""

@@ -142,7 +142,7 @@ def _parameters(result):
     for name, one in result["parameters"].items():
         value, unit = number(one["value"], 5), _unit(one["unit"]) or "–"
         if one["fixed"]:
-            rows.append((name, value, unit, "–", "fixed", "–", "–"))
+            rows.append((name, value, unit, "–", "fixed", "–", "–", "–"))
             continue
         interval = one["interval"] and " to ".join(number(x) for x in one["interval"])
         bounds = f"{number(one['min'])} to {number(one['max'])}"
@@ -153,11 +153,11 @@ def _parameters(result):
                 unit,
                 interval or "unknown",
                 one["verdict"],
-                number(one["stderr"], 2) if one["stderr"] is not None else "unknown",
+                *(number(x, 2) if x is not None else "unknown" for x in (one["stderr"], one.get("stderr_total", one["stderr"]))),
                 bounds,
             )
         )
-    header = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Standard error", "Searched")
+    header = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
     return Section(
         "parameters",
         "Parameters",

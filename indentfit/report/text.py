@@ -93,7 +93,6 @@ def certainty_lines(result):
         parts = ", ".join(f"{key} {_span(one['interval'])}" for key, one in test["parameters"].items())
         yield f"alone     {name}: {parts}; RMSE {test['rmse']:.3g} mN"
     yield from _shares(result)
-    yield from _weights(result)
     for other in result.rivals:
         values = ", ".join(f"{key} = {value:.4g}" for key, value in other["parameters"].items())
         yield f"rival     {values}: objective {other['objective']:.5g} mN"
@@ -101,12 +100,27 @@ def certainty_lines(result):
         yield f"surrogate {_of_surrogate(result.surrogate)}"
 
 
+def weights_lines(result):
+    """Fits of a FitResult's two tests under other weights, line by line."""
+    if not result.weights_scan:
+        yield "weights   no scan: it takes two tests, and a surrogate of all that the search went over (`ga`)"
+        return
+    tests = list(result.weights_scan[0]["rmse"])
+    rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, mN" for name in tests)])]
+    for one in result.weights_scan:
+        found, sizes = one["parameters"], one["rmse"]
+        cells = [*(f"{found[name]:.4g}" for name in result.free), *(f"{sizes[name]:.3g}" for name in tests)]
+        rows.append((" : ".join(f"{weight:g}" for weight in one["weights"]), cells))
+    yield from _columns("weights", rows)
+
+
 def share_rows(uncertain, free):
     """What makes the errors of a fit's parameters: (in words, share of each free parameter's variance, in percent); none where
     only the noise is known. uncertain: as in `FitResult`."""
     if not uncertain.get("inputs"):
         return
-    yield "noise (residuals)", _percents(uncertain["noise"], free)
+    if "noise" in uncertain:
+        yield "noise (residuals)", _percents(uncertain["noise"], free)
     for name, one in uncertain["inputs"].items():
         yield _of_input(name, one), _percents(one, free)
 
@@ -143,18 +157,6 @@ def _shares(result):
         yield from _columns("errors", [("share of the variance of", result.free), *rows])
     if said := effect_of_base(result.uncertain):
         yield f"base      {said}"
-
-
-def _weights(result):
-    """Fits under other weights of the two tests, where there are any."""
-    if result.weights_scan:
-        tests = list(result.weights_scan[0]["rmse"])
-        rows = [
-            (" : ".join(f"{weight:g}" for weight in one["weights"]),
-             [*(f"{one['parameters'][name]:.4g}" for name in result.free), *(f"{one['rmse'][name]:.3g}" for name in tests)])
-            for one in result.weights_scan
-        ]  # fmt: skip
-        yield from _columns("weights", [("weights of the tests", [*result.free, *(f"RMSE {name}, mN" for name in tests)]), *rows])
 
 
 def _columns(label, rows):
