@@ -248,6 +248,32 @@ def test_the_clock_of_a_run_harms_no_other(case):
     assert threading.active_count() <= before
 
 
+def test_a_clock_that_strikes_as_a_run_ends_is_caught_and_leaves_nothing_behind():
+    """Just before, while or just after the block ends: either it is out of time or it is done, and Python runs on, traced too."""
+    ends = {"done": 0, "late": 0}
+    for n in range(300):
+        try:
+            with bench._within(1e-4):
+                until = time.perf_counter() + 5e-5 * n
+                while time.perf_counter() < until:
+                    pass
+            ends["done"] += 1
+        except bench._OutOfTime:
+            ends["late"] += 1
+    assert ends["done"] and ends["late"]
+    script = """
+import cProfile
+from indentfit.inverse import bench
+with bench._within(60):
+    pass
+profile = cProfile.Profile()
+profile.runcall(sorted, range(3))
+def called(): return 1
+profile.enable(); called(); profile.disable()
+"""
+    assert subprocess.run([sys.executable, "-P", "-c", script], timeout=60).returncode == 0
+
+
 # The ledger
 
 
