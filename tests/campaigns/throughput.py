@@ -9,7 +9,8 @@ one thread for each process, this one too. `--search surrogate` (the default met
 comes and goes harms both.
 
 Needs a quiet machine: a scheduler that shares a loaded one between sessions gives two processes of one session no more than one;
-`machine` is then 1, and the ratio means nothing. What does not depend on the load much, and says where a ratio below the number of workers comes from:
+`machine` is then 1, and the ratio means nothing. What does not depend on the load much, and says where a ratio below the number of
+workers comes from:
 
 - busy: share of the workers' time that is spent in runs; the rest is `tail` (at the end of a batch nothing is left to begin) and
   `between` (the search itself thinks, or the ledger writes);
