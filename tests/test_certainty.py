@@ -8,7 +8,7 @@ from conftest import white_matter
 from scipy.optimize import least_squares as scipys
 from scipy.stats import norm
 from scipy.stats import t as student
-from test_inverse import TRUTH, Formula, bent, coarse, formula, problem
+from test_inverse import FREE, TRUTH, Formula, bent, coarse, formula, problem
 
 from indentfit.case import Fit, Mesh, Range, Uncertain, read_case
 from indentfit.curve import Curve
@@ -161,6 +161,15 @@ def test_one_test_alone_leaves_open_what_it_does_not_see(explored):
     assert low == pytest.approx(force / 50, rel=0.02)
     assert high == pytest.approx(force / 40, rel=0.02)
     assert alone["confirmed_rmse"] == pytest.approx(alone["rmse"], rel=0.02)
+
+
+def test_one_test_alone_has_the_error_of_the_mesh_too():
+    """Only mu is free: forces that may be wrong by 5 % make it 5 % uncertain, 1.96 of which are half of the interval."""
+    whole, pool = problem(bent(1, 0.05), free={"mu": FREE["mu"]}), Watched(Formula())
+    surrogate = linearised(whole, whole.judge(TRUTH, formula(**{**TRUTH, "mu": 1.0})), [np.zeros((15, 1))] * 2)
+    for found in profiles.alone(whole, pool, surrogate, 0, 0.05).values():
+        low, high = found["parameters"]["mu"]["interval"]
+        assert (high - low) / 2 == pytest.approx(norm.ppf(0.975) * 0.05 * TRUTH["mu"], rel=0.01)
 
 
 def test_weights_move_the_fit_from_one_test_to_the_other(explored):

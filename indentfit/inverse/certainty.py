@@ -1,13 +1,11 @@
 """What a fit knows and what it doesn't, as plain numbers for the result: everything that follows once an optimum is found."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from indentfit.inverse import inputs, profiles
 from indentfit.inverse.derivatives import derivatives, evaluate
 from indentfit.inverse.exploration import MANY, facts_of
-from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, clipped, identifiability, noise_of, quantiles, verdict
+from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict, widened
 from indentfit.inverse.surrogate import learn, linearised
 
 TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
@@ -47,7 +45,9 @@ def certainty(case, problem, pool, optimum, exploration, progress):
             found["surrogate"] = exploration.facts or facts_of(surrogate)
             most = None if exploration.equation_one else max(SOLVES - pool.evaluations - bool(case.fit.published), 0)
             spent = pool.evaluations
-            more = _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most)
+            made = found["uncertain"].get("inputs", {})
+            forces = np.hypot(*(made.get(name, {"sd": 0.0})["sd"] for name in ("mesh", "force")))
+            more = _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most, forces)
             if most is None and exploration.surrogate is None:
                 more["notes"].append(OF_RUNS.format(runs=len(surrogate.samples), more=pool.evaluations - spent))
         found |= more | {"notes": found["notes"] + more["notes"]}
@@ -62,24 +62,13 @@ def certainty(case, problem, pool, optimum, exploration, progress):
 
 
 def with_inputs(case, problem, pool, best, known):
-    """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers.
-
-    Degrees of freedom by Welch and Satterthwaite, infinite for what the case states (GUM, JCGM 100:2008, G.4).
-    """
+    """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers."""
     shares = inputs.shares(case, problem, pool, best, known)
-    covar = known.errors.covar + shares.covar
-    total = np.sqrt(np.diag(covar))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        freedom = known.errors.freedom * (np.diag(covar) / np.diag(known.errors.covar)) ** 2
-    freedom = np.where(np.isnan(freedom), known.errors.freedom, freedom)
-    errors = replace(known.errors, covar=covar, freedom=freedom)
-    wider = replace(known, errors=errors, quantile=quantiles(freedom))
-    half = np.where(np.isfinite(total * wider.quantile), total * wider.quantile, np.inf)
-    values = np.array([best.parameters[name] for name in problem.free])
-    interval = clipped(np.column_stack([values - half, values + half]), problem)
+    wider = widened(problem, best, known, shares.covar)
+    total = np.sqrt(np.diag(wider.errors.covar))
     stderr = {name: float(one) if np.isfinite(one) else None for name, one in zip(problem.free, total, strict=True)}
     found = {"inputs": shares.rows, "noise": {"share": shares.noise}, "stderr_total": stderr, "missing": shares.missing}
-    return replace(wider, interval=interval), found
+    return wider, found
 
 
 def coverage(problem, surrogate, truth, sigma, draws, seed=0):
@@ -114,12 +103,12 @@ def _learned(problem, pool, exploration):
     return surrogate if trusted else None
 
 
-def _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most):
+def _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most, forces):
     """Profiles, proved by runs at their ends (sets of parameters, `most` of them where that is limited), and what follows; fits
     with one test alone and under other weights only where the search went all over the ranges, and runs are not limited."""
     first, found = profiles.profiles(problem, surrogate, best, known), {}
     if most is None:
-        alone = profiles.alone(problem, pool, surrogate, seed)
+        alone = profiles.alone(problem, pool, surrogate, seed, forces)
         found["tests_alone"] = alone if len(problem.tests) > 1 else {}
     report = lambda done, total: progress(0.9 * done / total, "runs at the ends of profiles")  # noqa: E731
     proofs = profiles.prove(problem, pool, surrogate, first, known, best, report, most)
@@ -146,7 +135,7 @@ def _linearised(problem, best, derivatives, known, seed):
     surrogate = linearised(problem, best, derivatives)
     found = profiles.profiles(problem, surrogate, best, known)
     return {
-        "notes": [LINEARISED],
+        "notes": [LINEARISED] if problem.searched else [],
         "profiles": {name: {**_plain(one), "confirmed": []} for name, one in found.items()},
         "bootstrap": profiles.bootstrap(problem, surrogate, best, known, seed),
     }

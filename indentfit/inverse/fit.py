@@ -41,9 +41,10 @@ class FitResult:
     failures: parameters and cause of each failed evaluation.
     noise: test -> sigma (mN), autocorrelation, effective_points. profiles: parameter -> values, chi2 (1 at one standard
     error), limit, interval, confirmed (runs: value, chi2, predicted); bootstrap: parameter -> stderr, interval. tests_alone:
-    test -> rmse, parameters; weights_scan: rows of weights, parameters, rmse; uncertain: inputs -> effect and share of each
-    parameter, stderr_total; rivals: other optima; surrogate: its runs, degree and errors; published: as `certainty` has it;
-    summary: sentences. Empty where they were not asked for or not to be had.
+    test -> rmse, parameters; weights_scan: rows of weights, parameters, rmse; uncertain: inputs, the mesh among them -> effect
+    and share of each variance, noise -> share, stderr_total (stderr is the noise's alone, interval holds all); rivals: other
+    optima; surrogate: its runs, degree and errors; published: as `certainty` has it; summary: sentences. Empty where they were not
+    asked for or not to be had.
     curves: test -> fitted Curve (not part of the JSON). Units: mm, mN, kPa, s.
     """
 

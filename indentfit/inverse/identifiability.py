@@ -5,7 +5,7 @@ smoothness in each test. Where the model cannot follow the curves they are no no
 parameters may move before the misfit grows by about as much as it has, not where the truth lies.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -99,6 +99,23 @@ def weights_of(problem, candidate, equation_one):
         sizes = np.array([rmse(test, force) for test, force in zip(problem.tests, candidate.forces, strict=True)])
         sizes = np.maximum(sizes, max(EXACT * sizes.max(), 1e-12))
     return [test.weight / test.curve.force.size / size for test, size in zip(problem.tests, sizes, strict=True)]
+
+
+def widened(problem, candidate, known, covar):
+    """The Identifiability of a Candidate with a further covariance (n, n) of its estimates, from errors of another kind.
+
+    Degrees of freedom by Welch and Satterthwaite, infinite for what is stated (GUM, JCGM 100:2008, G.4).
+    """
+    whole = known.errors.covar + covar
+    with np.errstate(invalid="ignore", divide="ignore"):
+        freedom = known.errors.freedom * (np.diag(whole) / np.diag(known.errors.covar)) ** 2
+    freedom = np.where(np.isnan(freedom), known.errors.freedom, freedom)
+    quantile = quantiles(freedom)
+    half = np.sqrt(np.diag(whole)) * quantile
+    half = np.where(np.isfinite(half), half, np.inf)
+    values = np.array([candidate.parameters[name] for name in problem.free])
+    interval = clipped(np.column_stack([values - half, values + half]), problem)
+    return replace(known, errors=replace(known.errors, covar=whole, freedom=freedom), quantile=quantile, interval=interval)
 
 
 def quantiles(freedom):

@@ -10,7 +10,7 @@ from scipy.optimize import brentq, least_squares
 
 from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
 from indentfit.inverse.exploration import scanned
-from indentfit.inverse.identifiability import identifiability, verdict
+from indentfit.inverse.identifiability import identifiability, verdict, widened
 from indentfit.inverse.least_squares import polish
 from indentfit.inverse.population import judged, parameters_of
 
@@ -108,8 +108,11 @@ def bootstrap(problem, surrogate, candidate, known, seed, draws=DRAWS):
     return {name: {"stderr": float(s), "interval": [float(a), float(b)]} for name, s, a, b in rows}
 
 
-def alone(problem, pool, surrogate, seed):
-    """Fits with one test alone, test -> rmse, parameters (value, interval by profile, verdict) and the run that proved it."""
+def alone(problem, pool, surrogate, seed, forces=0.0):
+    """Fits with one test alone, test -> rmse, parameters (value, interval by profile, verdict) and the run that proved it.
+
+    forces: relative standard deviation of a test's forces as a whole, as by the mesh; in the intervals.
+    """
     found = {}
     for n, test in enumerate(problem.tests):
         single = problem.weighted([float(m == n) for m in range(len(problem.tests))])
@@ -120,6 +123,8 @@ def alone(problem, pool, surrogate, seed):
         except Underivable:
             continue
         known = identifiability(single, best, slopes)
+        move = forces * known.errors.estimator[0] @ best.forces[n]
+        known = widened(single, best, known, np.outer(move, move))
         rows = {}
         for name, profile in profiles(single, surrogate, best, known).items():
             at = known.at_bound[list(single.free).index(name)]
