@@ -343,6 +343,14 @@ def test_an_input_whose_runs_fail_is_named_and_the_others_stand():
     assert set(found.rows) == {"force"}
 
 
+@pytest.mark.parametrize(("given", "odds"), [("true", 0.5), ("false", None), ("0.3", 0.3)])
+def test_an_uncertain_base_is_a_probability_or_even_odds(given, odds):
+    assert white_matter(f"fit.uncertain.base={given}").fit.uncertain.base == odds
+    for wrong in ("1.2", "0", '"bonded"'):
+        with pytest.raises(CaseError, match=r"fit\.uncertain\.base"):
+            white_matter(f"fit.uncertain.base={wrong}")
+
+
 def test_an_uncertainty_of_nothing_known_is_refused():
     with pytest.raises(CaseError, match="offfset"):
         coarse_white_matter({"offfset": 0.1})

@@ -17,6 +17,9 @@ from indentfit.inverse.ledger import Run
 from indentfit.inverse.processes import Processes
 
 
+RECENT = 500  # runs that are asked how long the next ones may take
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """All tests at one set of parameters; `forces` is None and `cause` says why where one of them failed.
@@ -128,7 +131,7 @@ class Pool:
     def _longest_first(self, units):
         """Units in the order of what is to be expected of them, the longest first, so that no core idles at the end: what the
         nearest run of the test took; before there is one, how deep it goes."""
-        ran = [(test, dict(key), runs[0].seconds) for (key, test), runs in self._known.items()]
+        ran = [(test, dict(key), runs[0].seconds) for (key, test), runs in list(self._known.items())[-RECENT:]]
 
         def expected(unit):
             point, test = dict(unit[0]), unit[1]
