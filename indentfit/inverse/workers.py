@@ -16,7 +16,6 @@ from indentfit.inverse.cluster import Cluster
 from indentfit.inverse.ledger import Run
 from indentfit.inverse.processes import Processes
 
-
 RECENT = 500  # runs that are asked how long the next ones may take
 
 
