@@ -37,8 +37,8 @@ def main():
         moments, found = (kill_fit if options.victim == "fit" else kill_workers)(command, folder / f"r{n}", length, dice)
         differs = [key for key in whole if key not in MAY_DIFFER and whole[key] != found.get(key)]
         wrong, kills = wrong + bool(differs), kills + len(moments)
-        when = ", ".join(f"{moment:.1f}" for moment in moments) or "never: it had ended"
-        print(f"{n:3d}  killed at {when} s  reused {found['reused']:3d}  {differs or 'same'}", flush=True)
+        when = "killed at " + ", ".join(f"{moment:.1f}" for moment in moments) + " s" if moments else "had ended before its kill"
+        print(f"{n:3d}  {when}  reused {found['reused']:3d}  {differs or 'same'}", flush=True)
     print(f"{options.kills} rounds, {kills} kills, {wrong} results differ")
     shutil.rmtree(folder)
     sys.exit(wrong > 0)
