@@ -372,6 +372,10 @@ def _spread_or_range(value, _):
     return float(value)
 
 
+def _odds(value):
+    return {True: 0.5, False: None}[value] if isinstance(value, bool) else value
+
+
 Spread = Annotated[float | Range, WrapValidator(_spread_or_range)]
 SpreadOfLength = Annotated[float | Range, WrapValidator(_spread_or_range), _quantity("mm")]
 LEAST_INPUT = {"friction": 0.0, "bulk_ratio": 1.0, "thickness": 1e-3}
@@ -388,17 +392,20 @@ class Uncertain(Section):
         default=None, description="standard deviation, or range, of the contact point, mm: F(d - offset)"
     )
 
-    mesh: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = Field(
-        default=None, description="standard deviation of the forces by the mesh, in units of what half of the elements change"
+    base: Annotated[Annotated[float, Field(gt=0, lt=1)] | None, BeforeValidator(_odds)] = Field(
+        default=None, description="probability that the base is the other of sliding and bonded; true for even odds"
+    )
+    mesh: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
+        default=1.0, description="standard deviation of the forces by the mesh, in units of what half of the elements change"
     )
     force: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = Field(
-        default=None, description="standard deviation of each test's forces as a whole: calibration, or the error of the mesh"
+        default=None, description="standard deviation of each test's forces as a whole: calibration"
     )
 
     @property
     def given(self):
-        """name -> standard deviation of the inputs that have one."""
-        return {name: value for name, value in self if isinstance(value, float)}
+        """name -> standard deviation (of the base: probability) of the inputs that have one."""
+        return {name: value for name, value in self if isinstance(value, float) and value}
 
     @property
     def fitted(self):

@@ -1,23 +1,28 @@
 """What a fit says about its own certainty: errors under correlated noise, profiles, single tests, uncertain inputs."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest import white_matter
+from scipy.optimize import least_squares as scipys
+from scipy.stats import norm
 from scipy.stats import t as student
-from test_inverse import TRUTH, Formula, bent, coarse, formula, problem
+from test_inverse import FREE, TRUTH, Formula, bent, coarse, formula, problem
 
-from indentfit.case import Fit, Range, read_case
+from indentfit.case import Fit, Mesh, Range, Uncertain, read_case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
+from indentfit.fem.mesh import quarter
 from indentfit.fem.simulate import simulate
 from indentfit.inverse import certainty, genetic, inputs, profiles
 from indentfit.inverse.exploration import Watched, explore
-from indentfit.inverse.fit import fit
+from indentfit.inverse.fit import METHODS, fit
 from indentfit.inverse.identifiability import identifiability
 from indentfit.inverse.least_squares import least_squares, polish
 from indentfit.inverse.noise import correlations, errors
 from indentfit.inverse.objective import Problem, Target, problem_of
-from indentfit.inverse.surrogate import learn
+from indentfit.inverse.surrogate import learn, linearised
 from indentfit.inverse.workers import Evaluation, Pool
 
 D = np.linspace(0.1, 1, 25)
@@ -158,6 +163,15 @@ def test_one_test_alone_leaves_open_what_it_does_not_see(explored):
     assert alone["confirmed_rmse"] == pytest.approx(alone["rmse"], rel=0.02)
 
 
+def test_one_test_alone_has_the_error_of_the_mesh_too():
+    """Only mu is free: forces that may be wrong by 5 % make it 5 % uncertain, 1.96 of which are half of the interval."""
+    whole, pool = problem(bent(1, 0.05), free={"mu": FREE["mu"]}), Watched(Formula())
+    surrogate = linearised(whole, whole.judge(TRUTH, formula(**{**TRUTH, "mu": 1.0})), [np.zeros((15, 1))] * 2)
+    for found in profiles.alone(whole, pool, surrogate, 0, 0.05).values():
+        low, high = found["parameters"]["mu"]["interval"]
+        assert (high - low) / 2 == pytest.approx(norm.ppf(0.975) * 0.05 * TRUTH["mu"], rel=0.01)
+
+
 def test_weights_move_the_fit_from_one_test_to_the_other(explored):
     whole, _, surrogate, best, _ = explored
     rows = profiles.scan_weights(whole, surrogate, 0)
@@ -177,6 +191,75 @@ def test_intervals_of_profiles_cover_the_truth_as_often_as_they_say(explored):
     assert np.all(np.abs(inside.mean(axis=0) - 0.95) < 0.065)
 
 
+# Profiles of searches without a surrogate
+
+
+class Counted(Watched):
+    """A Watched formula that counts the sets of parameters it was asked for, as a Pool does."""
+
+    evaluations = property(lambda self: len({tuple(one.parameters.items()) for one in self.known}))
+
+
+@pytest.mark.parametrize("method", ["least_squares", "ga", "differential_evolution", "cma"])
+def test_profiles_of_every_method_end_where_the_misfit_has_grown_to_its_limit(method):
+    """Direct searches on `formula`: at each end the other parameters are fitted by SciPy, and chi2 is the limit within 10 %."""
+    whole, pool = problem(bent(1, 0.05)), Counted(Formula())
+    options = Fit(method=method, direct=True, uncertain=Uncertain(mesh=0))
+    optimum, exploration, _ = METHODS[method](whole, pool, options, lambda *_: None)
+    spent = pool.evaluations
+    found, known = certainty.certainty(SimpleNamespace(fit=options), whole, pool, optimum, exploration, lambda *_: None)
+    assert pool.evaluations - spent <= 9  # six ends, each test alone, and one more
+    said = " ".join(found["notes"])
+    if method == "least_squares":
+        assert pool.evaluations <= max(spent, 12)
+        assert f"{sum(len(one['confirmed']) for one in found['profiles'].values())} of their 6 ends confirmed" in said
+    else:
+        assert f"{pool.evaluations - spent} more sets of parameters were run" in said
+    assert set(found["profiles"]) == {"mu", "zeta", "phi"}
+    roots = [np.sqrt(weight) for weight in known.weights]
+
+    def squares(x, bounds):
+        def residuals(x):
+            rows = zip(roots, formula(*x), whole.tests, strict=True)
+            return np.concatenate([root * (force - test.curve.force) for root, force, test in rows])
+
+        return 2 * scipys(residuals, np.clip(x, *bounds), bounds=bounds, x_scale=[1, 10, 2]).cost
+
+    bounds = np.array([[one.min, one.max] for one in whole.free.values()]).T
+    x = [optimum.best.parameters[name] for name in whole.free]
+    least = squares(x, bounds)
+    for n, (name, profile) in enumerate(found["profiles"].items()):
+        assert found["parameters"][name]["interval"] == profile["interval"]
+        for end in profile["interval"]:
+            if end in bounds[:, n]:
+                continue
+            held = bounds.copy()
+            held[:, n] = end - 1e-9, end + 1e-9
+            chi2 = (squares(x, held) - least) * known.errors.plain[n, n] / known.errors.covar[n, n]
+            assert chi2 == pytest.approx(profile["limit"], rel=0.1), (name, end)
+
+
+def test_linearised_curves_have_the_profiles_and_the_bootstrap_of_linear_theory():
+    """Where no surrogate is to be had; 200 draws: three standard deviations of a standard deviation are 15 %."""
+    whole = line(np.random.default_rng(3).standard_normal(25))
+    best, known, _ = solved(whole, Line())
+    found = certainty._linearised(whole, best, (DESIGN * 100,), known, 0)
+    for n, name in enumerate("ab"):
+        np.testing.assert_allclose(found["profiles"][name]["interval"], known.interval[n], rtol=1e-3)
+        assert found["bootstrap"][name]["stderr"] == pytest.approx(known.stderr[n], rel=0.15)
+    assert "linearised" in found["notes"][0]
+
+
+def test_linearised_curves_are_exact_in_the_scale():
+    whole = problem()
+    at = {**TRUTH, "mu": 2.0}
+    slopes = [np.column_stack([9.9 / 2.0 * force, 0 * force, 0 * force]) for force in formula(**at)]
+    surrogate = linearised(whole, whole.judge(at, formula(**{**at, "mu": 1.0})), slopes)
+    for mu in (0.5, 5.0):
+        forces = whole.scaled({**at, "mu": mu}, surrogate.evaluate([at])[0].forces)
+        np.testing.assert_allclose(np.concatenate(forces), np.concatenate(formula(**{**at, "mu": mu})), rtol=1e-12)
+
+
 # Uncertain inputs
 
 
@@ -186,7 +269,7 @@ def test_an_uncertain_input_moves_an_estimate_by_what_it_moves_the_curve(monkeyp
     best, known, _ = solved(whole, Line())
     case = coarse_white_matter({"friction": 0.5})
     monkeypatch.setattr(inputs, "derivatives", lambda *_: [D])
-    found = inputs.shares(case, whole, best, known)
+    found = inputs.shares(case, whole, Line(), best, known)
     row = found.rows["friction"]
     assert row["effect"]["a"] == pytest.approx(-0.5, rel=1e-9)
     assert row["effect"]["b"] == pytest.approx(0.0, abs=1e-9)
@@ -196,38 +279,76 @@ def test_an_uncertain_input_moves_an_estimate_by_what_it_moves_the_curve(monkeyp
 
 
 def test_forces_that_are_wrong_as_a_whole_move_a_linear_estimate_as_much():
-    """F = a d + b d^2 with all forces 2 % too large: a and b are 2 % too large; intervals grow by that."""
+    """F = a d + b d^2 with all forces 2 % too large: a and b are 2 % too large; without any noise their intervals are the normal
+    distribution's, since what a case states has no degrees of freedom to lose."""
     whole = line(np.zeros(25))
     best, known, _ = solved(whole, Line())
-    wider, found = certainty.with_inputs(coarse_white_matter({"force": 0.02}), whole, best, known)
+    wider, found = certainty.with_inputs(coarse_white_matter({"force": 0.02}), whole, Line(), best, known)
     for n, (name, value) in enumerate((("a", 30.0), ("b", 20.0))):
         assert found["inputs"]["force"]["effect"][name] == pytest.approx(0.02 * value, rel=1e-6)
         assert found["stderr_total"][name] == pytest.approx(0.02 * value, rel=1e-6)
-        assert np.ptp(wider.interval[n]) == pytest.approx(2 * known.quantile[n] * 0.02 * value, rel=1e-6)
+        assert np.ptp(wider.interval[n]) == pytest.approx(2 * norm.ppf(0.975) * 0.02 * value, rel=1e-4)
 
 
-def coarse_white_matter(uncertain):
-    keys = ["mesh.elements=40", "solver.element=q1p0", *(f"fit.uncertain.{key}={value}" for key, value in uncertain.items())]
+def coarse_white_matter(uncertain, *more):
+    given = {"mesh": 0, **uncertain}
+    keys = ["mesh.elements=40", "solver.element=q1p0", *(f"fit.uncertain.{key}={value}" for key, value in given.items()), *more]
     return white_matter(*keys)
 
 
+def at_its_start(case, pool):
+    """Problem of a case on the curves that it makes itself at its start values, and the Candidate there."""
+    whole = problem_of(case)
+    forces = pool.evaluate([whole.at_reference(whole.start)])[0].forces
+    whole = whole.measured(whole.scaled(whole.start, forces))
+    return whole, whole.judge(whole.start, forces)
+
+
 def test_derivatives_by_inputs_have_the_sign_of_mechanics():
-    """Across the fibres: more friction and less compressibility are stiffer; a contact later on and a thicker sample softer."""
-    case = coarse_white_matter({"friction": 0.1})
-    parameters = case.start_values()
-    by = {name: inputs.derivatives(case, parameters, name)[1][-1] for name in ("friction", "bulk_ratio", "thickness", "offset")}
-    assert by["friction"] > 0
-    assert by["bulk_ratio"] > 0
-    assert by["offset"] < 0
-    assert by["thickness"] < 0
+    """Across the fibres: more friction and less compressibility are stiffer; a contact later on and a thicker sample softer.
+    The contact point's is the curve's own slope; all runs are the pool's."""
+    case = coarse_white_matter({"friction": 0.1}, "material.mu={start=1.49,min=0.1,max=10}")
+    with Pool(case, 1) as pool:
+        whole, best = at_its_start(case, pool)
+        names = ("friction", "bulk_ratio", "thickness", "offset")
+        by = {name: inputs.derivatives(case, whole, pool, best, name)[1] for name in names}
+        assert pool.evaluations == 3  # at the start, with all exact ones; on two thicknesses
+    assert by["friction"][-1] > 0
+    assert by["bulk_ratio"][-1] > 0
+    assert by["thickness"][-1] < 0
+    slope = np.gradient(best.forces[1], case.outputs(case.tests[1]))
+    np.testing.assert_allclose(-by["offset"][2:-1], slope[2:-1], rtol=0.03)
 
 
-def test_the_derivative_by_the_contact_point_is_the_curves_own_slope():
-    case = coarse_white_matter({"offset": 0.01})
-    depths = case.outputs(case.tests[1])
-    force = simulate(case).tests[1].force
-    slope = inputs.derivatives(case, case.start_values(), "offset")[1]
-    np.testing.assert_allclose(-slope[2:-1], np.gradient(force, depths)[2:-1], rtol=0.03)
+def test_on_another_base_the_parameters_would_be_what_a_fit_there_finds():
+    """Forces are proportional to mu, the only free one: a bonded base that is stiffer by a factor would make mu smaller by it."""
+    case = coarse_white_matter({"base": 0.3}, "material.mu={start=1.49,min=0.1,max=10}", "test.parallel.weight=0")
+    bonded = simulate(case.model_copy(update={"sample": case.sample.model_copy(update={"base": "bonded"})})).tests[1].force
+    with Pool(case, 1) as pool:
+        whole, best = at_its_start(case, pool)
+        slopes = [whole.range("mu") / 1.49 * force[:, None] for force in best.forces]
+        found = inputs.shares(case, whole, pool, best, identifiability(whole, best, slopes))
+    there = 1.49 * (bonded @ best.forces[1]) / (bonded @ bonded)
+    assert there < 0.9 * 1.49
+    assert found.rows["base"]["effect"]["mu"] == pytest.approx(there - 1.49, rel=1e-4)
+    assert found.covar[0, 0] == pytest.approx(0.3 * (there - 1.49) ** 2, rel=1e-3)  # the mean square, were it so in 30 %
+
+
+def test_an_input_whose_runs_fail_is_named_and_the_others_stand():
+    whole = line(np.random.default_rng(3).standard_normal(25))
+    best, known, _ = solved(whole, Line())
+    case = coarse_white_matter({"mesh": 1, "force": 0.02})
+    found = inputs.shares(case, whole, Line(broken=lambda point: "mesh.elements" in point), best, known)
+    assert found.missing == {"mesh": "broken here"}
+    assert set(found.rows) == {"force"}
+
+
+@pytest.mark.parametrize(("given", "odds"), [("true", 0.5), ("false", None), ("0.3", 0.3)])
+def test_an_uncertain_base_is_a_probability_or_even_odds(given, odds):
+    assert white_matter(f"fit.uncertain.base={given}").fit.uncertain.base == odds
+    for wrong in ("1.2", "0", '"bonded"'):
+        with pytest.raises(CaseError, match=r"fit\.uncertain\.base"):
+            white_matter(f"fit.uncertain.base={wrong}")
 
 
 def test_an_uncertainty_of_nothing_known_is_refused():
@@ -292,14 +413,28 @@ def test_uncertain_inputs_that_cannot_be_are_refused(keys, said):
         white_matter(*keys)
 
 
-def test_the_error_of_the_mesh_is_the_change_that_half_of_the_elements_make():
-    """mu alone: forces that are wrong by a share make mu wrong by that share."""
+def test_the_error_of_the_mesh_is_in_the_intervals_by_default():
+    """mu alone: forces that are wrong by a share make mu wrong by that share; it is the change that fewer elements make."""
     keys = ["mesh.elements=80", "solver.element=q1p0", "material.mu={start=1.49,min=0.1,max=10}", "test.parallel.weight=0"]
-    case = white_matter(*keys, "fit.uncertain.mesh=1")
-    fine, coarse = (simulate(white_matter(*keys, *more)).tests for more in ([], ["mesh.elements=40"]))
-    whole = problem_of(case).measured([test.force for test in fine])
-    best = whole.judge(case.start_values(), [test.force for test in fine])
-    slopes = [whole.range("mu") * test.force[:, None] / 1.49 for test in fine]
-    found = inputs.shares(case, whole, best, identifiability(whole, best, slopes))
+    case = white_matter(*keys)
+    asked = inputs.another_mesh(case)
+    fine, coarse = (simulate(white_matter(*keys, *more)).tests for more in ([], [f"mesh.elements={asked}"]))
     share = max(np.linalg.norm(b.force - a.force) / np.linalg.norm(a.force) for a, b in zip(fine, coarse, strict=True))
-    assert abs(found.rows["mesh"]["effect"]["mu"]) == pytest.approx(share * 1.49, rel=0.25)  # elements are only about as asked
+    with Pool(case, 1) as pool:
+        whole, best = at_its_start(case, pool)
+        known = identifiability(whole, best, [whole.range("mu") / 1.49 * force[:, None] for force in best.forces])
+        wider, found = certainty.with_inputs(case, whole, pool, best, known)
+    assert abs(found["inputs"]["mesh"]["effect"]["mu"]) == pytest.approx(share * 1.49, rel=1e-3)
+    assert found["inputs"]["mesh"]["share"]["mu"] + found["noise"]["share"]["mu"] == pytest.approx(1, rel=1e-9)
+    assert wider.interval[0, 1] - best.parameters["mu"] == pytest.approx(1.96 * share * 1.49, rel=0.01)
+    assert not white_matter(*keys, "fit.uncertain.mesh=0").fit.uncertain.given
+
+
+@pytest.mark.parametrize("elements", [20, 24, 40, 180, 1500])
+def test_the_other_mesh_is_another_one(elements):
+    """At most three quarters of the elements, or twice as many where there are no fewer."""
+    case = white_matter(f"mesh.elements={elements}")
+    asked = inputs.another_mesh(case)
+    own, other = (quarter(case.sample, case.indenter, Mesh(elements=n), depth=0.33).nelements for n in (elements, asked))
+    assert other <= 0.8 * own or other >= 1.5 * own
+    assert other <= 2.5 * own

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -15,6 +16,7 @@ from indentfit.curve import read_curve
 from indentfit.errors import ConvergenceError
 from indentfit.fem.simulate import Model
 from indentfit.inverse.fit import fit
+from indentfit.report.text import weights_lines
 
 CASE = """
 [sample]
@@ -100,6 +102,27 @@ def test_options_are_keys_of_the_case(case):
     result = json.loads(run(case, "--json", "--method", "least_squares", "--seed", 7).stdout)
     assert (result["method"], result["seed"]) == ("least_squares", 7)
     assert {"fit.method=least_squares", "fit.seed=7"} <= set(result["overrides"])
+
+
+def test_errors_are_told_apart_and_weights_are_shown_where_asked(case):
+    """One parameter: its error is the mesh's and the noise's, which together make the whole."""
+    done = run(case, "--json", "-o", "r")
+    result = json.loads(done.stdout)
+    mesh, noise = result["uncertain"]["inputs"]["mesh"]["share"]["mu"], result["uncertain"]["noise"]["share"]["mu"]
+    assert mesh > 0 and noise > 0
+    assert mesh + noise == pytest.approx(1, rel=1e-9)
+    mu = result["parameters"]["mu"]
+    assert mu["stderr"] == pytest.approx(noise**0.5 * mu["stderr_total"], rel=1e-9)
+    text = run(case, "--overwrite", "-o", "r").stdout
+    assert "mesh (forces" in text and f"{mesh:.1%}" in text and "weights" not in text
+    assert "weights   no scan" in run(case, "--overwrite", "-o", "r", "--scan-weights").stdout
+
+
+def test_a_scan_of_weights_is_a_table_of_fits():
+    rows = [{"weights": [w, 1 - w], "parameters": {"mu": 1 + w}, "rmse": {"a": 1 - w, "b": w}} for w in (0.25, 0.5)]
+    lines = list(weights_lines(SimpleNamespace(weights_scan=rows, free=["mu"])))
+    assert [" ".join(line.split()) for line in lines[1:]] == ["0.25 : 0.75 1.25 0.75 0.25", "0.5 : 0.5 1.5 0.5 0.5"]
+    assert "RMSE b, mN" in lines[0]
 
 
 def test_a_folder_that_exists_is_refused_before_any_run(case, tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ from indentfit.case import read_case
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.experiment.rig import Noise, Rig
+from indentfit.fem.simulate import Model
 from indentfit.inverse.fit import fit
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
@@ -297,6 +298,37 @@ def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
     assert [float(row["mu"]) for row in rows] == pytest.approx(mu)
     assert Path("each/S1/result.json").is_file() and Path("each/S1/fit.svg").is_file()
     assert run(made, *words, "--per-sample", "-o", "each", command="fit").exit_code == 2  # nothing is overwritten unasked
+
+
+def test_a_stopped_fit_of_samples_is_resumed_with_the_same_numbers(made, monkeypatch):
+    """Stopped within the second of three samples: the first costs no run again, nothing differs in the end."""
+    words = ("--set", "test.perpendicular.weight=0", "--per-sample", "--json")
+    whole = json.loads(run(made, *words, "-o", "whole", command="fit").stdout)
+    runs, model = [], Model.run
+
+    def few(self, *arguments, **more):
+        runs.append(1)
+        if len(runs) == 11:  # 7 of the first sample: of the model made ready, both tests, and both with a model of another mesh
+            raise KeyboardInterrupt
+        return model(self, *arguments, **more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Model, "run", few)
+        stopped = run(made, *words, "-o", "each", command="fit")
+    assert stopped.exit_code == 130 and "--resume" in stopped.stderr
+    assert not Path("each").exists()
+    refused = run(made, *words, "-o", "each", command="fit")
+    assert refused.exit_code == 2 and "--resume" in refused.stderr
+    other = run(made, "-o", "each", "--resume", command="fit")
+    assert other.exit_code == 2 and "--per-sample" in other.stderr and len(other.stderr.splitlines()) == 1
+    resumed = run(made, *words, "-o", "each", "--resume", command="fit")
+    assert resumed.exit_code == 0, resumed.stderr
+    assert json.loads(resumed.stdout) == whole
+    first, second, last = (json.loads(Path(f"each/S{n}/result.json").read_text()) for n in range(3))
+    assert first["reused"] == first["runs"] and 0 < second["reused"] < second["runs"] and last["reused"] == 0
+    again = run(made, *words, "-o", "again", "--reuse", "each", command="fit")
+    assert json.loads(again.stdout) == whole
+    assert json.loads(Path("again/S2/result.json").read_text())["reused"] == last["runs"]
 
 
 def test_per_sample_without_its_table_says_what_writes_it(made):

@@ -141,11 +141,19 @@ def test_optional_parts_of_a_fit_are_shown_where_a_result_has_them(pages, tmp_pa
     alone = {"value": 1.1, "interval": [0.7, 1.5], "verdict": "weakly determined (+-40 %)"}
     result["tests_alone"] = {EVIL: {"rmse": 0.1, "confirmed_rmse": 0.1, "parameters": {"mu": alone}}}
     result["summary"] = ["determined by this curve: mu (0.9 to 1.3)"]
-    result["uncertain"] = {"inputs": {"friction": {"value": 0.5, "sd": 0.1, "share": {"mu": 0.25}}}}
+    made = {
+        "friction": {"value": 0.5, "sd": 0.1, "share": {"mu": 0.25}},
+        "mesh": {"value": 0.0, "sd": 0.012, "elements": 30, "share": {"mu": 0.35}},
+        "base": {"value": "sliding", "sd": None, "probability": 0.3, "effect": {"mu": -0.3}, "share": {"mu": 0.1}},
+    }
+    result["uncertain"] = {"inputs": made, "noise": {"share": {"mu": 0.3}}}
+    result["weights_scan"] = [{"weights": [0.25, 0.75], "parameters": {"mu": 1.15}, "rmse": {"a": 0.1, "b": 0.2}}]
     result["rivals"] = [{"parameters": {"mu": 2.0}, "objective": 0.9}]
     (tmp_path / "result.json").write_text(json.dumps(result))
     text = write_report(tmp_path).read_text()
-    for words in ("Profile of mu", "weakly determined (+-40 %)", "Determined by this curve", "25 %", "Other optima"):
+    for words in ("Profile of mu", "weakly determined (+-40 %)", "Determined by this curve", "25.0%", "Other optima"):
+        assert words in text
+    for words in ("mesh (forces +- 1.20%", "30.0%", "30% that it is bonded", "On a bonded base", "mu -0.3", "Weight of b"):
         assert words in text
     assert EVIL not in text
     del result["case"]  # a result of before the page

@@ -97,7 +97,15 @@ def test_what_decides_a_curve_is_in_its_hash(override, tmp_path):
 
 @pytest.mark.parametrize(
     "override",
-    ["test.parallel.weight=0.9", "fit.seed=4", "fit.method=ga", "material.zeta={start=9,min=1,max=12}", "title=other"],
+    [
+        "test.parallel.weight=0.9",
+        "fit.seed=4",
+        "fit.method=ga",
+        "material.zeta={start=9,min=1,max=12}",
+        "title=other",
+        "fit.uncertain={friction=0.1,thickness=0.05,base=0.3,mesh=0}",
+        "fit.published={mu=1.49}",
+    ],
 )
 def test_what_does_not_decide_a_curve_is_not(override, case):
     other = quickstart(override)
@@ -248,6 +256,31 @@ def test_a_ledger_of_another_case_or_version_is_not_resumed(tmp_path, case, monk
         Ledger(path, case, resume=True)
     with Ledger(path, case) as ledger:
         assert len(ledger) == 0  # never a mixture
+
+
+@pytest.mark.parametrize("override", ["fit.uncertain={friction=0.1,mesh=0}", "fit.published={mu=1.49}", "fit.profiles=false"])
+def test_a_fit_is_resumed_also_where_more_is_asked_of_its_end(tmp_path, case, override):
+    """What is uncertain, and what was published, decides no run of the search."""
+    written = fill(tmp_path / "l", case)
+    with Ledger(tmp_path / "l", quickstart(override), resume=True) as ledger:
+        assert len(ledger) == len(written)
+
+
+def test_an_input_that_is_fitted_makes_another_search(tmp_path, case):
+    fill(tmp_path / "l", case)
+    with pytest.raises(LedgerError, match="another case"):
+        Ledger(tmp_path / "l", quickstart("fit.uncertain.friction={start=0.5,min=0.1,max=0.8}"), resume=True)
+
+
+def test_runs_of_other_settings_at_the_same_parameters_are_other_runs(tmp_path, case):
+    """On another mesh or base, and at another thickness, as uncertain inputs ask for."""
+    with Ledger(tmp_path / "l", case) as ledger:
+        for n, change in enumerate([{}, {"mesh.elements": 50}, {"sample.base": "bonded"}, {"sample.thickness": 3.2}]):
+            ledger.add({**POINT, **change}, case.tests[0], Run(forces(n), None, 0.5, {}))
+    with Ledger(tmp_path / "l", case, resume=True) as ledger:
+        assert ledger.find({**POINT, "sample.base": "bonded"}, case.tests[0]).force.tobytes() == forces(2).tobytes()
+        assert ledger.find(POINT, case.tests[0]).force.tobytes() == forces(0).tobytes()
+        assert ledger.find({**POINT, "mesh.elements": 51}, case.tests[0]) is None
 
 
 def test_two_fits_cannot_hold_one_ledger(tmp_path, case):

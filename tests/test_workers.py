@@ -17,6 +17,7 @@ from indentfit.fem.simulate import Model
 from indentfit.inverse import bench
 from indentfit.inverse.fit import fit
 from indentfit.inverse.ledger import Ledger
+from indentfit.inverse.processes import Processes
 from indentfit.inverse.workers import Pool
 
 CASE = """
@@ -247,6 +248,32 @@ def test_the_clock_of_a_run_harms_no_other(case):
     assert threading.active_count() <= before
 
 
+def test_a_clock_that_strikes_as_a_run_ends_is_caught_and_leaves_nothing_behind():
+    """Just before, while or just after the block ends: either it is out of time or it is done, and Python runs on, traced too."""
+    ends = {"done": 0, "late": 0}
+    for n in range(300):
+        try:
+            with bench._within(1e-4):
+                until = time.perf_counter() + 5e-5 * n
+                while time.perf_counter() < until:
+                    pass
+            ends["done"] += 1
+        except bench._OutOfTime:
+            ends["late"] += 1
+    assert ends["done"] and ends["late"]
+    script = """
+import cProfile
+from indentfit.inverse import bench
+with bench._within(60):
+    pass
+profile = cProfile.Profile()
+profile.runcall(sorted, range(3))
+def called(): return 1
+profile.enable(); called(); profile.disable()
+"""
+    assert subprocess.run([sys.executable, "-P", "-c", script], timeout=60).returncode == 0
+
+
 # The ledger
 
 
@@ -315,10 +342,31 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
 
 
 def test_the_longest_runs_are_begun_first(case):
+    """What the nearest run of the same test took is expected; without one, the deepest test comes first."""
     pool = Pool(case())
-    facts = {"steps": 1}
-    pool._known = {((), 0): [bench.Run(None, None, 1.0, facts)], ((), 1): [bench.Run(None, None, 3.0, facts)]}
-    assert [test for _, test in pool._longest_first([("a", 0), ("b", 1), ("c", 0)])] == [1, 0, 0]
+
+    def key(zeta, **more):
+        return tuple({"mu": 1.0, "zeta": zeta, **more}.items())
+
+    assert [test for _, test in pool._longest_first([(key(1.0), 0), (key(1.0), 1)])] == [0, 1]  # both as deep: as they came
+    took = {(key(1.0), 0): 1.0, (key(1.0), 1): 3.0, (key(9.0), 0): 2.0, (key(9.0), 1): 50.0}
+    pool._known = {unit: [bench.Run(None, None, seconds, {})] for unit, seconds in took.items()}
+    units = [(key(zeta), test) for zeta in (1.1, 8.0) for test in (0, 1)]
+    assert pool._longest_first(units) == [units[3], units[1], units[2], units[0]]
+    assert pool._longest_first([*units, (key(1.0, **{"sample.base": "bonded"}), 1)])[0] == units[3]
+
+
+def test_a_worker_is_given_its_next_run_before_the_last_one_is_written_down(case):
+    """The caller looks at what came first while both workers are at work again."""
+    units = [(tuple({"mu": 1.0, "zeta": 0.25 * n}.items()), 0) for n in range(6)]
+    workers = Processes(case(), 2, 60)
+    try:
+        course = workers.solve(units, (), lambda: 0)
+        next(course)
+        assert sum(worker.unit is not None for worker in workers._workers) == 2
+        assert len(list(course)) == 5
+    finally:
+        workers.close(now=True)
 
 
 # Dask
@@ -347,6 +395,25 @@ def test_a_dask_cluster_gives_the_same_numbers_also_when_a_worker_is_killed(case
         here = pool.evaluate(points)
     for a, b in zip(there, here, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
+
+
+def test_a_fit_on_a_cluster_whose_worker_is_killed_ends_with_the_numbers_of_local_processes(case):
+    distributed = pytest.importorskip("distributed")
+    told = []
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+    ) as cluster:
+
+        def progress(share, note):
+            told.append(note)
+            if len(told) == 6:
+                os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+        there = fit(case(), progress, cluster=cluster.scheduler_address)
+    assert len(told) > 6
+    here = fit(case("fit.workers=2"))
+    assert there.success
+    assert differences(there, here) <= {"seconds", "solver"}
 
 
 def test_a_scheduler_that_is_not_there_is_an_error_in_one_line(case, monkeypatch):

@@ -9,22 +9,23 @@ from ..case import read_case, require_fittable
 from ..errors import ConvergenceError, FitError, LedgerError, OutputError, Stopped, WorkerError
 from ..fem.simulate import Model
 from ..inverse.fit import fit
-from ..inverse.inputs import setting
 from ..inverse.ledger import Ledger, refuse_in_use
+from ..inverse.setting import setting
 from ..report.folder import (
     LEDGER,
     case_facts,
     clear,
+    clear_all_but,
     copy_case,
     json_text,
     lasting_folder,
+    ledgers,
     refuse_existing,
-    result_folder,
     unfinished,
     write_curves,
     write_json,
 )
-from ..report.text import certainty_lines
+from ..report.text import certainty_lines, weights_lines
 from .progress import progress
 from .stopping import stopping
 
@@ -45,9 +46,13 @@ METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 @click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
 @click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
+@click.option("--scan-weights", is_flag=True, help="Show what other weights of the two tests would find.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
-def command(case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, no_fields, as_json, per_sample):
+def command(
+    case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, no_fields, scan_weights,
+    as_json, per_sample,
+):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.
@@ -63,50 +68,44 @@ def command(case, overrides, method, direct, workers, seed, output, overwrite, r
     options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     if per_sample:
-        if resume or reuse or cluster or scheduler:
-            raise click.UsageError("--per-sample goes without --resume, --reuse, --cluster and --scheduler")
-        _fit_samples(case, overrides, output, overwrite, as_json)
+        _fit_samples(case, overrides, output, overwrite, resume, reuse, cluster or scheduler, as_json)
         return
     read = read_case(case, overrides)
     require_fittable(read)
     output = output or f"{read.path.resolve().parent.name or 'case'}-result"
     target = refuse_existing(output, overwrite)
-    if not resume and not overwrite:
-        _refuse_unfinished(output)
+    _refuse_unfinished(output, resume, overwrite, samples=False)
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    sources = list(_sources(target, reuse))
-    with stopping() as stop, lasting_folder(output, overwrite) as folder, _ledger(folder, read, resume, sources) as ledger:
+    with stopping() as stop, lasting_folder(output, overwrite) as folder, _ledger(folder, read, resume, target, reuse) as ledger:
         clear(folder)
-        result = _fitted(read, ledger, cluster or scheduler, stop)
+        with _saying_what_is_kept(ledger), progress("fit", total=1) as step:
+            result = fit(read, step, ledger=ledger, cluster=cluster or scheduler, stop=stop)
         written = _write(folder, read, result, not no_fields)
-    click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result), f"written   {output}"]))
+    click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result, scan_weights), f"written   {output}"]))
     if not result.success:
         raise FitError(f"the fit did not converge: {result.message}; its result is in {output}")
 
 
-def _fit_samples(path, overrides, output, overwrite, as_json):
-    """Fit each sample of the table beside the case; a result folder with a folder for each of them."""
+def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_json):
+    """Fit each sample of the table beside the case; a result folder with a folder and a ledger for each of them."""
     from ..experiment.samples import TABLE, read_samples
-    from ..inverse.per_sample import fit_each, parameter_spread, sample_cases
+    from ..inverse.per_sample import parameter_spread, sample_cases
     from ..report.per_sample import sample_facts, sample_lines, write_samples_table
     from ..report.vtu import file_names
 
     cases = sample_cases(path, read_samples(Path(path).parent / TABLE), overrides)
     output = output or f"{Path(path).resolve().parent.name or 'case'}-samples-result"
-    refuse_existing(output, overwrite)
+    target = refuse_existing(output, overwrite)
+    _refuse_unfinished(output, resume, overwrite, samples=True)
     for warning in cases[0][1].warnings():
         click.echo(f"warning: {warning}", err=True)
-    names, fits = file_names([name for name, _ in cases]), []
-    with result_folder(output, overwrite) as folder:
-        with progress("fit", total=1) as step:
-            for one, name in zip(fit_each(cases, step), names, strict=True):
-                fits.append(one)
-                if one.result:
-                    (folder / name).mkdir()
-                    _write(folder / name, one.case, one.result, False)
+    named = dict(zip(file_names([name for name, _ in cases]), cases, strict=True))
+    with stopping() as stop, lasting_folder(output, overwrite) as folder:
+        clear_all_but(folder, named)
+        fits = _fits(folder, named, resume, target, reuse, cluster, stop)
         spread = parameter_spread(fits)
-        samples = [sample_facts(one, name) for one, name in zip(fits, names, strict=True)]
+        samples = [sample_facts(one, name) for one, name in zip(fits, named, strict=True)]
         written = {"format": "indentfit.per_sample/1", "samples": samples, "spread": spread}
         write_json(folder / "per_sample.json", written)
         write_samples_table(folder / "per_sample.csv", fits)
@@ -115,33 +114,56 @@ def _fit_samples(path, overrides, output, overwrite, as_json):
         raise FitError(f"the fit of {', '.join(failed)} did not converge; the results are in {output}")
 
 
-def _refuse_unfinished(output):
-    """Raise an error where an earlier fit was stopped, or one is still going on."""
+def _fits(folder, named, resume, target, reuse, cluster, stop):
+    """The SampleFit of each (sample, Case), by the name of its folder, written there; one that was finished before a stop costs
+    no run, and is the same."""
+    from ..inverse.per_sample import fit_sample
+
+    fits = []
+    with progress("fit", total=1) as step:
+        for n, (name, (sample, case)) in enumerate(named.items()):
+            place = folder / name
+            place.mkdir(exist_ok=True)
+            of_sample = lambda share, note="", n=n, sample=sample: step((n + share) / len(named), f"{sample} {note}")  # noqa: E731
+            others = Path(reuse) / name if reuse and (Path(reuse) / name).is_dir() else reuse
+            with _ledger(place, case, resume and (place / LEDGER).exists(), target / name, others) as ledger:
+                clear(place)
+                with _saying_what_is_kept(ledger):
+                    fits.append(fit_sample(sample, case, of_sample, ledger, cluster, stop))
+            if fits[-1].result:
+                _write(place, case, fits[-1].result, False)
+    return fits
+
+
+def _refuse_unfinished(output, resume, overwrite, samples):
+    """Raise an error where an earlier fit is still going on, or was stopped and is neither resumed nor replaced; samples: whether
+    this is a fit of samples, which only such a one can resume."""
     place = unfinished(output)
-    if (place / LEDGER).exists():
-        refuse_in_use(place / LEDGER)
-        remedy = "add --resume to go on with it, or --overwrite to start anew"
-        raise OutputError(f"{output}: an unfinished fit lies in {place}; {remedy}")
-
-
-def _sources(target, reuse):
-    """Ledgers to take runs from: (file, whether it must be there)."""
-    if (target / LEDGER).is_file():
-        yield target / LEDGER, False
-    if reuse is not None:
-        yield Path(reuse) / LEDGER, True
+    found = ledgers(place)
+    for ledger in found:
+        refuse_in_use(ledger)
+    if found and not overwrite:
+        if not resume:
+            remedy = "add --resume to go on with it, or --overwrite to start anew"
+            raise OutputError(f"{output}: an unfinished fit lies in {place}; {remedy}")
+        if samples != (place / LEDGER not in found):
+            kind, remedy = ("one case", "leave out --per-sample") if samples else ("samples", "add --per-sample")
+            raise OutputError(f"{output}: the unfinished fit in {place} is of {kind}; {remedy}, or choose another folder")
 
 
 @contextlib.contextmanager
-def _ledger(folder, case, resume, sources):
-    """The ledger of the fit, with its lock; taken away again where nothing came into it."""
+def _ledger(folder, case, resume, target, reuse):
+    """The ledger of the fit, with its lock, and with the runs of an earlier result `target` and of the folder `reuse` that it can
+    use; taken away again where nothing came into it."""
     path = folder / LEDGER
     if resume and not path.exists():
         click.echo(f"note: there is no unfinished fit in {folder}; it starts from its beginning", err=True)
     with Ledger(path, case, resume and path.exists()) as ledger:
         try:
-            for source, needed in sources:
-                _take_over(ledger, source, needed)
+            if (target / LEDGER).is_file():
+                _take_over(ledger, target / LEDGER, False)
+            if reuse is not None:
+                _take_over(ledger, Path(reuse) / LEDGER, True)
             for remark in ledger.remarks:
                 click.echo(f"warning: {remark}", err=True)
             yield ledger
@@ -165,11 +187,11 @@ def _take_over(ledger, source, needed):
     click.echo(f"note: {taken} runs taken over from {source}{none}", err=True)
 
 
-def _fitted(case, ledger, cluster, stop):
-    """The FitResult. What ends the fit says what it leaves."""
+@contextlib.contextmanager
+def _saying_what_is_kept(ledger):
+    """Context in which what ends a fit says what it leaves."""
     try:
-        with progress("fit", total=1) as step:
-            return fit(case, step, ledger=ledger, cluster=cluster, stop=stop)
+        yield
     except Stopped as error:
         raise Stopped(f"{error}; {_kept(ledger)}", error.number) from error
     except WorkerError as error:
@@ -218,7 +240,7 @@ def _write_fields(folder, case, result):
     write_fields(folder, model, material, case.material.bulk_modulus(material.shear_modulus), simulation.tests)
 
 
-def _lines(case, result):
+def _lines(case, result, scan_weights):
     """The result in words, line by line."""
     yield from _table(result.parameters)
     yield ""
@@ -231,6 +253,7 @@ def _lines(case, result):
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
         yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
     yield from certainty_lines(result)
+    yield from weights_lines(result) if scan_weights else ()
     yield f"search    {result.message}"
     failed = f", {len(result.failures)} of them failed" if result.failures else ""
     yield (
@@ -249,15 +272,17 @@ def _reused(result):
 
 
 def _table(parameters):
-    rows = [["parameter", "value", "std. error", "95 % interval", "", "verdict"]]
+    """A row for each parameter; noise: its standard error by the residuals; total: with the mesh and uncertain inputs."""
+    rows = [["parameter", "value", "noise", "total", "95 % interval", "", "verdict"]]
     for name, one in parameters.items():
         unit = "" if one["unit"] in ("", "1") else one["unit"]
         if one["fixed"]:
-            rows.append([name, f"{one['value']:.6g}", "", "", unit, "fixed"])
+            rows.append([name, f"{one['value']:.6g}", "", "", "", unit, "fixed"])
             continue
-        error = "unknown" if one["stderr"] is None else f"{one['stderr']:.2g}"
+        errors = [one["stderr"], one.get("stderr_total", one["stderr"])]
         interval = "unknown" if one["interval"] is None else " to ".join(f"{x:.4g}" for x in one["interval"])
-        rows.append([name, f"{one['value']:.6g}", error, interval, unit, one["verdict"]])
-    widths = [max(len(row[n]) for row in rows) for n in range(6)]
+        said = ["unknown" if error is None else f"{error:.2g}" for error in errors]
+        rows.append([name, f"{one['value']:.6g}", *said, interval, unit, one["verdict"]])
+    widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
     for row in rows:
         yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()

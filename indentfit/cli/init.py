@@ -75,7 +75,8 @@ seed = 0             # of the random numbers
 # offset = 0.005     # mm, of the contact point
 # bulk_ratio = 200
 # force = 0.01       # relative, common to all forces of a test: calibration
-# mesh = 1           # in units of the change that half of the elements make
+# base = 0.3         # probability that the base is the other of sliding and bonded; true for even odds
+# mesh = 1           # of the forces, in units of the change that half of the elements make; 0 leaves the mesh's error out
 
 # [fit.published]    # to compare the result with
 # mu = 1.49

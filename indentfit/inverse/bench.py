@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.simulate import Model
-from indentfit.inverse.inputs import setting
 from indentfit.inverse.ledger import Run
+from indentfit.inverse.setting import setting
 from indentfit.material import REST, typed
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
@@ -139,12 +139,18 @@ class _OutOfTime(BaseException):
 
 @contextlib.contextmanager
 def _within(seconds):
-    """Context that raises _OutOfTime in its own thread once the time is over, in any thread and on any system."""
-    thread, lock, ended = threading.get_ident(), threading.Lock(), False
+    """Context that raises _OutOfTime in its own thread once the time is over, in any thread and on any system.
+
+    An exception that was set is awaited and caught, never taken back: CPython would go on looking for it at every step, and in
+    3.11 hang where a debugger, a profiler or a coverage tool traces.
+    """
+    thread, lock, ended, struck, raised = threading.get_ident(), threading.Lock(), False, False, False
 
     def end():
+        nonlocal struck
         with lock:
             if not ended:
+                struck = True
                 ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(_OutOfTime))
 
     if seconds is None:
@@ -155,8 +161,15 @@ def _within(seconds):
     clock.start()
     try:
         yield
+    except _OutOfTime:
+        raised = True
+        raise
     finally:
-        with lock:
-            ended = True
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), None)  # one that is still on its way
-        clock.cancel()
+        try:
+            with lock:
+                ended = True
+            clock.cancel()
+            while struck and not raised:
+                time.sleep(0)  # it is on its way
+        except _OutOfTime:
+            clock.cancel()

@@ -1,33 +1,56 @@
 """What a fit knows and what it doesn't, as plain numbers for the result: everything that follows once an optimum is found."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from indentfit.inverse import inputs, profiles
 from indentfit.inverse.derivatives import derivatives, evaluate
-from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, clipped, identifiability, noise_of, verdict
-from indentfit.inverse.surrogate import learn
+from indentfit.inverse.exploration import MANY, facts_of
+from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict, widened
+from indentfit.inverse.surrogate import learn, linearised
 
 TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
 RIGHT = 0.15  # of a profile's limit: how well a run must meet what was predicted of it
+SOLVES = 12  # sets of parameters that least squares may run, ends of profiles included
+UNPROVED = (
+    "profiles by a surrogate of the search's {runs} runs; {proved} of their {ends} ends confirmed by runs, since {solves} sets of "
+    "parameters are allowed in all; `ga` confirms every end"
+)
+OF_RUNS = "profiles by a surrogate of the search's {runs} runs; {more} more sets of parameters were run to confirm them"
+LINEARISED = (
+    "profiles and bootstrap are of the curves linearised at the optimum: no surrogate can be trusted, or the parameters are many"
+)
 
 
-def certainty(case, problem, pool, optimum, exploration, equation_one, progress):
+def certainty(case, problem, pool, optimum, exploration, progress):
     """Keys of the result, and the Identifiability (None where no derivatives were found): profiles, bootstrap, tests alone,
     weights, uncertain inputs, published values; parameters: name -> interval and verdict, by profile where there is one."""
     if not optimum.derivatives:
         return {}, None
     best, seed = optimum.best, case.fit.seed
-    known = identifiability(problem, best, optimum.derivatives, equation_one)
+    known = identifiability(problem, best, optimum.derivatives, exploration.equation_one)
     found = {"noise": noise_of(problem, known), "notes": _notes(known), "uncertain": {}}
     alone = known
     if case.fit.uncertain.given:
-        known, found["uncertain"] = with_inputs(case, problem, best, known)
-    if exploration.surrogate is not None and case.fit.profiles:
-        progress(0.0, "profiles")
-        found |= _on_surrogate(problem, pool, exploration, best, known, seed, progress)
+        progress(0.0, "uncertain inputs")
+        known, found["uncertain"] = with_inputs(case, problem, pool, best, known)
+        missing = found["uncertain"].pop("missing")
+        found["notes"] += [f"the error by {name} is not in the intervals: {why}" for name, why in missing.items()]
     found["surrogate"] = exploration.facts or None
+    if case.fit.profiles:
+        progress(0.0, "profiles")
+        surrogate = _learned(problem, pool, exploration)
+        if surrogate is None:
+            more = _linearised(problem, best, optimum.derivatives, known, seed)
+        else:
+            found["surrogate"] = exploration.facts or facts_of(surrogate)
+            most = None if exploration.equation_one else max(SOLVES - pool.evaluations - bool(case.fit.published), 0)
+            spent = pool.evaluations
+            made = found["uncertain"].get("inputs", {})
+            forces = np.hypot(*(made.get(name, {"sd": 0.0})["sd"] for name in ("mesh", "force")))
+            more = _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most, forces)
+            if most is None and exploration.surrogate is None:
+                more["notes"].append(OF_RUNS.format(runs=len(surrogate.samples), more=pool.evaluations - spent))
+        found |= more | {"notes": found["notes"] + more["notes"]}
     found["rivals"] = [
         {"parameters": {name: one.parameters[name] for name in problem.free}, "objective": one.objective}
         for one in exploration.rivals
@@ -38,17 +61,14 @@ def certainty(case, problem, pool, optimum, exploration, equation_one, progress)
     return found, alone
 
 
-def with_inputs(case, problem, best, known):
+def with_inputs(case, problem, pool, best, known):
     """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers."""
-    shares = inputs.shares(case, problem, best, known)
-    covar = known.errors.covar + shares.covar
-    total = np.sqrt(np.diag(covar))
-    half = np.where(np.isfinite(total * known.quantile), total * known.quantile, np.inf)
-    values = np.array([best.parameters[name] for name in problem.free])
-    interval = clipped(np.column_stack([values - half, values + half]), problem)
+    shares = inputs.shares(case, problem, pool, best, known)
+    wider = widened(problem, best, known, shares.covar)
+    total = np.sqrt(np.diag(wider.errors.covar))
     stderr = {name: float(one) if np.isfinite(one) else None for name, one in zip(problem.free, total, strict=True)}
-    wider = replace(known, errors=replace(known.errors, covar=covar), interval=interval)
-    return wider, {"inputs": shares.rows, "stderr_total": stderr}
+    found = {"inputs": shares.rows, "noise": {"share": shares.noise}, "stderr_total": stderr, "missing": shares.missing}
+    return wider, found
 
 
 def coverage(problem, surrogate, truth, sigma, draws, seed=0):
@@ -76,28 +96,48 @@ def holds(problem, surrogate, truth, x):
     ]
 
 
-def _on_surrogate(problem, pool, exploration, best, known, seed, progress):
-    surrogate = learn(problem, pool.known)
-    error = surrogate.error
-    if not exploration.facts.get("reached") and error > TRUSTED:
-        return {"notes": [*_notes(known), f"no profiles: the surrogate's error is {error:.0%} of the misfit"]}
-    first = profiles.profiles(problem, surrogate, best, known)
-    alone = profiles.alone(problem, pool, surrogate, seed)
+def _learned(problem, pool, exploration):
+    """The surrogate that all runs so far teach, None where it cannot be trusted or the parameters are too many for one."""
+    surrogate = learn(problem, pool.known) if len(problem.free) <= MANY else None
+    trusted = surrogate and (exploration.facts.get("reached") or surrogate.error <= TRUSTED)
+    return surrogate if trusted else None
+
+
+def _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most, forces):
+    """Profiles, proved by runs at their ends (sets of parameters, `most` of them where that is limited), and what follows; fits
+    with one test alone and under other weights only where the search went all over the ranges, and runs are not limited."""
+    first, found = profiles.profiles(problem, surrogate, best, known), {}
+    if most is None:
+        alone = profiles.alone(problem, pool, surrogate, seed, forces)
+        found["tests_alone"] = alone if len(problem.tests) > 1 else {}
     report = lambda done, total: progress(0.9 * done / total, "runs at the ends of profiles")  # noqa: E731
-    proofs = profiles.prove(problem, pool, surrogate, first, known, best, report)
+    proofs = profiles.prove(problem, pool, surrogate, first, known, best, report, most)
     surrogate = learn(problem, pool.known)
     last = profiles.profiles(problem, surrogate, best, known)
-    notes = _notes(known)
+    notes = []
     wrong = [name for name, rows in proofs.items() if not all(_right(row, last[name].limit) for row in rows)]
     if wrong:
         notes.append(f"the profiles of {', '.join(wrong)} were predicted badly at their ends, and corrected by the runs there")
+    if most is not None:
+        proved = sum(len(rows) for rows in proofs.values())
+        notes.append(UNPROVED.format(runs=len(surrogate.samples), solves=SOLVES, proved=proved, ends=2 * len(last)))
     progress(0.95, "bootstrap")
-    return {
+    return found | {
         "notes": notes,
         "profiles": {name: {**_plain(one), "confirmed": proofs[name]} for name, one in last.items()},
         "bootstrap": profiles.bootstrap(problem, surrogate, best, known, seed),
-        "tests_alone": alone if len(problem.tests) > 1 else {},
-        "weights_scan": profiles.scan_weights(problem, surrogate, seed),
+        "weights_scan": profiles.scan_weights(problem, surrogate, seed) if most is None else [],
+    }
+
+
+def _linearised(problem, best, derivatives, known, seed):
+    """Profiles and bootstrap without a run, of the curves linearised at the optimum: within the bounds, exact in the scale."""
+    surrogate = linearised(problem, best, derivatives)
+    found = profiles.profiles(problem, surrogate, best, known)
+    return {
+        "notes": [LINEARISED] if problem.searched else [],
+        "profiles": {name: {**_plain(one), "confirmed": []} for name, one in found.items()},
+        "bootstrap": profiles.bootstrap(problem, surrogate, best, known, seed),
     }
 
 

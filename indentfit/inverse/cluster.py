@@ -48,17 +48,21 @@ class Cluster:
         queue = iter(units)
         futures: dict[str, tuple] = {}
         course = self._dask.as_completed(loop=self._client.loop)
+
+        def submit():
+            while len(futures) < self.number and not stopping() and (unit := next(queue, None)):
+                future = self._submit(unit, names)
+                futures[future.key] = future, unit
+                course.add(future)
+
         try:
-            while True:
-                while len(futures) < self.number and not stopping() and (unit := next(queue, None)):
-                    future = self._submit(unit, names)
-                    futures[future.key] = future, unit
-                    course.add(future)
-                if not futures:
-                    return
+            submit()
+            while futures:
                 with self._there():
                     future, unit = futures.pop(next(course).key)
-                yield unit, self._run(future)
+                found = self._run(future)
+                submit()  # before the caller writes down what ended: nobody waits for the disk
+                yield unit, found
         finally:
             with contextlib.suppress(Exception):  # the scheduler may be gone
                 for future, _ in futures.values():

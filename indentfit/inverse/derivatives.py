@@ -42,16 +42,22 @@ def derivatives(problem, pool, x, report=None):
 
     Raises Underivable where neither sensitivities nor differences can be had.
     """
-    at = problem.parameters(x)
-    here = evaluate(problem, pool, [at])[0]
+    return derivatives_of(problem, pool, problem.parameters(x), report)[0]
+
+
+def derivatives_of(problem, pool, point, report=None):
+    """Derivatives as above, and the curves, at a point (name -> value), which may name keys of the case too (see `setting`)."""
+    here = evaluate(problem, pool, [point])[0]
     if here.forces is None:
         raise Underivable(f"no derivative where the mechanics failed: {here.cause}")
+    forces = problem.scaled(point, here.forces)
     columns = _of_scale(problem, here)
-    columns |= _of_sensitivities(problem, at, here)
+    columns |= _of_sensitivities(problem, point, here)
     left = [name for name in problem.free if name not in columns]
     if left:
-        columns |= _by_differences(problem, pool, x, left, problem.scaled(at, here.forces), report)
-    return tuple(np.column_stack([columns[name][test] for name in problem.free]) for test in range(len(problem.tests)))
+        columns |= _by_differences(problem, pool, point, left, forces, report)
+    stacked = (np.column_stack([columns[name][test] for name in problem.free]) for test in range(len(problem.tests)))
+    return tuple(stacked), forces
 
 
 def last_cause(pool):
@@ -89,12 +95,12 @@ def _of_sensitivities(problem, at, here):
     }
 
 
-def _by_differences(problem, pool, x, left, forces, report):
+def _by_differences(problem, pool, at, left, forces, report):
     """One-sided differences; backwards, then with shorter steps, where a run fails."""
-    columns, names = {}, list(problem.free)
+    columns, names, x = {}, list(problem.free), problem.units(at)
     for step in (STEP, -STEP, STEP / 10, -STEP / 10):
         steps = {name: step if 0 <= x[names.index(name)] + step <= 1 else -step for name in left}
-        points = [problem.parameters(x + steps[name] * np.eye(len(names))[names.index(name)]) for name in left]
+        points = [{**at, **problem.parameters(x + steps[name] * np.eye(len(names))[names.index(name)])} for name in left]
         evaluations = pool.evaluate([problem.at_reference(point) for point in points], report)
         for name, point, evaluation in zip(left, points, evaluations, strict=True):
             if evaluation.forces:

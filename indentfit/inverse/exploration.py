@@ -15,6 +15,7 @@ from indentfit.inverse.objective import Candidate
 from indentfit.inverse.population import Search, judged, parameters_of
 from indentfit.inverse.surrogate import Surrogate, design, learn
 
+MANY = 4  # free parameters up to which a surrogate is worth its runs
 ERROR = 0.02  # of the misfit: what the surrogate may be wrong by at a run that it has not seen
 FINEST = 3e-4  # of the measured forces' root mean square: finer the solver itself is not
 ROUNDS = 8  # of prediction and proof, at most
@@ -28,13 +29,15 @@ SHARE_OF_DESIGN = 0.6  # of the progress
 
 @dataclass(frozen=True)
 class Exploration:
-    """surrogate (None where too few runs succeeded); found: the Search on it, its best run on the true model;
-    rivals: other optima, run; facts: of the surrogate, for the result."""
+    """surrogate (None where the search was on the model itself, or too few runs succeeded); found: the Search, its best run on
+    the true model; rivals: other optima, run; facts: of the surrogate, for the result; equation_one: what the search made
+    least, else the sum of squares."""
 
     surrogate: Surrogate | None
     found: Search
     rivals: tuple[Candidate, ...] = ()
     facts: dict = field(default_factory=dict)
+    equation_one: bool = True
 
 
 class Watched:
@@ -72,7 +75,19 @@ def explore(problem, pool, options, search, progress):
     message = f"{found.message} on a surrogate of {len(surrogate.samples)} runs"
     search_ = Search(confirmed[0], [{**row, "runs": pool.runs} for row in found.history], message)
     surrogate = learn(problem, pool.known)
-    return Exploration(surrogate, search_, tuple(confirmed[1 : 1 + len(rivals)]), _facts(surrogate, held_out))
+    return Exploration(surrogate, search_, tuple(confirmed[1 : 1 + len(rivals)]), facts_of(surrogate, held_out))
+
+
+def facts_of(surrogate, held_out=()):
+    """What the result says of a Surrogate; held_out: its errors at runs that it had not seen."""
+    return {
+        "runs": len(surrogate.samples),
+        "failed": len(surrogate.failed),
+        "degree": surrogate.degree,
+        "left_out_error": surrogate.error,  # of each run predicted from the others, as a share of its misfit
+        "held_out": list(held_out),
+        "reached": any(one["error"] is not None and one["error"] <= one["allowed"] for one in held_out),
+    }
 
 
 def scanned(problem, surrogate, seed=0):
@@ -157,17 +172,6 @@ def _best_known(problem, pool):
 def _large(options):
     sizes = {"population": options.population or PEOPLE, "generations": options.generations or GENERATIONS}
     return options.model_copy(update=sizes)
-
-
-def _facts(surrogate, held_out):
-    return {
-        "runs": len(surrogate.samples),
-        "failed": len(surrogate.failed),
-        "degree": surrogate.degree,
-        "left_out_error": surrogate.error,  # of each run predicted from the others, as a share of its misfit
-        "held_out": held_out,
-        "reached": any(one["error"] is not None and one["error"] <= one["allowed"] for one in held_out),
-    }
 
 
 def _place(problem, parameters):

@@ -13,19 +13,18 @@ from indentfit.curve import Curve
 from indentfit.fem.simulate import Model
 from indentfit.inverse import evolution, genetic
 from indentfit.inverse.certainty import certainty
-from indentfit.inverse.exploration import Exploration, Watched, explore
-from indentfit.inverse.inputs import UNITS
+from indentfit.inverse.exploration import MANY, Exploration, Watched, explore
 from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.objective import problem_of, rmse
 from indentfit.inverse.population import Search, parameters_of
+from indentfit.inverse.setting import UNITS
 from indentfit.inverse.workers import Pool
 
 FORMAT = 1
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
-MESH_NOTE = "the error of the mesh is not assessed by `fit`; compare with a finer mesh"
+MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
 SHARE_OF_FIT = 0.75  # of the progress; the rest is what follows from it
 SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
-MANY = 4  # free parameters up to which a surrogate is worth its runs
 PEOPLE, GENERATIONS = 8, 4  # of a search on the forward model itself, where the case does not say
 STARTS_TRIED = 3  # besides the start values, least squares
 SEARCHES_OF_MANY = 3  # local searches where the parameters are many
@@ -42,9 +41,10 @@ class FitResult:
     failures: parameters and cause of each failed evaluation.
     noise: test -> sigma (mN), autocorrelation, effective_points. profiles: parameter -> values, chi2 (1 at one standard
     error), limit, interval, confirmed (runs: value, chi2, predicted); bootstrap: parameter -> stderr, interval. tests_alone:
-    test -> rmse, parameters; weights_scan: rows of weights, parameters, rmse; uncertain: inputs -> effect and share of each
-    parameter, stderr_total; rivals: other optima; surrogate: its runs, degree and errors; published: as `certainty` has it;
-    summary: sentences. Empty where they were not asked for or not to be had.
+    test -> rmse, parameters; weights_scan: rows of weights, parameters, rmse; uncertain: inputs, the mesh among them -> effect
+    and share of each variance, noise -> share, stderr_total (stderr is the noise's alone, interval holds all); rivals: other
+    optima; surrogate: its runs, degree and errors; published: as `certainty` has it; summary: sentences. Empty where they were not
+    asked for or not to be had.
     curves: test -> fitted Curve (not part of the JSON). Units: mm, mN, kPa, s.
     """
 
@@ -108,7 +108,7 @@ def fit(case, progress=None, ledger=None, cluster=None, stop=None):
         part = lambda share, note: report(SHARE_OF_FIT * share, note)  # noqa: E731
         optimum, exploration, said = METHODS[case.fit.method](problem, pool, case.fit, part)
         rest = lambda share, note: report(SHARE_OF_FIT + (1 - SHARE_OF_FIT) * share, note)  # noqa: E731
-        conclusions = certainty(case, problem, pool, optimum, exploration, case.fit.method in SEARCHES, rest)
+        conclusions = certainty(case, problem, pool, optimum, exploration, rest)
         facts = _facts_at(pool, problem, optimum)
     solver = _solver(model, case, pool, facts)
     return _result(case, problem, optimum, said, conclusions, pool, solver, model.mesh_facts(), started)
@@ -152,7 +152,7 @@ def _least_squares(problem, pool, options, progress):
         starts += [parameters_of(problem, place) for place in places]
     found = multi_start(problem, pool, starts, searches, options.tolerance, progress)
     said = f"least squares, {len(starts)} starts tried, searched from the best {searches}, {len(found.history)} steps"
-    return found, Exploration(None, Search(found.best, [], "")), said
+    return found, Exploration(None, Search(found.best, [], ""), equation_one=False), said
 
 
 SEARCHES = {
@@ -221,7 +221,7 @@ def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, start
         seconds=time.perf_counter() - started,
         history=optimum.history,
         failures=[{"parameters": failure.parameters, "cause": failure.cause} for failure in pool.failures],
-        notes=[*found.get("notes", []), MESH_NOTE],
+        notes=[*found.get("notes", []), *([] if case.fit.uncertain.mesh else [MESH_NOTE])],
         solver=solver,
         mesh=mesh,
         case_hash=case.hash,

@@ -5,7 +5,7 @@ smoothness in each test. Where the model cannot follow the curves they are no no
 parameters may move before the misfit grows by about as much as it has, not where the truth lies.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -66,8 +66,8 @@ def identifiability(problem, candidate, slopes, equation_one=False):
     residuals = [candidate.forces[n] - tests[n].curve.force for n in heavy]
     noise, found = errors([slopes[n] / ranges for n in heavy], residuals, [weights[n] for n in heavy])
     stderr = np.sqrt(np.diag(found.covar))
+    quantile = quantiles(found.freedom)
     with np.errstate(invalid="ignore"):
-        quantile = student.ppf((1 + CONFIDENCE) / 2, found.freedom)
         half = stderr * quantile
         correlation = found.covar / np.outer(stderr, stderr)
     half = np.where(np.isfinite(half), half, np.inf)
@@ -85,7 +85,7 @@ def identifiability(problem, candidate, slopes, equation_one=False):
         redchi=_redchi(problem, candidate),
         at_bound=at_bound,
         verdicts=tuple(verdict(v, i, b, at) for v, i, b, at in zip(values, interval, problem.free.values(), at_bound, strict=True)),
-        quantile=np.where(np.isfinite(quantile), quantile, np.inf),
+        quantile=quantile,
         noise=noise,
         weights=tuple(weights),
         errors=found,
@@ -99,6 +99,30 @@ def weights_of(problem, candidate, equation_one):
         sizes = np.array([rmse(test, force) for test, force in zip(problem.tests, candidate.forces, strict=True)])
         sizes = np.maximum(sizes, max(EXACT * sizes.max(), 1e-12))
     return [test.weight / test.curve.force.size / size for test, size in zip(problem.tests, sizes, strict=True)]
+
+
+def widened(problem, candidate, known, covar):
+    """The Identifiability of a Candidate with a further covariance (n, n) of its estimates, from errors of another kind.
+
+    Degrees of freedom by Welch and Satterthwaite, infinite for what is stated (GUM, JCGM 100:2008, G.4).
+    """
+    whole = known.errors.covar + covar
+    with np.errstate(invalid="ignore", divide="ignore"):
+        freedom = known.errors.freedom * (np.diag(whole) / np.diag(known.errors.covar)) ** 2
+    freedom = np.where(np.isnan(freedom), known.errors.freedom, freedom)
+    quantile = quantiles(freedom)
+    half = np.sqrt(np.diag(whole)) * quantile
+    half = np.where(np.isfinite(half), half, np.inf)
+    values = np.array([candidate.parameters[name] for name in problem.free])
+    interval = clipped(np.column_stack([values - half, values + half]), problem)
+    return replace(known, errors=replace(known.errors, covar=whole, freedom=freedom), quantile=quantile, interval=interval)
+
+
+def quantiles(freedom):
+    """97.5 % quantiles of Student's t, infinite where there is no freedom."""
+    with np.errstate(invalid="ignore"):
+        found = student.ppf((1 + CONFIDENCE) / 2, freedom)
+    return np.where(np.isfinite(found), found, np.inf)
 
 
 def clipped(interval, problem):

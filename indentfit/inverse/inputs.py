@@ -1,142 +1,151 @@
-"""Inputs of the model that are known with some error only: fitted too, or what their error does to the parameters.
+"""Inputs of the model that are known with some error only: what their error does to the parameters.
 
 Friction, bulk ratio, thickness and the contact point (`offset`: contact begins so much deeper, F(d - offset)) move the
 curves; an estimate follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are
 the model's own where it gives them, else differences of runs with the input changed. `force` is an error common to all
-forces of a test; `mesh` is one too, its size the largest relative change that a mesh of half as many elements makes.
+forces of a test; `mesh` is one too, its size the largest relative change that a mesh of about half as many elements makes.
+`base` has two values only: what the parameters would be on the other one, and the probability of that.
+All runs are the workers' and go into the ledger.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.optimize
 
 from indentfit.case import Mesh
-from indentfit.fem.simulate import Model
+from indentfit.fem.mesh import count
+from indentfit.inverse.derivatives import Underivable, derivatives_of, last_cause
+from indentfit.inverse.setting import KEYS, setting
 
-UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
 EXACT = ("friction", "bulk_ratio", "offset")  # what the model differentiates by
 STEP = 0.05  # of an input, for differences
-FEWEST = 20  # elements of a mesh
 LEAST_FRICTION = 0.02  # its step where the friction is small
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One point taken apart: the case with the point's inputs in place, the parameters of the material, the offset in mm, and
-    whether the model of the case as it was will do (only kappa and displacements are others)."""
-
-    case: object
-    parameters: dict[str, float]
-    offset: float
-    same_model: bool
-
-    def outputs(self, test):
-        """Displacements of a test from the contact point, mm, (n,)."""
-        return self.case.outputs(test) - self.offset
-
-
-def setting(case, point):
-    """The Setting of a point (name -> value): its inputs, as far as the material has no parameter of that name, leave it."""
-    found = {name: value for name, value in point.items() if name in UNITS and name not in case.material_class.parameters}
-    parameters = {name: value for name, value in point.items() if name not in found}
-    offset = found.pop("offset", 0.0)
-    for name, value in found.items():
-        case = with_input(case, name, value)
-    return Setting(case, parameters, offset, not {"friction", "thickness"} & set(found))
+FEWEST = 20  # elements of a mesh
+ANOTHER = 0.75  # of the elements: a mesh of more is the same one
+OTHER_BASE = {"sliding": "bonded", "bonded": "sliding"}
 
 
 @dataclass(frozen=True)
 class Shares:
     """What uncertain inputs add to the errors: covar (p, p) of all of them together; rows: name -> value, sd, effect (change
-    of each parameter for one sd; of `force`, which every test has its own of, the root of the sum of squares), share (of each
-    parameter's total variance)."""
+    of each parameter for one sd; of `force` and `mesh`, which every test has its own of, the root of the sum of squares; of
+    `base` for the other one), share (of each parameter's total variance); noise: its share; missing: name -> why there is none.
+    """
 
     covar: np.ndarray
     rows: dict[str, dict]
+    noise: dict[str, float | None] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
 
 
-def shares(case, problem, best, known):
+def shares(case, problem, pool, best, known):
     """Shares of the uncertain inputs of a case in the errors of a Candidate, with its Identifiability."""
-    names, at = list(problem.free), setting(case, best.parameters)
-    effects = {name: sd * _moves(case, problem, best, known, name) for name, sd in case.fit.uncertain.given.items()}
-    covar = sum((one.T @ one for one in effects.values()), np.zeros_like(known.errors.covar))
-    variance = np.diag(known.errors.covar) + np.diag(covar)
+    names, moves, facts, missing = list(problem.free), {}, {}, {}
+    for name, spread in case.fit.uncertain.given.items():
+        try:
+            moves[name], facts[name] = MOVES.get(name, _of_input)(case, problem, pool, best, known, name, spread)
+        except Underivable as failure:
+            missing[name] = str(failure)
+    own = np.diag(known.errors.covar)
+    covar = sum((one.T @ one for one in moves.values()), np.zeros_like(known.errors.covar))
+    variance = own + np.diag(covar)
+    part = lambda size: _named(names, size / np.where(variance > 0, variance, 1.0))  # noqa: E731
     rows = {}
-    for name, one in effects.items():
-        size = one[0] if len(one) == 1 else np.linalg.norm(one, axis=0)
-        share = size**2 / np.where(variance > 0, variance, 1.0)
-        row = {"value": value_of(at.case, name), "sd": case.fit.uncertain.given[name]}
-        rows[name] = {**row, "effect": _named(names, size), "share": _named(names, share)}
-    return Shares(covar, rows)
+    for name, one in moves.items():
+        effect = facts[name].pop("effect", one[0] if len(one) == 1 else np.linalg.norm(one, axis=0))
+        rows[name] = {**facts[name], "effect": _named(names, effect), "share": part((one**2).sum(axis=0))}
+    return Shares(covar, rows, part(own), missing)
 
 
-def _moves(case, problem, best, known, name):
-    """Change of the estimates per unit of an input, a row for each independent error of it."""
-    heavy, at = [n for n, weight in enumerate(known.weights) if weight], setting(case, best.parameters)
-    if name in ("force", "mesh"):
-        size = 1.0 if name == "force" else _of_mesh(at, best.forces)
-        return size * np.array([B @ best.forces[n] for n, B in zip(heavy, known.errors.estimator, strict=True)])
-    slopes = derivatives(at.case, at.parameters, name)
-    return -np.array([sum(B @ slopes[n] for n, B in zip(heavy, known.errors.estimator, strict=True))])
+# What each moves: rows (k, p) of changes of the estimates, one for each independent error, and facts
 
 
-def _of_mesh(at, forces):
-    """The largest relative change of any test's curve on a mesh of half as many elements: of one alone it may be chance."""
-    elements = max(Model(at.case).mesh_facts()["elements"] // 2, FEWEST)
-    case = at.case.model_copy(update={"mesh": Mesh(elements=elements)})
-    model, material = Model(case), case.material_class(**at.parameters)
-    kappa, changes = case.material.bulk_modulus(material.shear_modulus), []
-    for test, force in zip(case.tests, forces, strict=True):
-        pressed = at.outputs(test) > 0
-        coarse = model.run(material, kappa, test.angle, at.outputs(test)[pressed], test.name).force
-        changes.append(np.linalg.norm(coarse - force[pressed]) / np.linalg.norm(force[pressed]))
-    return float(max(changes))
+def _of_force(case, problem, pool, best, known, name, spread):
+    """An error of each test's forces as a whole."""
+    return spread * np.array([B @ best.forces[n] for n, B in _estimator(known)]), {"value": 1.0, "sd": spread}
 
 
-def value_of(case, name):
-    """The value of an uncertain input in a case; contact point and forces are what the curves say."""
-    if name in ("offset", "force", "mesh"):
-        return {"offset": 0.0, "force": 1.0, "mesh": 0.0}[name]
-    return {"friction": case.indenter.friction, "bulk_ratio": case.material.bulk_ratio, "thickness": case.sample.thickness}[name]
+def _of_mesh(case, problem, pool, best, known, name, spread):
+    """The same, as large as the largest change of any test's curve on another mesh: of one alone it may be chance."""
+    elements = another_mesh(case)
+    changed = _forces(problem, pool, best, [{"mesh.elements": elements}])[0]
+    sd = spread * max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(best.forces, changed, strict=True))
+    rows, _ = _of_force(case, problem, pool, best, known, name, sd)
+    return rows, {"value": 0.0, "sd": float(sd), "elements": elements}
 
 
-def derivatives(case, parameters, name):
-    """dF/d input of each test, (n,), mN per unit of the input, at these parameters."""
-    material = case.material_class(**parameters)
-    exact = _exact(case, material, name) if name in EXACT else None
+def _of_base(case, problem, pool, best, known, name, spread):
+    """What the parameters would be on the other base: a Gauss-Newton step from there, towards the curves fitted, within bounds."""
+    other = OTHER_BASE[case.sample.base]
+    slopes, forces = derivatives_of(problem, pool, {**best.parameters, "sample.base": other})
+    heavy = [n for n, weight in enumerate(known.weights) if weight]
+    roots = [np.sqrt(known.weights[n]) for n in heavy]
+    A = np.concatenate([root * slopes[n] for root, n in zip(roots, heavy, strict=True)])
+    b = np.concatenate([root * (best.forces[n] - forces[n]) for root, n in zip(roots, heavy, strict=True)])
+    x, ranges = problem.units(best.parameters), np.array([problem.range(one) for one in problem.free])
+    effect = ranges * scipy.optimize.lsq_linear(A, b, (-x - 1e-12, 1 - x + 1e-12), tol=1e-14).x
+    return np.sqrt(spread) * effect[None], {"value": case.sample.base, "sd": None, "probability": spread, "effect": effect}
+
+
+def _of_input(case, problem, pool, best, known, name, spread):
+    slopes = derivatives(case, problem, pool, best, name)
+    move = -spread * np.sum([B @ slopes[n] for n, B in _estimator(known)], axis=0)
+    return move[None], {"value": value_of(case, best, name), "sd": spread}
+
+
+MOVES = {"force": _of_force, "mesh": _of_mesh, "base": _of_base}
+
+
+def _estimator(known):
+    """(number of a test that counts, what turns a change of its curve into one of the estimates)."""
+    return zip([n for n, weight in enumerate(known.weights) if weight], known.errors.estimator, strict=True)
+
+
+def another_mesh(case):
+    """Elements to ask for to get a mesh of about half as many; of the coarsest, of twice as many."""
+    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+    number = lambda mesh: count(case.sample, case.indenter, mesh, case.solver.element, depth)  # noqa: E731
+    own = number(case.mesh)
+    half = max(own // 2, FEWEST)
+    return half if number(Mesh(elements=half)) <= ANOTHER * own else 2 * own
+
+
+def value_of(case, best, name):
+    """The value of an uncertain input at a Candidate; the contact point is what the curves say."""
+    if name == "offset":
+        return 0.0
+    table, key = KEYS[name].split(".")
+    return getattr(getattr(setting(case, best.parameters).case, table), key)
+
+
+def derivatives(case, problem, pool, best, name):
+    """dF/d input of each test at a Candidate, (n,), mN per unit of the input. Raises Underivable."""
+    exact = _exact(case, problem, pool, best, name) if name in EXACT else None
     if exact is not None:
         return exact
-    value = value_of(case, name)
+    value = value_of(case, best, name)
     step = max(STEP * value, LEAST_FRICTION if name == "friction" else 0.0)
-    pair = [_forces(with_input(case, name, one), material) for one in (value - min(step, value), value + step)]
-    return [(b - a) / (step + min(step, value)) for a, b in zip(*pair, strict=True)]
+    low, high = value - min(step, value), value + step
+    pair = _forces(problem, pool, best, [{KEYS[name]: low}, {KEYS[name]: high}])
+    return [(b - a) / (high - low) for a, b in zip(*pair, strict=True)]
 
 
-def with_input(case, name, value):
-    """The case with another value of an input."""
-    place, key = {
-        "friction": ("indenter", "friction"),
-        "bulk_ratio": ("material", "bulk_ratio"),
-        "thickness": ("sample", "thickness"),
-    }[name]
-    return case.model_copy(update={place: getattr(case, place).model_copy(update={key: value})})
+def _exact(case, problem, pool, best, name):
+    """The model's own sensitivities, or None where it has none; all that are wanted are asked for at once."""
+    wanted = tuple(one for one in EXACT if one in case.fit.uncertain.given or one == name)
+    run = pool.evaluate([problem.at_reference(best.parameters)], sensitivities=wanted)[0]
+    if not run.sensitivities or not all(name in one for one in run.sensitivities):
+        return None
+    return problem.scaled(best.parameters, [one[name] for one in run.sensitivities])
 
 
-def _forces(case, material):
-    kappa = case.material.bulk_modulus(material.shear_modulus)
-    model = Model(case)
-    return [model.run(material, kappa, test.angle, case.outputs(test), test.name).force for test in case.tests]
-
-
-def _exact(case, material, name):
-    """The model's own sensitivities, or None where it has none."""
-    kappa, model, found = case.material.bulk_modulus(material.shear_modulus), Model(case), []
-    for test in case.tests:
-        run = model.run(material, kappa, test.angle, case.outputs(test), test.name, sensitivities=(name,))
-        if not run.sensitivities or not np.isfinite(run.sensitivities[name]).all():
-            return None
-        found.append(run.sensitivities[name])
-    return found
+def _forces(problem, pool, best, changes):
+    """Curves of a Candidate under changes of its case (key -> value), a tuple for each of them. Raises Underivable."""
+    runs = pool.evaluate([problem.at_reference({**best.parameters, **change}) for change in changes])
+    if any(run.forces is None for run in runs):
+        raise Underivable(last_cause(pool))
+    return [problem.scaled(best.parameters, run.forces) for run in runs]
 
 
 def _named(names, values):

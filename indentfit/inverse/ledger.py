@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from indentfit.case import Uncertain
 from indentfit.errors import LedgerError
 from indentfit.fem.linear import LinearSolver
 
@@ -113,11 +114,10 @@ def versions():
 class Ledger:
     """The runs of a case in a file, locked from opening to `close`; to be used in a `with` block.
 
-    resume: the file must be of this very case and of these versions; all of its runs are taken, also those that failed
-    for reasons of the machine. Else those are dropped, to be tried again, and the file becomes this case's; one that
-    cannot be read is begun anew. `remarks` are lines for the user; `has_own`: whether it holds runs that are in no other
-    ledger. Raises LedgerError, one line, wherever the file
-    cannot be used or written.
+    resume: the file must be of this very case, as far as its search goes, and of these versions; all of its runs are taken,
+    also those that failed for reasons of the machine. Else those are dropped, to be tried again, and the file becomes this
+    case's; one that cannot be read is begun anew. `remarks` are lines for the user; `has_own`: whether it holds runs that are
+    in no other ledger. Raises LedgerError, one line, wherever the file cannot be used or written.
     """
 
     def __init__(self, path, case, resume=False):
@@ -232,7 +232,7 @@ class Ledger:
             self.remarks.append(f"{self.path}: {damaged} damaged runs were thrown away; they are run again if needed")
 
     def _own_facts(self):
-        facts = {"case": self.case.hash, "origin": self.inputs.origin, "title": self.case.title}
+        facts = {"case": _searched(self.case).hash, "origin": self.inputs.origin, "title": self.case.title}
         return facts | {"versions": _json(versions() | {"code": _code()})}
 
     def _write_about(self):
@@ -254,6 +254,13 @@ def refuse_in_use(path):
         pass  # whatever else is wrong with it is said when it is opened
 
 
+def _searched(case):
+    """The case without what is asked only once its search has ended: a fit that is resumed may ask more, or less."""
+    uncertain = Uncertain(**case.fit.uncertain.fitted)
+    ended = case.fit.model_copy(update={"uncertain": uncertain, "published": {}, "profiles": True})
+    return case.model_copy(update={"fit": ended})
+
+
 # What decides a curve
 
 
@@ -273,7 +280,7 @@ def _code():
     files = [
         *sorted((HOME / "fem").rglob("*.py")),
         HOME / "material.py",
-        *(HOME / "inverse" / f"{name}.py" for name in ("bench", "inputs")),
+        *(HOME / "inverse" / f"{name}.py" for name in ("bench", "setting")),
     ]
     return _sha(b"".join(file.relative_to(HOME).as_posix().encode() + b"\0" + file.read_bytes() for file in files))
 

@@ -43,15 +43,12 @@ def sample_cases(path, samples, overrides=()):
     return cases
 
 
-def fit_each(cases, progress):
-    """Yields the `SampleFit` of each of `sample_cases`; one that fails does so alone. progress: called with (share, remark)."""
-    for n, (name, case) in enumerate(cases):
-        try:
-            result = fit(case, lambda share, note="", n=n, name=name: progress((n + share) / len(cases), f"{name} {note}"))
-        except ConvergenceError as error:
-            yield SampleFit(name, case, None, str(error))
-        else:
-            yield SampleFit(name, case, result)
+def fit_sample(name, case, progress=None, ledger=None, cluster=None, stop=None):
+    """The `SampleFit` of one of `sample_cases`; what the mechanics refuse is its problem. Arguments as of `fit`."""
+    try:
+        return SampleFit(name, case, fit(case, progress, ledger, cluster, stop))
+    except ConvergenceError as error:
+        return SampleFit(name, case, None, str(error))
 
 
 def parameter_spread(fits):

@@ -82,9 +82,10 @@ class Processes:
             if not busy:
                 return lost
             wait([worker.pipe for worker in busy], timeout=TICK)
-            for worker in busy:
-                unit: Any = worker.unit
-                heard = self._heard(worker)
+            ended: list[tuple[Any, Any]] = [(worker.unit, self._heard(worker)) for worker in busy]
+            if not stopping():
+                self._give_out(queue, names, number)  # before the caller writes down what ended: nobody waits for the disk
+            for unit, heard in ended:
                 if isinstance(heard, Run):
                     yield unit, heard
                 elif heard:

@@ -10,7 +10,7 @@ from scipy.optimize import brentq, least_squares
 
 from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
 from indentfit.inverse.exploration import scanned
-from indentfit.inverse.identifiability import identifiability, verdict
+from indentfit.inverse.identifiability import identifiability, verdict, widened
 from indentfit.inverse.least_squares import polish
 from indentfit.inverse.population import judged, parameters_of
 
@@ -54,23 +54,29 @@ def chi2_at(problem, surrogate, candidate, known, name, value):
     return (estimate(problem, surrogate, known.weights, there, fixed=n)[1] - least) * _factor(known, n)
 
 
-def prove(problem, pool, surrogate, found, known, candidate, report=None):
+def prove(problem, pool, surrogate, found, known, candidate, report=None, most=None):
     """Run the ends of profiles (name -> Profile), ends near each other once: name -> rows of value, chi2 there, and what
-    the surrogate had predicted before it knew the run. A row holds the cause where the run failed."""
+    the surrogate had predicted before it knew the run. A row holds the cause where the run failed.
+
+    most: runs of all tests to spend, those first that lie farthest from what the surrogate knows; other ends have no row.
+    """
     ends = {name: profile.ends() for name, profile in found.items()}
     widths = np.array([np.ptp(profile.interval) / problem.range(name) for name, profile in found.items()])
     points: list = []
     for x in np.concatenate([*ends.values()]):
         if all(np.any(np.abs(x - other) > SAME_RUN * widths) for other in points):
             points.append(x)
+    points = _farthest(problem, surrogate, points)[:most]
     runs = evaluate(problem, pool, [problem.parameters(x) for x in points], report)
     least = min(_squares(problem, candidate.forces, known.weights), *_least(problem, surrogate, known, candidate))
     rows: dict = {}
     for n, (name, pair) in enumerate(ends.items()):
         factor = _factor(known, n)
         rows[name] = []
-        for x in pair:
+        for x in pair if points else ():
             nearest = int(np.argmin([np.abs(x - other).max() for other in points]))
+            if np.any(np.abs(x - points[nearest]) > SAME_RUN * widths):
+                continue
             parameters, run = problem.parameters(points[nearest]), runs[nearest]
             predicted = problem.scaled(parameters, evaluate(problem, surrogate, [parameters])[0].forces or ())
             row = {"value": parameters[name], "parameters": {key: parameters[key] for key in problem.free}}
@@ -102,8 +108,11 @@ def bootstrap(problem, surrogate, candidate, known, seed, draws=DRAWS):
     return {name: {"stderr": float(s), "interval": [float(a), float(b)]} for name, s, a, b in rows}
 
 
-def alone(problem, pool, surrogate, seed):
-    """Fits with one test alone, test -> rmse, parameters (value, interval by profile, verdict) and the run that proved it."""
+def alone(problem, pool, surrogate, seed, forces=0.0):
+    """Fits with one test alone, test -> rmse, parameters (value, interval by profile, verdict) and the run that proved it.
+
+    forces: relative standard deviation of a test's forces as a whole, as by the mesh; in the intervals.
+    """
     found = {}
     for n, test in enumerate(problem.tests):
         single = problem.weighted([float(m == n) for m in range(len(problem.tests))])
@@ -114,6 +123,8 @@ def alone(problem, pool, surrogate, seed):
         except Underivable:
             continue
         known = identifiability(single, best, slopes)
+        move = forces * known.errors.estimator[0] @ best.forces[n]
+        known = widened(single, best, known, np.outer(move, move))
         rows = {}
         for name, profile in profiles(single, surrogate, best, known).items():
             at = known.at_bound[list(single.free).index(name)]
@@ -233,6 +244,13 @@ def _end(chi2, value, bound, limit):
     if last == len(steps) - 1:
         return bound
     return float(brentq(lambda unit: chi2(unit) - limit, steps[last], steps[last + 1], xtol=1e-6)) if inside else value
+
+
+def _farthest(problem, surrogate, points):
+    """Points (n_free,) in units of the ranges, those farthest from the surrogate's runs first."""
+    known = np.array([sample.place for sample in surrogate.samples])
+    columns = [list(problem.free).index(name) for name in problem.searched]
+    return sorted(points, key=lambda x: -np.abs(known - x[columns]).max(axis=1).min())
 
 
 def _factor(known, n):

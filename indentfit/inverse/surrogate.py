@@ -63,7 +63,8 @@ class Surrogate:
 
     def slopes(self, places):
         """Their derivatives by the units, (m, d, N)."""
-        return np.stack([A @ self.coefficients for A in _by_units(places, self.betas, self.degree)], axis=1)
+        rows = np.array([A @ self.coefficients for A in _by_units(places, self.betas, self.degree)])
+        return rows.reshape(len(self.betas), len(places), self.coefficients.shape[1]).swapaxes(0, 1)
 
     def near_failure(self, places):
         """Whether the run nearest to each place failed, (m,)."""
@@ -96,7 +97,9 @@ class Predicted(Evaluation):
 
 
 def learn(problem, evaluations):
-    """Surrogate of a Problem from Evaluations at its reference scale, failed ones among them; None where too few ran."""
+    """Surrogate of a Problem from Evaluations at its reference scale, failed ones among them; None where too few ran. Those
+    of other settings (another mesh, another base) teach nothing."""
+    evaluations = [one for one in evaluations if one.parameters.keys() == problem.start.keys()]
     good = {_key(problem, one): one for one in evaluations if one.forces is not None}
     failed = [_place(problem, one.parameters) for one in evaluations if one.forces is None]
     d = len(problem.searched)
@@ -108,6 +111,18 @@ def learn(problem, evaluations):
         return None
     error, betas, degree, coefficients = found
     return Surrogate(problem, samples, np.array(failed).reshape(-1, d), betas, degree, coefficients, error)
+
+
+def linearised(problem, candidate, derivatives):
+    """Surrogate whose curves are linear in the searched parameters around a Candidate, and exact in the scale; derivatives:
+    of its curves, mN per range, (n, n_free) for each test."""
+    whole, ahead = np.concatenate(candidate.forces), np.concatenate(derivatives)
+    factor = candidate.parameters[problem.scale] / problem.reference if problem.scale else 1.0
+    d, names = len(problem.searched), list(problem.free)
+    half = ahead[:, [names.index(name) for name in problem.searched]].T / 2  # by t = 2 u - 1, (d, N)
+    place = 2 * _place(problem, candidate.parameters) - 1
+    by_powers = [half[np.argmax(powers)] if any(powers) else whole - place @ half for powers in _powers(d, 1)]
+    return Surrogate(problem, (), np.zeros((0, d)), np.zeros(d), 1, np.array(by_powers) / factor, np.nan)
 
 
 def design(d, slopes, seed, degree=None):

@@ -16,6 +16,8 @@ from indentfit.inverse.cluster import Cluster
 from indentfit.inverse.ledger import Run
 from indentfit.inverse.processes import Processes
 
+RECENT = 500  # runs that are asked how long the next ones may take
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -126,14 +128,16 @@ class Pool:
         self.seconds += run.seconds
 
     def _longest_first(self, units):
-        """Units of tests that took longest so far, or else that go deepest, before the others: no core idles at the end."""
+        """Units in the order of what is to be expected of them, the longest first, so that no core idles at the end: what the
+        nearest run of the test took; before there is one, how deep it goes."""
+        ran = [(test, dict(key), runs[0].seconds) for (key, test), runs in list(self._known.items())[-RECENT:]]
 
-        def weight(test):
-            seconds = [run.seconds for (_, known), runs in self._known.items() for run in runs if known == test and run.facts]
-            return np.mean(seconds) if seconds else np.inf, float(self.case.outputs(self.case.tests[test])[-1])
+        def expected(unit):
+            point, test = dict(unit[0]), unit[1]
+            nearest = min(((_apart(point, other), took) for of, other, took in ran if of == test), default=(0.0, np.inf))
+            return nearest[1], float(self.case.outputs(self.case.tests[test])[-1])
 
-        weights = {test: weight(test) for test in {test for _, test in units}}
-        return sorted(units, key=lambda unit: weights[unit[1]], reverse=True)
+        return sorted(units, key=expected, reverse=True)
 
     def _evaluation(self, point, names):
         runs = [self._find((_key(point), test), names) for test in range(len(self.case.tests))]
@@ -171,6 +175,16 @@ def cores():
 
 def _finite(sensitivities, names):
     return {name: sensitivities[name] for name in names if np.isfinite(sensitivities[name]).all()}
+
+
+def _apart(one, other):
+    """How different two points are: the sum of relative differences, 1 for what only one of them has or is in words."""
+    pairs = [(one.get(name), other.get(name)) for name in one.keys() | other.keys()]
+    return sum(_relative(a, b) for a, b in pairs if a != b)
+
+
+def _relative(a, b):
+    return 1.0 if a is None or b is None or isinstance(a, str) else abs(a - b) / (abs(a) + abs(b))
 
 
 def _key(point):

@@ -48,7 +48,7 @@ def lasting_folder(path, overwrite=False):
     """Like `result_folder`, for a long run: what it has put into its ledger stays, beside `path`, where the block fails.
 
     The folder that it gives is `unfinished(path)`, new or left by an earlier run; it is taken away with its block only
-    if it holds no ledger. So the ledger's lock is for the block to take, before it touches anything else there.
+    if it holds no ledger, nor a folder in it. So the ledger's lock is for the block to take, before it touches anything else there.
     """
     target = refuse_existing(path, overwrite)
     place = unfinished(target)
@@ -60,7 +60,7 @@ def lasting_folder(path, overwrite=False):
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder") from error
     finally:
-        if not (place / LEDGER).exists():
+        if not ledgers(place):
             shutil.rmtree(place, ignore_errors=True)
 
 
@@ -71,12 +71,24 @@ def unfinished(path):
     return target.with_name(f".{name}.unfinished")
 
 
+def ledgers(place):
+    """The ledgers of a long run in its unfinished folder: its own, or those of its samples."""
+    return [one for one in (Path(place) / LEDGER, *sorted(Path(place).glob(f"*/{LEDGER}"))) if one.exists()]
+
+
 def clear(folder):
     """Take away what an earlier run left half written in its unfinished folder: all but its ledger."""
+    clear_all_but(folder, [one.name for one in Path(folder).glob(f"{LEDGER}*") if not one.is_dir()])
+
+
+def clear_all_but(folder, names):
+    """Take away what is in a run's unfinished folder under other names."""
     for one in Path(folder).iterdir():
+        if one.name in names:
+            continue
         if one.is_dir() and not one.is_symlink():
             shutil.rmtree(one)
-        elif not one.name.startswith(LEDGER):
+        else:
             one.unlink()
 
 

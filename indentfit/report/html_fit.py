@@ -9,6 +9,7 @@ from ..curve import Curve
 from . import plots, study_plots
 from .html_case import again_section, case_words, number, percent, tests_table
 from .page import Figures, Lines, Page, Part, Section, Table, Text, drawn, image
+from .text import effect_of_base, share_rows
 
 STRESSES = (
     "Cauchy stresses at the last displacement, averaged at the nodes; at a sharp edge they grow without limit as the mesh is "
@@ -141,7 +142,7 @@ def _parameters(result):
     for name, one in result["parameters"].items():
         value, unit = number(one["value"], 5), _unit(one["unit"]) or "–"
         if one["fixed"]:
-            rows.append((name, value, unit, "–", "fixed", "–", "–"))
+            rows.append((name, value, unit, "–", "fixed", "–", "–", "–"))
             continue
         interval = one["interval"] and " to ".join(number(x) for x in one["interval"])
         bounds = f"{number(one['min'])} to {number(one['max'])}"
@@ -152,11 +153,11 @@ def _parameters(result):
                 unit,
                 interval or "unknown",
                 one["verdict"],
-                number(one["stderr"], 2) if one["stderr"] is not None else "unknown",
+                *(number(x, 2) if x is not None else "unknown" for x in (one["stderr"], one.get("stderr_total", one["stderr"]))),
                 bounds,
             )
         )
-    header = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Standard error", "Searched")
+    header = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
     return Section(
         "parameters",
         "Parameters",
@@ -219,7 +220,7 @@ def _identifiability(result):
         parts.append(
             Table("What the curves see, from most to least: change of the misfit by a relative change of parameters", header, rows)
         )
-    parts += _profiles(result) + _tests_alone(result) + _uncertain(result)
+    parts += _profiles(result) + _tests_alone(result) + _uncertain(result) + _weights_scan(result)
     if not parts:
         parts = [Text("Not known: the fit stopped before the errors of its parameters were found.", warning=True)]
     return Section("identifiability", "What the curves determine", tuple(parts))
@@ -261,17 +262,31 @@ def _between(interval):
 
 
 def _uncertain(result):
-    """Inputs that are not known exactly, where a result has them: their share of each parameter's variance."""
-    inputs = (result.get("uncertain") or {}).get("inputs")
-    if not inputs:
+    """What makes the errors: the noise, the mesh, and inputs that are not known exactly, where a result has them."""
+    uncertain, free = result.get("uncertain") or {}, result["free"]
+    rows = tuple((words, *shares) for words, shares in share_rows(uncertain, free))
+    if not rows:
         return []
-    free = result["free"]
+    said = effect_of_base(uncertain)
+    header = ("Error", *(f"Share of {name}" for name in free))
+    return [
+        Table("What makes the error of each parameter: shares of its variance", header, rows),
+        *([Text(f"{said[:1].upper()}{said[1:]}.")] if said else []),
+    ]
+
+
+def _weights_scan(result):
+    """Fits under other weights of the two tests, where a result has them."""
+    scan, free = result.get("weights_scan"), result["free"]
+    if not scan:
+        return []
+    tests = list(scan[0]["rmse"])
     rows = tuple(
-        (name, number(one["value"]), number(one["sd"]), *(percent(one["share"].get(key), 2) for key in free))
-        for name, one in inputs.items()
+        (*map(number, one["weights"]), *(number(one["parameters"][k]) for k in free), *(number(one["rmse"][k], 3) for k in tests))
+        for one in scan
     )
-    header = ("Input", "Value", "Standard deviation", *(f"Share of {name}" for name in free))
-    return [Table("What uncertain inputs make of each parameter's variance", header, rows)]
+    header = (*(f"Weight of {name}" for name in tests), *free, *(f"RMSE {name} (mN)" for name in tests))
+    return [Table("What other weights of the tests in the objective would find", header, rows)]
 
 
 def _search(result):

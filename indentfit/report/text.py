@@ -92,14 +92,80 @@ def certainty_lines(result):
     for name, test in result.tests_alone.items():
         parts = ", ".join(f"{key} {_span(one['interval'])}" for key, one in test["parameters"].items())
         yield f"alone     {name}: {parts}; RMSE {test['rmse']:.3g} mN"
-    for name, one in result.uncertain.get("inputs", {}).items():
-        parts = ", ".join(f"{key} {share:.0%}" for key, share in one["share"].items() if share is not None)
-        yield f"input     {name} {one['value']:g} +- {one['sd']:g} makes of the variance: {parts}"
+    yield from _shares(result)
     for other in result.rivals:
         values = ", ".join(f"{key} = {value:.4g}" for key, value in other["parameters"].items())
         yield f"rival     {values}: objective {other['objective']:.5g} mN"
     if result.surrogate:
         yield f"surrogate {_of_surrogate(result.surrogate)}"
+
+
+def weights_lines(result):
+    """Fits of a FitResult's two tests under other weights, line by line."""
+    if not result.weights_scan:
+        yield "weights   no scan: it takes two tests, and a surrogate of all that the search went over (`ga`)"
+        return
+    tests = list(result.weights_scan[0]["rmse"])
+    rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, mN" for name in tests)])]
+    for one in result.weights_scan:
+        found, sizes = one["parameters"], one["rmse"]
+        cells = [*(f"{found[name]:.4g}" for name in result.free), *(f"{sizes[name]:.3g}" for name in tests)]
+        rows.append((" : ".join(f"{weight:g}" for weight in one["weights"]), cells))
+    yield from _columns("weights", rows)
+
+
+def share_rows(uncertain, free):
+    """What makes the errors of a fit's parameters: (in words, share of each free parameter's variance, in percent); none where
+    only the noise is known. uncertain: as in `FitResult`."""
+    if not uncertain.get("inputs"):
+        return
+    if "noise" in uncertain:
+        yield "noise (residuals)", _percents(uncertain["noise"], free)
+    for name, one in uncertain["inputs"].items():
+        yield _of_input(name, one), _percents(one, free)
+
+
+def effect_of_base(uncertain):
+    """The sentence that says what the parameters would be on the other base, or None."""
+    one = uncertain.get("inputs", {}).get("base")
+    if one is None:
+        return None
+    changes = ", ".join(f"{key} {change:+.3g}" for key, change in one["effect"].items())
+    return f"on a {OTHER[one['value']]} base instead of a {one['value']} one the parameters would change by: {changes}"
+
+
+OTHER = {"sliding": "bonded", "bonded": "sliding"}
+
+
+def _of_input(name, one):
+    if name == "mesh":
+        return f"mesh (forces +- {one['sd']:.2%}, from one of about {one['elements']} elements)"
+    if name == "force":
+        return f"force (+- {one['sd']:.2%} of each test's)"
+    if name == "base":
+        return f"base ({one['probability']:.0%} that it is {OTHER[one['value']]})"
+    return f"{name} ({one['value']:g} +- {one['sd']:g})"
+
+
+def _percents(one, free):
+    return ["unknown" if one["share"][name] is None else f"{one['share'][name]:.1%}" for name in free]
+
+
+def _shares(result):
+    rows = list(share_rows(result.uncertain, result.free))
+    if rows:
+        yield from _columns("errors", [("share of the variance of", result.free), *rows])
+    if said := effect_of_base(result.uncertain):
+        yield f"base      {said}"
+
+
+def _columns(label, rows):
+    """Rows of (words, cells) as lines under a label."""
+    first = max(len(words) for words, _ in rows)
+    widths = [max(len(cells[n]) for _, cells in rows) for n in range(len(rows[0][1]))]
+    for number, (words, cells) in enumerate(rows):
+        shown = "  ".join(f"{cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
+        yield f"{'' if number else label:<9} {words:<{first}}  {shown}".rstrip()
 
 
 def _of_surrogate(surrogate):

@@ -3,7 +3,7 @@
     python tests/campaigns/kills.py [--kills 10] [--seed 0] [--case CASE] [--set KEY=VALUE ...] [--victim fit|worker]
 
 Each round kills one fit: the whole process (then `--resume`, which is killed too, up to three times, at the next
-random moments) or, with `--victim worker`, one of its workers a few times. Prints a line for each round and a table;
+random moments) or, with `--victim worker`, one of its workers a few times. Prints a line for each round;
 exit code 1 when a result differs from that of the undisturbed fit in anything but times and what came from the ledger.
 """
 
@@ -32,17 +32,14 @@ def main():
     subprocess.run([*command, "-o", str(folder / "whole")], check=True, capture_output=True)
     whole, length = result(folder / "whole"), time.monotonic() - started
     print(f"undisturbed: {length:.1f} s, {whole['runs']} runs, {values(whole)}", flush=True)
-    rounds = [
-        (kill_fit if options.victim == "fit" else kill_workers)(command, folder / f"r{n}", length, dice)
-        for n in range(options.kills)
-    ]
-    wrong = 0
-    for n, (moments, found) in enumerate(rounds):
+    wrong = kills = 0
+    for n in range(options.kills):
+        moments, found = (kill_fit if options.victim == "fit" else kill_workers)(command, folder / f"r{n}", length, dice)
         differs = [key for key in whole if key not in MAY_DIFFER and whole[key] != found.get(key)]
-        wrong += bool(differs)
-        when = ", ".join(f"{moment:.1f}" for moment in moments)
-        print(f"{n:3d}  killed at {when} s  reused {found['reused']:3d}  {differs or 'same'}")
-    print(f"{len(rounds)} rounds, {sum(len(moments) for moments, _ in rounds)} kills, {wrong} results differ")
+        wrong, kills = wrong + bool(differs), kills + len(moments)
+        when = "killed at " + ", ".join(f"{moment:.1f}" for moment in moments) + " s" if moments else "had ended before its kill"
+        print(f"{n:3d}  {when}  reused {found['reused']:3d}  {differs or 'same'}", flush=True)
+    print(f"{options.kills} rounds, {kills} kills, {wrong} results differ")
     shutil.rmtree(folder)
     sys.exit(wrong > 0)
 
@@ -62,13 +59,14 @@ def kill_fit(command, place, length, dice):
     moments = []
     for _ in range(dice.randint(1, 3)):
         process = subprocess.Popen([*command, "-o", str(place), "--resume"], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-        moments.append(dice.uniform(0, length))
+        moment = dice.uniform(0, length)
         try:
-            process.wait(moments[-1])
+            process.wait(moment)
             break
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+            moments.append(moment)
     if not place.exists():
         done = subprocess.run([*command, "-o", str(place), "--resume"], capture_output=True, text=True)
         if done.returncode:
