@@ -22,6 +22,7 @@ EXACT = ("friction", "bulk_ratio", "offset")  # what the model differentiates by
 STEP = 0.05  # of an input, for differences
 LEAST_FRICTION = 0.02  # its step where the friction is small
 FEWEST = 20  # elements of a mesh
+ORDER = 1.0  # of the force in the size of the elements: at the indenter's edge the traction is singular
 ANOTHER = 0.75  # of the elements: a mesh of more is the same one
 OTHER_BASE = {"sliding": "bonded", "bonded": "sliding"}
 
@@ -67,10 +68,13 @@ def _of_force(case, problem, pool, best, known, name, spread):
 
 
 def _of_mesh(case, problem, pool, best, known, name, spread):
-    """The same, as large as the largest change of any test's curve on another mesh: of one alone it may be chance."""
+    """The same, as large as this mesh's error by Richardson: from the largest change of any test's curve on another mesh (of one
+    alone it may be chance) and the order ORDER that an edge leaves."""
     elements = another_mesh(case)
     changed = _forces(problem, pool, best, [{"mesh.elements": elements}])[0]
-    sd = spread * max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(best.forces, changed, strict=True))
+    number = elements_of(case)
+    coarser = (number(case.mesh) / number(Mesh(elements=elements))) ** (ORDER / 3)
+    sd = spread / abs(coarser - 1) * max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(best.forces, changed, strict=True))
     rows, _ = _of_force(case, problem, pool, best, known, name, sd)
     return rows, {"value": 0.0, "sd": float(sd), "elements": elements}
 
@@ -104,11 +108,16 @@ def _estimator(known):
 
 def another_mesh(case):
     """Elements to ask for to get a mesh of about half as many; of the coarsest, of twice as many."""
-    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
-    number = lambda mesh: count(case.sample, case.indenter, mesh, case.solver.element, depth)  # noqa: E731
+    number = elements_of(case)
     own = number(case.mesh)
     half = max(own // 2, FEWEST)
     return half if number(Mesh(elements=half)) <= ANOTHER * own else 2 * own
+
+
+def elements_of(case):
+    """Mesh table -> the number of elements that it gives this case."""
+    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+    return lambda mesh: count(case.sample, case.indenter, mesh, case.solver.element, depth)
 
 
 def value_of(case, best, name):
