@@ -165,15 +165,14 @@ def _meshes(result):
     header += [f"{name}: force (mN)" for name in names] + [f"{name}: RMSE (mN)" for name in measured]
     rows = []
     for one in result["meshes"]:
-        row = [one["asked"], f"{one['elements']:,}", f"{one['dofs']:,}"]
+        asked = one["asked"] + (" (second try, not counted)" if one["tries"] > 1 else "")
+        row = [asked, f"{one['elements']:,}", f"{one['dofs']:,}"]
         if not one["forces"]:
             rows.append((*row, *["–"] * (len(header) - 4), f"failed: {one['cause']}"))
             continue
         row += [number(one["h"]), str(one["newton_iterations"]), number(one["cpu_seconds"], 3), number(one["memory"] / 1e6, 3)]
         rows.append((*row, *(number(force[-1]) for force in one["forces"]), *(number(one["rmse_mN"][name]) for name in measured)))
-    parts: list[Part] = [
-        Table("The meshes, from coarse to fine; h is the cube root of an element's mean volume", tuple(header), tuple(rows))
-    ]
+    parts: list[Part] = [Table("The meshes, from coarse to fine; h is the element size (mesh.size)", tuple(header), tuple(rows))]
     figure = cost_figure(result)
     if figure is not None:
         done = [one for one in result["meshes"] if one["forces"]]
@@ -207,7 +206,7 @@ def _errors(result):
         "Quantity",
         "Finest mesh",
         "At zero size",
-        "95 % interval of it",
+        "95 % interval of it, or wider",
         "Eca-Hoekstra of the finest mesh",
         "Observed order",
         "GCI of the finest mesh",
