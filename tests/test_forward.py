@@ -18,7 +18,8 @@ DEPTHS = np.array([0.11, 0.22, 0.33])
 
 def test_friction_stiffens_only_the_perpendicular_test(run):
     rough, smooth = (
-        [run(*COARSE, f"indenter.friction={f}", angle=angle, depths=DEPTHS).force[-1] for angle in (0, 90)] for f in (0.5, 0.2)
+        [run(*COARSE, f"indenter.friction={f}", angle=angle, depths=DEPTHS).force[-1] for angle in (0, 90)]
+        for f in (0.5, 0.2)
     )
     assert smooth[0] == pytest.approx(rough[0], rel=0.01)
     assert smooth[1] < rough[1] * 0.995
@@ -42,7 +43,8 @@ def test_mu_matters_more_than_zeta_and_zeta_more_than_phi_and_most_at_90_degrees
 
 def test_the_force_is_linear_in_the_scale_parameter(run):
     one, three = (
-        run(*COARSE, f"material.parameters={{mu={mu},zeta=4.68,phi=0.68}}", angle=90, depths=DEPTHS).force for mu in (1.0, 3.0)
+        run(*COARSE, f"material.parameters={{mu={mu},zeta=4.68,phi=0.68}}", angle=90, depths=DEPTHS).force
+        for mu in (1.0, 3.0)
     )
     assert three == pytest.approx(3 * one, rel=1e-9)
 

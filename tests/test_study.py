@@ -214,8 +214,8 @@ def record(elements):
     curves = [np.linspace(0.2, 1, 25) * (28 - 2 * h**2), np.linspace(0.2, 1, 25) * (70 + 6 * h)]
     return {
         "elements": elements, "dofs": 30 * elements, "h": h, "forces": [curve.tolist() for curve in curves],
-        "newton_iterations": 50, "factorizations": 9, "loose_steps": 0, "tries": 1, "penalty_error": 1e-3, "cpu_seconds": 0.02 * elements,
-        "setup_seconds": 0.1, "memory": 3e8, "cause": None,
+        "newton_iterations": 50, "factorizations": 9, "loose_steps": 0, "tries": 1, "penalty_error": 1e-3,
+        "cpu_seconds": 0.02 * elements, "setup_seconds": 0.1, "memory": 3e8, "cause": None,
     }  # fmt: skip
 
 
@@ -299,7 +299,7 @@ def test_the_verdict_says_which_orders_are_believed(monkeypatch, tmp_path):
         return {**found, "forces": [[28 - 2 * found["h"] ** 4] * 25, found["forces"][1]]}
 
     monkeypatch.setattr(mesh_check, "isolated", call)
-    done, result = check(tmp_path)
+    _, result = check(tmp_path)
     assert "Observed order of the force: 1 (perpendicular)" in result["verdict"]
     assert "4 (parallel) is not believed" in result["verdict"]
     one = next(q for q in result["quantities"] if (q["test"], q["kind"]) == ("parallel", "force"))

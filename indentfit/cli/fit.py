@@ -47,23 +47,7 @@ METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 @click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
-def command(
-    case,
-    overrides,
-    method,
-    direct,
-    workers,
-    seed,
-    output,
-    overwrite,
-    resume,
-    reuse,
-    cluster,
-    scheduler,
-    no_fields,
-    as_json,
-    per_sample,
-):
+def command(case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, no_fields, as_json, per_sample):
     """Fit the free parameters of the case file CASE to its curves.
 
     Writes a result folder and prints the parameters. Ends with 4 where the fit did not converge; its result is written.

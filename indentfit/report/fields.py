@@ -21,7 +21,8 @@ COLLECTION = """<?xml version="1.0"?>
 def write_fields(folder, model, material, kappa, tests, vtu=True, series=False, mirror=False):
     """Write VTU files and pictures of simulated tests (TestResult) of fem.simulate.Model `model` at their last displacement.
 
-    mirror: of the whole sample, not of the quarter that was computed; series: also every equilibrium on the way, as NAME.pvd with the indenter's displacement (mm) in place of the time.
+    mirror: of the whole sample, not of the quarter that was computed; series: also every equilibrium on the way, as NAME.pvd with
+    the indenter's displacement (mm) in place of the time.
     """
     folder = Path(folder)
     folder.mkdir()
@@ -76,7 +77,8 @@ def write_pictures(folder, names, shown, mirror=False):
         stress_picture(test, angle, fields, folder / f"stress-{name}.png")
         pictures.append({
             "file": f"stress-{name}.png",
-            "caption": f"Cauchy stresses (kPa) of {test} ({angle}°) on the deformed {sample}; 1 % of the nodes lie beyond each scale.",
+            "caption": f"Cauchy stresses (kPa) of {test} ({angle}°) on the deformed {sample}; 1 % of the nodes lie beyond "
+                "each scale.",
             "alt": f"Six Cauchy stresses of {test}, concentrated at the indenter's edge. {peak_words(rows)}",
         })  # fmt: skip
         tables.append({"test": test, "angle": angle, "rows": rows, "words": peak_words(rows)})

@@ -13,7 +13,7 @@ SAME = 1e-7  # of the sample's extent: nodes nearer than this are one
 
 
 def whole(fields: Fields) -> Fields:
-    """Fields of the whole sample; what lies on a plane of symmetry has the mean of both sides, so that shear stresses vanish there."""
+    """Fields of the whole sample. On a plane of symmetry they are the mean of both sides, so that shear stresses vanish there."""
     return _joined(_joined(fields, 0), 2)
 
 

@@ -30,8 +30,8 @@ class Approach:
     """f(h) = value + sum of coefficients times h^exponents, with the standard deviation of its fit.
 
     order: the observed order, None where it could not be believed and fixed exponents were taken; interval (2,): of the value
-    at zero size, 95 % or widened; uncertainty (n,): half-width of each mesh's band by Eca and Hoekstra, in the order given; reliable:
-    whether order and scatter allow their smaller safety factor.
+    at zero size, 95 % or widened; uncertainty (n,): half-width of each mesh's band by Eca and Hoekstra, in the order given;
+    reliable: whether order and scatter allow their smaller safety factor.
     """
 
     value: float

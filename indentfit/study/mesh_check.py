@@ -26,8 +26,8 @@ from indentfit.study.sweep import stiffness
 
 FORMAT = "indentfit.mesh-check/1"
 METHOD = (
-    "error bands: 95 % profile interval of f0 in f(h) = f0 + C h^p, 0.5 <= p <= 2.1, by least squares over all meshes, and where the "
-    "order is not believed also three times the distance of the finest mesh from the limit of p = 1; beside it "
+    "error bands: 95 % profile interval of f0 in f(h) = f0 + C h^p, 0.5 <= p <= 2.1, by least squares over all meshes, and "
+    "where the order is not believed also three times the distance of the finest mesh from the limit of p = 1; beside it "
     "the uncertainty of the finest mesh by Eca and Hoekstra 2014 (J Comput Phys 262:104); GCI of the three finest meshes by "
     "Roache and Celik et al. 2008 (J Fluids Eng 130:078001), safety factor 1.25"
 )
@@ -50,8 +50,8 @@ CHECKS = {
 class Measured:
     """The tests of a case on one mesh: what they gave, and what they cost; `cause` instead of forces where they failed.
 
-    h: mm, None where it failed; tries: 1, or more where the usual contact and mesh did not converge; forces: mN, an array (n,) for each test; cpu_seconds: of all tests, without the set-up;
-    memory: peak, bytes.
+    h: mm, None where it failed; tries: 1, or more where the usual contact and mesh did not converge; forces: mN, an array (n,)
+    for each test; cpu_seconds: of all tests, without the set-up; memory: peak, bytes.
     """
 
     elements: int
@@ -367,7 +367,8 @@ def _verdict(found, quantities, wanted):
     asked, one = found[computed[good[0]]]
     return computed[good[0]], (
         f"{asked} ({one.elements:,} elements) is the coarsest mesh exact to {100 * wanted:g} % of force and stiffness "
-        f"(within {worst[good[0]]:.2%}): {one.cpu_seconds:.3g} s of processor time for all tests, {one.memory / 1e6:.0f} MB. {orders}"
+        f"(within {worst[good[0]]:.2%}): {one.cpu_seconds:.3g} s of processor time for all tests, {one.memory / 1e6:.0f} MB. "
+        f"{orders}"
     )
 
 

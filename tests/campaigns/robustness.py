@@ -114,7 +114,9 @@ def main():
             seconds.append(result[4])
             print(line(result), flush=True)
     seconds.sort()
-    print(f"{len(jobs)} runs, {failed} failed; seconds: median {seconds[len(seconds) // 2]:.1f}, largest {seconds[-1]:.1f}")
+    print(
+        f"{len(jobs)} runs, {failed} failed; seconds: median {seconds[len(seconds) // 2]:.1f}, largest {seconds[-1]:.1f}"
+    )
     return 1 if failed else 0
 
 
