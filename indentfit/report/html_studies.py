@@ -29,8 +29,8 @@ def mesh_check_page(folder, result):
     family = ",".join(one["asked"].partition("=")[2] for one in result["meshes"])
     sections.append(again_section(folder, result, f"mesh-check {asked} {family} --error {100 * result['wanted']:g}"))
     good = result["chosen"] is not None
-    headline = "A mesh is exact enough." if good else "No mesh is certainly exact enough."
-    lead = f"{result['verdict'][:1].upper()}{result['verdict'][1:]}."
+    headline = "A mesh is exact enough:" if good else "No mesh is certainly exact enough:"
+    lead = f"{result['verdict']}."
     return Page(result["title"] or "Mesh check", "Convergence of the mesh", headline, lead, good, tuple(sections))
 
 
@@ -165,7 +165,7 @@ def _meshes(result):
     header += [f"{name}: force (mN)" for name in names] + [f"{name}: RMSE (mN)" for name in measured]
     rows = []
     for one in result["meshes"]:
-        asked = one["asked"] + (" (second try, not counted)" if one["tries"] > 1 else "")
+        asked = one["asked"] + (" (second try, not counted)" if one.get("tries", 1) > 1 else "")
         row = [asked, f"{one['elements']:,}", f"{one['dofs']:,}"]
         if not one["forces"]:
             rows.append((*row, *["–"] * (len(header) - 4), f"failed: {one['cause']}"))
