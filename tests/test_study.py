@@ -328,6 +328,27 @@ def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, t
     )
 
 
+def test_a_check_killed_with_9_goes_on_with_the_same_numbers(tmp_path):
+    """Real processes: the check dies within its second mesh, its child with it, and the same command ends as one never killed."""
+    words = [str(QUICK), *OPTIONS, "--elements", "20,40", "--mesh-only", "--json", "-o"]
+    program = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()", "mesh-check"]
+    kept = place_beside(tmp_path / "out")
+    process = subprocess.Popen([*program, *words, tmp_path / "out"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 120
+    while not Kept(kept) and time.monotonic() < until:
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert len(Kept(kept)) == 1 and not (tmp_path / "out").exists()
+    resumed, whole = run("mesh-check", *words, tmp_path / "out"), run("mesh-check", *words, tmp_path / "whole")
+    assert resumed.exit_code == 0 and "resumed: 1 runs" in resumed.stderr
+    first, second = (json.loads(done.stdout) for done in (resumed, whole))
+    assert [one["forces"] for one in first["meshes"]] == [one["forces"] for one in second["meshes"]]
+    assert first["quantities"] == second["quantities"] and first["meshes"][0]["forces"]
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "whole"}
+
+
 @pytest.mark.parametrize("words", [("--sizes", "0.02,0.5"), ("--elements", "2000000,60")])
 def test_a_mesh_too_large_for_the_memory_is_refused_beforehand_with_the_estimate(ideal, tmp_path, monkeypatch, words):
     monkeypatch.setattr(mesh_check, "available_memory", lambda: 8e9)

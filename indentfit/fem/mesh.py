@@ -19,7 +19,7 @@ from indentfit.errors import MeshError
 EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 # All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
-# with widths at the footprint's edge and at the rim that follow the ratio itself (`graded`). Rounding each direction on its own
+# with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
 # would change the edge's width by jumps of up to half, and forces on such meshes approach no limit in a recognisable way.
 BASE = 180
 
@@ -183,8 +183,8 @@ def graded(start, stop, grading, at, least=1):
     wanted = count[-1] * _rounding(start, stop, grading, at, least)
     number = max(least, round(wanted))
     share = np.linspace(0, 1, number + 1)
-    if number > 1 and round(wanted) == number:
-        first = np.clip((number / wanted - 1 / number) / (1 - 1 / number), 0.5, 1.5)  # so that share[1] is 1 / wanted
+    if number > 1 and (round(wanted) == number or number == 2):  # more than wanted, to resolve a radius, are spread evenly
+        first = np.clip((number / wanted - 1 / number) / (1 - 1 / number), 0.5, 5 / 3)  # so that share[1] is 1 / wanted
         share = first * share + (1 - first) * share**2
     nodes = np.interp(count[-1] * (share if at == start else 1 - share[::-1]), count, fine)
     nodes[0], nodes[-1] = start, stop

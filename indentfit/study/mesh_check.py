@@ -1,7 +1,7 @@
 """How exact the forces of a case are on its mesh, and on a family of meshes, and what that costs.
 
-The family is one mesh at several sizes: the widths of its elements at the singular edges are proportional to the element
-size h, mm (`mesh.size`), its numbers of elements are rounded, so that the meshes are similar, not nested. The force approaches
+The family is one mesh at several sizes: the widths of its elements at the singular edges are a smooth function of the element
+size h, mm (`mesh.size`), only its numbers of elements are rounded, so that the meshes are similar, not nested. The force approaches
 its limit at zero size like h^p; singular edges (a sharp indenter's, a strip's end on the sample's rim) make p about 1 for any
 element. A mesh that was solved only by a second try, which may be on another mesh, is shown and not counted. Changes by contact
 penalty, load step and edge radius are found one at a time on the case's own mesh.
