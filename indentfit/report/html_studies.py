@@ -161,8 +161,8 @@ def _values(point):
 def _meshes(result):
     names = list(result["tests"])
     measured = [name for name in names if any(one["rmse_mN"] and name in one["rmse_mN"] for one in result["meshes"])]
-    header = ["Mesh", "Elements", "Degrees of freedom", "h (mm)", "Newton iterations", "CPU time (s)", "Peak memory (MB)"]
-    header += [f"{name}: force (mN)" for name in names] + [f"{name}: RMSE (mN)" for name in measured]
+    header = ["Mesh", "Elements", "Degrees of freedom", "h (mm)", *(f"{name}: force (mN)" for name in names)]
+    header += [*(f"{name}: RMSE (mN)" for name in measured), "Newton iterations", "CPU time (s)", "Peak memory (MB)"]
     rows = []
     for one in result["meshes"]:
         asked = one["asked"] + (" (second try, not counted)" if one.get("tries", 1) > 1 else "")
@@ -170,8 +170,9 @@ def _meshes(result):
         if not one["forces"]:
             rows.append((*row, *["–"] * (len(header) - 4), f"failed: {one['cause']}"))
             continue
-        row += [number(one["h"]), str(one["newton_iterations"]), number(one["cpu_seconds"], 3), number(one["memory"] / 1e6, 3)]
-        rows.append((*row, *(number(force[-1]) for force in one["forces"]), *(number(one["rmse_mN"][name]) for name in measured)))
+        row += [number(one["h"]), *(number(force[-1]) for force in one["forces"])]
+        row += [*(number(one["rmse_mN"][name]) for name in measured), str(one["newton_iterations"])]
+        rows.append((*row, number(one["cpu_seconds"], 3), number(one["memory"] / 1e6, 3)))
     parts: list[Part] = [Table("The meshes, from coarse to fine; h is the element size (mesh.size)", tuple(header), tuple(rows))]
     figure = cost_figure(result)
     if figure is not None:
