@@ -183,7 +183,7 @@ def graded(start, stop, grading, at, least=1):
     wanted = count[-1] * _rounding(start, stop, grading, at, least)
     number = max(least, round(wanted))
     share = np.linspace(0, 1, number + 1)
-    if number > 1 and (round(wanted) == number or number == 2):  # more than wanted, to resolve a radius, are spread evenly
+    if number > 1 and (round(wanted) == number or (number == 2 and wanted > 1.1)):  # else more than wanted, spread evenly
         first = np.clip((number / wanted - 1 / number) / (1 - 1 / number), 0.5, 5 / 3)  # so that share[1] is 1 / wanted
         share = first * share + (1 - first) * share**2
     nodes = np.interp(count[-1] * (share if at == start else 1 - share[::-1]), count, fine)
@@ -199,9 +199,10 @@ def _elements_up_to(start, stop, grading, at):
 
 
 def _rounding(start, stop, grading, at, least):
-    """The factor that makes the number of elements of the base mesh whole."""
+    """The factor that makes the number of elements of the base mesh whole; 1 where that has more than its grading asks for."""
     count = _elements_up_to(start, stop, grading.base or grading, at)[1][-1]
-    return max(least, np.ceil(count - 1e-9)) / count
+    number = np.ceil(count - 1e-9)
+    return number / count if number >= least else 1.0
 
 
 def _across(half_width, end, grading):
