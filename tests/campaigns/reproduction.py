@@ -32,13 +32,13 @@ EXPLANATIONS = [
     ["sample.base=bonded"],
     ["sample={shape='block',length=14,width=14,thickness=3.3,base='sliding'}"],
     ["solver.element=q1p0", "mesh.elements=300"],
-    ["solver.element=q1p0", "mesh.elements=1500"],
     ["solver.penalty=0.1"],
     ["solver.penalty=10"],
     ["material.parameters={mu=0.60,zeta=4.0,phi=0.5}"],
     ["test.parallel.depth=0.165", "test.perpendicular.depth=0.165"],
-    ["indenter.edge_radius=0.05"],
     ["indenter.edge_radius=0.1"],
+    ["indenter.edge_radius=0.05"],
+    ["solver.element=q1p0", "mesh.elements=1500"],  # the slow ones last
 ]
 REFITS = ["indenter.friction=0.2", "material.bulk_ratio=100", "sample.base=bonded"]
 PAPER = {"parallel": 72.9, "perpendicular": 170.5}
