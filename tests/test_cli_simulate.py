@@ -101,7 +101,7 @@ def test_an_existing_folder_is_refused_before_anything_is_computed(folder, monke
     assert done.exit_code == 2 and "--overwrite" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("option", ["--vtu", "--series", "--overwrite"])
+@pytest.mark.parametrize("option", ["--vtu", "--series", "--whole", "--overwrite"])
 def test_what_needs_a_folder_asks_for_one(option, monkeypatch):
     monkeypatch.setattr("indentfit.cli.simulate.Model", never)
     done = run(CASE, option)
@@ -201,9 +201,21 @@ def test_pyvista_reads_the_file_and_its_contact_pressure_adds_up_to_the_force(se
         footprint = top.extract_cells((middle[:, 1] > 3.3 - 1e-6) & (middle[:, 2] < 1))
         force = 4 * footprint.integrate_data()["contact_pressure_kPa"][0]
         assert force == pytest.approx(test["force_mN"][-1], rel=0.01)
-    assert len(pyvista.get_reader(series / "fields" / "parallel.pvd").time_values) == len(
-        entries(series / "fields" / "parallel.pvd")
-    )
+    steps = entries(series / "fields" / "parallel.pvd")
+    reader = pyvista.get_reader(series / "fields" / "parallel.pvd")
+    assert reader.time_values == pytest.approx([d for d, _ in steps])
+    reader.set_active_time_value(reader.time_values[-1])
+    assert np.array_equal(reader.read()[0]["displacement_mm"], meshio.read(steps[-1][1]).point_data["displacement_mm"])
+
+
+def test_the_whole_sample_is_drawn_and_written_when_asked(tmp_path):
+    done = run(CASE, "--set", "mesh.elements=40", *DEPTHS, "--whole", "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.stderr
+    mesh = meshio.read(tmp_path / "out" / "fields" / "perpendicular.vtu")
+    assert mesh.points.min(axis=0) == pytest.approx([-7, 0, -7]) and mesh.points.max(axis=0) == pytest.approx([7, 3.3, 7])
+    assert len(mesh.cells[0].data) == 4 * json.loads((tmp_path / "out" / "simulation.json").read_text())["mesh"]["elements"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "deformed whole sample" in page and "deformed quarter sample" not in page
 
 
 def test_the_peaks_are_those_of_the_file(series):

@@ -14,7 +14,7 @@ from conftest import CASES
 
 from indentfit.cli import main
 from indentfit.report.html import write_report
-from indentfit.report.page import drawn
+from indentfit.report.page import drawn, marked
 
 EVIL = "<script>window.harmed=1</script>"
 COARSE = ("--set", "mesh.elements=40", "--set", "solver.element=q1p0")
@@ -128,6 +128,10 @@ def test_a_fit_page_says_what_was_found_how_sure_it_is_and_how_to_get_it_again(p
     assert f"{result['objective']:.4g} mN" in said
     assert result["case_hash"] in said and "--set material.zeta=3" in said
     assert (folder / "case.toml").read_text().splitlines()[0] in said
+
+
+def test_what_stands_between_backticks_is_code_and_still_escaped():
+    assert marked("the error of `fit` & `<b>`, a`") == "the error of <code>fit</code> &amp; <code>&lt;b&gt;</code>, a`"
 
 
 def test_optional_parts_of_a_fit_are_shown_where_a_result_has_them(pages, tmp_path):

@@ -8,6 +8,7 @@ from skfem import Basis, ElementHex1, FacetBasis, MeshHex
 from indentfit.case import Indenter, Mesh, Sample
 from indentfit.errors import MeshError
 from indentfit.fem.mesh import Grading, extrude, graded, merge, quarter, transfinite
+from indentfit.fem.mesh import size as mesh_size
 
 THICKNESS = 3.3
 SAMPLES = {
@@ -175,6 +176,30 @@ def test_elements_are_smallest_at_the_edge_and_at_the_top():
     assert np.argmin(np.abs(z - 1.0)) in (np.argmin(np.diff(z)), np.argmin(np.diff(z)) + 1)
     assert np.all(np.diff(np.diff(y)) < 1e-8)  # y is rounded to 1e-9
     assert np.diff(z).max() > 2 * np.diff(z).min()
+
+
+@pytest.mark.parametrize(("sample", "coarsest"), [("disc", 1.8), ("block", 1.3)])  # with 2 elements under half of the indenter
+def test_widths_at_the_singular_edges_follow_the_size_without_jumps(sample, coarsest):
+    """Local exponents d ln(width) / d ln(size) on both sides of the indenter's edge, at the top, at the rim: between 1 and 2.5
+    at every size, whatever the numbers of elements do (one more of three elements alone would be a jump by a quarter)."""
+    sizes, widths = np.geomspace(0.7, coarsest, 25), []
+    for size in sizes:
+        x, y, z = mesh_of(sample, "strip", size=size).p
+        across, along, layers = (np.unique(np.round(one, 9)) for one in (z[x < 1e-9], x[z < 1e-9], y))
+        edge = np.argmin(np.abs(across - 1))
+        widths.append([*np.diff(across)[edge - 1 : edge + 1], np.diff(along)[-1], np.diff(layers)[-1]])
+    exponents = np.diff(np.log(widths), axis=0) / np.diff(np.log(sizes))[:, None]
+    assert exponents.min() > 0.9 and exponents.max() < 2.5
+
+
+def test_the_base_mesh_at_its_own_size_is_the_default_mesh():
+    """Each direction's own rounded-up number of elements: 4 along, 3 and 5 across, 5 layers; and the same by its size."""
+    sample, indenter = sample_of("disc"), indenter_of("strip")
+    base = quarter(sample, indenter, Mesh(), "q2p1")
+    x, y, z = base.p
+    assert [np.unique(np.round(one, 9)).size - 1 for one in (x[z < 1e-9], z[x < 1e-9], y)] == [4, 3 + 5 + 2, 5]
+    again = quarter(sample, indenter, Mesh(size=mesh_size(sample, indenter, Mesh(), "q2p1")), "q2p1")
+    assert_allclose(again.p, base.p, atol=1e-12)
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 2.0])

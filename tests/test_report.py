@@ -20,6 +20,7 @@ from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.simulate import QUARTERS, Model
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
+from indentfit.report.mirror import whole
 from indentfit.report.plots import force_displacement, residual
 from indentfit.report.vtu import file_names, write_vtu
 
@@ -95,7 +96,7 @@ def integral_over_top(file, values, half_width):
         for number, face in enumerate(FACES):
             nodes = cell[list(face)]
             x = file.points[nodes]
-            if not np.allclose(x[:, 1], 3.3) or x[:, 2].max() > half_width + 1e-9:
+            if not np.allclose(x[:, 1], 3.3) or np.abs(x[:, 2]).max() > half_width + 1e-9:
                 continue
             area = np.linalg.norm(np.cross(x[2] - x[0], x[3] - x[1])) / 2
             mean = values[nodes].mean()
@@ -154,6 +155,47 @@ def test_a_uniform_stress_stays_uniform_at_nodes_and_in_elements(pressed):
     for recovered in (nodal_stress(body, stress), cell_stress(body, stress)):
         assert np.allclose(recovered[:, XY], 1.49 * 1.68 * gamma, rtol=1e-9)
         assert np.allclose(recovered, recovered[0], atol=1e-9)
+
+
+# ---- the whole sample --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def whole_file(pressed, tmp_path_factory):
+    path = tmp_path_factory.mktemp("whole") / "pressed.vtu"
+    model, result, material, kappa = pressed
+    write_vtu(path, whole(recover(model, result, material, kappa)))
+    return meshio.read(path)
+
+
+def test_the_whole_sample_is_four_quarters_in_one_piece(file, whole_file):
+    assert volumes(corners(whole_file)).min() > 0
+    assert volumes(corners(whole_file)).sum() == pytest.approx(4 * volumes(corners(file)).sum(), rel=1e-12)
+    cells = whole_file.cells[0].data
+    assert cells.shape == (4 * len(file.cells[0].data), file.cells[0].data.shape[1])
+    on_planes = [np.isclose(file.points[:, axis], 0).sum() for axis in (0, 2)]
+    on_both = np.sum(np.isclose(file.points[:, 0], 0) & np.isclose(file.points[:, 2], 0))
+    assert len(whole_file.points) == 4 * len(file.points) - 2 * sum(on_planes) + on_both
+    assert np.array_equal(np.unique(cells), np.arange(len(whole_file.points)))
+
+
+def test_fields_of_the_whole_sample_are_those_of_the_quarter_mirrored(file, whole_file):
+    """At (-x, y, z): u_x, s_xy and s_xz change sign, all else stays; on x = 0 itself those are zero."""
+    points = {tuple(np.round(p, 6) + 0.0): n for n, p in enumerate(whole_file.points)}
+    signs = {"displacement_mm": [-1, 1, 1], "cauchy_stress_kPa": [1, 1, 1, -1, 1, -1]}
+    x, _, z = file.points.T
+    inner = np.flatnonzero((x > 1e-6) & (z > 1e-6))
+    there = [points[tuple(np.round(p * [-1, 1, 1], 6) + 0.0)] for p in file.points[inner]]
+    middle = np.isclose(whole_file.points[:, 0], 0)
+    for name, sign in signs.items():
+        assert np.allclose(whole_file.point_data[name][there], file.point_data[name][inner] * sign, atol=1e-12)
+        assert np.allclose(whole_file.point_data[name][middle][:, np.array(sign) < 0], 0, atol=1e-12)
+
+
+def test_the_contact_pressure_of_the_whole_sample_adds_up_to_the_full_force(whole_file, pressed):
+    _, result, _, _ = pressed
+    pressure = whole_file.point_data["contact_pressure_kPa"]
+    assert integral_over_top(whole_file, pressure, 1.0) == pytest.approx(result.force[-1], rel=0.01)
 
 
 def test_names_of_files_are_safe_and_differ_even_where_case_does_not_count():
@@ -269,8 +311,7 @@ def test_a_copied_case_runs_again_wherever_its_files_were(tmp_path):
     for name, curve in {"third one": str(home / "sub" / "a.csv"), "fourth": "sub/a.csv"}.items():
         text += f'[[test]]\nname = "{name}"\nangle = 0\ncurve = {json.dumps(curve)}\nweight = 0.1\n'
     (tmp_path / "lab" / "plugin.py").write_text(
-        "from indentfit.materials.neo_hookean import NeoHookean as Given\n"
-        "class Mine(Given):\n    '''psi = mu/2 (I1b - 3)'''\n"
+        "from indentfit.materials.neo_hookean import NeoHookean as Given\nclass Mine(Given):\n    '''psi = mu/2 (I1b - 3)'''\n"
     )
     (home / "my case.toml").write_text(text)
     overrides = ["material={model='../plugin.py:Mine', parameters={mu=1}}", "indenter.friction=0.2"]

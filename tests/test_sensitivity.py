@@ -20,7 +20,7 @@ RIGS = {
 
 def run(rig, values, sensitivities=(), angle=90, depths=DEPTHS):
     texts = [
-        "mesh.elements=36",
+        "mesh.elements=54",
         f"material.parameters={{mu={values['mu']!r},zeta={values['zeta']!r},phi={values['phi']!r}}}",
         f"material.bulk_ratio={values['bulk_ratio']!r}",
         *([] if "sphere" in "".join(rig) else [f"indenter.friction={values['friction']!r}"]),

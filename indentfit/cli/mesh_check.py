@@ -78,6 +78,8 @@ def _lines(result):
     for asked, one in result.meshes:
         if one.cause:
             yield f"failed    {asked}: {one.cause}"
+        elif not one.counts:
+            yield f"second try {asked}: solved with other springs or on a coarser rim, so not counted as one of the family"
     yield ""
     yield from _quantity_lines(result)
     if result.changes:
@@ -120,7 +122,7 @@ def _quantity_lines(result):
             "quantity",
             "finest",
             "at h = 0",
-            "95 % interval of it",
+            "95 % interval, or wider",
             "Eca-Hoekstra of the finest",
             "order",
             "GCI of the finest",

@@ -19,13 +19,15 @@ from .progress import progress
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--vtu", is_flag=True, help="Write the fields at the last displacement, too (needs -o).")
 @click.option("--series", is_flag=True, help="The same at every step, as a series for ParaView (needs -o).")
-def command(case, overrides, as_json, output, overwrite, vtu, series):
+@click.option("--whole", is_flag=True, help="Fields of the whole sample, mirrored from the quarter that is computed (needs -o).")
+def command(case, overrides, as_json, output, overwrite, vtu, series, whole):
     """Compute the force-displacement curves of the case file CASE.
 
     A parameter that the case leaves free has its start value; another one by --set material.NAME.start=VALUE.
     """
-    if output is None and (vtu or series or overwrite):
-        raise click.UsageError(f"{'--vtu' if vtu else '--series' if series else '--overwrite'} needs -o DIR")
+    needing = {"--vtu": vtu, "--series": series, "--whole": whole, "--overwrite": overwrite}
+    if output is None and any(needing.values()):
+        raise click.UsageError(f"{next(name for name, given in needing.items() if given)} needs -o DIR")
     read = read_case(case, overrides)
     if output is not None:
         refuse_existing(output, overwrite)
@@ -35,7 +37,7 @@ def command(case, overrides, as_json, output, overwrite, vtu, series):
     model = Model(read)
     simulation = _simulated(model, material, read)
     if output is not None:
-        _write(output, overwrite, read, model, material, simulation, vtu, series)
+        _write(output, overwrite, read, model, material, simulation, (vtu, series, whole))
     if as_json:
         click.echo(json_text(simulation.as_json()))
         return
@@ -51,7 +53,7 @@ def _simulated(model, material, case):
         return model.simulate(material, case, lambda name, share: step(order[name] + share, name))
 
 
-def _write(path, overwrite, case, model, material, simulation, vtu, series):
+def _write(path, overwrite, case, model, material, simulation, fields):
     """The result folder: simulation.json, curves.csv, the figure, the case, and asked, the fields."""
     from ..report.html import write_report
     from ..report.plots import force_displacement  # matplotlib is slow to import
@@ -63,11 +65,12 @@ def _write(path, overwrite, case, model, material, simulation, vtu, series):
         write_json(folder / "simulation.json", {**_origin(case, material, again), **simulation.as_json(), "case": case_facts(case)})
         write_curves(folder / "curves.csv", simulated)
         force_displacement(measured, list(simulated.items()), folder / "force_displacement")
-        if vtu or series:
+        if any(fields):
             from ..report.fields import write_fields
 
             kappa = case.material.bulk_modulus(material.shear_modulus)
-            write_fields(folder / "fields", model, material, kappa, simulation.tests, series=series)
+            _, series, whole = fields
+            write_fields(folder / "fields", model, material, kappa, simulation.tests, series=series, mirror=whole)
         write_report(folder)
 
 

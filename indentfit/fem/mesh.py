@@ -4,7 +4,8 @@ Axes: y is the indentation axis (base y = 0, top y = thickness), the strip's lon
 z = 0 are planes of symmetry. All lengths in mm.
 """
 
-from dataclasses import dataclass
+import functools
+from dataclasses import dataclass, replace
 
 import numpy as np
 from skfem import MeshHex, MeshQuad
@@ -17,55 +18,89 @@ from indentfit.errors import MeshError
 # times `size` where they leave the sample: that corner is singular too and costs 1 to 2 % of the force if left coarse.
 EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
+# All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
+# with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
+# would change the edge's width by jumps of up to half, and forces on such meshes approach no limit in a recognisable way.
+BASE = 180
 
 
 @dataclass(frozen=True)
 class Grading:
-    """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm; `reach`: 0.3 thicknesses."""
+    """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm; `reach`: 0.3 thicknesses;
+    `base`: the Grading of the mesh that this one is a scaled copy of, None for that mesh itself."""
 
     size: float
     edge: float
     reach: float
     rim: float = RIM
+    base: "Grading | None" = None
 
     def width(self, distance):
         """Wanted element width at a distance from the footprint's edge, mm."""
         return np.minimum(self.size, self.edge + GROWTH * self.size / self.reach * np.asarray(distance))
 
+    def along(self, edge):
+        """The grading along a strip, whose element width at the end is `edge`, a function of a Grading."""
+        return replace(self, size=ALONG * self.size, edge=edge(self), base=self.base and self.base.along(edge))
+
 
 def quarter(sample, indenter, mesh, element="q1p0", depth=None, rim=RIM):
     """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the default size,
-    the largest depth (mm) how far a sphere's contact will reach; rim: width of the elements where a strip leaves the sample, of `size`.
+    the largest depth (mm) how far a sphere's contact will reach; rim: width of elements where a strip leaves the sample, of `size`.
 
     Returns a MeshHex with the boundaries top, base, x0, z0 and footprint (the facets that may touch the indenter).
     Raises MeshError where the indenter does not fit on the sample.
     """
-    size = mesh.size or _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth)
-    return _quarter(sample, indenter, size, depth, rim)
+    return _quarter(sample, indenter, size(sample, indenter, mesh, element, depth), depth, rim)
 
 
 def count(sample, indenter, mesh, element="q1p0", depth=None):
-    """About how many elements `quarter` would make, without making them."""
-    size = mesh.size or _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth)
-    return _count(sample, indenter, size, depth)
+    """Number of elements that `quarter` would make, without making them."""
+    return _count(sample, indenter, size(sample, indenter, mesh, element, depth), depth)
 
 
+def size(sample, indenter, mesh, element="q1p0", depth=None):
+    """Element size of the mesh that `quarter` makes, mm: what all its widths are proportional to."""
+    return mesh.size or _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth)
+
+
+@functools.lru_cache(maxsize=256)
 def _size_for(sample, indenter, elements, depth):
-    """Size at which the mesh has about that many elements, by bisection on the logarithm."""
-    low, high = np.log(0.01), np.log(5 * sample.thickness)
+    """Size at which the mesh has about that many elements: the base's, or the middle of the sizes that have as many."""
+    own = functools.partial(_count, sample, indenter, depth=depth)
+    near = [own(size=size) for size in _neighbours(own, elements, 5 * sample.thickness)]
+    number = min(near, key=lambda n: abs(np.log(n / elements)))
+    base = _base_size(sample, indenter, depth)
+    if elements == BASE or own(size=base) == number:
+        return base
+    finest = _neighbours(own, number, 5 * sample.thickness)[1]
+    coarsest = _neighbours(own, number - 1, 1.5 * finest)[0]
+    middle = np.sqrt(finest * coarsest)
+    return middle if own(size=middle) == number else finest
+
+
+@functools.lru_cache(maxsize=64)
+def _base_size(sample, indenter, depth):
+    """Size of the base mesh: that of about BASE elements whose numbers in each direction are rounded up, each on its own."""
+    own = functools.partial(_count, sample, indenter, depth=depth, scaled=False)
+    return min(_neighbours(own, BASE, 5 * sample.thickness), key=lambda size: abs(np.log(own(size=size) / BASE)))
+
+
+def _neighbours(number, elements, coarsest):
+    """The largest size, mm, whose mesh has more than `elements` elements, and the smallest with no more, by bisection."""
+    low, high = np.log(0.01), np.log(coarsest)
     for _ in range(30):
         middle = (low + high) / 2
-        if _count(sample, indenter, np.exp(middle), depth) > elements:
+        if number(size=np.exp(middle)) > elements:
             low = middle
         else:
             high = middle
-    sizes = [np.exp(low), np.exp(high)]
-    return min(sizes, key=lambda size: abs(np.log(_count(sample, indenter, size, depth) / elements)))
+    return np.exp(low), np.exp(high)
 
 
-def _count(sample, indenter, size, depth):
+def _count(sample, indenter, size, depth, scaled=True):
     """Number of elements at a size, without merging the patches."""
-    plane, layers = _parts(sample, indenter, size, depth)
+    plane, layers = _parts(sample, indenter, size, depth, scaled=scaled)
     return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in plane) * (layers.size - 1)
 
 
@@ -103,14 +138,11 @@ def footprint(indenter, sample):
     return (indenter.diameter / 2,) * 2
 
 
-def _parts(sample, indenter, size, depth, rim=RIM):
+def _parts(sample, indenter, size, depth, rim=RIM, scaled=True):
     """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
-    reach = 0.3 * sample.thickness
-    half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(sample, indenter, depth)
-    edge = EDGE * size * min(1.0, half / reach)
-    if getattr(indenter, "edge_radius", 0):
-        edge = min(edge, max(indenter.edge_radius / 2, edge / 8))
-    grading = Grading(size, edge, reach, rim)
+    grading = _grading(sample, indenter, size, depth, rim)
+    if scaled:
+        grading = replace(grading, base=_grading(sample, indenter, _base_size(sample, indenter, depth), depth, rim))
     layers = sample.thickness - graded(0, sample.thickness, grading, at=0, least=2)[::-1]
     layers[0], layers[-1] = 0.0, sample.thickness
     if indenter.shape == "strip" and sample.shape == "disc":
@@ -118,6 +150,15 @@ def _parts(sample, indenter, size, depth, rim=RIM):
     if indenter.shape == "strip":
         return [_strip_on_block(sample, indenter, grading)], layers
     return _round_punch(sample, _radius_to_resolve(sample, indenter, depth), grading), layers
+
+
+def _grading(sample, indenter, size, depth, rim):
+    reach = 0.3 * sample.thickness
+    half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(sample, indenter, depth)
+    edge = EDGE * size * min(1.0, half / reach)
+    if getattr(indenter, "edge_radius", 0):
+        edge = min(edge, max(indenter.edge_radius / 2, edge / 8))
+    return Grading(size, edge, reach, rim)
 
 
 def _radius_to_resolve(sample, indenter, depth):
@@ -132,28 +173,50 @@ def _radius_to_resolve(sample, indenter, depth):
 
 
 def graded(start, stop, grading, at, least=1):
-    """Positions from start to stop, whose spacing follows the grading's width at the distance from `at`."""
-    fine = np.linspace(start, stop, 4001)
-    density = 1 / grading.width(np.abs(fine - at))
-    count = np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine))])
-    number = max(least, int(np.ceil(count[-1] - 1e-9)))
-    nodes = np.interp(np.linspace(0, count[-1], number + 1), count, fine)
+    """Positions from start to stop, whose spacing follows the grading's width at the distance from `at`, its start or stop.
+
+    Their number is that of the base mesh times the ratio of the two gradings, rounded; the first spacing at `at` follows the
+    ratio before rounding, and the other ones make up for it: what decides the error, the spacing at the singular edge,
+    is then the same function of the size on every mesh.
+    """
+    fine, count = _elements_up_to(start, stop, grading, at)
+    wanted = count[-1] * _rounding(start, stop, grading, at, least)
+    number = max(least, round(wanted))
+    share = np.linspace(0, 1, number + 1)
+    if number > 1 and (round(wanted) == number or (number == 2 and wanted > 1.1)):  # else more than wanted, spread evenly
+        first = np.clip((number / wanted - 1 / number) / (1 - 1 / number), 0.5, 5 / 3)  # so that share[1] is 1 / wanted
+        share = first * share + (1 - first) * share**2
+    nodes = np.interp(count[-1] * (share if at == start else 1 - share[::-1]), count, fine)
     nodes[0], nodes[-1] = start, stop
     return nodes
 
 
+def _elements_up_to(start, stop, grading, at):
+    """Points between start and stop, and the number of elements of the wanted width from start to each, a fraction."""
+    fine = np.linspace(start, stop, 4001)
+    density = 1 / grading.width(np.abs(fine - at))
+    return fine, np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine))])
+
+
+def _rounding(start, stop, grading, at, least):
+    """The factor that makes the number of elements of the base mesh whole; 1 where that has more than its grading asks for."""
+    count = _elements_up_to(start, stop, grading.base or grading, at)[1][-1]
+    number = np.ceil(count - 1e-9)
+    return number / count if number >= least else 1.0
+
+
 def _across(half_width, end, grading):
     """Positions from 0 to end with a line on half_width, fine on both sides of it."""
-    inner = graded(0, half_width, grading, at=half_width, least=2)
-    return inner, graded(half_width, end, grading, at=half_width, least=2)
+    least = 2 if grading.edge > EDGE * grading.size / 2 else 3  # a small radius of the edge holds a mesh line
+    inner = graded(0, half_width, grading, at=half_width, least=least)
+    return inner, graded(half_width, end, grading, at=half_width, least=least)
 
 
 def _along(half_length, end, grading):
     """Positions along the strip: even where it overhangs the sample, else with a line on its end."""
     if half_length >= end * (1 - 1e-6):
-        return graded(0, end, Grading(ALONG * grading.size, grading.rim * grading.size, grading.reach), at=end, least=2)
-    ending = Grading(ALONG * grading.size, grading.edge, grading.reach)
-    inner, outer = _across(half_length, end, ending)
+        return graded(0, end, grading.along(lambda one: one.rim * one.size), at=end, least=2)
+    inner, outer = _across(half_length, end, grading.along(lambda one: one.edge))
     return np.concatenate([inner, outer[1:]])
 
 

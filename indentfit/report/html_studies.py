@@ -29,8 +29,8 @@ def mesh_check_page(folder, result):
     family = ",".join(one["asked"].partition("=")[2] for one in result["meshes"])
     sections.append(again_section(folder, result, f"mesh-check {asked} {family} --error {100 * result['wanted']:g}"))
     good = result["chosen"] is not None
-    headline = "A mesh is exact enough." if good else "No mesh is certainly exact enough."
-    lead = f"{result['verdict'][:1].upper()}{result['verdict'][1:]}."
+    headline = "A mesh is exact enough:" if good else "No mesh is certainly exact enough:"
+    lead = f"{result['verdict']}."
     return Page(result["title"] or "Mesh check", "Convergence of the mesh", headline, lead, good, tuple(sections))
 
 
@@ -161,19 +161,19 @@ def _values(point):
 def _meshes(result):
     names = list(result["tests"])
     measured = [name for name in names if any(one["rmse_mN"] and name in one["rmse_mN"] for one in result["meshes"])]
-    header = ["Mesh", "Elements", "Degrees of freedom", "h (mm)", "Newton iterations", "CPU time (s)", "Peak memory (MB)"]
-    header += [f"{name}: force (mN)" for name in names] + [f"{name}: RMSE (mN)" for name in measured]
+    header = ["Mesh", "Elements", "Degrees of freedom", "h (mm)", *(f"{name}: force (mN)" for name in names)]
+    header += [*(f"{name}: RMSE (mN)" for name in measured), "Newton iterations", "CPU time (s)", "Peak memory (MB)"]
     rows = []
     for one in result["meshes"]:
-        row = [one["asked"], f"{one['elements']:,}", f"{one['dofs']:,}"]
+        asked = one["asked"] + (" (second try, not counted)" if one.get("tries", 1) > 1 else "")
+        row = [asked, f"{one['elements']:,}", f"{one['dofs']:,}"]
         if not one["forces"]:
             rows.append((*row, *["–"] * (len(header) - 4), f"failed: {one['cause']}"))
             continue
-        row += [number(one["h"]), str(one["newton_iterations"]), number(one["cpu_seconds"], 3), number(one["memory"] / 1e6, 3)]
-        rows.append((*row, *(number(force[-1]) for force in one["forces"]), *(number(one["rmse_mN"][name]) for name in measured)))
-    parts: list[Part] = [
-        Table("The meshes, from coarse to fine; h is the cube root of an element's mean volume", tuple(header), tuple(rows))
-    ]
+        row += [number(one["h"]), *(number(force[-1]) for force in one["forces"])]
+        row += [*(number(one["rmse_mN"][name]) for name in measured), str(one["newton_iterations"])]
+        rows.append((*row, number(one["cpu_seconds"], 3), number(one["memory"] / 1e6, 3)))
+    parts: list[Part] = [Table("The meshes, from coarse to fine; h is the element size (mesh.size)", tuple(header), tuple(rows))]
     figure = cost_figure(result)
     if figure is not None:
         done = [one for one in result["meshes"] if one["forces"]]
@@ -207,7 +207,7 @@ def _errors(result):
         "Quantity",
         "Finest mesh",
         "At zero size",
-        "95 % interval of it",
+        "95 % interval of it, or wider",
         "Eca-Hoekstra of the finest mesh",
         "Observed order",
         "GCI of the finest mesh",

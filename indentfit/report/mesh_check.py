@@ -14,6 +14,7 @@ FACTS = (
     "newton_iterations",
     "factorizations",
     "loose_steps",
+    "tries",
     "cpu_seconds",
     "setup_seconds",
     "memory",

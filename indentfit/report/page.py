@@ -17,7 +17,7 @@ from pathlib import Path
 
 import jinja2
 import matplotlib
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from .style import STYLE
 
@@ -112,6 +112,11 @@ class Page:
     sections: tuple[Section, ...]
 
 
+def marked(text):
+    """A sentence of ours, escaped, with what stands between backticks as code."""
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+
+
 def render(page):
     """The HTML of a Page."""
     environment = jinja2.Environment(
@@ -121,6 +126,7 @@ def render(page):
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    environment.filters["marked"] = marked
     style = (HERE / "page.css").read_text(encoding="utf-8")
     return environment.get_template("page.html").render(
         page=page,

@@ -121,11 +121,8 @@ def _draw(axes, fields, value, ramp, low, high):
     right = np.cross([0.0, 1.0, 0.0], towards)
     right /= np.linalg.norm(right)
     up = np.cross(towards, right)
-    a, b, c, d = (x[quads[:, n]] for n in range(4))
-    normal = np.cross(c - a, d - b)
-    inside = fields.nodes.mean(axis=0)
-    middle = (a + b + c + d) / 4
-    normal *= np.sign(np.einsum("ij,ij->i", normal, middle - inside))[:, None]  # the sample is close to convex
+    middle = x[quads].mean(axis=1)
+    normal = _normals(x, quads) * _outwards(fields.nodes, quads)[:, None]
     seen = normal @ towards > 1e-12
     quads = quads[seen][np.argsort(middle[seen] @ towards)]
     flat = np.column_stack([x @ right, x @ up])
@@ -138,10 +135,23 @@ def _draw(axes, fields, value, ramp, low, high):
     return colours
 
 
+def _normals(x, quads):
+    a, b, c, d = (x[quads[:, n]] for n in range(4))
+    return np.cross(c - a, d - b)
+
+
+def _outwards(nodes, quads):
+    """1 or -1 by which a quad's normal points out of the undeformed sample, which is convex; the deformed one has a dent."""
+    from_middle = nodes[quads].mean(axis=1) - nodes.mean(axis=0)
+    return np.sign(np.einsum("ij,ij->i", _normals(nodes, quads), from_middle))
+
+
 def _axes_of_space(axes, flat, right, up):
     """Three short arrows that say where x, y and z point."""
     span = np.ptp(flat, axis=0).max()
-    origin = np.array([flat[:, 0].max() - 0.10 * span, flat[:, 1].min() + 0.06 * span])
+    origin = np.array([flat[:, 0].max() - 0.02 * span, flat[:, 1].min() - 0.06 * span])
+    axes.update_datalim([origin, origin + 0.04 * span])
+    axes.autoscale_view()
     for name, direction in (("x", [1, 0, 0]), ("y", [0, 1, 0]), ("z", [0, 0, 1])):
         tip = 0.11 * span * np.array([np.dot(direction, right), np.dot(direction, up)])
         axes.annotate("", origin + tip, origin, arrowprops={"arrowstyle": "->", "lw": 0.6, "shrinkA": 0, "shrinkB": 0})

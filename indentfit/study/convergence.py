@@ -5,7 +5,8 @@ Two published methods, side by side:
 - `fitted`: least squares over the whole family, f(h) = f0 + C h^p, and its uncertainty of each mesh (Eca and Hoekstra
   2014, J Comput Phys 262:104-130). It stands the scatter of meshes that are not nested, and says when it can't. Theirs is
   a rule of thumb that grows without measure where the order cannot be observed; beside it stands the 95 % profile interval
-  of f0 under the same fit, the order free between its bounds, whose coverage the tests measure.
+  of f0 under the same fit, the order free between its bounds, whose coverage the tests measure. Where the order is not
+  believed, that interval is widened by three distances of the finest mesh from the limit that a first order would give.
 - `grid_convergence_index`: Roache's index from the three finest meshes by the procedure of Celik et al. 2008 (J Fluids
   Eng 130:078001), which holds only where the three change in one direction.
 
@@ -20,6 +21,7 @@ from scipy.stats import f as fisher
 
 SMALLEST_ORDER, LARGEST_ORDER = 0.5, 2.1  # outside of these an observed order is not believed (Eca and Hoekstra)
 RELIABLE, UNRELIABLE = 1.25, 3.0  # safety factors
+EDGE_ORDER = 1.0  # of the force under a singular edge, for elements of any degree
 SEARCHED = (0.05, 8.0)  # orders
 
 
@@ -28,8 +30,8 @@ class Approach:
     """f(h) = value + sum of coefficients times h^exponents, with the standard deviation of its fit.
 
     order: the observed order, None where it could not be believed and fixed exponents were taken; interval (2,): of the value
-    at zero size, 95 %; uncertainty (n,): half-width of each mesh's band by Eca and Hoekstra, in the order given; reliable:
-    whether order and scatter allow their smaller safety factor.
+    at zero size, 95 % or widened; uncertainty (n,): half-width of each mesh's band by Eca and Hoekstra, in the order given;
+    reliable: whether order and scatter allow their smaller safety factor.
     """
 
     value: float
@@ -77,7 +79,7 @@ def fitted(h, f):
     reliable = believed is not None and found.deviation < spread
     return Approach(
         found.value, found.coefficients, found.exponents, found.deviation, believed, order, reliable,
-        _interval(h, f), _uncertainty(found, h, f, spread, reliable),
+        _interval(h, f) if believed else _widened(h, f), _uncertainty(found, h, f, spread, reliable),
     )  # fmt: skip
 
 
@@ -145,6 +147,14 @@ def _interval(h, f):
     half = np.sqrt(np.maximum(largest - squares, 0) * share)
     allowed = squares <= largest
     return float((value - half)[allowed].min()), float((value + half)[allowed].max())
+
+
+def _widened(h, f):
+    """The interval where no order could be observed, Roache's safety factor about the finest mesh's value included."""
+    low, high = _interval(h, f)
+    finest = float(f[np.argmin(h)])
+    half = UNRELIABLE * abs(finest - _least_squares(h, f, (EDGE_ORDER,)).value)
+    return min(low, finest - half), max(high, finest + half)
 
 
 def _uncertainty(found, h, f, spread, reliable):

@@ -1,8 +1,10 @@
 """How exact the forces of a case are on its mesh, and on a family of meshes, and what that costs.
 
-The family shares the case's grading, so that a size is all that tells its meshes apart; they are not nested. The element
-size h is the cube root of the mean volume of an element, mm. Changes by contact penalty, load step and edge radius are
-found one at a time on the case's own mesh.
+The family is one mesh at several sizes: the widths of its elements at the singular edges are a smooth function of the element
+size h, mm (`mesh.size`), only its numbers of elements are rounded, so that the meshes are similar, not nested. The force approaches
+its limit at zero size like h^p; singular edges (a sharp indenter's, a strip's end on the sample's rim) make p about 1 for any
+element. A mesh that was solved only by a second try, which may be on another mesh, is shown and not counted. Changes by contact
+penalty, load step and edge radius are found one at a time on the case's own mesh.
 """
 
 import time
@@ -16,7 +18,7 @@ from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshEr
 from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
 from indentfit.inverse.objective import Target, equation_one, rmse
-from indentfit.study.convergence import Approach, Index, fitted, grid_convergence_index
+from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
 from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
 from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import forward, key
@@ -24,11 +26,12 @@ from indentfit.study.sweep import stiffness
 
 FORMAT = "indentfit.mesh-check/1"
 METHOD = (
-    "error bands: 95 % profile interval of f0 in f(h) = f0 + C h^p, 0.5 <= p <= 2.1, by least squares over all meshes; beside it "
+    "error bands: 95 % profile interval of f0 in f(h) = f0 + C h^p, 0.5 <= p <= 2.1, by least squares over all meshes, and "
+    "where the order is not believed also three times the distance of the finest mesh from the limit of p = 1; beside it "
     "the uncertainty of the finest mesh by Eca and Hoekstra 2014 (J Comput Phys 262:104); GCI of the three finest meshes by "
     "Roache and Celik et al. 2008 (J Fluids Eng 130:078001), safety factor 1.25"
 )
-SHARES = (1 / 3, 1 / 2, 0.7, 1.0, 1.5, 2.2)  # of the case's number of elements
+SHARES = (0.2, 0.3, 0.5, 1.0, 1.35, 2.2)  # of the case's number of elements: a wide range of sizes, at bearable costs
 LEAST_FAMILY = 4
 FITS = 0.9  # of the memory that is free
 # Peak memory of a run, bytes: a process with the libraries, and for each dof what element and solver take, which a factor of
@@ -39,7 +42,7 @@ PER_DOF_FACTOR = {"pardiso": 400.0, "superlu": 1200.0, "pyamg": 400.0}
 CHECKS = {
     "solver.penalty": (0.3, 3.0, 10.0),  # factors on the case's own
     "solver.max_step": (0.05, 0.025, 0.0125),  # of the largest displacement
-    "indenter.edge_radius": (0.1, 0.05, 0.025),  # of the indenter's half-width
+    "indenter.edge_radius": (0.2, 0.1, 0.05),  # of the indenter's half-width; a default mesh does not resolve less
 }
 
 
@@ -47,8 +50,8 @@ CHECKS = {
 class Measured:
     """The tests of a case on one mesh: what they gave, and what they cost; `cause` instead of forces where they failed.
 
-    h: mm, None where it failed; forces: mN, an array (n,) for each test; cpu_seconds: of all tests, without the set-up;
-    memory: peak, bytes.
+    h: mm, None where it failed; tries: 1, or more where the usual contact and mesh did not converge; forces: mN, an array (n,)
+    for each test; cpu_seconds: of all tests, without the set-up; memory: peak, bytes.
     """
 
     elements: int
@@ -58,19 +61,25 @@ class Measured:
     newton_iterations: int
     factorizations: int
     loose_steps: int
+    tries: int
     penalty_error: float
     cpu_seconds: float
     setup_seconds: float
     memory: int
     cause: str | None
 
+    @property
+    def counts(self):
+        """Whether it is one of the family."""
+        return self.forces is not None and self.tries == 1
+
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of one test over the family: its values on the meshes that were computed, in their order, and its errors.
+    """One number of one test over the family: its values on the meshes that count, in their order, and its errors.
 
     kind: "force" at the last displacement, mN, or "stiffness", mN/mm; band: (low, high), from the finest mesh to the
-    far end of the interval at zero size, or None where fewer than LEAST_FAMILY meshes were computed; error (n,): each mesh's
+    far end of where the value at zero size may lie, or None where fewer than LEAST_FAMILY meshes count; error (n,): each mesh's
     largest error, a share of its value.
     """
 
@@ -175,7 +184,7 @@ def own_family(case):
 
 def own_checks(case):
     """Key -> values of contact penalty, load step and edge radius, in the units of the case."""
-    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+    depth = _depth(case)
     found = {
         "solver.penalty": [share * case.solver.penalty for share in CHECKS["solver.penalty"]],
         "solver.max_step": [float(f"{share * depth:.4g}") for share in CHECKS["solver.max_step"]],
@@ -192,11 +201,14 @@ def own_checks(case):
 
 def estimate(case):
     """Elements, degrees of freedom and peak memory, bytes, of a case, before its mesh is made."""
-    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
-    elements = meshes.count(case.sample, case.indenter, case.mesh, case.solver.element, depth)
+    elements = meshes.count(case.sample, case.indenter, case.mesh, case.solver.element, _depth(case))
     nodes = elements * (8 if case.solver.element == "q2p1" else 1)
     dofs = 3 * nodes * (1 + 1 / nodes ** (1 / 3)) ** 3
     return elements, round(dofs), memory_of(dofs, case.solver.element, case.solver.linear)
+
+
+def _depth(case):
+    return max(float(case.outputs(test)[-1]) for test in case.tests)
 
 
 def memory_of(dofs, element, linear="auto"):
@@ -247,7 +259,7 @@ def _measured_or_cause(case):
         return isolated(measure, case)
     except (IndentfitError, Died) as error:
         cause = DIED if isinstance(error, Died) else " ".join(str(error).split())
-        nothing = dict.fromkeys(("newton_iterations", "factorizations", "loose_steps", "memory"), 0)
+        nothing = dict.fromkeys(("newton_iterations", "factorizations", "loose_steps", "tries", "memory"), 0)
         return {
             "elements": elements, "dofs": dofs, "h": None, "forces": None, **nothing, "penalty_error": 0.0,
             "cpu_seconds": 0.0, "setup_seconds": 0.0, "cause": cause,
@@ -265,11 +277,12 @@ def measure(case: Case):
     return {
         "elements": simulation.mesh["elements"],
         "dofs": simulation.mesh["dofs"],
-        "h": float(np.mean(model.body.volume) ** (1 / 3)),
+        "h": float(meshes.size(case.sample, case.indenter, case.mesh, case.solver.element, _depth(case))),
         "forces": [test.force.tolist() for test in simulation.tests],
         "newton_iterations": solver["newton_iterations"],
         "factorizations": solver["factorizations"],
         "loose_steps": solver["loose_steps"],
+        "tries": max(test.facts["tries"] for test in simulation.tests),
         "penalty_error": solver["penalty_error"],
         "cpu_seconds": time.process_time() - ready,
         "setup_seconds": ready - started,
@@ -293,7 +306,7 @@ def _compile(case):
 
 
 def _quantities(case, found):
-    computed = [one for one in found if one.forces is not None]
+    computed = [one for one in found if one.counts]
     h = np.array([one.h for one in computed])
     for n, test in enumerate(case.tests):
         curves = [Curve(case.outputs(test), one.forces[n]) for one in computed]
@@ -338,23 +351,37 @@ def _changes(case, found, others):
 
 def _verdict(found, quantities, wanted):
     """Index among `found` of the coarsest mesh whose bands are all within the wanted error, or None; and words."""
-    computed = [n for n, (_, one) in enumerate(found) if one.forces is not None]
+    computed = [n for n, (_, one) in enumerate(found) if one.counts]
     if len(computed) < LEAST_FAMILY:
-        return None, f"no verdict: {len(computed)} meshes were computed, and an error needs {LEAST_FAMILY}"
+        return None, f"no verdict: {len(computed)} meshes of the family were computed, and an error needs {LEAST_FAMILY}"
     worst = np.max([one.error for one in quantities], axis=0)
     good = [n for n in range(len(computed)) if (worst[n:] <= wanted).all()]
     best = int(np.argmin(worst))
+    orders = _order_verdict(quantities)
     if not good:
         asked, one = found[computed[best]]
         return None, (
             f"none of these meshes is exact to {100 * wanted:g} % of force and stiffness with certainty; the best is {asked} "
-            f"({one.elements:,} elements), within {worst[best]:.2%}; ask for finer ones"
+            f"({one.elements:,} elements), within {worst[best]:.2%}; ask for finer ones. {orders}"
         )
     asked, one = found[computed[good[0]]]
     return computed[good[0]], (
         f"{asked} ({one.elements:,} elements) is the coarsest mesh exact to {100 * wanted:g} % of force and stiffness "
-        f"(within {worst[good[0]]:.2%}): {one.cpu_seconds:.3g} s of processor time for all tests, {one.memory / 1e6:.0f} MB"
+        f"(within {worst[good[0]]:.2%}): {one.cpu_seconds:.3g} s of processor time for all tests, {one.memory / 1e6:.0f} MB. "
+        f"{orders}"
     )
+
+
+def _order_verdict(quantities):
+    """What the observed orders of the forces are worth, in words."""
+    forces = [one for one in quantities if one.kind == "force"]
+    seen = [f"{one.approach.order:.2g} ({one.test})" for one in forces if one.approach.order]
+    unseen = [f"{one.approach.raw_order:.2g} ({one.test})" for one in forces if not one.approach.order]
+    words = f"Observed order of the force: {', '.join(seen)}; about 1 is usual where edges are singular" if seen else ""
+    if unseen:
+        words += "; " if seen else "Order of the force: "
+        words += f"{', '.join(unseen)} is not believed, and the band there is widened, as if by a safety factor of {UNRELIABLE:g}"
+    return words
 
 
 def parse(option, text):

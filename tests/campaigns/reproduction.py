@@ -1,9 +1,10 @@
 """The paper's numbers beside ours: every row of the tables in cases/white_matter_2017/README.md.
 
-    python tests/campaigns/reproduction.py [-o DIR] [--workers 2] [--fit] [--set KEY=VALUE ...]
+    python tests/campaigns/reproduction.py [-o DIR] [--workers 2] [--only PART ...] [--set KEY=VALUE ...]
 
-Prints the tables as Markdown and writes sweeps, fields and their reports into DIR. --fit adds the two inversions (minutes
-each). Killed, it goes on where it stopped. The mesh study is `indentfit mesh-check` with the command in that README.
+Prints the tables as Markdown and writes sweeps, fields and their reports into DIR. Parts: forward, stresses, friction (what could
+explain the difference of the friction effect) and fits (the two inversions, and refits at other inputs; minutes each). Killed, it
+goes on where it stopped. The mesh study is `indentfit mesh-check` with the command in that README.
 """
 
 import argparse
@@ -22,6 +23,24 @@ UNKNOWN = [
     "solver.element=q1p0",
     "indenter.edge_radius=0.1,0.05",  # the slow ones last
 ]
+# The friction effect across the fibres, 0.5 -> 0.2, with each unknown input at other values.
+EXPLANATIONS = [
+    [],
+    ["material.bulk_ratio=20"],
+    ["material.bulk_ratio=100"],
+    ["material.bulk_ratio=5000"],
+    ["sample.base=bonded"],
+    ["sample={shape='block',length=14,width=14,thickness=3.3,base='sliding'}"],
+    ["solver.element=q1p0", "mesh.elements=300"],
+    ["solver.penalty=0.1"],
+    ["solver.penalty=10"],
+    ["material.parameters={mu=0.60,zeta=4.0,phi=0.5}"],
+    ["test.parallel.depth=0.165", "test.perpendicular.depth=0.165"],
+    ["indenter.edge_radius=0.1"],
+    ["indenter.edge_radius=0.05"],
+    ["solver.element=q1p0", "mesh.elements=1500"],  # the slow ones last
+]
+REFITS = ["indenter.friction=0.2", "material.bulk_ratio=100", "sample.base=bonded"]
 PAPER = {"parallel": 72.9, "perpendicular": 170.5}
 
 
@@ -29,17 +48,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", default="reproduction")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--only", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--set", action="append", default=[], dest="extra")
     arguments = parser.parse_args()
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     home = Path(arguments.output)
     home.mkdir(exist_ok=True)
-    rows = forward(home, arguments.workers, arguments.extra)
-    rows += stresses(home, arguments.extra)
-    if arguments.fit:
-        rows += fits(home, arguments.workers, arguments.extra)
+    rows = [row for part in arguments.only for row in PARTS[part](home, arguments.workers, arguments.extra)]
     print("| what | paper | here |\n|---|---|---|")
     for row in rows:
         print(f"| {' | '.join(row)} |")
@@ -62,9 +78,9 @@ def command(home, name, words):
     return json.loads(file.read_text(encoding="utf-8"))
 
 
-def swept(home, name, texts, workers, extra):
-    words = ["sweep", str(CASES / "white_matter_2017" / "case.toml"), "--workers", str(workers)]
-    for text in (OPTIMUM, *extra):
+def swept(home, name, texts, workers, extra, options=(), optimum=(OPTIMUM,)):
+    words = ["sweep", str(CASES / "white_matter_2017" / "case.toml"), "--workers", str(workers), *options]
+    for text in (*optimum, *extra):
         words += ["--set", text]
     for text in texts:
         words += ["--vary", text]
@@ -110,7 +126,7 @@ def change(point, name):
     return f"failed: {point['cause']}" if point["tests"] is None else f"{point['tests'][name]['force_change']:+.2%}"
 
 
-def stresses(home, extra):
+def stresses(home, workers, extra):
     """Rows of the peak stresses, from the pictures' table."""
     import json
 
@@ -127,8 +143,24 @@ def stresses(home, extra):
     return rows
 
 
+def friction(home, workers, extra):
+    """Rows of the friction effect with each unknown input at other values: friction 0.5 -> 0.2, both configurations."""
+    rows = []
+    for n, texts in enumerate(EXPLANATIONS):
+        result = swept(home, f"friction-{n:02d}", ["indenter.friction=0.2"], workers, [*extra, *texts])
+        what = ", ".join(texts) or "as it is"
+        point, own = result["points"][0], result["base"]
+        if own["tests"] is None:
+            rows.append((f"friction 0.5 to 0.2, {what}", "about -8 %", f"failed: {own['cause']}"))
+            continue
+        slope = (point["tests"] or {}).get("perpendicular", {}).get("stiffness_change", float("nan"))
+        words = f"{change(point, 'parallel')}; {change(point, 'perpendicular')}; stiffness {slope:+.2%}"
+        rows.append((f"friction 0.5 to 0.2, {what}", "0; about -8 %", words))
+    return rows
+
+
 def fits(home, workers, extra):
-    """Rows of the two inversions."""
+    """Rows of the two inversions, and of refits with other inputs."""
     rows = []
     published = {"white_matter_2017": (1.49, 4.68, 0.68), "white_matter_small_strain": (0.60, 4.0, 0.5)}
     for name, values in published.items():
@@ -140,7 +172,14 @@ def fits(home, workers, extra):
             interval = one["interval"] and " to ".join(f"{x:.3g}" for x in one["interval"])
             rows.append((f"{name}: {parameter}", f"{value:g}", f"{one['value']:.3g} ({interval}; {one['verdict']})"))
         rows.append((f"{name}: objective (mN)", "0.832" if "2017" in name else "not said", f"{result['objective']:.3g}"))
+    result = swept(home, "refits", REFITS, workers, extra, ["--refit"], ())
+    for one in result["refits"]:
+        values = ", ".join(f"{name} {p['value']:.3g}" for name, p in one["parameters"].items())
+        rows.append((f"refitted: {one['label']}", "not said", one["cause"] or f"{values}; objective {one['objective']:.3g} mN"))
     return rows
+
+
+PARTS = {"forward": forward, "stresses": stresses, "friction": friction, "fits": fits}
 
 
 if __name__ == "__main__":
