@@ -3,7 +3,7 @@
 Friction, bulk ratio, thickness and the contact point (`offset`: contact begins so much deeper, F(d - offset)) move the
 curves; an estimate follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are
 the model's own where it gives them, else differences of runs with the input changed. `force` is an error common to all
-forces of a test; `mesh` is one too, its size the largest relative change that a mesh of about half as many elements makes.
+forces of a test; `mesh` is one too, its size Richardson's estimate from a mesh of about half as many elements.
 `base` has two values only: what the parameters would be on the other one, and the probability of that.
 All runs are the workers' and go into the ledger.
 """
