@@ -66,7 +66,8 @@ def test_offset_of_the_contact_point_shifts_the_curve():
 
 
 def test_sensitivities_leave_the_curve_as_it_is():
-    assert np.array_equal(run((), VALUES, ("zeta", "friction")).force, run((), VALUES).force)
+    """To the tolerance of the equilibria: a factor at each of them makes Newton's path to the next another one."""
+    assert run((), VALUES, ("zeta", "friction")).force == pytest.approx(run((), VALUES).force, rel=1e-6)
 
 
 def test_an_unknown_name_is_refused():
