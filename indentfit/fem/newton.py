@@ -104,11 +104,12 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
         step = min(step, largest, last - here.depth)
         depth = last if here.depth + 1.01 * step > last else here.depth + step
         try:
-            there, iterations = _step(body, contact, fixed, load, solver, here, depth, LEASH * last, options, counts)
+            relax = depth - here.depth < 0.6 * largest
+            there, iterations = _step(body, contact, fixed, load, solver, here, depth, LEASH * last, options, counts, relax)
         except ConvergenceError as error:
             counts.cutbacks += 1
-            step /= 2
-            load = load.softened()
+            step = (depth - here.depth) / 2
+            load = load.softened() if relax else load
             solver.forget()
             if step < SMALLEST_STEP * last:
                 raise ConvergenceError(error.cause, depth, counts.steps + 1, error.iteration) from error
@@ -148,7 +149,7 @@ def untouched(body, contact, fixed, load, solver):
     return system.equilibrium(u, solver, at_rest=True)
 
 
-def _step(body, contact, fixed, load, solver, here, depth, leash, options, counts):
+def _step(body, contact, fixed, load, solver, here, depth, leash, options, counts, relax=True):
     """The equilibrium at a depth from the tangent prediction, and how many iterations it took: by Newton, else relaxed."""
     history = here.touch.advanced(here.rate, depth - here.depth)
     changes = here.slopes and here.slopes.advanced(here.touch, here.rate, depth - here.depth)
@@ -157,6 +158,8 @@ def _step(body, contact, fixed, load, solver, here, depth, leash, options, count
     try:
         return _newton(system, u, pressure, solver, options, counts)
     except ConvergenceError:
+        if not relax:
+            raise
         solver.forget()
         return _relaxed(system, u, pressure, solver, options, counts)
 

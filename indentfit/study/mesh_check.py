@@ -213,15 +213,10 @@ def _depth(case):
 
 def memory_of(dofs, element, linear="auto"):
     """Peak memory of a run, bytes."""
-    used = ("pardiso" if _has_pardiso() else "superlu") if linear == "auto" else linear
-    factor = PER_DOF_FACTOR[used]
+    from indentfit.fem.linear import choice
+
+    factor = PER_DOF_FACTOR[choice(linear, dofs)]
     return PROCESS + PER_DOF[element] * dofs + factor * dofs ** (4 / 3)
-
-
-def _has_pardiso():
-    from indentfit.fem.linear import LinearSolver
-
-    return LinearSolver("auto").name == "pardiso"
 
 
 def _refuse_too_large(case, asked):

@@ -23,7 +23,7 @@ import numpy as np
 
 CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
 OPTIMUM = ("material.parameters={mu=1.49,zeta=4.68,phi=0.68}", "indenter.friction=0.5")
-NEO_HOOKEAN = ("material.name='neo_hookean'", "material.parameters={mu=1.49}")
+NEO_HOOKEAN = ("material.model='neo_hookean'", "material.parameters={mu=1.49}", "indenter.friction=0.5")
 PAPER = ("solver.element='q1p0'",)
 
 
@@ -121,7 +121,7 @@ def _case(size, settings, material):
 
     given = [setting for setting in settings if "=" in setting]
     brick = () if "default" in settings else (*PAPER, f"mesh.elements={size}")
-    return read_case(CASE, [*OPTIMUM, *(NEO_HOOKEAN if material == "neo_hookean" else ()), *brick, *given])
+    return read_case(CASE, [*(OPTIMUM if material == "white_matter" else NEO_HOOKEAN), *brick, *given])
 
 
 def _run(size, settings, angle, material):
