@@ -1079,8 +1079,6 @@ def _known(*values):
 
 
 def _warnings(case):
-    if plugin := _plugin(case.material.model, case.path.parent):
-        yield f"material.model runs the Python code in {plugin}"
     substance = case.material_class(**case.start_values())
     stiffest = max(substance.moduli().values())
     kappa = case.material.bulk_modulus(substance.shear_modulus)
@@ -1103,7 +1101,7 @@ def _warnings(case):
 
 def _line(path, problem, asked):
     """file: key = value: what is wrong; what to do."""
-    key = ".".join(map(str, problem.key))
+    key = ".".join(_short(str(step)) for step in problem.key)
     value = "" if problem.value is UNSAID else f" = {_shown(problem.value)}"
     source = f"{path} (--set)" if any(_same(problem.key, one) for one in asked) else str(path)
     return _printable(f"{source}: {key}{value}: {problem.text}")

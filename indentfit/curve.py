@@ -155,14 +155,14 @@ def _point(where, cells, places, separator):
     if len(cells) != width:
         hint = "; with decimal commas, separate the columns by semicolons" if separator == "," else ""
         raise CurveError(f"{where}: {_shown(separator.join(cells))} has {len(cells)} columns, the header {width}{hint}")
-    return [_number(where, cells[place], separator) * factor for place, factor in columns]
+    return [_number(where, cells[place], separator, factor) for place, factor in columns]
 
 
-def _number(where, text, separator):
+def _number(where, text, separator, factor):
     try:
         if "_" in text:
             raise ValueError
-        value = float(text.replace(",", ".") if separator == ";" else text)
+        value = float(text.replace(",", ".") if separator == ";" else text) * factor
     except ValueError:
         raise CurveError(f"{where}: {_shown(text)} is not a number; correct or remove the line") from None
     if not math.isfinite(value):

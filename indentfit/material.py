@@ -5,6 +5,7 @@ energy is derived, not with this module.
 """
 
 import ast
+import contextlib
 import difflib
 import inspect
 import keyword
@@ -15,6 +16,7 @@ import sys
 import traceback
 import types
 from collections.abc import Callable, Iterable, Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -422,6 +424,22 @@ def _sampled(parameter, rng):
 
 # Finding and loading -------------------------------------------------------------------------------------------------
 
+_permit: ContextVar[Callable[[str], None]] = ContextVar("permit", default=lambda code: None)
+
+
+@contextlib.contextmanager
+def foreign_code(permit):
+    """Context in which permit(code) is called before code that is not indentfit's own is run, or taken from memory again.
+
+    code: where it is, in words. permit may raise MaterialError. In other processes and threads nobody is asked: what they
+    run was permitted here first.
+    """
+    token = _permit.set(permit)
+    try:
+        yield
+    finally:
+        _permit.reset(token)
+
 
 def installed() -> dict[str, type[Material] | MaterialError]:
     """All installed materials by name, ours and third parties'; a broken one is given as its error."""
@@ -460,10 +478,16 @@ def load(name) -> type[Material]:
 
 def _entries():
     """The entry points, ours first so that no other package can take their names."""
-    return sorted(entry_points(group=GROUP), key=lambda entry: (not entry.value.startswith(f"{GROUP}."), entry.name))
+    return sorted(entry_points(group=GROUP), key=lambda entry: (not _ours(entry), entry.name))
+
+
+def _ours(entry):
+    return entry.value.startswith(f"{GROUP}.")
 
 
 def _from_entry(entry):
+    if not _ours(entry):
+        _permit.get()(f"the installed {entry.value}")
     try:
         cls = entry.load()
     except (Exception, SystemExit) as error:
@@ -502,6 +526,7 @@ def _module(path):
     if not path.is_file():
         raise MaterialError(f"no material file {path}")
     path, stat = path.resolve(), path.stat()
+    _permit.get()(f"the Python code in {path}")
     stamp = (stat.st_mtime_ns, stat.st_size)
     if path not in _modules or _modules[path][0] != stamp:
         name = f"indentfit_material_file_{len(_modules)}_{re.sub(r'[^0-9A-Za-z]', '_', path.stem)}"
@@ -571,7 +596,7 @@ def _typed(energy, parameters):
 def _refuse_parameter_names(names):
     for name in names:
         if not (isinstance(name, str) and name.isascii() and name.isidentifier() and not name.startswith("_")):
-            raise MaterialError(f"a parameter cannot be called {name!r}: use letters, digits and _")
+            raise MaterialError(f"a parameter cannot be called {repr(name)[:60]}: use letters, digits and _")
         if name in INVARIANTS or name in FUNCTIONS or keyword.iskeyword(name) or hasattr(Material, name):
             raise MaterialError(f"a parameter cannot be called {name!r}: that name has a meaning already")
     if len(set(names)) < len(names):

@@ -31,7 +31,7 @@ def case(tmp_path):
 def refused(result, *said):
     """Lines on stderr of a run that refused its input, without `error: `; each of `said` is in some line."""
     assert result.exit_code == 2, result.output
-    lines = result.stderr.splitlines()
+    lines = [line for line in result.stderr.splitlines() if not line.startswith("note: ")]
     assert all(line.startswith("error: ") for line in lines)
     assert "Traceback" not in result.output
     for words in said:

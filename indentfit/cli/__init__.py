@@ -10,7 +10,8 @@ import traceback
 
 import click
 
-from ..errors import CaseError, IndentfitError
+from ..errors import CaseError, IndentfitError, MaterialError
+from ..material import foreign_code
 
 COMMANDS = {
     "init": "Write a commented case to start from.",
@@ -62,9 +63,28 @@ class Commands(click.Group):
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.option("--no-plugins", is_flag=True, help="Refuse materials that are not indentfit's own: run no code of others.")
 @click.version_option(None, "--version", package_name="indentfit", message="%(prog)s %(version)s")
-def main(debug):
+@click.pass_context
+def main(context, debug, no_plugins):
     """Material parameters of soft tissue from indentation, by inverse finite elements."""
+    context.with_resource(foreign_code(_refused if no_plugins else _announced()))
+
+
+def _refused(code):
+    raise MaterialError(f"{code} is not run, because of --no-plugins; leave that out if you trust it, or name another material")
+
+
+def _announced():
+    """Says what code is run, each once and before it is."""
+    known = set()
+
+    def announce(code):
+        if code not in known:
+            known.add(code)
+            click.echo(f"note: the material runs {code}", err=True)
+
+    return announce
 
 
 def _say(error, debug):

@@ -94,7 +94,8 @@ def _column(path, table, name, channel):
         if wanted
         else f"{len(found) or 'no'} columns of {name}"
     )
-    raise RecordError(f"{path}: {what}; give record.{name}.column, a name or a number of: {known}")
+    shown = known if len(known) <= 300 else f"{known[:297]}..."
+    raise RecordError(f"{path}: {what}; give record.{name}.column, a name or a number of: {shown}")
 
 
 def _same(wanted, label):

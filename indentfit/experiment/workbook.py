@@ -1,7 +1,8 @@
 """The sheet of a workbook, read in a process of its own.
 
-A few kilobytes of a workbook can ask for any amount of memory (a zip bomb, a cell in the last row and column, repeated rows), and the
-parser ends its process when there is not enough. So that process is a small one with limits, and its end is an error like any other.
+A few kilobytes of a workbook can ask for any amount of memory (a zip bomb, a cell in the last row and column, repeated rows),
+and the parser ends its process when there is not enough. So that process is a small one with limits, and its end an error like
+any other.
 """
 
 import json

@@ -13,8 +13,8 @@ from indentfit.errors import OutputError
 class Kept(MutableMapping):
     """Key -> record of a finished piece of work, each on disk, as a line of JSON, before the next one starts.
 
-    A line that was cut short by the end of a process, or changed since, is left out when the file is read again. Raises OutputError where
-    the file cannot be written.
+    A line that was cut short by the end of a process, or changed since, is left out when the file is read again. Raises
+    OutputError where the file cannot be written.
     """
 
     def __init__(self, path):

@@ -2,10 +2,10 @@
 
     nice -n 19 python tests/campaigns/fuzz.py [--inputs 200000] [--seed 0] [--only case curve ...] [--atheris TARGET]
 
-Hypothesis makes each input from a sound one: it changes keys, values, cells, rows and structure, then sometimes bytes. Property: the
-reader returns something sound, or raises an error of exit code 2 to 4 whose lines each name the place; never another exception, more
-than 10 s, or more than 2 GB beyond what the imports take. The same seed gives the same inputs. Each finding is printed once, with the
-smallest input that shows it; the table at the end is the one of FAULTS.md. Exit code 1 when there were findings.
+Hypothesis makes each input from a sound one: it changes keys, values, cells, rows and structure, then sometimes bytes. Property:
+the reader returns something sound, or raises an error of exit code 2 to 4 whose lines each name the place; never another
+exception, more than 10 s, or more than 2 GB beyond what the imports take. The same seed gives the same inputs. Each finding is
+printed once, with the smallest input that shows it; the table at the end is the one of FAULTS.md. Exit code 1 for findings.
 
 `--atheris TARGET` runs libFuzzer on the bytes of that target instead, until it is stopped (pip install atheris).
 """
@@ -53,7 +53,7 @@ from indentfit.study import kept, runs
 SHIPPED = Path(__file__).parents[2] / "cases"
 SECONDS, MEMORY = 10, 2 << 30
 BATCH = 500  # examples of one run of Hypothesis: it stops at a finding, the next batch goes on with others
-SHARES = {  # of all inputs
+SHARES = {
     "case": 0.22, "curve": 0.2, "record": 0.14, "workbook": 0.02, "manifest": 0.13, "replicates": 0.08, "result": 0.025,
     "ledger": 0.02, "unfinished": 0.045, "energy": 0.12,
 }  # fmt: skip
@@ -70,9 +70,10 @@ class Wrong(AssertionError):
 # What inputs are made of
 
 AWKWARD = (
-    "", " ", "0", "-0", "-1", "1e400", "-1e400", "nan", "inf", "1e-400", "1e308", "5e-324", "١٢", "½", "1_000", "0x10", "1,5", "1.5.2", "--1", "+-1",
-    "1e", "e1", "None", "true", "stick", "3.3 mm", "3.3 km", "3.3 mm^99", "3.3 mm*mm", "1e308 km", "1 mm/0", "9" * 400, "é", "\u202e", "\x00", "a\nb",
-    '"', "'", "\\", ";", "\t", ",", "#", "=", "<script>alert(1)</script>", "{{7*7}}", "%s%n", "../../etc/passwd", "/dev/zero", "/dev/stdin", "a" * 5000,
+    "", " ", "0", "-0", "-1", "1e400", "-1e400", "nan", "inf", "1e-400", "1e308", "5e-324", "١٢", "½", "1_000", "0x10", "1,5",
+    "1.5.2", "--1", "+-1", "1e", "e1", "None", "true", "stick", "3.3 mm", "3.3 km", "3.3 mm^99", "3.3 mm*mm", "1e308 km",
+    "1 mm/0", "9" * 400, "é", "\u202e", "\x00", "a\nb", '"', "'", "\\", ";", "\t", ",", "#", "=", "<script>alert(1)</script>",
+    "{{7*7}}", "%s%n", "../../etc/passwd", "/dev/zero", "/dev/stdin", "a" * 5000,
     "\ud800".encode("utf-8", "surrogatepass").decode("utf-8", "replace"),
 )  # fmt: skip
 TEXTS = st.sampled_from(AWKWARD) | st.text(max_size=12)
@@ -187,7 +188,7 @@ def _sayable(value):
     return "" if value is None else value
 
 
-# Targets: each is a class with `inputs`, a strategy of bytes or text, and `read`, which reads one such input and checks what comes out
+# Targets: classes with `inputs`, a strategy, and `read`, which reads one such input and checks what comes out
 
 
 def require(condition, text):
@@ -359,7 +360,7 @@ class ManifestFile:
 
     def text(self, mark, length, changes, bits):
         rows = [["sample", "direction", "file", "thickness_um", "diameter"]]
-        rows += [[f"s{n // 2}", "0 90".split()[n % 2], f"r{n}.csv", "3300", "14"] for n in range(length)]
+        rows += [[f"s{n // 2}", ("0", "90")[n % 2], f"r{n}.csv", "3300", "14"] for n in range(length)]
         return bytes_changed("\n".join(mark.join(row) for row in table_changed(rows, changes)).encode("utf-8", "replace"), bits)
 
     def read(self, text):
@@ -385,7 +386,7 @@ class Replicates:
     def text(self, length, changes, bits):
         rows = [
             list(samples.COLUMNS),
-            *([f"s{n // 2}", "0 90".split()[n % 2], f"curves/{n}.csv", "3.3", "14"] for n in range(length)),
+            *([f"s{n // 2}", ("0", "90")[n % 2], f"curves/{n}.csv", "3.3", "14"] for n in range(length)),
         ]
         return bytes_changed("\n".join(",".join(row) for row in table_changed(rows, changes)).encode("utf-8", "replace"), bits)
 
@@ -425,7 +426,7 @@ class ResultFolder:
 
 
 class LedgerFile:
-    """The ledger: bytes flipped, cut, put in; read by --resume, by --reuse and anew. A run that is found has the numbers written."""
+    """The ledger, by --resume, by --reuse and anew. A run that is found has the numbers that were written."""
 
     where = "ledger.sqlite"
 
@@ -567,22 +568,31 @@ class Energy:
 
 
 TARGETS = {
-    "case": CaseFile, "curve": CurveFile, "record": RecordFile, "workbook": Workbook, "manifest": ManifestFile, "replicates": Replicates,
-    "result": ResultFolder, "ledger": LedgerFile, "unfinished": Unfinished, "energy": Energy,
+    "case": CaseFile, "curve": CurveFile, "record": RecordFile, "workbook": Workbook, "manifest": ManifestFile,
+    "replicates": Replicates, "result": ResultFolder, "ledger": LedgerFile, "unfinished": Unfinished, "energy": Energy,
 }  # fmt: skip
 
 KEYS = (
-    "sample.thickness", "sample.shape", "indenter.friction", "indenter.shape", "mesh.elements", "material", "material.mu", "material.mu.start", "material.energy",
-    "material.model", "material.parameters", "test", "test.0", "test.parallel.depth", "test.0.angle", "fit.seed", "fit.uncertain.friction", "record.rate", "solver",
-    "solver.linear", "", "x", "a.b.c.d", "test.parallel", "title", "record.strains", "record.displacement.gain",
+    "sample.thickness", "sample.shape", "indenter.friction", "indenter.shape", "mesh.elements", "material", "material.mu",
+    "material.mu.start", "material.energy", "material.model", "material.parameters", "test", "test.0", "test.parallel.depth",
+    "test.0.angle", "fit.seed", "fit.uncertain.friction", "record.rate", "solver", "solver.linear", "", "x", "a.b.c.d",
+    "test.parallel", "title", "record.strains", "record.displacement.gain",
 )  # fmt: skip
 BLOCK = """title = "block"
 sample = { shape = "block", length = 10, width = "12 mm", thickness = 3.3, base = "sliding" }
 indenter = { shape = "strip", width = 2, length = 20, friction = 0.5, edge_radius = 0.1 }
 mesh = { elements = 40 }
-material = { model = "transversely_isotropic", bulk_ratio = 100, parameters = { mu = { start = 1, min = 0.1, max = 10 }, zeta = 1.0, phi = 0.5 } }
-test = [{ name = "parallel", angle = 0, depth = 0.33, points = 10 }, { name = "across", angle = 90, depth = "330 um", weight = 0.7 }]
-fit = { method = "ga", seed = 3, time_limit = 10, uncertain = { friction = 0.1, thickness = { start = 3.3, min = 3, max = 3.6 }, mesh = 1 }, published = { mu = 1 } }
+material.model = "transversely_isotropic"
+material.bulk_ratio = 100
+material.parameters = { mu = { start = 1, min = 0.1, max = 10 }, zeta = 1.0, phi = 0.5 }
+test = [
+    { name = "parallel", angle = 0, depth = 0.33, points = 10 },
+    { name = "across", angle = 90, depth = "330 um", weight = 0.7 },
+]
+fit.method = "ga"
+fit.time_limit = 10
+fit.published.mu = 1
+fit.uncertain = { friction = 0.1, thickness = { start = 3.3, min = 3, max = 3.6 }, mesh = 1 }
 solver = { linear = "auto", penalty = 1.0, max_step = "0.1 mm" }
 """
 TYPED = BLOCK.replace('model = "transversely_isotropic"', 'energy = "mu/2*((I1-3) + zeta*(I4-1)^2 + phi*(I5-I4^2))"').replace(
@@ -592,14 +602,20 @@ RECORDS = """sample = { shape = "disc", diameter = 14, thickness = 3.3, base = "
 indenter = { shape = "strip", width = 2, length = 20, friction = 0.3 }
 material = { model = "neo_hookean", kappa = "1 MPa", parameters = { mu = "1000 Pa" } }
 test = [{ name = "a", angle = 0, record = "records/none.csv" }, { name = "b", angle = 90, curve = "curves/parallel.csv" }]
-record = { rate = "1 kHz", displacement = { column = 1, gain = 6, sign = -1, unit = "mm" }, force = { column = "f", gain = 24, unit = "mN" }, strains = [0.1], points = 20 }
+record.rate = "1 kHz"
+record.displacement = { column = 1, gain = 6, sign = -1, unit = "mm" }
+record.force = { column = "f", gain = 24, unit = "mN" }
+record.strains = [0.1]
 """
 STATEMENTS = (
-    "UPDATE runs SET force = sensitivities", "UPDATE runs SET force = zeroblob(80)", "UPDATE runs SET hash = 1", "UPDATE runs SET checksum = NULL", "DELETE FROM about",
-    "UPDATE about SET value = '{'", "UPDATE about SET value = NULL", "PRAGMA user_version = 9", "PRAGMA application_id = 7", "DROP TABLE runs", "UPDATE runs SET facts = '['",
-    "CREATE TRIGGER t AFTER INSERT ON runs BEGIN DELETE FROM runs; END", "CREATE VIEW v AS SELECT 1", "UPDATE runs SET names = 'null'", "UPDATE runs SET seconds = 'x'",
-    "UPDATE runs SET lost = 5.5, cause = x'ff'", "INSERT INTO runs SELECT id + 100, hash, origin, test, inputs, names, x'00', NULL, facts, seconds, cause, lost, checksum FROM runs",
-    "DELETE FROM runs", "INSERT INTO about VALUES ('case', 'x', 'y')", "UPDATE runs SET checksum = 5", "UPDATE about SET checksum = 1.5", "UPDATE runs SET id = id - 1000",
+    "UPDATE runs SET force = sensitivities", "UPDATE runs SET force = zeroblob(80)", "UPDATE runs SET hash = 1",
+    "UPDATE runs SET checksum = NULL", "DELETE FROM about", "UPDATE about SET value = '{'", "UPDATE about SET value = NULL",
+    "PRAGMA user_version = 9", "PRAGMA application_id = 7", "DROP TABLE runs", "UPDATE runs SET facts = '['",
+    "CREATE TRIGGER t AFTER INSERT ON runs BEGIN DELETE FROM runs; END", "CREATE VIEW v AS SELECT 1",
+    "UPDATE runs SET names = 'null'", "UPDATE runs SET seconds = 'x'", "UPDATE runs SET lost = 5.5, cause = x'ff'",
+    "INSERT INTO runs SELECT id + 100, hash, origin, test, inputs, names, x'00', NULL, facts, seconds, cause, lost, checksum FROM runs",
+    "DELETE FROM runs", "INSERT INTO about VALUES ('case', 'x', 'y')", "UPDATE runs SET checksum = 5",
+    "UPDATE about SET checksum = 1.5", "UPDATE runs SET id = id - 1000",
 )  # fmt: skip
 
 
@@ -634,9 +650,9 @@ def judged(target, given):
     except IndentfitError as error:
         require(2 <= error.exit_code <= 4, f"exit code {error.exit_code}")
         for line in error.problems if isinstance(error, CaseError) else [str(error)]:
-            require("\n" not in line and line.strip(), f"not one line: {line!r}")
-            require(len(line) < 1000, f"a line of {len(line)} characters: {line[:100]!r}")
-            require(target.where in line, f"a line that does not name the place: {line!r}")
+            require("\n" not in line and line.strip(), f"not one line: {line[:200]!r}")
+            require(len(line) < 1000, f"a line that is too long: {line[:200]!r}")
+            require(target.where in line, f"a line that does not name the place: {line[:200]!r}")
         return "refused"
 
 
@@ -666,7 +682,7 @@ def campaign(name, number, first_seed, folder):
         if found:
             signature, text, smallest = found
             findings[signature] = smallest
-            print(f"FINDING {name}: {signature}\n{text}\ninput: {repr(smallest)[:3000]}\n", flush=True)
+            print(f"FINDING {name}: {signature}\n{text}\ninput: {repr(smallest)[:800]}\n", flush=True)
         material._typed.cache_clear()
         curve.unit_factor.cache_clear()
     return counts, findings
@@ -705,7 +721,7 @@ def _batch(target, examples, number, counts, known):
 def _signature(error):
     """What tells one finding from another: the error and where in indentfit it was raised."""
     if isinstance(error, Wrong):
-        return f"Wrong: {str(error)[:40]}"
+        return f"Wrong: {str(error).partition(':')[0]}"
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "indentfit/" in frame.filename]
     place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
     return f"{type(error).__name__} at {place}"
