@@ -38,7 +38,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from .curve import Curve, read_curve, unit_factor
 from .errors import CaseError, CurveError, MaterialError, RecordError
 from .experiment.record import STRAINS, Channel, Layout, Options
-from .material import Material, load, typed
+from .material import Material, blamed, load, typed
 
 DEFAULT_BULK_RATIO = 1000.0
 WIDEST_INDENTER = 0.9  # of the sample: beyond it the free border is too narrow to mesh and to trust
@@ -985,7 +985,7 @@ def _faults_of_parameters(part, kind):
 def _faults_of_substance(part, kind):
     """A problem where the material has no positive stiffness at the start values."""
     try:
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), blamed(kind):
             moduli = kind(**_start_values(part, kind)).moduli()
         wrong = "" if all(map(math.isfinite, moduli.values())) else "the material has no finite stiffness"
     except ArithmeticError:

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from indentfit.errors import MaterialError
+from indentfit.errors import IndentfitError, MaterialError
 
 INVARIANTS = ("I1", "I2", "I4", "I5")
 """Invariants of Cb = J^(-2/3) F^T F: I1 = tr Cb, I2 = (I1^2 - tr Cb^2) / 2, I4 = a0.Cb a0, I5 = a0.Cb^2 a0."""
@@ -743,6 +743,35 @@ def _piece(node):
     except (RecursionError, ValueError):
         return "this"
     return repr(text if len(text) <= 40 else f"{text[:37]}...")
+
+
+# Trusting no plugin --------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def blamed(kind):
+    """Context in which what the code of a material class raises becomes a MaterialError that names it, unless it is our own."""
+    try:
+        yield
+    except (IndentfitError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        if kind.__module__.partition(".")[0] == "indentfit":
+            raise
+        raise MaterialError(f"the material {kind.__name__} failed ({_one_line(error)}); correct it") from error
+
+
+def derivatives(material, name, I):
+    """material.gradient(I) or material.hessian(I) as compiled loops read it, which look at no shape: (4, ...) or (4, 4, ...).
+
+    Raises MaterialError where a plugin gives anything else.
+    """
+    found = np.ascontiguousarray(getattr(material, name)(I))
+    shape = (4,) * {"gradient": 1, "hessian": 2}[name] + I.shape[1:]
+    if found.shape != shape or found.dtype != float:
+        kind = type(material).__name__
+        raise MaterialError(f"{kind}.{name} gives {found.dtype} {found.shape}, not float64 {shape}; correct the material")
+    return found
 
 
 # Checking ------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import traceback
 
 import click
 
-from ..errors import CaseError, IndentfitError, MaterialError
+from ..errors import CaseError, IndentfitError, InputError, MaterialError
 from ..material import foreign_code
 
 COMMANDS = {
@@ -54,9 +54,15 @@ class Commands(click.Group):
             ctx.exit(INTERRUPTED)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
-        except Exception as error:
-            if isinstance(error, OSError) and error.errno == errno.EPIPE:
+        except MemoryError:
+            click.echo("error: out of memory; a coarser mesh (mesh.elements) and fewer workers need less", err=True)
+            ctx.exit(3)
+        except OSError as error:
+            if error.errno == errno.EPIPE:
                 raise  # the reader of our output has gone: click ends quietly
+            _say(_of_system(error), ctx.params["debug"])
+            ctx.exit(2)
+        except Exception as error:
             _report(error, ctx.params["debug"])
             ctx.exit(1)
 
@@ -85,6 +91,12 @@ def _announced():
             click.echo(f"note: the material runs {code}", err=True)
 
     return announce
+
+
+def _of_system(error):
+    """What the system refused, where nothing nearer to it could say so."""
+    place = error.filename or "the working folder"
+    return InputError(f"{place}: {error.strerror or error}; see that it is there and has room, then give the command again")
 
 
 def _say(error, debug):

@@ -17,6 +17,8 @@ import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
+from indentfit.material import derivatives
+
 ELEMENTS = {
     "q1p0": (ElementHex1, 2, 1),
     "q2p1": (ElementHex2, 4, 4),
@@ -73,7 +75,7 @@ class Solid:
 
     def residual(self, u, state, material, pressure, fibre):
         """Internal forces (n,), mN, at given pressure modes."""
-        return self.forces(u, material.gradient(state.I), pressure, fibre)
+        return self.forces(u, derivatives(material, "gradient", state.I), pressure, fibre)
 
     def forces(self, u, gradient, pressure, fibre):
         """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in both."""
@@ -87,8 +89,7 @@ class Solid:
         pressure (n_el, n_m) is the iterated one, for the geometric part of the tangent.
         """
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
-        d1 = np.ascontiguousarray(material.gradient(state.I))
-        d2 = np.ascontiguousarray(material.hessian(state.I))
+        d1, d2 = derivatives(material, "gradient", state.I), derivatives(material, "hessian", state.I)
         target = self.pressure(state, kappa)
         _tangent(
             u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target, kappa, d1, d2,
@@ -102,7 +103,7 @@ class Solid:
 
     def stress(self, u, state, material, pressure, fibre):
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
-        d1 = np.ascontiguousarray(material.gradient(state.I))
+        d1 = derivatives(material, "gradient", state.I)
         return _cauchy(u, self.dofs, self.grads, self.modes, fibre, pressure, d1)
 
     def matrix(self, values):

@@ -14,6 +14,7 @@ from indentfit.fem import linear, newton, sensitivity
 from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
 from indentfit.fem.element import Solid
 from indentfit.fem.mesh import RIM, quarter
+from indentfit.material import blamed
 
 QUARTERS = 4
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
@@ -121,7 +122,7 @@ class Model:
         "friction", "bulk_ratio" (kappa / shear modulus), "offset" (mm, of the contact point). Raises InputError for others.
         """
         depths = np.asarray(depths, dtype=float)
-        with threadpool_limits(1 if self.body.n_dofs < THREADS_PAY else None):
+        with threadpool_limits(1 if self.body.n_dofs < THREADS_PAY else None), blamed(type(material)):
             return self._tried(material, kappa, angle, depths, name, progress, tuple(sensitivities))
 
     def _tried(self, *of_run):

@@ -46,7 +46,7 @@ def forward(case: Case) -> Case:
     """The case with nothing that its forces do not depend on: parameters are numbers, weights 1, the search the default."""
     material = case.material.model_copy(update={"parameters": case.start_values()})
     tests = tuple(test.model_copy(update={"weight": 1.0}) for test in case.tests)
-    return case.model_copy(update={"material": material, "tests": tests, "fit": Fit()})
+    return case.model_copy(update={"material": material, "tests": tests, "fit": Fit(time_limit=case.fit.time_limit)})
 
 
 def key(case, what="run"):
