@@ -7,9 +7,11 @@ a key's description, or strings with a unit ("3.3 mm"), which are converted here
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import functools
 import hashlib
+import itertools
 import json
 import math
 import re
@@ -43,6 +45,7 @@ from .material import Material, blamed, load, typed
 DEFAULT_BULK_RATIO = 1000.0
 WIDEST_INDENTER = 0.9  # of the sample: beyond it the free border is too narrow to mesh and to trust
 DEEPEST_INDENTATION = 0.5  # of the thickness
+MOST_CORNERS = 5  # free parameters whose bounds are combined to look for an unstable material
 QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d.\s](?:.*\S)?)\s*", re.ASCII)
 
 
@@ -1020,6 +1023,8 @@ def _faults_across(parts):
             if depth is not None and depth >= DEEPEST_INDENTATION * sample.thickness:
                 key = "depth" if test.depth is not None else "curve"
                 text = f"goes {depth:g} mm deep; it must stay below half of the thickness, {sample.thickness:g} mm"
+                if depth >= sample.thickness:
+                    text = f"goes {depth:g} mm deep, through the sample of {sample.thickness:g} mm: its unit or sample.thickness is wrong"
                 yield Problem(("test", label, key), getattr(test, key), text)
         size = parts["mesh"] and parts["mesh"].size
         if size is not None and size > sample.thickness:
@@ -1079,6 +1084,7 @@ def _known(*values):
 
 
 def _warnings(case):
+    yield from _warnings_of_instability(case)
     substance = case.material_class(**case.start_values())
     stiffest = max(substance.moduli().values())
     kappa = case.material.bulk_modulus(substance.shear_modulus)
@@ -1094,6 +1100,19 @@ def _warnings(case):
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond 20 % equilibrium may not be found"
     if len(case.free) > 1 and len({test.angle for test in case.tests}) == 1:
         yield f"every test has angle {case.tests[0].angle}: one direction alone cannot tell the fibre terms apart"
+
+
+def _warnings_of_instability(case):
+    """A warning where the small-strain moduli are not positive, at the start values or at a corner of the bounds."""
+    free = list(case.free.items())[:MOST_CORNERS]
+    corners = itertools.product(*((one.start, one.min, one.max) for _, one in free))
+    for values in itertools.islice(corners, 3**MOST_CORNERS):
+        at = case.start_values() | dict(zip((name for name, _ in free), values, strict=True))
+        with contextlib.suppress(MaterialError), np.errstate(all="ignore"):
+            if wrong := case.material_class(**at).unstable:
+                where = ", ".join(f"{name} = {value:g}" for name, value in at.items())
+                yield f"material.parameters: not stable at small strain at {where} ({wrong}); change the values or the bounds"
+                return
 
 
 # Messages

@@ -176,6 +176,10 @@ def _require_loading(path, numbers, points):
         raise CurveError(f"{path}: {len(points)} points; a curve needs at least {MIN_POINTS}")
     displacement, force = np.array(points).T
     where = [f"{path}: line {number}" for number in numbers]
+    if not (displacement > 0).any():
+        raise CurveError(
+            f"{where[-1]}: displacement {displacement[-1]:g} mm: none is positive; they are positive into the sample, change the sign"
+        )
     if displacement[0] < -1e-9 * np.abs(displacement).max():
         raise CurveError(
             f"{where[0]}: displacement {displacement[0]:g} mm is negative; start at the contact point, "

@@ -140,6 +140,15 @@ class Material:
         along, across = 3 * m + 2 * A, 4 * m - 2 * m**2 / (2 * m + A)  # across: free to strain along the fibre
         return {"mu_across": m, "mu_along": float(m + 2 * psi_5), "E_along": float(along), "E_across": float(across)}
 
+    @property
+    def unstable(self) -> str:
+        """Which small-strain moduli are not positive, in words; nothing where the material is stable at small strain."""
+        try:
+            wrong = {name: value for name, value in self.moduli().items() if not value > 0}
+        except MaterialError as error:
+            return str(error)
+        return ", ".join(f"{name} = {value:.3g} kPa" for name, value in wrong.items())
+
     def __setattr__(self, name, value):
         raise AttributeError(f"a material is frozen: use replace({name}=...)")
 

@@ -124,7 +124,7 @@ WRONG_CURVES = {
     "too few points": (HEADER + "0.1,1\n0.2,2\n", "2 points; a curve needs at least 5"),
     "an empty file": ("", "the file is empty"),
     "decimal commas": (HEADER + ROWS.replace(".", ","), "with decimal commas, separate the columns by semicolons"),
-    "millimetres that are metres": ("displacement_m,force_mN\n" + ROWS, "must stay below half of the thickness"),
+    "millimetres that are metres": ("displacement_m,force_mN\n" + ROWS, "through the sample"),
 }
 
 

@@ -62,6 +62,10 @@ class Commands(click.Group):
                 raise  # the reader of our output has gone: click ends quietly
             _say(_of_system(error), ctx.params["debug"])
             ctx.exit(2)
+        except ImportError as error:
+            what = " ".join(str(error).split())
+            _say(InputError(f"a library cannot be loaded ({what}); mend the installation, or give it more memory"), ctx.params["debug"])
+            ctx.exit(2)
         except Exception as error:
             _report(error, ctx.params["debug"])
             ctx.exit(1)

@@ -151,12 +151,9 @@ class Model:
         try:
             path = newton.indent(self.body, self.contact, self.fixed, load, self.solver, depths, self.options, work, progress)
         except ConvergenceError as error:
-            raise ConvergenceError(
-                f"test {name!r}: {error.cause}" if name else error.cause,
-                error.displacement,
-                error.step,
-                error.iteration,
-            ) from error
+            cause = f"{error.cause}; the material is not stable at small strain ({material.unstable})" if material.unstable else error.cause
+            raise ConvergenceError(_of_test(name, cause), error.displacement, error.step, error.iteration) from error
+        _require_contact(path, name)
         after = (counts.factorizations, counts.solves, counts.krylov_iterations)
         facts = {
             "tries": 1,
@@ -255,6 +252,18 @@ class Model:
             half, at = indenter.diameter / 2, np.hypot(x, z)
             out = (u[0] * x + u[2] * z) / np.where(at > 0, at, 1)
         return float(np.max(np.abs(out[top & (np.abs(at - half) < 1e-6 * half)])) / half)
+
+
+def _require_contact(path, name):
+    """Raise ConvergenceError where no point of the indenter touches the sample although it was moved into it."""
+    for step, point in enumerate(path[1:], start=1):
+        if not point.touch.touching.any():
+            cause = "the indenter has lost contact: no point of it touches the sample; check its shape, and the material's signs"
+            raise ConvergenceError(_of_test(name, cause), point.depth, step)
+
+
+def _of_test(name, cause):
+    return f"test {name!r}: {cause}" if name else cause
 
 
 def _body(mesh, options):
