@@ -136,7 +136,7 @@ class Trial:
     """One command in a folder of its own: started, disturbed, judged and given again."""
 
     def __init__(self, command, folder, undisturbed, dice):
-        self.command, self.folder, self.undisturbed, self.dice = command, folder, undisturbed, dice
+        self.command, self.folder, self.undisturbed, self.dice, self.again = command, folder, undisturbed, dice, "--resume"
         folder.mkdir(exist_ok=True)
         self.case, self.out, self.sets, self.workers = folder / "case" / "case.toml", folder / "room" / "out", list(TINY), 1
         shutil.copytree(CASES / "quickstart", folder / "case")
@@ -148,7 +148,7 @@ class Trial:
         if self.command == "report":
             return ["report", str(self.out)]
         sets = [word for key in [*self.sets, f"fit.workers={self.workers}"] for word in ("--set", key)]
-        again = ["--resume"] if resume and self.command == "fit" else []
+        again = [self.again] if resume and self.command == "fit" else []
         return [self.command, str(self.case), *sets, *COMMANDS[self.command], *again, "-o", str(self.out)]
 
     def start(self, resume=False, hook="", limit=None):
@@ -378,6 +378,7 @@ def plugin(trial):
 
 def little_memory(trial):
     trial.workers = trial.dice.choice([1, 2])
+    trial.again = "--overwrite"  # --resume takes runs as they ended, out of memory or not
     kind = "memory" if trial.workers == 2 and trial.command == "fit" else "memory here"
     done = trial.end(trial.start(hook=f"{kind}:{int(2 ** trial.dice.uniform(4, 16))}"))
     return trial.judge(done, died=(-signal.SIGABRT,))  # a library in C++ that gets no memory ends the process

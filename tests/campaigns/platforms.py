@@ -56,7 +56,8 @@ def main():
                 print(f"{name:16s} {check}: {outcome}", flush=True)
         except (AssertionError, subprocess.CalledProcessError) as error:
             wrong += 1
-            print(f"{name:16s} FAILED: {error} {getattr(error, 'stderr', '') or ''}"[:2000], flush=True)
+            said = [line for line in str(getattr(error, "stderr", "")).splitlines() if "WARNING" not in line]
+            print(f"{name:16s} FAILED: {error}", *said[-15:], sep="\n    ", flush=True)
         shutil.rmtree(work / name.replace(" ", "-"), ignore_errors=True)
     sys.exit(wrong > 0)
 
