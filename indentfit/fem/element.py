@@ -12,11 +12,11 @@ integration point stays in registers that way: at 39,312 bricks 0.3 s instead of
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
+from indentfit.fem.compiled import compiled
 from indentfit.material import derivatives
 
 ELEMENTS = {
@@ -24,7 +24,7 @@ ELEMENTS = {
     "q2p1": (ElementHex2, 4, 4),
 }  # scikit-fem element, quadrature order, pressure modes
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = compiled(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @dataclass(frozen=True)
