@@ -17,7 +17,7 @@ from indentfit.fem.simulate import simulate
 QUICK = CASES / "quickstart" / "case.toml"
 TINY = ["mesh.elements=30", "material.phi=0.8", "fit.method=ga", "fit.population=6", "fit.generations=3", "fit.seed=7"]
 PROGRAM = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()", "fit", str(QUICK), "--no-fields"]
-MAY_DIFFER = ("seconds", "reused", "solver", "overrides", "case")  # times, what the ledger saved, and the number of workers asked for
+MAY_DIFFER = ("seconds", "reused", "solver", "overrides", "case")  # times, what the ledger saved, workers
 
 
 def words(workers, output):

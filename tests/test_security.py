@@ -129,6 +129,7 @@ def test_the_page_of_processed_records_allows_its_own_style_and_nothing_else(tmp
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     parts = dict(part.split(maxsplit=1) for part in policy.split("; "))
     assert parts == {
-        "default-src": "'none'", "img-src": "data:", "style-src": f"'sha256-{digest}'", "base-uri": "'none'", "form-action": "'none'",
+        "default-src": "'none'", "img-src": "data:", "style-src": f"'sha256-{digest}'", "base-uri": "'none'",
+        "form-action": "'none'",
     }  # fmt: skip
     assert not re.search(r"<script|\son\w+=|\sstyle=|javascript:|https?://", page, re.I)

@@ -2,11 +2,12 @@
 
     nice -n 19 python tests/campaigns/faults.py [--runs 300] [--seed 0] [--only FAULT ...]
 
-Allowed outcomes: the right numbers; or one clear line and exit 2 to 4 (130 or 143 after a signal, death by kill -9), after which the
-same command, given again without the fault, ends with the right numbers. "Right" is bit by bit what the undisturbed command gives, but
-for times; with a linear solver that returns garbage, within 1e-3. Anything else, a traceback, a hang over 60 s, other numbers, a result
-folder that is not whole, is a finding: printed, and exit code 1. Faults of file systems need root (mount); else they are left out.
-Where memory is short, a library in C++ may abort, and callbacks of C libraries print "Exception ignored": nobody can catch these.
+Allowed outcomes: the right numbers; or one clear line and exit 2 to 4 (130 or 143 after a signal, death by kill -9), after which
+the same command, given again without the fault, ends with the right numbers. "Right" is bit by bit what the undisturbed command
+gives, but for times; with a linear solver that returns garbage, within 1e-3. Anything else, a traceback, a hang over 60 s, other
+numbers, a result folder that is not whole, is a finding: printed, and exit code 1. Faults of file systems need root (mount); else
+they are left out. Where memory is short, a library in C++ may abort, and callbacks of C libraries print "Exception ignored":
+nobody can catch these.
 """
 
 import argparse
@@ -115,7 +116,8 @@ elif kind.startswith("garbage"):
             if rng.random() > share:
                 return x
             noise = rng.standard_normal(x.size)
-            return {"garbage noise": x * (1 + noise), "garbage small": x * (1 + 1e-3 * noise), "garbage zero": 0 * x, "garbage NaN": x * numpy.nan, "garbage large": x * 1e12}[kind]
+            return {"garbage noise": x * (1 + noise), "garbage small": x * (1 + 1e-3 * noise), "garbage zero": 0 * x,
+                    "garbage NaN": x * numpy.nan, "garbage large": x * 1e12}[kind]
         return solve
     for kind_of in (linear._Pardiso, linear._SuperLU):
         kind_of.solve = spoil(kind_of.solve)
@@ -416,7 +418,8 @@ FAULTS = {
     "a file where the folder shall be": (file_in_its_place, 1), "folder gets read-only": (read_only, 2),
     "disk full (tmpfs)": (small_disk, 2), "files limited in size": (short_files, 2), "two runs on one folder": (two_at_once, 2),
     "clock going back, odd dates": (clock_back, 1),
-    "what was finished is changed on the disk": (spoilt_memory_of_runs, 4), "plugin": (plugin, 4), "little memory": (little_memory, 2),
+    "what was finished is changed on the disk": (spoilt_memory_of_runs, 4), "plugin": (plugin, 4),
+    "little memory": (little_memory, 2),
     "linear solver returns garbage": (garbage, 3), "no home, LANG=C, odd path, umask 077": (environment, 1),
 }  # fmt: skip
 NEED_ROOT = ("folder gets read-only", "disk full (tmpfs)")

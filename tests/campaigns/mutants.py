@@ -2,9 +2,10 @@
 
     nice -n 19 python tests/campaigns/mutants.py [--number 25] [--seed 0] [--only material.py ...]
 
-From each file a sample of mutants is drawn: an operator, a comparison or a number changed, a condition turned round, a statement left out.
-Each is run against a fast part of the tests in a copy of the project, which is left alone. Prints each mutant that survives, and the
-share that was killed; exit code 1 below 80 %. A mutant may be equal to the original (a tolerance, a performance hint): look at each.
+From each file a sample of mutants is drawn: an operator, a comparison or a number changed, a condition turned round, a statement
+left out. Each is run against a fast part of the tests in a copy of the project, which is left alone. Prints each mutant that
+survives, and the share that was killed; exit code 1 below 80 %. A mutant may be equal to the original (a tolerance, a limit of
+work): look at each.
 """
 
 import argparse
@@ -22,7 +23,11 @@ HOME = Path(__file__).parents[2]
 TESTS = {
     "material.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
     "fem/contact.py": ["tests/test_contact.py"],
-    "inverse/objective.py": ["tests/test_inverse.py", "-k", "(equation or scale or search or squares or candidate or derivative) and not small and not proportional"],
+    "inverse/objective.py": [
+        "tests/test_inverse.py",
+        "-k",
+        "(equation or scale or search or squares or candidate or derivative) and not small and not proportional",
+    ],
 }
 SWAPS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.MatMult: ast.Mult,
@@ -81,7 +86,8 @@ def mutate(tree, node, how):
 
 def killed(place, tests):
     """Whether the tests fail in a copy of the project."""
-    environment = os.environ | {"PYTHONPATH": str(place), "NUMBA_CACHE_DIR": str(place / "compiled"), "PYTHONDONTWRITEBYTECODE": "1"}
+    own = {"PYTHONPATH": str(place), "NUMBA_CACHE_DIR": str(place / "compiled"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = os.environ | own
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     try:
         done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, timeout=TIME)

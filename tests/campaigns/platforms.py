@@ -4,8 +4,8 @@
     python tests/campaigns/platforms.py --lock > tests/constraints.txt     # the versions of this environment
 
 Builds wheel and sdist from the repository. For each Python (those of pyenv from 3.11 on, or --pythons) a new environment gets the
-wheel with the versions of tests/constraints.txt (on the first, the sdist too), and on the first Python another one the lowest versions
-that pyproject.toml promises. In each: --version, the four materials, and a simulation of the quickstart, which must give the same
+wheel with the versions of tests/constraints.txt (on the first, the sdist too), and on the first Python another one the lowest
+versions that pyproject.toml promises. In each: --version, the four materials, and a simulation of the quickstart, which must give the same
 forces within 1e-6; on the wheel also without display, home folder and locale, with read-only site-packages, from a path with spaces
 and foreign letters, under umask 077. Prints a line for each; exit code 1 when one failed.
 """
@@ -186,7 +186,8 @@ def locked():
     """name==version of everything that the tests of this environment use, from pyproject.toml's dependencies on."""
     project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    queue = [re.match(r"[\w.-]+", one)[0] for one in [*project["dependencies"], *extras["xlsx"], *extras["cluster"], *extras["test"]]]
+    wanted = [*project["dependencies"], *extras["xlsx"], *extras["cluster"], *extras["test"]]
+    queue = [re.match(r"[\w.-]+", one)[0] for one in wanted]
     found: dict[str, str] = {}
     while queue:
         name = re.sub(r"[-_.]+", "-", queue.pop()).lower()
