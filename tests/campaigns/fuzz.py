@@ -32,9 +32,6 @@ import warnings
 import zipfile
 from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-
 import numpy as np
 import tomli_w
 from hypothesis import HealthCheck, Phase, given, seed, settings
@@ -613,7 +610,8 @@ STATEMENTS = (
     "PRAGMA user_version = 9", "PRAGMA application_id = 7", "DROP TABLE runs", "UPDATE runs SET facts = '['",
     "CREATE TRIGGER t AFTER INSERT ON runs BEGIN DELETE FROM runs; END", "CREATE VIEW v AS SELECT 1",
     "UPDATE runs SET names = 'null'", "UPDATE runs SET seconds = 'x'", "UPDATE runs SET lost = 5.5, cause = x'ff'",
-    "INSERT INTO runs SELECT id + 100, hash, origin, test, inputs, names, x'00', NULL, facts, seconds, cause, lost, checksum FROM runs",
+    "INSERT INTO runs SELECT id + 100, hash, origin, test, inputs, names, x'00', NULL, facts, seconds, cause, lost, checksum "
+    "FROM runs",
     "DELETE FROM runs", "INSERT INTO about VALUES ('case', 'x', 'y')", "UPDATE runs SET checksum = 5",
     "UPDATE about SET checksum = 1.5", "UPDATE runs SET id = id - 1000",
 )  # fmt: skip

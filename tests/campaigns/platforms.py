@@ -5,9 +5,9 @@
 
 Builds wheel and sdist from the repository. For each Python (those of pyenv from 3.11 on, or --pythons) a new environment gets the
 wheel with the versions of tests/constraints.txt (on the first, the sdist too), and on the first Python another one the lowest
-versions that pyproject.toml promises. In each: --version, the four materials, and a simulation of the quickstart, which must give the same
-forces within 1e-6; on the wheel also without display, home folder and locale, with read-only site-packages, from a path with spaces
-and foreign letters, under umask 077. Prints a line for each; exit code 1 when one failed.
+versions that pyproject.toml promises. In each: --version, the four materials, and a simulation of the quickstart, which must give
+the same forces within 1e-6; on the wheel also without display, home folder and locale, with read-only site-packages, from a path
+with spaces and foreign letters, under umask 077. Prints a line for each; exit code 1 when one failed.
 """
 
 import argparse

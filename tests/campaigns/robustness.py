@@ -3,10 +3,10 @@
     python tests/campaigns/robustness.py [--points 0:500] [--output robustness.jsonl] [--set KEY=VALUE ...] [--workers 2]
     python tests/campaigns/robustness.py --summary [--output robustness.jsonl]
 
-Points 0 to 99 are a Latin hypercube of usual inputs, 100 to 459 one of wider ranges, 460 to 499 corners of the extremes, 500 and 501
-the paper's optimum at 20 % strain. Each point ends as a line of JSON in the output: the campaign goes on where it was stopped, and
-`--points a:b` does a part of it; a point is done anew when it or the --set texts changed. Then a table, each failure with its cause;
-exit code 1 when less than 99 % are solved or one failed in a way that nobody foresaw. `sample_points` is imported by the tests.
+Points 0 to 99 are a Latin hypercube of usual inputs, 100 to 459 one of wider ranges, 460 to 499 corners of the extremes, 500 and
+501 the paper's optimum at 20 % strain. Each point ends as a line of JSON in the output: the campaign goes on where it was stopped,
+and `--points a:b` does a part of it; a point is done anew when it or the --set texts changed. Then a table, each failure with its
+cause; exit code 1 when less than 99 % are solved or one failed in a way that nobody foresaw. The tests import `sample_points`.
 """
 
 import argparse
@@ -36,7 +36,8 @@ RANGES = {
 WIDER = RANGES | {"friction": (0.0, 1.5), "bulk_ratio": (20.0, 5000.0), "strain": (0.02, 0.20)}
 SHARP, SLIGHT = 0.0, 0.05  # edge radii that two of three points of the wider ranges have, mm
 OPTIMUM = {
-    "mu": 1.49, "zeta": 4.68, "phi": 0.68, "friction": 0.5, "base": "sliding", "bulk_ratio": 1000.0, "edge_radius": 0.0, "strain": 0.20,
+    "mu": 1.49, "zeta": 4.68, "phi": 0.68, "friction": 0.5, "base": "sliding", "bulk_ratio": 1000.0, "edge_radius": 0.0,
+    "strain": 0.20,
 }  # fmt: skip
 
 
@@ -114,8 +115,8 @@ def run(job):
     except Exception:
         cause, unforeseen = "a bug", traceback.format_exc()
     return {
-        "number": number, "point": point, "set": extra, "force_mN": force, "facts": facts, "cause": cause, "unforeseen": unforeseen,
-        "seconds": time.perf_counter() - started,
+        "number": number, "point": point, "set": extra, "force_mN": force, "facts": facts, "cause": cause,
+        "unforeseen": unforeseen, "seconds": time.perf_counter() - started,
     }  # fmt: skip
 
 
