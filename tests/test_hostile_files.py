@@ -9,9 +9,12 @@ import numpy as np
 import openpyxl
 import pytest
 
-from indentfit.errors import OutputError, RecordError
+from indentfit.case import read_case
+from indentfit.curve import read_curve
+from indentfit.errors import CaseError, CurveError, OutputError, RecordError
 from indentfit.experiment.manifest import process_all, read_manifest
 from indentfit.experiment.reading import read_record
+from indentfit.experiment.samples import read_samples
 from indentfit.report.html import write_report
 from indentfit.study.kept import Kept
 
@@ -24,6 +27,31 @@ def refused(error, function, *arguments):
     line = str(found.value)
     assert "\n" not in line and len(line) < 600 and time.perf_counter() - started < 10
     return line
+
+
+# ---- cases and curves --------------------------------------------------------------------------------------------
+
+
+def test_a_line_about_a_key_or_a_name_of_thousands_of_letters_stays_short(tmp_path):
+    path, long = tmp_path / "case.toml", "a" * 5000
+    material = f'[material]\nenergy = "mu*(I1-3)"\n[material.parameters]\n"{long} {long}" = 1\n'
+    path.write_text(f"{long} = 1\n[sample]\n{long} = 2\n{material}")
+    with pytest.raises(CaseError) as error:
+        read_case(path)
+    assert len(error.value.problems) > 3
+    assert all(len(line) < 600 and "\n" not in line for line in error.value.problems)
+
+
+def test_a_force_that_gets_infinite_by_its_unit_is_refused(tmp_path):
+    path = tmp_path / "c.csv"
+    path.write_text("displacement_mm,force_N\n" + "".join(f"{0.1 * n},{n}\n" for n in range(8)) + "0.8,1e308\n")
+    assert "line 10: '1e308' is not a finite number" in refused(CurveError, read_curve, path)
+
+
+def test_the_columns_of_a_record_are_listed_shortly(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("a" * 5000 + ",b\n" + "1,2\n" * 60)
+    assert "no columns of displacement" in refused(RecordError, read_record, path)
 
 
 # ---- records -----------------------------------------------------------------------------------------------------
@@ -79,6 +107,13 @@ def test_a_file_name_that_the_system_refuses_is_the_problem_of_its_row(tmp_path,
     path.write_text(f"sample,direction,file\ns1,0,{name}\n")
     (outcome,) = process_all(read_manifest(path))
     assert outcome.processed is None and name[:50] in outcome.problem and len(outcome.problem) < 400
+
+
+@pytest.mark.parametrize("thickness", ["nan", "inf", "-3.3", "0", "1e400", "three", "3,3"])
+def test_a_thickness_in_the_table_of_samples_is_a_positive_number(tmp_path, thickness):
+    path = tmp_path / "replicates.csv"
+    path.write_text(f'sample,direction,curve,thickness_mm,diameter_mm\ns1,0,c.csv,"{thickness}",14\n')
+    assert "row 2: thickness_mm" in refused(RecordError, read_samples, path)
 
 
 # ---- results that are read again ---------------------------------------------------------------------------------
