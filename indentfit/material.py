@@ -476,13 +476,13 @@ def load(name) -> type[Material]:
     if colon and path.endswith(".py"):
         return _from_file(Path(path).expanduser(), class_name)
     if name.endswith(".py"):
-        raise MaterialError(f"material file {name!r} needs a class: write {name}:MyModel")
+        raise MaterialError(f"material file {name[:200]!r} needs a class: write FILE.py:MyModel")
     entries = _entries()
     for entry in entries:
         if entry.name == name:
             return _from_entry(entry)
     known = sorted({entry.name for entry in entries})
-    raise MaterialError(f"no material {name!r}; installed: {', '.join(known) or 'none'}{_nearest(name, known)}")
+    raise MaterialError(f"no material {name[:60]!r}; installed: {', '.join(known) or 'none'}{_nearest(name, known)}")
 
 
 def _entries():

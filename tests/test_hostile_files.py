@@ -11,10 +11,11 @@ import pytest
 
 from indentfit.case import read_case
 from indentfit.curve import read_curve
-from indentfit.errors import CaseError, CurveError, OutputError, RecordError
+from indentfit.errors import CaseError, CurveError, MaterialError, OutputError, RecordError
 from indentfit.experiment.manifest import process_all, read_manifest
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.samples import read_samples
+from indentfit.material import load
 from indentfit.report.html import write_report
 from indentfit.study.kept import Kept
 
@@ -40,6 +41,11 @@ def test_a_line_about_a_key_or_a_name_of_thousands_of_letters_stays_short(tmp_pa
         read_case(path)
     assert len(error.value.problems) > 3
     assert all(len(line) < 600 and "\n" not in line for line in error.value.problems)
+
+
+def test_a_line_about_a_material_of_thousands_of_letters_stays_short():
+    assert "installed: " in refused(MaterialError, load, "a" * 5000)
+    assert "FILE.py:MyModel" in refused(MaterialError, load, "a" * 5000 + ".py")
 
 
 def test_a_force_that_gets_infinite_by_its_unit_is_refused(tmp_path):

@@ -189,7 +189,8 @@ class Trial:
             each_of_case = lines and all(f"{self.case}: " in line for line in lines)
             if done.code not in (2, 3, 4) or not (len(lines) == 1 or each_of_case):
                 raise Finding(f"exit {done.code} with {len(lines)} error lines: {done.stderr[-600:]!r}")
-        if self.out.exists() and done.code != 4 and self.command != "report":
+        studied = done.code == 3 and self.command in ("sweep", "mesh-check")  # a study whose points all failed shows why
+        if self.out.exists() and done.code != 4 and not studied and self.command != "report":
             if done.code in died:  # it was whole before the fault came
                 self.compare(tolerance)
                 return "right numbers"
@@ -386,6 +387,8 @@ def little_memory(trial):
     trial.again = "--overwrite"  # --resume takes runs as they ended, out of memory or not
     kind = "memory" if trial.workers == 2 and trial.command == "fit" else "memory here"
     done = trial.end(trial.start(hook=f"{kind}:{int(2 ** trial.dice.uniform(4, 16))}"))
+    if done.code == 0 and trial.command in ("sweep", "mesh-check") and "memory" in str(numbers(trial.command, trial.out)):
+        return "what had no memory is shown, with its cause"
     return trial.judge(done, died=(-signal.SIGABRT,))  # a library in C++ that gets no memory ends the process
 
 
