@@ -430,8 +430,10 @@ def test_a_point_that_was_lost_for_want_of_memory_is_shown_but_computed_again_th
 def test_a_mesh_check_whose_meshes_all_fail_ends_with_3_and_says_why(tmp_path):
     (tmp_path / "bad.py").write_text(
         "from indentfit.material import Material, Parameter\n\n"
-        "class Bad(Material):\n    mu = Parameter('kPa', 'mu', min=0)\n\n    def energy(self, I1):\n        return self.mu * (I1 - 3)\n\n"
-        "    def gradient(self, I):\n        if I.size > 40:\n            raise ValueError('two\\nlines')\n        return super().gradient(I)\n"
+        "class Bad(Material):\n    mu = Parameter('kPa', 'mu', min=0)\n\n"
+        "    def energy(self, I1):\n        return self.mu * (I1 - 3)\n\n"
+        "    def gradient(self, I):\n        if I.size > 40:\n            raise ValueError('two\\nlines')\n"
+        "        return super().gradient(I)\n"
     )
     bad = ["--set", f"material.model={tmp_path}/bad.py:Bad", "--set", "material.parameters={mu=1}"]
     done = run("mesh-check", QUICK, *bad, "--elements", "24,30", "--mesh-only", "-o", tmp_path / "out")

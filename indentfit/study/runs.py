@@ -22,8 +22,8 @@ class Outcome:
 def evaluate(cases, kept, workers=None, progress=None):
     """Outcomes of the tests of each Case, at its fixed parameters and the start values of its free ones.
 
-    kept: mapping of what is finished already, added to after each variant that was not lost; workers: processes, by default those of the
-    case. progress: called with (variants done, variants). Failures of the mechanics are outcomes, never raised.
+    kept: mapping of what is finished already, added to after each variant that was not lost; workers: processes, by default
+    those of the case. progress: called with (variants done, variants). Failures of the mechanics are outcomes, never raised.
     """
     bare = [forward(case) for case in cases]
     keys = [key(case) for case in bare]
