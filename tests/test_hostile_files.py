@@ -115,6 +115,13 @@ def test_a_file_name_that_the_system_refuses_is_the_problem_of_its_row(tmp_path,
     assert outcome.processed is None and name[:50] in outcome.problem and len(outcome.problem) < 400
 
 
+def test_a_cell_of_two_lines_does_not_make_two_lines_of_a_problem(tmp_path):
+    path = tmp_path / "manifest.csv"
+    path.write_text('sample,direction,file\n"s\u2028\x0b1",sideways,"a\x1cb.csv"\n')
+    (outcome,) = process_all(read_manifest(path))
+    assert len(outcome.problem.splitlines()) == 1 and "must be 0, 90, parallel" in outcome.problem
+
+
 @pytest.mark.parametrize("thickness", ["nan", "inf", "-3.3", "0", "1e400", "three", "3,3"])
 def test_a_thickness_in_the_table_of_samples_is_a_positive_number(tmp_path, thickness):
     path = tmp_path / "replicates.csv"
