@@ -11,7 +11,6 @@ import traceback
 import click
 
 from ..errors import CaseError, IndentfitError, InputError, MaterialError
-from ..material import foreign_code
 
 COMMANDS = {
     "init": "Write a commented case to start from.",
@@ -78,6 +77,8 @@ class Commands(click.Group):
 @click.pass_context
 def main(context, debug, no_plugins):
     """Material parameters of soft tissue from indentation, by inverse finite elements."""
+    from ..material import foreign_code  # NumPy is slow to import, for --help
+
     context.with_resource(foreign_code(_refused if no_plugins else _announced()))
 
 

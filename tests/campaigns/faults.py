@@ -210,6 +210,11 @@ class Trial:
         self.compare(tolerance)
         return "stopped, then the right numbers" if done.code in died else f"a line, exit {done.code}; then the right numbers"
 
+    def shown(self, done, cause):
+        """Whether it is a study that ended well, and shows the cause why a point of it has no numbers."""
+        studied = done.code == 0 and self.command in ("sweep", "mesh-check")
+        return studied and cause in str(numbers(self.command, self.out))
+
     def compare(self, tolerance=0.0):
         found, true = numbers(self.command, self.out), self.undisturbed[self.command].numbers
         if not (found == true or (tolerance and close(found, true, tolerance))):
@@ -255,7 +260,9 @@ def folder_removed(trial):
     shutil.rmtree(trial.folder / "room", ignore_errors=True)
     done = trial.end(process)
     (trial.folder / "room").mkdir(exist_ok=True)
-    return "right numbers" if whole and done.code == 0 else trial.judge(done)
+    if done.code == 0 and (whole or trial.command == "report"):
+        return "right numbers"  # they were written before
+    return trial.judge(done)
 
 
 def case_removed(trial):
@@ -387,14 +394,17 @@ def little_memory(trial):
     trial.again = "--overwrite"  # --resume takes runs as they ended, out of memory or not
     kind = "memory" if trial.workers == 2 and trial.command == "fit" else "memory here"
     done = trial.end(trial.start(hook=f"{kind}:{int(2 ** trial.dice.uniform(4, 16))}"))
-    if done.code == 0 and trial.command in ("sweep", "mesh-check") and "memory" in str(numbers(trial.command, trial.out)):
+    if trial.shown(done, "memory"):
         return "what had no memory is shown, with its cause"
-    return trial.judge(done, died=(-signal.SIGABRT,))  # a library in C++ that gets no memory ends the process
+    return trial.judge(done, died=(-signal.SIGABRT, -signal.SIGSEGV))  # a library that gets no memory ends the process
 
 
 def garbage(trial):
     kind, share = trial.dice.choice(["noise", "small", "zero", "NaN", "large"]), trial.dice.choice([0.02, 0.2, 1.0])
-    return trial.judge(trial.end(trial.start(hook=f"garbage {kind}:{share}")), tolerance=1e-3)
+    done = trial.end(trial.start(hook=f"garbage {kind}:{share}"))
+    if trial.shown(done, "no equilibrium"):
+        return "what was not solved is shown, with its cause"
+    return trial.judge(done, tolerance=1e-3)
 
 
 def environment(trial):
