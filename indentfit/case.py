@@ -7,9 +7,11 @@ a key's description, or strings with a unit ("3.3 mm"), which are converted here
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import functools
 import hashlib
+import itertools
 import json
 import math
 import re
@@ -38,11 +40,12 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from .curve import Curve, read_curve, unit_factor
 from .errors import CaseError, CurveError, MaterialError, RecordError
 from .experiment.record import STRAINS, Channel, Layout, Options
-from .material import Material, load, typed
+from .material import Material, blamed, load, typed
 
 DEFAULT_BULK_RATIO = 1000.0
 WIDEST_INDENTER = 0.9  # of the sample: beyond it the free border is too narrow to mesh and to trust
 DEEPEST_INDENTATION = 0.5  # of the thickness
+MOST_CORNERS = 5  # free parameters whose bounds are combined to look for an unstable material
 QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d.\s](?:.*\S)?)\s*", re.ASCII)
 
 
@@ -992,7 +995,7 @@ def _faults_of_parameters(part, kind):
 def _faults_of_substance(part, kind):
     """A problem where the material has no positive stiffness at the start values."""
     try:
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), blamed(kind):
             moduli = kind(**_start_values(part, kind)).moduli()
         wrong = "" if all(map(math.isfinite, moduli.values())) else "the material has no finite stiffness"
     except ArithmeticError:
@@ -1027,6 +1030,8 @@ def _faults_across(parts):
             if depth is not None and depth >= DEEPEST_INDENTATION * sample.thickness:
                 key = "depth" if test.depth is not None else "curve"
                 text = f"goes {depth:g} mm deep; it must stay below half of the thickness, {sample.thickness:g} mm"
+                if depth >= sample.thickness:
+                    text = f"goes {depth:g} mm deep, through the sample of {sample.thickness:g} mm: its unit or sample.thickness is wrong"
                 yield Problem(("test", label, key), getattr(test, key), text)
         size = parts["mesh"] and parts["mesh"].size
         if size is not None and size > sample.thickness:
@@ -1086,8 +1091,7 @@ def _known(*values):
 
 
 def _warnings(case):
-    if plugin := _plugin(case.material.model, case.path.parent):
-        yield f"material.model runs the Python code in {plugin}"
+    yield from _warnings_of_instability(case)
     substance = case.material_class(**case.start_values())
     stiffest = max(substance.moduli().values())
     kappa = case.material.bulk_modulus(substance.shear_modulus)
@@ -1105,12 +1109,25 @@ def _warnings(case):
         yield f"every test has angle {case.tests[0].angle}: one direction alone cannot tell the fibre terms apart"
 
 
+def _warnings_of_instability(case):
+    """A warning where the small-strain moduli are not positive, at the start values or at a corner of the bounds."""
+    free = list(case.free.items())[:MOST_CORNERS]
+    corners = itertools.product(*((one.start, one.min, one.max) for _, one in free))
+    for values in itertools.islice(corners, 3**MOST_CORNERS):
+        at = case.start_values() | dict(zip((name for name, _ in free), values, strict=True))
+        with contextlib.suppress(MaterialError), np.errstate(all="ignore"):
+            if wrong := case.material_class(**at).unstable:
+                where = ", ".join(f"{name} = {value:g}" for name, value in at.items())
+                yield f"material.parameters: not stable at small strain at {where} ({wrong}); change the values or the bounds"
+                return
+
+
 # Messages
 
 
 def _line(path, problem, asked):
     """file: key = value: what is wrong; what to do."""
-    key = ".".join(map(str, problem.key))
+    key = ".".join(_short(str(step)) for step in problem.key)
     value = "" if problem.value is UNSAID else f" = {_shown(problem.value)}"
     source = f"{path} (--set)" if any(_same(problem.key, one) for one in asked) else str(path)
     return _printable(f"{source}: {key}{value}: {problem.text}")

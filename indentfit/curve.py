@@ -155,14 +155,14 @@ def _point(where, cells, places, separator):
     if len(cells) != width:
         hint = "; with decimal commas, separate the columns by semicolons" if separator == "," else ""
         raise CurveError(f"{where}: {_shown(separator.join(cells))} has {len(cells)} columns, the header {width}{hint}")
-    return [_number(where, cells[place], separator) * factor for place, factor in columns]
+    return [_number(where, cells[place], separator, factor) for place, factor in columns]
 
 
-def _number(where, text, separator):
+def _number(where, text, separator, factor):
     try:
         if "_" in text:
             raise ValueError
-        value = float(text.replace(",", ".") if separator == ";" else text)
+        value = float(text.replace(",", ".") if separator == ";" else text) * factor
     except ValueError:
         raise CurveError(f"{where}: {_shown(text)} is not a number; correct or remove the line") from None
     if not math.isfinite(value):
@@ -176,6 +176,10 @@ def _require_loading(path, numbers, points):
         raise CurveError(f"{path}: {len(points)} points; a curve needs at least {MIN_POINTS}")
     displacement, force = np.array(points).T
     where = [f"{path}: line {number}" for number in numbers]
+    if not (displacement > 0).any():
+        raise CurveError(
+            f"{where[-1]}: displacement {displacement[-1]:g} mm: none is positive; they are positive into the sample, change the sign"
+        )
     if displacement[0] < -1e-9 * np.abs(displacement).max():
         raise CurveError(
             f"{where[0]}: displacement {displacement[0]:g} mm is negative; start at the contact point, "

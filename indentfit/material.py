@@ -5,6 +5,7 @@ energy is derived, not with this module.
 """
 
 import ast
+import contextlib
 import difflib
 import inspect
 import keyword
@@ -15,6 +16,7 @@ import sys
 import traceback
 import types
 from collections.abc import Callable, Iterable, Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -23,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from indentfit.errors import MaterialError
+from indentfit.errors import IndentfitError, MaterialError
 
 INVARIANTS = ("I1", "I2", "I4", "I5")
 """Invariants of Cb = J^(-2/3) F^T F: I1 = tr Cb, I2 = (I1^2 - tr Cb^2) / 2, I4 = a0.Cb a0, I5 = a0.Cb^2 a0."""
@@ -137,6 +139,15 @@ class Material:
         A = 4 * psi_5 + 2 * H[2, 2] + 8 * H[2, 3] + 8 * H[3, 3]
         along, across = 3 * m + 2 * A, 4 * m - 2 * m**2 / (2 * m + A)  # across: free to strain along the fibre
         return {"mu_across": m, "mu_along": float(m + 2 * psi_5), "E_along": float(along), "E_across": float(across)}
+
+    @property
+    def unstable(self) -> str:
+        """Which small-strain moduli are not positive, in words; nothing where the material is stable at small strain."""
+        try:
+            wrong = {name: value for name, value in self.moduli().items() if not value > 0}
+        except MaterialError as error:
+            return str(error)
+        return ", ".join(f"{name} = {value:.3g} kPa" for name, value in wrong.items())
 
     def __setattr__(self, name, value):
         raise AttributeError(f"a material is frozen: use replace({name}=...)")
@@ -422,6 +433,22 @@ def _sampled(parameter, rng):
 
 # Finding and loading -------------------------------------------------------------------------------------------------
 
+_permit: ContextVar[Callable[[str], None]] = ContextVar("permit", default=lambda code: None)
+
+
+@contextlib.contextmanager
+def foreign_code(permit):
+    """Context in which permit(code) is called before code that is not indentfit's own is run, or taken from memory again.
+
+    code: where it is, in words. permit may raise MaterialError. In other processes and threads nobody is asked: what they
+    run was permitted here first.
+    """
+    token = _permit.set(permit)
+    try:
+        yield
+    finally:
+        _permit.reset(token)
+
 
 def installed() -> dict[str, type[Material] | MaterialError]:
     """All installed materials by name, ours and third parties'; a broken one is given as its error."""
@@ -449,21 +476,27 @@ def load(name) -> type[Material]:
     if colon and path.endswith(".py"):
         return _from_file(Path(path).expanduser(), class_name)
     if name.endswith(".py"):
-        raise MaterialError(f"material file {name!r} needs a class: write {name}:MyModel")
+        raise MaterialError(f"material file {name[:200]!r} needs a class: write FILE.py:MyModel")
     entries = _entries()
     for entry in entries:
         if entry.name == name:
             return _from_entry(entry)
     known = sorted({entry.name for entry in entries})
-    raise MaterialError(f"no material {name!r}; installed: {', '.join(known) or 'none'}{_nearest(name, known)}")
+    raise MaterialError(f"no material {name[:60]!r}; installed: {', '.join(known) or 'none'}{_nearest(name, known)}")
 
 
 def _entries():
     """The entry points, ours first so that no other package can take their names."""
-    return sorted(entry_points(group=GROUP), key=lambda entry: (not entry.value.startswith(f"{GROUP}."), entry.name))
+    return sorted(entry_points(group=GROUP), key=lambda entry: (not _ours(entry), entry.name))
+
+
+def _ours(entry):
+    return entry.value.startswith(f"{GROUP}.")
 
 
 def _from_entry(entry):
+    if not _ours(entry):
+        _permit.get()(f"the installed {entry.value}")
     try:
         cls = entry.load()
     except (Exception, SystemExit) as error:
@@ -502,6 +535,7 @@ def _module(path):
     if not path.is_file():
         raise MaterialError(f"no material file {path}")
     path, stat = path.resolve(), path.stat()
+    _permit.get()(f"the Python code in {path}")
     stamp = (stat.st_mtime_ns, stat.st_size)
     if path not in _modules or _modules[path][0] != stamp:
         name = f"indentfit_material_file_{len(_modules)}_{re.sub(r'[^0-9A-Za-z]', '_', path.stem)}"
@@ -571,7 +605,7 @@ def _typed(energy, parameters):
 def _refuse_parameter_names(names):
     for name in names:
         if not (isinstance(name, str) and name.isascii() and name.isidentifier() and not name.startswith("_")):
-            raise MaterialError(f"a parameter cannot be called {name!r}: use letters, digits and _")
+            raise MaterialError(f"a parameter cannot be called {repr(name)[:60]}: use letters, digits and _")
         if name in INVARIANTS or name in FUNCTIONS or keyword.iskeyword(name) or hasattr(Material, name):
             raise MaterialError(f"a parameter cannot be called {name!r}: that name has a meaning already")
     if len(set(names)) < len(names):
@@ -718,6 +752,35 @@ def _piece(node):
     except (RecursionError, ValueError):
         return "this"
     return repr(text if len(text) <= 40 else f"{text[:37]}...")
+
+
+# Trusting no plugin --------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def blamed(kind):
+    """Context in which what the code of a material class raises becomes a MaterialError that names it, unless it is our own."""
+    try:
+        yield
+    except (IndentfitError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        if kind.__module__.partition(".")[0] == "indentfit":
+            raise
+        raise MaterialError(f"the material {kind.__name__} failed ({_one_line(error)}); correct it") from error
+
+
+def derivatives(material, name, I):
+    """material.gradient(I) or material.hessian(I) as compiled loops read it, which look at no shape: (4, ...) or (4, 4, ...).
+
+    Raises MaterialError where a plugin gives anything else.
+    """
+    found = np.ascontiguousarray(getattr(material, name)(I))
+    shape = (4,) * {"gradient": 1, "hessian": 2}[name] + I.shape[1:]
+    if found.shape != shape or found.dtype != float:
+        kind = type(material).__name__
+        raise MaterialError(f"{kind}.{name} gives {found.dtype} {found.shape}, not float64 {shape}; correct the material")
+    return found
 
 
 # Checking ------------------------------------------------------------------------------------------------------------

@@ -465,3 +465,33 @@ def test_refits_find_the_parameter_that_a_stiffer_base_asks_for(gel, tmp_path):
 def test_a_refit_needs_something_to_fit(tmp_path):
     done = run("sweep", QUICK, *OPTIONS, "--vary", "sample.base=bonded", "--refit", "-o", tmp_path / "out")
     assert done.exit_code == 2 and "a fit needs a measured curve" in done.stderr
+
+
+# ---- what the machine lost -----------------------------------------------------------------------------------------
+
+
+def test_a_point_that_was_lost_for_want_of_memory_is_shown_but_computed_again_the_next_time(tmp_path, monkeypatch):
+    def no_memory(self, unit, names=()):
+        raise MemoryError
+
+    case, kept = read_case(QUICK, ["mesh.elements=24", "solver.element=q1p0", "fit.workers=1"]), Kept(tmp_path / ".x.jsonl")
+    with monkeypatch.context() as patch:
+        patch.setattr("indentfit.inverse.bench.Bench.run", no_memory)
+        (lost,) = runs.evaluate([case], kept)
+    assert lost.forces is None and "out of memory" in lost.cause and not kept
+    (found,) = runs.evaluate([case], kept)
+    assert found.cause is None and len(kept) == 1
+
+
+def test_a_mesh_check_whose_meshes_all_fail_ends_with_3_and_says_why(tmp_path):
+    (tmp_path / "bad.py").write_text(
+        "from indentfit.material import Material, Parameter\n\n"
+        "class Bad(Material):\n    mu = Parameter('kPa', 'mu', min=0)\n\n"
+        "    def energy(self, I1):\n        return self.mu * (I1 - 3)\n\n"
+        "    def gradient(self, I):\n        if I.size > 40:\n            raise ValueError('two\\nlines')\n"
+        "        return super().gradient(I)\n"
+    )
+    bad = ["--set", f"material.model={tmp_path}/bad.py:Bad", "--set", "material.parameters={mu=1}"]
+    done = run("mesh-check", QUICK, *bad, "--elements", "24,30", "--mesh-only", "-o", tmp_path / "out")
+    assert done.exit_code == 3
+    assert "every mesh failed; the first: the material Bad failed (ValueError: two lines)" in done.stderr

@@ -171,3 +171,21 @@ def test_parameters_are_a_list_of_different_names():
         typed("mu*(I1-3)", {"mu": 1.0})
     with pytest.raises(MaterialError, match="is text"):
         typed(3, ["mu"])
+
+
+AT_THE_LIMITS = {  # the last that is read, the first that isn't, and what is said of it
+    "characters": ("mu*(I1-3)" + " " * 491, "mu*(I1-3)" + " " * 492, "has 501 characters; at most 500"),
+    "nodes": ("mu*(I1-3)" + "+mu*I1" * 35 + "+-mu*I1", "mu*(I1-3)" + "+mu*I1" * 34 + "+-mu*I1" * 2 + "+mu", "more than 150"),
+    "depth": ("-" * 58 + "I1*mu", "-" * 60 + "I1*mu", "nested more than 60"),
+    "functions": ("mu*exp(exp(exp(exp(I1-3))))", "mu*exp(exp(exp(exp(exp(I1-3)))))", "functions nested more than 4"),
+    "powers": ("mu*((I1-2)^10)^2", "mu*((I1-2)^10)^3", "above 20"),
+    "numbers": ("1e15*mu*(I1-3)", "1.1e15*mu*(I1-3)", r"beyond 1e\+15"),
+}
+
+
+@pytest.mark.parametrize("which", AT_THE_LIMITS)
+def test_the_limits_lie_where_they_are_said_to_lie(which):
+    read, refused, said = AT_THE_LIMITS[which]
+    assert typed(read, ["mu"]).scale == "mu"
+    with pytest.raises(MaterialError, match=said):
+        typed(refused, ["mu"])

@@ -10,7 +10,7 @@ import traceback
 
 import click
 
-from ..errors import CaseError, IndentfitError
+from ..errors import CaseError, IndentfitError, InputError, MaterialError
 
 COMMANDS = {
     "init": "Write a commented case to start from.",
@@ -53,18 +53,55 @@ class Commands(click.Group):
             ctx.exit(INTERRUPTED)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
-        except Exception as error:
-            if isinstance(error, OSError) and error.errno == errno.EPIPE:
+        except MemoryError:
+            click.echo("error: out of memory; a coarser mesh (mesh.elements) and fewer workers need less", err=True)
+            ctx.exit(3)
+        except OSError as error:
+            if error.errno == errno.EPIPE:
                 raise  # the reader of our output has gone: click ends quietly
+            _say(_of_system(error), ctx.params["debug"])
+            ctx.exit(2)
+        except ImportError as error:
+            what = " ".join(str(error).split())
+            _say(InputError(f"a library cannot be loaded ({what}); mend the installation, or give it more memory"), ctx.params["debug"])
+            ctx.exit(2)
+        except Exception as error:
             _report(error, ctx.params["debug"])
             ctx.exit(1)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.option("--no-plugins", is_flag=True, help="Refuse materials that are not indentfit's own: run no code of others.")
 @click.version_option(None, "--version", package_name="indentfit", message="%(prog)s %(version)s")
-def main(debug):
+@click.pass_context
+def main(context, debug, no_plugins):
     """Material parameters of soft tissue from indentation, by inverse finite elements."""
+    from ..material import foreign_code  # NumPy is slow to import, for --help
+
+    context.with_resource(foreign_code(_refused if no_plugins else _announced()))
+
+
+def _refused(code):
+    raise MaterialError(f"{code} is not run, because of --no-plugins; leave that out if you trust it, or name another material")
+
+
+def _announced():
+    """Says what code is run, each once and before it is."""
+    known = set()
+
+    def announce(code):
+        if code not in known:
+            known.add(code)
+            click.echo(f"note: the material runs {code}", err=True)
+
+    return announce
+
+
+def _of_system(error):
+    """What the system refused, where nothing nearer to it could say so."""
+    place = error.filename or "the working folder"
+    return InputError(f"{place}: {error.strerror or error}; see that it is there and has room, then give the command again")
 
 
 def _say(error, debug):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import click
 
 from ..case import read_case, require_fittable
-from ..errors import CaseError
+from ..errors import CaseError, ConvergenceError
 from ..report.folder import json_text, refuse_existing
 from ..study.kept import Kept, place_beside
 from ..study.mesh_check import mesh_check, own_checks, own_family, parse, refitted
@@ -53,6 +53,8 @@ def command(case, sizes, elements, wanted, mesh_only, refit, overrides, output, 
     written = _write(output, overwrite, read, result)
     kept.forget()
     click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
+    if all(one.cause for _, one in result.meshes):
+        raise ConvergenceError(f"every mesh failed; the first: {result.meshes[0][1].cause}")
 
 
 def _write(path, overwrite, case, result):

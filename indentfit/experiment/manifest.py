@@ -109,7 +109,7 @@ def _places(path, header):
 
 
 def _entry(path, row, number, places, factors):
-    cells = {name: row[n].strip() if n < len(row) else "" for name, n in places.items()}
+    cells = {name: " ".join(row[n].splitlines()).strip() if n < len(row) else "" for name, n in places.items()}
     entry = Entry(cells["sample"], DIRECTIONS.get(_direction(cells["direction"])), path.parent / cells["file"], row=number)
     where = f"{path}: row {number} ({cells['sample'] or 'no sample'}, {cells['direction'] or 'no direction'})"
     if missing := [name for name in NEEDED if not cells[name]]:

@@ -94,7 +94,8 @@ def _column(path, table, name, channel):
         if wanted
         else f"{len(found) or 'no'} columns of {name}"
     )
-    raise RecordError(f"{path}: {what}; give record.{name}.column, a name or a number of: {known}")
+    shown = known if len(known) <= 300 else f"{known[:297]}..."
+    raise RecordError(f"{path}: {what}; give record.{name}.column, a name or a number of: {shown}")
 
 
 def _same(wanted, label):
@@ -149,4 +150,6 @@ def _time(path, table, layout):
     if not named and not told:
         raise RecordError(f"{path}: no column of time and no sampling rate; give record.rate in Hz, or record.time.column")
     time = _calibrated(path, table, "time", _column(path, table, "time", layout.time), layout.time)
-    return time - time[np.isfinite(time)][:1]
+    if not np.isfinite(time).any():
+        raise RecordError(f"{path}: the column of time holds no numbers; give record.rate in Hz, or record.time.column")
+    return time - time[np.isfinite(time)][0]

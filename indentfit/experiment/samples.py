@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -60,7 +61,9 @@ def _sample(where, row):
         try:
             lengths[key] = float(text) if text else None
         except ValueError:
-            raise RecordError(f"{where}: {key}_mm {text!r} is not a number; correct it") from None
+            lengths[key] = math.nan
+        if lengths[key] is not None and not 0 < lengths[key] < math.inf:
+            raise RecordError(f"{where}: {key}_mm {text[:40]!r} must be a positive number; correct it")
     return Sample(row["sample"], {int(row["direction"]): row["curve"]}, **lengths)
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RecordError
+from .workbook import sheet_rows
 
 WORKBOOKS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 MARKS = {
@@ -61,16 +62,16 @@ def read_table(path, skip_rows=0, sheet=None, encoding=None):
     Raises RecordError, one line with the file, the row and the remedy.
     """
     path = Path(path)
-    if not path.exists():
-        raise RecordError(f"{path}: no such file; check the path")
-    if not path.is_file():
-        raise RecordError(f"{path}: not a file; name a file of records")
-    if path.suffix.lower() in WORKBOOKS:
-        return _workbook(path, skip_rows, sheet)
     try:
+        if not path.exists():
+            raise RecordError(f"{path}: no such file; check the path")
+        if not path.is_file():
+            raise RecordError(f"{path}: not a file; name a file of records")
+        if path.suffix.lower() in WORKBOOKS:
+            return _workbook(path, skip_rows, sheet)
         raw = path.read_bytes()
-    except OSError as error:
-        raise RecordError(f"{path}: cannot be read ({error.strerror})") from error
+    except (OSError, ValueError) as error:  # a name that is too long, or holds a zero byte
+        raise RecordError(f"{str(path)[:200]}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
     return _from_text(path, decoded(raw, encoding, path), skip_rows)
 
 
@@ -168,7 +169,7 @@ def _row(where, cells, number, kind):
 
 def _workbook(path, skip_rows, sheet):
     """The Table of a sheet of a workbook."""
-    rows = _sheet(path, sheet)
+    rows = sheet_rows(path, sheet)
     kinds = [[isinstance(cell, int | float) and not isinstance(cell, bool) for cell in row] for row in rows]
     first = next((n for n in range(skip_rows, len(rows)) if sum(kinds[n]) >= 2), None)
     if first is None:
@@ -188,24 +189,3 @@ def _cell(where, cell, wanted):
     if wanted and cell != "":
         raise RecordError(f"{where}: {str(cell)[:40]!r} is not a number; correct or remove the row")
     return np.nan
-
-
-def _sheet(path, sheet):
-    """Rows of a sheet, all of one width."""
-    try:
-        from python_calamine import CalamineError, CalamineWorkbook
-    except ImportError:
-        raise RecordError(
-            f"{path}: workbooks need another package; pip install 'indentfit[xlsx]', or export the record as CSV"
-        ) from None
-    try:
-        book = CalamineWorkbook.from_path(path)
-        names = book.sheet_names
-        if isinstance(sheet, str) and sheet not in names:
-            raise RecordError(f"{path}: record.sheet = {sheet!r}: no such sheet; it has {', '.join(names)}")
-        if isinstance(sheet, int) and not 1 <= sheet <= len(names):
-            raise RecordError(f"{path}: record.sheet = {sheet}: it has {len(names)} sheets, counted from 1")
-        name = sheet if isinstance(sheet, str) else names[(sheet or 1) - 1]
-        return book.get_sheet_by_name(name).to_python(skip_empty_area=False)
-    except (CalamineError, OSError) as error:
-        raise RecordError(f"{path}: not a workbook that can be read ({error}); export the record as CSV") from None

@@ -25,9 +25,10 @@ unilateral, free to slip. A rounded edge is a signed distance in the current con
 
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 from skfem import FacetBasis
+
+from indentfit.fem.compiled import compiled
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
@@ -282,7 +283,7 @@ def _at_nodes(element):
     return np.array([s.ravel(), t.ravel()]), np.outer(weights, weights).ravel()
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _scatter(blocks, dofs, positions, indptr, values, places, dense):
     for f in range(blocks.shape[0]):
         for n in range(blocks.shape[1]):

@@ -23,6 +23,7 @@ LEASH = 0.03  # largest motion of a point in one iteration, of the last depth
 SOFTER = 1 / 3  # what a cutback makes of the contact springs; their error is reported
 FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
 SMALLEST_STEP = 1e-2  # of the last depth; where this is not enough, other springs or another mesh are cheaper than more halvings
+INVERTED = "an element turned inside out"
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 
@@ -157,11 +158,14 @@ def _step(body, contact, fixed, load, solver, here, depth, leash, options, count
     u, pressure = _predicted(system, here, depth)
     try:
         return _newton(system, u, pressure, solver, options, counts)
-    except ConvergenceError:
+    except ConvergenceError as first:
         if not relax:
             raise
         solver.forget()
-        return _relaxed(system, u, pressure, solver, options, counts)
+        try:
+            return _relaxed(system, u, pressure, solver, options, counts)
+        except ConvergenceError as error:
+            raise first if INVERTED in first.cause else error  # what came first says more than the residual that is left
 
 
 def _newton(system, u, pressure, solver, options, counts):
@@ -257,7 +261,7 @@ def _predicted(system, here, depth):
         state = system.body.state(u, system.load.fibre)
         if state.valid:
             return u, here.pressure + system.linear_pressure(system.body.dilatation_map(here.u), u - here.u)
-    raise ConvergenceError("an element turned inside out", depth)
+    raise ConvergenceError(INVERTED, depth)
 
 
 def _line_search(system, u, pressure, du, iteration, growth=2.0, dampers=None):
@@ -278,7 +282,7 @@ def _line_search(system, u, pressure, du, iteration, growth=2.0, dampers=None):
         merit, share = min(tried)
         share = -share
     if not np.isfinite(merit):
-        raise system.failure(np.inf, iteration, "an element turned inside out")
+        raise system.failure(np.inf, iteration, INVERTED)
     return u + share * du, pressure + share * change, share / longest
 
 

@@ -14,6 +14,7 @@ from indentfit.fem import linear, newton, sensitivity
 from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
 from indentfit.fem.element import Solid
 from indentfit.fem.mesh import RIM, quarter
+from indentfit.material import blamed
 
 QUARTERS = 4
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
@@ -122,7 +123,7 @@ class Model:
         "friction", "bulk_ratio" (kappa / shear modulus), "offset" (mm, of the contact point). Raises InputError for others.
         """
         depths = np.asarray(depths, dtype=float)
-        with threadpool_limits(1 if self.body.n_dofs < THREADS_PAY else None):
+        with threadpool_limits(1 if self.body.n_dofs < THREADS_PAY else None), blamed(type(material)):
             return self._tried(material, kappa, angle, depths, name, progress, tuple(sensitivities))
 
     def _tried(self, *of_run):
@@ -152,12 +153,9 @@ class Model:
         try:
             path = newton.indent(self.body, self.contact, self.fixed, load, self.solver, depths, self.options, work, progress)
         except ConvergenceError as error:
-            raise ConvergenceError(
-                f"test {name!r}: {error.cause}" if name else error.cause,
-                error.displacement,
-                error.step,
-                error.iteration,
-            ) from error
+            cause = f"{error.cause}; the material is not stable at small strain ({material.unstable})" if material.unstable else error.cause
+            raise ConvergenceError(_of_test(name, cause), error.displacement, error.step, error.iteration) from error
+        _require_contact(path, name)
         after = (counts.factorizations, counts.solves, counts.krylov_iterations)
         facts = {
             "tries": 1,
@@ -256,6 +254,18 @@ class Model:
             half, at = indenter.diameter / 2, np.hypot(x, z)
             out = (u[0] * x + u[2] * z) / np.where(at > 0, at, 1)
         return float(np.max(np.abs(out[top & (np.abs(at - half) < 1e-6 * half)])) / half)
+
+
+def _require_contact(path, name):
+    """Raise ConvergenceError where no point of the indenter touches the sample although it was moved into it."""
+    for step, point in enumerate(path[1:], start=1):
+        if not point.touch.touching.any():
+            cause = "the indenter has lost contact: no point of it touches the sample; check its shape, and the material's signs"
+            raise ConvergenceError(_of_test(name, cause), point.depth, step)
+
+
+def _of_test(name, cause):
+    return f"test {name!r}: {cause}" if name else cause
 
 
 def _body(mesh, options):

@@ -16,7 +16,7 @@ from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.simulate import Model
 from indentfit.inverse.ledger import Run
 from indentfit.inverse.setting import setting
-from indentfit.material import REST, typed
+from indentfit.material import blamed, typed
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
 MEMORY = "out of memory, twice"
@@ -83,8 +83,9 @@ def run(model, case, unit, names=()):
     try:
         at = setting(case, dict(key))
         model = model if at.same_model else ready_model(at.case)
-        material, depths = _well_formed(kind(**at.parameters)), at.outputs(test)
-        kappa = at.case.material.bulk_modulus(material.shear_modulus)
+        with blamed(kind):
+            material, depths = kind(**at.parameters), at.outputs(test)
+            kappa = at.case.material.bulk_modulus(material.shear_modulus)
         pressed = depths > 0  # before contact there is no force
         asked = {"sensitivities": tuple(names)} if names else {}
         result = model.run(material, kappa, test.angle, depths[pressed], **asked)
@@ -94,24 +95,7 @@ def run(model, case, unit, names=()):
             force, sensitivities, cause = None, None, "its force is not a finite number"
     except (ConvergenceError, MaterialError) as error:
         cause = " ".join(str(error).split())
-    except MemoryError:
-        raise
-    except (Exception, SystemExit) as error:
-        if kind.__module__.partition(".")[0] == "indentfit":
-            raise
-        cause = f"the material {kind.__name__} failed ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
     return Run(force, cause, time.perf_counter() - started, facts, sensitivities)
-
-
-def _well_formed(material):
-    """The material, if its derivatives have the shapes that the compiled loop reads without looking. Raises MaterialError."""
-    I = np.repeat(REST[:, None], 3, axis=1)
-    for name, shape in (("gradient", (4, 3)), ("hessian", (4, 4, 3))):
-        found = np.asarray(getattr(material, name)(I))
-        if found.shape != shape or found.dtype != float:
-            kind = type(material).__name__
-            raise MaterialError(f"{kind}.{name} gives {found.dtype} {found.shape}, not float64 {shape}; correct the material")
-    return material
 
 
 def _where(pressed, values):
@@ -158,7 +142,10 @@ def _within(seconds):
         return
     clock = threading.Timer(seconds, end)
     clock.daemon = True
-    clock.start()
+    try:
+        clock.start()
+    except RuntimeError as error:  # no thread can be started
+        raise MemoryError from error
     try:
         yield
     except _OutOfTime:

@@ -25,6 +25,7 @@ class Evaluation:
 
     sensitivities: for each test, name -> derivatives of its forces, mN per unit of the parameter, shape (n,), of those
     that were asked for and that the forward model could give; None where none were asked for, or it has none at all.
+    lost: the cause is the machine's (memory, time, a killed process) and not the mechanics'.
     """
 
     parameters: dict[str, float]
@@ -33,6 +34,7 @@ class Evaluation:
     seconds: float
     facts: tuple[dict, ...]
     sensitivities: tuple[dict[str, np.ndarray], ...] | None = None
+    lost: bool = False
 
 
 class Pool:
@@ -145,7 +147,7 @@ class Pool:
         causes = [f"test {test.name!r}: {run.cause}" for test, run in named if run.cause]
         seconds, facts = sum(run.seconds for run in runs), tuple(run.facts for run in runs)
         if causes:
-            return Evaluation(dict(point), None, "; ".join(causes), seconds, facts)
+            return Evaluation(dict(point), None, "; ".join(causes), seconds, facts, lost=any(run.lost for run in runs))
         derivatives = tuple(_finite(run.sensitivities, names) for run in runs) if names else None
         return Evaluation(dict(point), tuple(run.force for run in runs), None, seconds, facts, derivatives)
 

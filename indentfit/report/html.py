@@ -7,7 +7,9 @@ import json
 import os
 from pathlib import Path
 
-from ..errors import OutputError
+import jinja2
+
+from ..errors import IndentfitError, OutputError
 from . import html_fit, html_studies
 from .page import Page, render
 
@@ -18,6 +20,8 @@ KINDS = {
     "indentfit.sweep/1": html_studies.sweep_page,
     "indentfit.mesh-check/1": html_studies.mesh_check_page,
 }
+# What values of other kinds than promised make of a page.
+DAMAGE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, IndentfitError, jinja2.TemplateError)
 
 
 def write_report(folder):
@@ -27,17 +31,18 @@ def write_report(folder):
     """
     folder = Path(folder)
     result = _result(folder)
-    kind = result.get("format", "fit" if "format_version" in result else None)
+    kind = str(result.get("format", "fit" if "format_version" in result else None))
     if kind not in KINDS:
-        raise OutputError(f"{folder}: a result of an unknown format ({kind!r}); use the indentfit that wrote it")
+        raise OutputError(f"{folder}: a result of an unknown format ({kind[:60]!r}); use the indentfit that wrote it")
     try:
         page: Page = KINDS[kind](folder, result)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        what = f"{type(error).__name__}: {error}"
+        text = render(page).encode("utf-8")
+    except DAMAGE as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise OutputError(f"{folder}: its result file is damaged or not complete ({what}); run the command again") from error
     path, partial = folder / "report.html", folder / ".report.html.partial"
     try:
-        partial.write_text(render(page), encoding="utf-8", newline="\n")
+        partial.write_bytes(text)
         os.replace(partial, path)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder") from error
@@ -49,7 +54,7 @@ def _result(folder):
         if (folder / name).is_file():
             try:
                 found = json.loads((folder / name).read_text(encoding="utf-8"))
-            except (ValueError, OSError) as error:
+            except (ValueError, OSError, RecursionError) as error:
                 raise OutputError(f"{folder / name}: cannot be read ({error}); run the command again") from error
             if isinstance(found, dict):
                 return found

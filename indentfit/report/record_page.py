@@ -1,17 +1,24 @@
 """The page of processed records: one self-contained HTML file, every text of the user's escaped."""
 
 import base64
+import hashlib
 import io
 
 from jinja2 import Environment
+from markupsafe import Markup
 
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 75em; margin: 2em auto;
+  padding: 0 1em; color: #222 }
+table { border-collapse: collapse; font-size: 13px } th, td { padding: .2em .7em; text-align: right; border-bottom: 1px solid #ddd }
+th:first-child, td:first-child, td.text { text-align: left } .failed { color: #a33 }
+img { max-width: 100% } pre { font-size: 13px; white-space: pre-wrap }
+"""
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{{ title }}</title>
-<style>
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; color: #222 }
-table { border-collapse: collapse; font-size: 13px } th, td { padding: .2em .7em; text-align: right; border-bottom: 1px solid #ddd }
-th:first-child, td:first-child, td.text { text-align: left } .failed { color: #a33 } img { max-width: 100% } pre { font-size: 13px; white-space: pre-wrap }
-</style></head><body>
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'sha256-{{ style_hash }}'; \
+base-uri 'none'; form-action 'none'">
+<style>{{ style }}</style></head><body>
 <h1>{{ title }}</h1>
 <p>{{ good }} of {{ outcomes|length }} records processed by indentfit {{ version }}. Uncertainties of contact points are
 half of a 90 % interval, those of stiffnesses one standard error. Outliers are shown and counted.</p>
@@ -47,6 +54,8 @@ def write_page(path, title, outcomes, lines, outlying, replicates, pictures, ver
         replicates=replicates and _encoded(replicates),
         pictures=[(name, _encoded(figure)) for name, figure in pictures],
         version=version,
+        style=Markup(STYLE),
+        style_hash=base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode(),
     )
     path.write_text(text, encoding="utf-8")
 

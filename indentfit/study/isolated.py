@@ -9,6 +9,8 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
+from indentfit.inverse.processes import deaf_to_interrupts
+
 DIED = "its process was killed (out of memory?)"
 
 
@@ -20,7 +22,9 @@ def isolated(function, *arguments):
     """What function(*arguments) returns, called in a process of its own. Raises Died, and whatever the function raises."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin) as executor:
         try:
-            return executor.submit(function, *arguments).result()
+            with deaf_to_interrupts():
+                future = executor.submit(function, *arguments)
+            return future.result()
         except BrokenProcessPool as error:
             raise Died(DIED) from error
         except BaseException:
@@ -56,7 +60,7 @@ def available_memory():
 
 
 def _begin():
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without a traceback; the parent reports it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -1,6 +1,7 @@
 """What a study has finished, kept in a file beside its result, so that a killed study goes on where it stopped."""
 
 import contextlib
+import hashlib
 import json
 import os
 from collections.abc import MutableMapping
@@ -12,8 +13,8 @@ from indentfit.errors import OutputError
 class Kept(MutableMapping):
     """Key -> record of a finished piece of work, each on disk, as a line of JSON, before the next one starts.
 
-    A line that was cut short by the end of a process is left out when the file is read again. Raises OutputError where
-    the file cannot be written.
+    A line that was cut short by the end of a process, or changed since, is left out when the file is read again. Raises
+    OutputError where the file cannot be written.
     """
 
     def __init__(self, path):
@@ -24,7 +25,7 @@ class Kept(MutableMapping):
         return self._records[key]
 
     def __setitem__(self, key, record):
-        line = json.dumps([key, record], allow_nan=False)
+        line = json.dumps([key, record, _checksum(key, record)], allow_nan=False)
         try:
             with self.path.open("a+b") as file:
                 file.write((b"" if self._ends_with_line(file) else b"\n") + line.encode() + b"\n")
@@ -55,9 +56,10 @@ class Kept(MutableMapping):
         except OSError as error:
             raise OutputError(f"{self.path}: cannot be read ({error.strerror or error}); remove it") from error
         for line in lines:
-            with contextlib.suppress(ValueError, TypeError):
-                key, record = json.loads(line)
-                yield str(key), record
+            with contextlib.suppress(ValueError, TypeError, RecursionError):
+                key, record, checksum = json.loads(line)
+                if checksum == _checksum(key, record):
+                    yield key, record
 
     @staticmethod
     def _ends_with_line(file):
@@ -66,6 +68,11 @@ class Kept(MutableMapping):
             return True
         file.seek(-1, os.SEEK_END)
         return file.read(1) == b"\n"
+
+
+def _checksum(key, record):
+    """SHA-256 of what a line says: a number that was damaged on the disk is computed again, not believed."""
+    return hashlib.sha256(json.dumps([key, record], sort_keys=True).encode()).hexdigest()
 
 
 def place_beside(folder):

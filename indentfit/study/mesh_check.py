@@ -241,8 +241,11 @@ def _measure_all(cases, kept, progress):
         k = key(case, "mesh")
         if k not in kept:
             progress(costs[:n].sum() / costs.sum(), f"mesh {n + 1} of {len(bare)}")
-            kept[k] = _measured_or_cause(case)
-        record = kept[k]
+            record = _measured_or_cause(case)
+            if record["cause"] != DIED:  # that was the machine's fault, and may not happen again
+                kept[k] = record
+        else:
+            record = kept[k]
         forces = record["forces"] and tuple(map(np.array, record["forces"]))
         found.append(Measured(**{**record, "forces": forces}))
     return found

@@ -22,31 +22,31 @@ class Outcome:
 def evaluate(cases, kept, workers=None, progress=None):
     """Outcomes of the tests of each Case, at its fixed parameters and the start values of its free ones.
 
-    kept: mapping of what is finished already, added to after each variant; workers: processes, by default those of the
-    case. progress: called with (variants done, variants). Failures of the mechanics are outcomes, never raised.
+    kept: mapping of what is finished already, added to after each variant that was not lost; workers: processes, by default
+    those of the case. progress: called with (variants done, variants). Failures of the mechanics are outcomes, never raised.
     """
     bare = [forward(case) for case in cases]
     keys = [key(case) for case in bare]
     missing = {k: case for k, case in zip(keys, bare, strict=True) if k not in kept}
-    done, total = len(set(keys)) - len(missing), len(set(keys))
+    done, total, lost = len(set(keys)) - len(missing), len(set(keys)), {}
     for group in _of_equal_model(missing):
         first = next(case for case in bare if _model_key(case) == _model_key(group[0][1]))
         with Pool(first, workers or cases[0].fit.workers or cores()) as pool:
             for chunk in _chunks(group, math.ceil(pool.workers / len(first.tests))):
                 found = pool.evaluate([case.start_values() for _, case in chunk])
                 for (k, _), evaluation in zip(chunk, found, strict=True):
-                    kept[k] = _record(evaluation)
+                    (lost if evaluation.lost else kept)[k] = _record(evaluation)
                 done += len(chunk)
                 if progress:
                     progress(done, total)
-    return [_outcome(kept[k]) for k in keys]
+    return [_outcome(lost[k] if k in lost else kept[k]) for k in keys]
 
 
 def forward(case: Case) -> Case:
     """The case with nothing that its forces do not depend on: parameters are numbers, weights 1, the search the default."""
     material = case.material.model_copy(update={"parameters": case.start_values()})
     tests = tuple(test.model_copy(update={"weight": 1.0}) for test in case.tests)
-    return case.model_copy(update={"material": material, "tests": tests, "fit": Fit()})
+    return case.model_copy(update={"material": material, "tests": tests, "fit": Fit(time_limit=case.fit.time_limit)})
 
 
 def key(case, what="run"):
