@@ -65,9 +65,9 @@ def test_a_sample_of_the_robustness_campaign_is_solved():
     """Ten points of `campaigns/robustness.py` on a coarse mesh; the campaign itself runs all of them on the default one."""
     for index in (0, 2, 4, 5, 6, 7, 8, 9, 13, 14):
         point = robustness.sample_points(100)[index]
-        _, _, force, facts, _ = robustness.run((index, point, list(COARSE)))
-        assert force is not None, facts
-        assert np.all(np.diff(force) > 0)
+        found = robustness.run((index, point, list(COARSE)))
+        assert found["force_mN"] is not None, found["cause"]
+        assert np.all(np.diff(found["force_mN"]) > 0)
 
 
 def test_twenty_percent_strain_at_the_papers_optimum_is_solved(run):
