@@ -381,3 +381,14 @@ def test_the_same_figure_is_the_same_file(tmp_path):
         force_displacement(curves(70), curves(72), tmp_path / name)
     for ending in (".svg", ".png"):
         assert (tmp_path / f"one{ending}").read_bytes() == (tmp_path / f"two{ending}").read_bytes()
+
+
+def test_profiles_without_a_confirmed_run_are_as_wide_as_others():
+    """Markers of no runs, not clipped, would count as one at the figure's corner and push the panels together."""
+    from indentfit.report import plots
+
+    one = {"values": [1.0, 2.0, 3.0], "chi2": [4.0, 0.0, 4.0], "limit": 3.0, "interval": [1.2, 2.8], "confirmed": []}
+    names = ("mu", "zeta", "phi")
+    figure = plots.profiles(dict.fromkeys(names, one), dict.fromkeys(names, {"value": 2.0, "unit": ""}), None)
+    figure.canvas.draw()
+    assert all(ax.get_position().width > 0.2 for ax in figure.axes)

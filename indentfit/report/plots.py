@@ -77,8 +77,9 @@ def _profile(ax, name, one, parameter):
     ax.axvspan(*one["interval"], color=COLOURS[0], alpha=0.12, linewidth=0)
     ax.axvline(parameter["value"], color="0.4", linewidth=0.6)
     runs = [row for row in one["confirmed"] if row["chi2"] is not None]
-    marks = _markers((COLOURS[1], "o", "")) | SMALL
-    ax.plot([row["value"] for row in runs], [row["chi2"] for row in runs], **marks)
+    if runs:  # markers without any, not clipped, count as one at the figure's corner
+        marks = _markers((COLOURS[1], "o", "")) | SMALL
+        ax.plot([row["value"] for row in runs], [row["chi2"] for row in runs], **marks)
     ax.set_ylim(-0.04 * top, top)
     unit = "" if parameter["unit"] in ("", "1", None) else f" ({parameter['unit']})"
     ax.set_xlabel(_label(name) + unit)
