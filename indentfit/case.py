@@ -399,7 +399,7 @@ class Uncertain(Section):
         default=None, description="probability that the base is the other of sliding and bonded; true for even odds"
     )
     mesh: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
-        default=1.0, description="standard deviation of the forces by the mesh, in units of Richardson's estimate from half of the elements"
+        default=1.0, description="standard deviation of the forces by the mesh, in units of Richardson's estimate from half of it"
     )
     force: Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = Field(
         default=None, description="standard deviation of each test's forces as a whole: calibration"

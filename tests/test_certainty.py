@@ -361,7 +361,7 @@ def test_an_uncertainty_of_nothing_known_is_refused():
 
 def test_a_fit_says_in_words_what_its_curves_determine(tmp_path):
     """Curves that the model made itself at zeta = 4: mu is determined, and published values are put in their place."""
-    case = coarse(tmp_path, "fit.method=ga", "fit.published={mu=3.0,zeta=4.0}", "fit.seed=1", "fit.uncertain.mesh=0")  # its own mesh
+    case = coarse(tmp_path, "fit.method=ga", "fit.published={mu=3.0,zeta=4.0}", "fit.seed=1", "fit.uncertain.mesh=0")
     result = fit(case)
     assert result.success
     assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.005)

@@ -390,7 +390,7 @@ def test_profiles_without_a_confirmed_run_are_as_wide_as_others():
 
     one = {"values": [1.0, 2.0, 3.0], "chi2": [4.0, 0.0, 4.0], "limit": 3.0, "interval": [1.2, 2.8], "confirmed": []}
     names = ("mu", "zeta", "phi")
-    figure = plots.profiles(dict.fromkeys(names, one), dict.fromkeys(names, {"value": 2.0, "unit": ""}), None)
+    figure = plots.profiles(dict.fromkeys(names, one), {name: {"value": 2.0, "unit": ""} for name in names}, None)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # "axes sizes collapsed to zero"
         figure.canvas.draw()

@@ -10,8 +10,8 @@ footprint with gradient n = dg/dx, moved by x - c relative to the indenter,
 p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each step: they take over the last
 step's p and T and their rates, while the anchor of a sticking point stays where the point began to stick. What the
 springs e and e_t still give way is therefore a step's departure from the straight path, not the whole traction; its
-effect on the force is reported with every result (`Contact.penalty_error`). The springs can so be soft enough for a short Newton iteration: stiffer ones
-make points chatter between stick and slip.
+effect on the force is reported with every result (`Contact.penalty_error`). The springs can so be soft enough for a short Newton
+iteration: stiffer ones make points chatter between stick and slip.
 
 The points are the facets' nodes (trapezoidal rule; Simpson's on quadratic facets): one point, one state, so no element is
 asked to stick and slip at once.
@@ -59,8 +59,8 @@ class History:
 class Touch:
     """The contact at one displacement: pressure (n_f, n_q) and friction (n_f, n_q, 3) in kPa, and what follows.
 
-    place: positions in the indenter's frame, mm; normal, bend: gradient and Hessian of the gap; traction: of the body on the indenter, T - p n, kPa;
-    D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool; history: the one it started from.
+    place: positions in the indenter's frame, mm; normal, bend: gradient and Hessian of the gap; traction: of the body on the
+    indenter, T - p n, kPa; D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool; history: the one it started from.
     """
 
     place: np.ndarray

@@ -80,7 +80,8 @@ class Solid:
         return self.forces(u, derivatives(material, "gradient", state.I), pressure, fibre)
 
     def forces(self, u, gradient, pressure, fibre):
-        """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in both."""
+        """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in
+        both."""
         out, d1 = np.zeros(self.n_dofs), np.ascontiguousarray(gradient)
         _residual(u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
         return out
@@ -383,7 +384,8 @@ def _tangent(
 
 @_jit
 def _add_stiffness(g, D, tau, w, n_n, K):
-    """Adds w (grad N_n . D . grad N_o + grad N_n . tau . grad N_o 1) to K (n_n, 3, 3, n_p), for o <= n and up to the next full register."""
+    """Adds w (grad N_n . D . grad N_o + grad N_n . tau . grad N_o 1) to K (n_n, 3, 3, n_p), for o <= n and up to the next full
+    register."""
     DB, sg = np.empty((6, 3)), np.empty(3)
     for n in range(n_n):
         x, y, z = w * g[0, n], w * g[1, n], w * g[2, n]
@@ -439,7 +441,8 @@ def _dilatation_map(u, dofs, grads, weights, modes):
     n_el, n_q = weights.shape
     n_n, n_m = dofs.shape[1], modes.shape[1]
     B = np.empty((n_el, n_m, n_n, 3))
-    F, G, ue, g, Be = np.empty((3, 3)), np.empty((3, 3)), np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty((n_m, *grads.shape[2:]))
+    F, G = np.empty((3, 3)), np.empty((3, 3))
+    ue, g, Be = np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty((n_m, *grads.shape[2:]))
     for e in range(n_el):
         _gather(u, dofs[e], ue)
         Be[:] = 0.0

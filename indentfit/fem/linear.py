@@ -3,7 +3,8 @@
 The tangent of a nearly incompressible body in contact is K = A + kappa Bᵀ B + C: its isochoric part, the dilatation B of each
 element, and the contact. GMRES solves it in the form with the pressures, [A + C, Bᵀ; B, -1/kappa], with one of two preconditioners.
 
-Direct (PARDISO, SuperLU): a factor of an earlier K0 = A0 + kappa B0ᵀ B0, taken apart so that what changes most never makes it useless.
+Direct (PARDISO, SuperLU): a factor of an earlier K0 = A0 + kappa B0ᵀ B0, taken apart so that what changes most never makes it
+useless.
 - It solves the earlier form with pressures as well, x = K0⁻¹ (f + kappa B0ᵀ g), p = kappa (B0 x - g). The change of B from B0 then
   counts once, not times kappa; without this a step of 1 % strain spoils a factor at kappa/mu = 1000.
 - PARDISO gives the body's Schur complement S on the dofs of the footprint, and S + C is factorised, dense, at every iteration:
@@ -77,7 +78,8 @@ class LinearSolver:
     def __init__(self, kind="auto", near_null=None, surface=(), n_dofs=0):
         self.name = choice(kind, n_dofs)
         self.counts = Counts()
-        makers = {"pardiso": lambda: _Pardiso(np.asarray(surface, dtype=int)), "superlu": _SuperLU, "pyamg": lambda: _Multigrid(near_null)}
+        surface = np.asarray(surface, dtype=int)
+        makers = {"pardiso": lambda: _Pardiso(surface), "superlu": _SuperLU, "pyamg": lambda: _Multigrid(near_null)}
         self._factor = makers[self.name]()
         self._fresh, self._steps_when_new = False, 0
 
@@ -171,7 +173,8 @@ class _Mixed:
 def _gmres(form, precondition, b, tolerance, steps, hopeless):
     """x, the number of steps and whether |K x - b| <= tolerance |b|: right-preconditioned GMRES (Saad and Schultz 1986).
 
-    hopeless: share of the residual that may be left after three steps. The estimate is that of the form's own residual; where it is reached the true one is looked at, and the estimate sharpened.
+    hopeless: share of the residual that may be left after three steps. The estimate is that of the form's own residual;
+    where it is reached the true one is looked at, and the estimate sharpened.
     """
     r = form.extended(b)
     size = np.linalg.norm(r)
@@ -224,7 +227,8 @@ def _rotate(H, rotations, rhs, j):
 
 
 def choice(kind, n_dofs=0):
-    """Name of the solver that "auto" stands for at a number of dofs: PARDISO where it is installed, else SuperLU, and pyamg for large meshes.
+    """Name of the solver that "auto" stands for at a number of dofs: PARDISO where it is installed, else SuperLU; pyamg for large
+    meshes.
 
     Raises InputError for "pardiso" where it is not installed.
     """
@@ -240,7 +244,10 @@ def choice(kind, n_dofs=0):
 
 
 class _Direct:
-    """A stale factor as a preconditioner. Subclasses: _factorize(tangent), and _apply(tangent) -> (r -> (stale body and contact)⁻¹ r)."""
+    """A stale factor as a preconditioner.
+
+    Subclasses have _factorize(tangent), and _apply(tangent) -> (r -> (stale body and contact)⁻¹ r).
+    """
 
     patience, stale_patience, hopeless = 30, MAX_KRYLOV, HOPELESS
     tolerance = TOLERANCE
@@ -355,7 +362,8 @@ class _Pardiso(_Direct):
 class _Interface:
     """The dense system S + C on the surface: factors at some C, and a correction on the dofs where it has changed since.
 
-    From one iteration to the next few points stick, slip or lift off (Woodbury: (M + E D Eᵀ)⁻¹ = M⁻¹ - M⁻¹ E (1 + D Eᵀ M⁻¹ E)⁻¹ D Eᵀ M⁻¹).
+    From one iteration to the next few points stick, slip or lift off
+    (Woodbury: (M + E D Eᵀ)⁻¹ = M⁻¹ - M⁻¹ E (1 + D Eᵀ M⁻¹ E)⁻¹ D Eᵀ M⁻¹).
     """
 
     UNCHANGED = 1e-3  # change of an entry, of the largest, that is left to GMRES
@@ -392,7 +400,8 @@ class _Interface:
 
 class _SuperLU(_Direct):
     def _factorize(self, tangent):
-        self._lu = spla.splu(tangent.whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
+        options = {"SymmetricMode": True}
+        self._lu = spla.splu(tangent.whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options=options)
 
     def _apply(self, tangent):
         return self._lu.solve

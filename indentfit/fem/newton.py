@@ -165,7 +165,7 @@ def _step(body, contact, fixed, load, solver, here, depth, leash, options, count
         try:
             return _relaxed(system, u, pressure, solver, options, counts)
         except ConvergenceError as error:
-            raise first if INVERTED in first.cause else error  # what came first says more than the residual that is left
+            raise (first if INVERTED in first.cause else error) from None  # what came first says more than the residual left
 
 
 def _newton(system, u, pressure, solver, options, counts):
@@ -328,7 +328,7 @@ class _System:
         return np.linalg.norm(residual), np.linalg.norm(forces)
 
     def merit(self, u, pressure, dampers=None):
-        """Norm of the residual at given pressures, with the forces of dampers (u -> (n,)); infinite where an element is inverted."""
+        """Norm of the residual at given pressures, with the forces of dampers (u -> (n,)); infinite where an element inverts."""
         state = self.body.state(u, self.load.fibre)
         if not state.valid:
             return np.inf

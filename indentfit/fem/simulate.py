@@ -153,7 +153,8 @@ class Model:
         try:
             path = newton.indent(self.body, self.contact, self.fixed, load, self.solver, depths, self.options, work, progress)
         except ConvergenceError as error:
-            cause = f"{error.cause}; the material is not stable at small strain ({material.unstable})" if material.unstable else error.cause
+            unstable = material.unstable and f"; the material is not stable at small strain ({material.unstable})"
+            cause = error.cause + (unstable or "")
             raise ConvergenceError(_of_test(name, cause), error.displacement, error.step, error.iteration) from error
         _require_contact(path, name)
         after = (counts.factorizations, counts.solves, counts.krylov_iterations)

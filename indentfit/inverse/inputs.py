@@ -74,7 +74,8 @@ def _of_mesh(case, problem, pool, best, known, name, spread):
     changed = _forces(problem, pool, best, [{"mesh.elements": elements}])[0]
     number = elements_of(case)
     coarser = (number(case.mesh) / number(Mesh(elements=elements))) ** (ORDER / 3)
-    sd = spread / abs(coarser - 1) * max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(best.forces, changed, strict=True))
+    change = max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(best.forces, changed, strict=True))
+    sd = spread * change / abs(coarser - 1)
     rows, _ = _of_force(case, problem, pool, best, known, name, sd)
     return rows, {"value": 0.0, "sd": float(sd), "elements": elements}
 

@@ -2,10 +2,11 @@
 
     python tests/benchmarks/forward.py solve --elements 1000 3000 8000 39312   phases, counts and memory of one configuration
     python tests/benchmarks/forward.py newton --elements 39312                 the same against a factorisation at each iteration
-    python tests/benchmarks/forward.py loop --elements 39312                   element loop against scikit-fem forms and FElupe ([bench])
+    python tests/benchmarks/forward.py loop --elements 39312                   element loop against forms and FElupe ([bench])
     python tests/benchmarks/forward.py default                                 both configurations of the shipped case as it is
 
-Every measurement runs in a process of its own (memory is its peak), `--repeat` times; the median is shown. `--set KEY=VALUE` changes the case.
+Every measurement runs in a process of its own (memory is its peak), `--repeat` times; the median is shown. `--set KEY=VALUE`
+changes the case.
 The case is cases/white_matter_2017 at the published optimum, friction 0.5, 25 outputs to 10 %, with the paper's brick (q1p0).
 """
 
@@ -101,8 +102,8 @@ def _median(runs):
 def _show(run):
     phases = ", ".join(f"{name} {seconds:.2f}" for name, seconds in run["phases"].items())
     click.echo(
-        f"{run['elements']} bricks, {run['dofs']} dofs, {run['linear']}, {run['angle']} deg: {run['wall']:.2f} s wall ({run['runs']} runs), "
-        f"{run['cpu']:.1f} s CPU, {run['memory_GB']:.2f} GB; force {run['force']:.4f} mN; {run['counts']}\n    {phases}"
+        f"{run['elements']} bricks, {run['dofs']} dofs, {run['linear']}, {run['angle']} deg: {run['wall']:.2f} s wall "
+        f"({run['runs']} runs), {run['cpu']:.1f} s CPU, {run['memory_GB']:.2f} GB; force {run['force']:.4f} mN; {run['counts']}\n    {phases}"
     )
 
 
@@ -142,7 +143,8 @@ def _run(size, settings, angle, material):
     test = next(test for test in case.tests if test.angle == angle)
     result = model.run(law, case.material.bulk_modulus(law.shear_modulus), angle, case.outputs(test))
     wall = time.perf_counter() - started
-    counts = {key: result.facts[key] for key in ("steps", "newton_iterations", "factorizations", "solves", "krylov_iterations", "tries")}
+    wanted = ("steps", "newton_iterations", "factorizations", "solves", "krylov_iterations", "tries")
+    counts = {key: result.facts[key] for key in wanted}
     return {
         **model.mesh_facts(),
         "linear": model.solver.name,
@@ -242,7 +244,8 @@ def _felupe(mesh, mu, kappa):
 
     hexahedra = to_meshio(mesh.with_boundaries({})).cells_dict["hexahedron"]
     region = felupe.RegionHexahedron(felupe.Mesh(mesh.p.T, hexahedra, "hexahedron"))
-    body = felupe.SolidBodyNearlyIncompressible(felupe.NeoHooke(mu=mu), felupe.FieldContainer([felupe.Field(region, dim=3)]), bulk=kappa)
+    field = felupe.FieldContainer([felupe.Field(region, dim=3)])
+    body = felupe.SolidBodyNearlyIncompressible(felupe.NeoHooke(mu=mu), field, bulk=kappa)
 
     def assemble():
         body.assemble.vector()

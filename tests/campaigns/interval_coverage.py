@@ -9,9 +9,8 @@ The intervals are those of `fit` by default: noise, and the mesh's error by one 
    and phi lie inside their intervals. All fits share one pool: a run that one of them needed helps the next.
 2. Noise draws at one parameter set, on the same mesh: coverage of least-squares fits, on the surrogate.
 
-Seen with --set mesh.elements=50 --other mesh.elements=90: other mesh mu 100 %, zeta 90 %, phi 100 % of 20 (without the mesh's
-error, fit.uncertain.mesh = 0: mu 60 %, zeta 90 %, phi 100 %); same mesh 96.5, 94.5 and 95.5 % of 200 draws;
-72 sets of parameters, 13 min.
+Seen with --set mesh.elements=50 --other mesh.elements=90: other mesh 100 % of 20 for mu, zeta and phi (without the mesh's error,
+fit.uncertain.mesh = 0: mu 60 %, zeta 90 %, phi 100 %); same mesh 96.5, 95.5 and 95.5 % of 200 draws; 75 sets of parameters, 3 min.
 
 Prints a line per set and a summary; exit code 1 where mu or zeta is inside in less than 90 %, or a coverage is off by over 3 %.
 """
