@@ -60,7 +60,8 @@ class Touch:
     """The contact at one displacement: pressure (n_f, n_q) and friction (n_f, n_q, 3) in kPa, and what follows.
 
     place: positions in the indenter's frame, mm; normal, bend: gradient and Hessian of the gap; traction: of the body on the
-    indenter, T - p n, kPa; D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool; history: the one it started from.
+    indenter, T - p n, kPa; D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool;
+    history: the one it started from.
     """
 
     place: np.ndarray

@@ -368,9 +368,11 @@ class _System:
             residual_error=float(self.residual @ direction),
             direction=direction,
             rate=rate,
-            slopes=self.load.directions
-            and self.changes
-            and sensitivity.at_equilibrium(self, u, solver, direction if at_rest else None)
+            slopes=(
+                self.load.directions
+                and self.changes
+                and sensitivity.at_equilibrium(self, u, solver, direction if at_rest else None)
+            )
             or None,
         )
 
