@@ -131,13 +131,13 @@ class Pool:
 
     def _longest_first(self, units):
         """Units in the order of what is to be expected of them, the longest first, so that no core idles at the end: what the
-        nearest run of the test took; before there is one, how deep it goes."""
+        nearest run of the test took; before there is one, how deep it goes, and across the fibres before along them (more slip)."""
         ran = [(test, dict(key), runs[0].seconds) for (key, test), runs in list(self._known.items())[-RECENT:]]
 
         def expected(unit):
             point, test = dict(unit[0]), unit[1]
             nearest = min(((_apart(point, other), took) for of, other, took in ran if of == test), default=(0.0, np.inf))
-            return nearest[1], float(self.case.outputs(self.case.tests[test])[-1])
+            return nearest[1], float(self.case.outputs(self.case.tests[test])[-1]), self.case.tests[test].angle
 
         return sorted(units, key=expected, reverse=True)
 
