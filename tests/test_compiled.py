@@ -29,7 +29,7 @@ print(*run.force, *run.sensitivities["mu"], *run.sensitivities["zeta"])
 def simulated(element, python):
     program = SIMULATION.format(tests=str(TESTS), element=element, kind="function" if python else "CPUDispatcher")
     environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if python else {})
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment)
+    done = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     return np.array(done.stdout.split(), float)
 
