@@ -9,11 +9,11 @@ useless.
   counts once, not times kappa; without this a step of 1 % strain spoils a factor at kappa/mu = 1000.
 - PARDISO gives the body's Schur complement S on the dofs of the footprint, and S + C is factorised, dense, at every iteration:
   points may stick, slip or lift off without a new factor. (SuperLU's factor includes the contact that it was made with.)
-So 2 to 8 steps of GMRES, of two triangular solves, do where a factorisation would cost 30.
+So 2 to 8 steps of GMRES, a forward and a backward solve each, do where a factorisation costs as much as 30.
 
 Iterative (pyamg): the augmented Lagrangian's block form. A + gamma Bᵀ B + C, gamma = SOFT shear moduli, is soft enough for smoothed
 aggregation with the rigid-body modes, and makes the pressures' Schur complement nearly diagonal, 1/kappa + 1/(gamma + 3 mu). The
-matrix is assembled with gamma in kappa's place. Steps of GMRES hardly grow with the mesh or with kappa.
+matrix is assembled with gamma in kappa's place. Steps of GMRES hardly grow with the mesh or with kappa (tests/test_linear.py).
 """
 
 import contextlib
