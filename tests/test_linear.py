@@ -91,7 +91,7 @@ def test_the_contact_may_be_unsymmetric_and_change_without_a_new_factor_of_the_b
         assert_allclose(solver.solve(tangent, problem.b, 1e-10), exact, atol=1e-6 * np.max(np.abs(exact)))
     if kind == "pardiso":
         assert solver.counts.factorizations == 1
-        assert solver.counts.krylov_iterations <= 8  # the contact of the tangent is in the preconditioner
+        assert solver.counts.krylov_iterations <= 12  # the contact is in the preconditioner; three steps make up for single precision
 
 
 @pytest.mark.parametrize("kind", ["pardiso", "superlu"])
@@ -154,6 +154,16 @@ def test_a_body_without_support_is_refused(kind):
     loose = Problem(supported=False)
     with pytest.raises(ConvergenceError, match="singular"):
         LinearSolver(installed(kind)).solve(Tangent(loose.A), loose.b)
+
+
+def test_what_single_precision_cannot_solve_is_factorised_in_double():
+    kind = installed("pardiso")
+    hard = Problem(bulk_ratio=1e9)
+    solver = LinearSolver(kind)
+    for _ in range(2):
+        x = solver.solve(Tangent(hard.A), hard.b, 1e-6)
+        assert np.linalg.norm(hard.A @ x - hard.b) <= 1e-6 * np.linalg.norm(hard.b)
+    assert solver.counts.factorizations == 2  # one in each precision, and the second stays
 
 
 @pytest.mark.parametrize("kind", ["pardiso", "superlu"])

@@ -21,6 +21,7 @@ RIGS = {
 def run(rig, values, sensitivities=(), angle=90, depths=DEPTHS):
     texts = [
         "mesh.elements=54",
+        "solver.tolerance=1e-8",  # differences of 1e-5 show what Newton leaves
         f"material.parameters={{mu={values['mu']!r},zeta={values['zeta']!r},phi={values['phi']!r}}}",
         f"material.bulk_ratio={values['bulk_ratio']!r}",
         *([] if "sphere" in "".join(rig) else [f"indenter.friction={values['friction']!r}"]),

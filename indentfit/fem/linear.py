@@ -7,7 +7,8 @@ Direct (PARDISO, SuperLU): a factor of an earlier K0 = A0 + kappa B0ᵀ B0, take
 useless.
 - It solves the earlier form with pressures as well, x = K0⁻¹ (f + kappa B0ᵀ g), p = kappa (B0 x - g). The change of B from B0 then
   counts once, not times kappa; without this a step of 1 % strain spoils a factor at kappa/mu = 1000.
-- PARDISO gives the body's Schur complement S on the dofs of the footprint, and S + C is factorised, dense, at every iteration:
+- PARDISO factorises in single precision, half the memory to read at each use, for GMRES takes out what that leaves. It gives the
+  body's Schur complement S on the dofs of the footprint, and S + C is factorised, dense, at every iteration:
   points may stick, slip or lift off without a new factor. (SuperLU's factor includes the contact that it was made with.)
 So 2 to 8 steps of GMRES, a forward and a backward solve each, do where a factorisation costs as much as 30.
 
@@ -110,6 +111,9 @@ class LinearSolver:
                 return x
         self._factorize(tangent)
         x, self._steps_when_new, ok = self._krylov(tangent, b, tolerance, self._factor.patience)
+        if not ok and (sharper := self._factor.sharper()):
+            self._factor, self._fresh = sharper, False
+            return self.solve(tangent, b, tolerance)
         if not ok:
             raise ConvergenceError("the linear system could not be solved (singular tangent: lost support or instability)")
         return x
@@ -259,6 +263,10 @@ class _Direct:
         """Steps of GMRES after which the factor shall be made anew, when it took so many just after it was made."""
         return np.inf  # a factor costs more than all it could save
 
+    def sharper(self):
+        """The same with more exact factors, or None."""
+        return None
+
     def factorize(self, tangent):
         self._factorize(tangent)
         self._kappa, self._B = tangent.kappa, tangent.dilatation
@@ -287,7 +295,7 @@ class _Pardiso(_Direct):
     _ANALYSIS, _FACTOR, _SOLVE, _FORWARD, _BACKWARD, _RELEASE = 11, 22, 33, 331, 333, -1
     _SYMMETRIC_INDEFINITE = -2
 
-    def __init__(self, surface):
+    def __init__(self, surface, kind=np.float32):
         import pypardiso
 
         self._routine = pypardiso.PyPardisoSolver()._mkl_pardiso
@@ -297,18 +305,22 @@ class _Pardiso(_Direct):
         # own values; METIS; perturb pivots below 1e-8; Bunch-Kaufman pivots
         self._settings[[0, 1, 9, 20]] = 1, 2, 8, 1
         self._settings[35] = 2 if surface.size else 0  # Schur complement together with the whole factor
+        self._kind, self._settings[27] = kind, kind is np.float32
         self._upper = None
+
+    def sharper(self):
+        return _Pardiso(self._surface, np.float64) if self._kind is np.float32 else None
 
     def _factorize(self, tangent):
         body = tangent.whole if tangent.body is None else tangent.body
         first = self._upper is None
         if first:
             self._analyse(body)
-        self._values = body.data[self._upper]
+        self._values = body.data[self._upper].astype(self._kind)
         if first:
             self._call(self._ANALYSIS)
         S = self._call(self._FACTOR)[: self._surface.size**2]
-        self._interface = _Interface(S.reshape(self._surface.size, self._surface.size))
+        self._interface = _Interface(S.reshape(self._surface.size, self._surface.size).astype(float))
 
     def _apply(self, tangent):
         if tangent.contact is None or not self._surface.size:
@@ -334,8 +346,8 @@ class _Pardiso(_Direct):
 
     def _call(self, phase, b=None):
         n = self._indptr.size - 1
-        x = np.zeros(max(n, self._surface.size**2 if phase == self._FACTOR else 0))
-        b = np.zeros(n) if b is None else np.ascontiguousarray(b)
+        x = np.zeros(max(n, self._surface.size**2 if phase == self._FACTOR else 0), dtype=self._kind)
+        b = np.zeros(n, dtype=self._kind) if b is None else b.astype(self._kind)
         error = ctypes.c_int32(0)
 
         def number(value):
@@ -415,6 +427,9 @@ class _Multigrid:
 
     def __init__(self, near_null):
         self._near_null = near_null
+
+    def sharper(self):
+        return None
 
     def bulk(self, kappa, mu):
         return min(kappa, SOFT * mu)

@@ -353,9 +353,11 @@ class _System:
         """The converged step at u with its tangent direction and stiffness, and its slopes by the load's directions."""
         by_depth = self.contact.by_depth(self.touch)
         by_depth[self.fixed.dofs] = 0
-        if self.load.directions and self.changes:
+        differentiated = self.load.directions and self.changes
+        if differentiated:
             solver.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
-        direction = solver.solve(self.tangent, -by_depth)
+        # what the prediction of a step needs little of, a stiffness that is asked for and derivatives of the path need whole
+        direction = solver.solve(self.tangent, -by_depth, sensitivity.ACCURACY if at_rest or differentiated else None)
         rate = self.contact.rate(self.touch, direction)
         return Equilibrium(
             depth=self.depth,
