@@ -61,6 +61,14 @@ def test_more_load_steps_change_the_curve_by_less_than_a_third_of_a_percent(run)
     assert usual.force == pytest.approx(many.force, rel=0.003)
 
 
+def test_multigrid_and_a_direct_solver_give_the_same_curve(run):
+    curves = [
+        run("solver.element='q1p0'", "mesh.elements=300", f"solver.linear='{kind}'", angle=90, depths=DEPTHS).force
+        for kind in ("pyamg", "superlu")
+    ]
+    assert curves[0] == pytest.approx(curves[1], rel=1e-6)
+
+
 def test_a_sample_of_the_robustness_campaign_is_solved():
     """Ten points of `campaigns/robustness.py` on a coarse mesh; the campaign itself runs all of them on the default one."""
     for index in (0, 2, 4, 5, 6, 7, 8, 9, 13, 14):

@@ -20,9 +20,9 @@ E1 = np.eye(3)[0]
 class Problem:
     """The tangent A of a coarse supported quarter at a small displacement, a load b, its rigid-body modes."""
 
-    def __init__(self, bulk_ratio=20.0, supported=True):
+    def __init__(self, bulk_ratio=20.0, supported=True, elements=120):
         sample = Sample(shape="block", length=6, width=6, thickness=3, base="bonded")
-        mesh = quarter(sample, Indenter(shape="strip", width=2, length=20, friction=0.5), Mesh(elements=120))
+        mesh = quarter(sample, Indenter(shape="strip", width=2, length=20, friction=0.5), Mesh(elements=elements))
         self.solid = Solid(mesh)
         basis, self.size = self.solid.basis, 2e-3
         held = basis.get_dofs("base").all() if supported else np.array([], dtype=int)
@@ -34,10 +34,18 @@ class Problem:
         self.b = rng.standard_normal(self.solid.n_dofs)
         self.b[held] = 0
 
-    def tangent(self, u):
+    def pressed(self):
+        """Whether a dof is the vertical one of a node under the indenter."""
+        x, y, z = self.solid.basis.doflocs
+        pressed = (np.arange(x.size) % 3 == 2) & (z > z.max() - 1e-9) & (abs(x) <= 1) & (abs(y) <= 1)
+        pressed[self.fixed.dofs] = False
+        return pressed
+
+    def tangent(self, u, bulk=None):
         material = load("transversely_isotropic")(mu=1.49, zeta=4.68, phi=0.68)
-        kappa, state = self.bulk_ratio * material.mu, self.solid.state(u, E1)
-        forces, values = self.solid.tangent(u, state, material, self.solid.pressure(state, kappa), kappa, E1)
+        self.mu, self.kappa = material.mu, self.bulk_ratio * material.mu
+        state = self.solid.state(u, E1)
+        forces, values = self.solid.tangent(u, state, material, self.solid.pressure(state, self.kappa), self.kappa, E1, bulk)
         if self.fixed.dofs.size:
             self.fixed.constrain(forces, values)
         return self.solid.matrix(values), forces
@@ -63,6 +71,25 @@ def test_every_solver_gives_the_same_solution(problem, kind):
     assert np.linalg.norm(problem.A @ x - problem.b) <= 1e-10 * np.linalg.norm(problem.b)
     assert_allclose(x, dense, atol=1e-6 * np.max(np.abs(dense)))
     assert solver.counts.factorizations == solver.counts.solves == 1
+
+
+def steps_of_multigrid(bulk_ratio, elements):
+    """Steps of GMRES for a load on the top of the sample at rest; the solution is looked at."""
+    here = Problem(bulk_ratio, elements=elements)
+    solver, rest = LinearSolver("pyamg", here.fixed.freed(here.modes)), np.zeros_like(here.u)
+    bulk = solver.bulk(here.kappa, here.mu)
+    (soft, _), (A, _) = here.tangent(rest, bulk), here.tangent(rest)
+    B = here.fixed.dilatation(here.solid.dilatation_map(rest))
+    b = here.pressed().astype(float)
+    x = solver.solve(Tangent(soft, None, None, B, here.kappa, bulk, here.mu), b, 1e-6)
+    assert np.linalg.norm(A @ x - b) <= 1.01e-6 * np.linalg.norm(b)  # A holds the whole of kappa
+    return solver.counts.krylov_iterations
+
+
+def test_steps_of_multigrid_grow_little_with_the_mesh_and_the_bulk_modulus():
+    coarse, fine = ([steps_of_multigrid(bulk_ratio, elements) for bulk_ratio in (20.0, 1000.0)] for elements in (600, 3000))
+    assert all(many < 2 * few for few, many in zip(coarse, fine, strict=True))
+    assert fine[1] < 2 * fine[0]
 
 
 def with_contact(problem, surface, C):
