@@ -4,6 +4,7 @@
     python tests/benchmarks/forward.py newton --elements 39312                 the same against a factorisation at each iteration
     python tests/benchmarks/forward.py loop --elements 39312                   element loop against forms and FElupe ([bench])
     python tests/benchmarks/forward.py default                                 both configurations of the shipped case as it is
+    python tests/benchmarks/forward.py accuracy                                error against cost of both bricks (error_cost.svg)
 
 Every measurement runs in a process of its own (memory is its peak), `--repeat` times; the median is shown. `--set KEY=VALUE`
 changes the case.
@@ -85,6 +86,54 @@ def default(repeat, settings):
         _show(_median([_child("run", 0, ("default", *settings), angle, "white_matter") for _ in range(repeat)]))
 
 
+SIZES = {"q2p1": (33, 60, 92, 180, 306, 480), "q1p0": (300, 1000, 3000, 8000)}
+REFERENCES = Path(__file__).parents[3] / "shared" / "references"
+
+
+@main.command()
+@click.option("--repeat", type=int, default=1)
+def accuracy(repeat):
+    """Error of the force at 10 % against ../shared/references and CPU time, a line for each mesh and brick; a figure."""
+    rows = []
+    for angle in (0, 90):
+        reference = json.loads((REFERENCES / f"opt_{angle}deg_f0.5.json").read_text())
+        exact = reference["force_mN"][-1]
+        for brick, sizes in SIZES.items():
+            for size in sizes:
+                settings = ("default", f"solver.element='{brick}'", f"mesh.elements={size}")
+                run = _median([_child("run", size, settings, angle, "white_matter") for _ in range(repeat)])
+                error = 100 * (run["force"] / exact - 1)
+                rows.append((angle, brick, run["elements"], run["cpu"], error, reference["error_percent"]))
+                click.echo("{} deg {}: {} bricks, {:.2f} s CPU, error {:+.2f} % (reference +- {} %)".format(*rows[-1]))
+    _draw(rows, Path(__file__).with_name("error_cost.svg"))
+
+
+def _draw(rows, path):
+    import matplotlib
+
+    matplotlib.use("svg")
+    from matplotlib import pyplot as plt
+    from matplotlib.ticker import FuncFormatter
+
+    figure, axes = plt.subplots(1, 2, figsize=(7, 3), sharey=True, layout="constrained")
+    for angle, axis in zip((0, 90), axes, strict=True):
+        for brick, colour, mark in (("q2p1", "#0072b2", "o"), ("q1p0", "#d55e00", "s")):
+            points = [(cpu, abs(error), bricks) for at, kind, bricks, cpu, error, _ in rows if (at, kind) == (angle, brick)]
+            axis.plot(*zip(*[point[:2] for point in points], strict=True), mark + "-", color=colour, ms=4, lw=1, label=brick)
+            for cpu, error, bricks in points:
+                axis.annotate(f"{bricks:,}", (cpu, error), (3, 4), textcoords="offset points", fontsize=6, color=colour)
+        own = next(row[-1] for row in rows if row[0] == angle)
+        axis.axhspan(1e-3, own, color="0.9", lw=0, label=f"reference's own error, {own} %")
+        axis.set(xscale="log", yscale="log", ylim=(0.1, 20), xlabel="CPU time of one configuration, s")
+        axis.set_title(f"{angle}°, friction 0.5", fontsize=9)
+        for scale in (axis.xaxis, axis.yaxis):
+            scale.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.margins(x=0.12)
+        axis.legend(fontsize=6, loc="upper right", frameon=False)
+    axes[0].set_ylabel("error of the force at 10 %, %")
+    figure.savefig(path, metadata={"Date": None})
+
+
 def _child(task, *arguments):
     text = json.dumps(arguments)
     done = subprocess.run([sys.executable, __file__, "child", task, text], capture_output=True, text=True)
@@ -103,7 +152,8 @@ def _show(run):
     phases = ", ".join(f"{name} {seconds:.2f}" for name, seconds in run["phases"].items())
     click.echo(
         f"{run['elements']} bricks, {run['dofs']} dofs, {run['linear']}, {run['angle']} deg: {run['wall']:.2f} s wall "
-        f"({run['runs']} runs), {run['cpu']:.1f} s CPU, {run['memory_GB']:.2f} GB; force {run['force']:.4f} mN; {run['counts']}\n    {phases}"
+        f"({run['runs']} runs), {run['cpu']:.1f} s CPU, {run['memory_GB']:.2f} GB; force {run['force']:.4f} mN; "
+        f"{run['counts']}\n    {phases}"
     )
 
 
@@ -216,9 +266,12 @@ def _loop(size, settings, angle, material):
     kappa, fibre = 1000 * law.shear_modulus, np.array([1.0, 0.0, 0.0])
     seconds = {}
     with threadpool_limits(1):
-        solid = Solid(mesh, case.solver.element)
+        solid, threaded = Solid(mesh, case.solver.element), Solid(mesh, case.solver.element)
+        solid._threads = 1
+        forms = FormSolid(mesh, case.solver.element)
+        bodies = ("compiled", solid, 5), (f"on {threaded._threads} threads", threaded, 5), ("forms", forms, 1)
         u = 1e-3 * np.random.default_rng(0).standard_normal(solid.n_dofs)
-        for name, body, times in (("compiled", solid, 5), ("forms", FormSolid(mesh, case.solver.element), 1)):
+        for name, body, times in bodies:
 
             def tangent(body=body):
                 state = body.state(u, fibre)
