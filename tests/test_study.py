@@ -152,6 +152,22 @@ def test_a_grid_has_every_combination_and_equal_points_are_run_once(case, monkey
     assert len(count) == 1 + 2 * 2  # one to make the model ready, then two tests at two points
 
 
+def test_a_key_of_the_case_is_a_point_of_the_same_workers_and_changes_no_number(case):
+    """Other friction, base, edge, mesh, springs and bulk modulus need no workers of their own; other depths and materials do."""
+    keys = ["indenter.friction=0.2", "sample.base=bonded", "indenter.edge_radius=0.2", "mesh.elements=24", "solver.penalty=3",
+            "material.kappa=30", "material.mu=2"]  # fmt: skip
+    variants = [case, *(read_case(QUICK, [*SMALL, key]) for key in keys)]
+    assert [list(points) for _, points in runs._groups(variants)] == [list(range(8))]
+    other = ["test.parallel.depth=0.05", "material={model='neo_hookean',parameters={mu=1}}"]
+    assert len(runs._groups([case, *(read_case(QUICK, [*SMALL, key]) for key in other)])) == 3
+    together = runs.evaluate(variants, workers=1)
+    for key, one, found in zip(["", *keys], variants, together, strict=True):
+        (alone,) = runs.evaluate([one], workers=1)
+        for ours, theirs, test in zip(found.forces, alone.forces, simulate(one).tests, strict=True):
+            assert np.array_equal(ours, theirs), key
+            assert np.allclose(ours, test.force, rtol=1e-5), key
+
+
 @pytest.fixture
 def fails_across(monkeypatch):
     """No equilibrium across the fibres where zeta is 9."""
@@ -450,6 +466,36 @@ def test_refits_find_the_parameter_that_a_stiffer_base_asks_for(gel, tmp_path):
     assert "sample.base = bonded" in done.stdout.split("fitted with")[1]
     assert "The parameters fitted anew" in (tmp_path / "out" / "report.html").read_text()
     assert {path.name for path in tmp_path.iterdir()} == {"out", "case.toml", "curve.csv"}
+
+
+def test_what_a_fit_has_run_already_is_taken_from_its_ledger(gel, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("fit", gel, "--no-fields", "-o", f"{tmp_path.name}-result").exit_code == 0
+    count, real = [], Model.run
+    monkeypatch.setattr(Model, "run", lambda self, *a, **k: count.append(a) or real(self, *a, **k))
+    done = run("sweep", gel, "--vary", "test.punch.weight=0.5", "--refit", "-o", "out")
+    assert done.exit_code == 0, done.output
+    assert not count and "runs taken over" in done.stderr  # the same mechanics throughout
+    fitted = json.loads((tmp_path / f"{tmp_path.name}-result" / "result.json").read_text())["parameters"]["mu"]
+    refits = json.loads((tmp_path / "out" / "result.json").read_text())["refits"]
+    assert [one["parameters"]["mu"]["value"] for one in refits] == [fitted["value"]] * 2
+
+
+def test_a_sweep_that_is_asked_to_stop_keeps_its_runs_and_says_how_to_go_on(tmp_path, monkeypatch):
+    real = Ledger.add
+
+    def last(self, *of_run):
+        real(self, *of_run)
+        if len(self) == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    words = ["sweep", QUICK, *OPTIONS, "--vary", "material.zeta=2,4", "--workers", 1, "-o", tmp_path / "out"]
+    with monkeypatch.context() as patch:
+        patch.setattr(Ledger, "add", last)
+        done = run(*words)
+    assert done.exit_code == 128 + signal.SIGTERM
+    assert "error: the sweep was stopped before its end; 2 runs are kept, the same command goes on from there" in done.stderr
+    assert run(*words).exit_code == 0 and {path.name for path in tmp_path.iterdir()} == {"out"}
 
 
 def test_a_refit_needs_something_to_fit(tmp_path):

@@ -77,7 +77,7 @@ def command(
     _refuse_unfinished(output, resume, overwrite, samples=False)
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    with stopping() as stop, lasting_folder(output, overwrite) as folder, opened(folder, read, resume, target, reuse) as ledger:
+    with stopping() as stop, lasting_folder(output, overwrite) as folder, opened(folder, read, resume, [target], reuse) as ledger:
         clear(folder)
         with saying_what_is_kept(ledger), progress("fit", total=1) as step:
             result = fit(read, step, ledger=ledger, cluster=cluster or scheduler, stop=stop)
@@ -126,7 +126,7 @@ def _fits(folder, named, resume, target, reuse, cluster, stop):
             place.mkdir(exist_ok=True)
             of_sample = lambda share, note="", n=n, sample=sample: step((n + share) / len(named), f"{sample} {note}")  # noqa: E731
             others = Path(reuse) / name if reuse and (Path(reuse) / name).is_dir() else reuse
-            with opened(place, case, resume and (place / LEDGER).exists(), target / name, others) as ledger:
+            with opened(place, case, resume and (place / LEDGER).exists(), [target / name], others) as ledger:
                 clear(place)
                 with saying_what_is_kept(ledger):
                     fits.append(fit_sample(sample, case, of_sample, ledger, cluster, stop))

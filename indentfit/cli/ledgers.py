@@ -11,16 +11,17 @@ from ..report.folder import LEDGER
 
 
 @contextlib.contextmanager
-def opened(folder, case, resume, target, reuse, others=()):
-    """Context that gives the Ledger of a case, and of others like it, in a folder, with the runs of an earlier result `target` and
-    of the folder `reuse` that they can use; taken away again where nothing came into it."""
+def opened(folder, case, resume, earlier, reuse, others=()):
+    """Context that gives the Ledger of a case, and of others like it, in a folder, with the runs that they can use of `earlier`
+    results, where those have any, and of the folder `reuse`; taken away again where nothing came into it."""
     path = Path(folder) / LEDGER
     if resume and not path.exists():
         click.echo(f"note: there is no unfinished fit in {folder}; it starts from its beginning", err=True)
     with Ledger(path, case, resume and path.exists(), others) as ledger:
         try:
-            if (target / LEDGER).is_file():
-                _take_over(ledger, target / LEDGER, False)
+            for result in earlier:
+                if (result / LEDGER).is_file():
+                    _take_over(ledger, result / LEDGER, False)
             if reuse is not None:
                 _take_over(ledger, Path(reuse) / LEDGER, True)
             for remark in ledger.remarks:
@@ -55,8 +56,9 @@ def _take_over(ledger, source, needed):
             raise
         click.echo(f"warning: {error}", err=True)
         return
-    none = "; none is of the same mechanics, material, depths and versions" if needed and not taken else ""
-    click.echo(f"note: {taken} runs taken over from {source}{none}", err=True)
+    none = "; none is of the same mechanics, material, depths and versions" if not taken else ""
+    if taken or needed:
+        click.echo(f"note: {taken} runs taken over from {source}{none}", err=True)
 
 
 def _kept(ledger, remedy):

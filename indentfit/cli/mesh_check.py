@@ -46,7 +46,7 @@ def command(case, sizes, elements, wanted, mesh_only, refit, overrides, output, 
         click.echo(f"warning: {warning}", err=True)
     with (
         lasting_folder(output, overwrite) as folder,
-        opened(folder, read, False, target, None, planned.cases) as ledger,
+        opened(folder, read, False, [target], None, planned.cases) as ledger,
         saying_what_is_kept(ledger, "check", AGAIN),
     ):
         clear(folder)

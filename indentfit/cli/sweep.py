@@ -1,6 +1,7 @@
 """`indentfit sweep`: what each key of a case does to its force curves."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import click
 
@@ -35,7 +36,7 @@ def command(case, asked, grid, refit, overrides, workers, output, overwrite, reu
 
     A parameter that the case leaves free has its start value. A point that fails is shown with its cause and the rest
     stands. Every run is kept at once, as those of a fit: a sweep that was stopped or killed goes on where it was when the
-    same command is given again.
+    same command is given again. Runs that a fit has made already are taken from CASEFOLDER-result, where that is its folder.
     """
     if cluster and scheduler:
         raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
@@ -43,14 +44,15 @@ def command(case, asked, grid, refit, overrides, workers, output, overwrite, reu
     planned = plan(read, asked, grid)
     if refit:
         require_fittable(read)
-    output = output or f"{read.path.resolve().parent.name or 'case'}-sweep"
-    target = refuse_existing(output, overwrite)
+    name = read.path.resolve().parent.name or "case"
+    output = output or f"{name}-sweep"
+    earlier = [refuse_existing(output, overwrite), Path(f"{name}-result")]
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
     with (
         stopping() as stop,
         lasting_folder(output, overwrite) as folder,
-        opened(folder, read, False, target, reuse, planned.cases) as ledger,
+        opened(folder, read, False, earlier, reuse, planned.cases) as ledger,
         saying_what_is_kept(ledger, "sweep", AGAIN),
     ):
         clear(folder)
