@@ -103,6 +103,7 @@ class Inputs:
         return _sha(self.origin + _json(inputs))
 
 
+@cache
 def versions():
     """Versions of what computes a curve, None for what is not installed."""
     found: dict[str, str | None] = dict.fromkeys(PACKAGES)

@@ -1,6 +1,5 @@
 """Forward runs of many variants of a case: on the worker processes of a fit, and through its ledger."""
 
-from indentfit.inverse.ledger import Inputs
 from indentfit.inverse.setting import setting
 from indentfit.inverse.workers import Pool
 
@@ -53,5 +52,5 @@ def _point(first, case):
 
 def _decided(case):
     """What decides the forces of a case, but its parameters."""
-    tests = [(test.angle, case.outputs(test).tolist()) for test in case.tests]
-    return Inputs(case).origin, tests
+    tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
+    return tables, [(test.angle, case.outputs(test).tolist()) for test in case.tests]
