@@ -50,7 +50,7 @@ class WorkerError(InputError):
 
 
 class Stopped(IndentfitError):
-    """The fit was stopped by a signal, as asked; `number` is the signal's."""
+    """A long command was stopped by a signal, as asked; `number` is the signal's."""
 
     def __init__(self, text, number=2):
         self.number, self.exit_code = number, 128 + number

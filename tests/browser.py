@@ -26,6 +26,7 @@ return {
   background: getComputedStyle(document.body).backgroundColor,
   pictures: [...document.querySelectorAll('figure svg, figure img')].map(e => ({box: box(e), whole: shown(e)})),
   texts: [...document.querySelectorAll('h1, h2, p, li, figcaption, .scroll, pre')].map(box),
+  wide: [...document.querySelectorAll('.scroll, pre')].filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.ariaLabel),
   edge: getComputedStyle(document.querySelector('.lead')).borderLeftWidth, harmed: window.harmed === 1};
 })()"""
 

@@ -220,7 +220,8 @@ def test_the_uncertain_inputs_that_init_mentions_are_keys(tmp_path):
     run("init", tmp_path / "case")
     text = (tmp_path / "case" / "case.toml").read_text()
     table = text[text.index("# [fit.uncertain]") : text.index("# [fit.published]")]
-    (changed := tmp_path / "case" / "changed.toml").write_text(text.replace(table, table.replace("# ", "", 1).replace("\n# ", "\n")))
+    open_ = table.replace("# ", "", 1).replace("\n# ", "\n")
+    (changed := tmp_path / "case" / "changed.toml").write_text(text.replace(table, open_))
     assert "\nfriction = 0.1\n" in changed.read_text()
     assert run("validate", changed).exit_code == 0
 
@@ -332,7 +333,7 @@ def test_help_and_version_are_quick_and_know_every_command():
 
 def test_every_command_is_a_module_of_its_own_with_the_same_help():
     folder = Path(cli.__file__).parent
-    modules = {path.stem.replace("_", "-") for path in folder.glob("*.py")} - {"--init--", "progress", "stopping"}
+    modules = {path.stem.replace("_", "-") for path in folder.glob("*.py")} - {"--init--", "ledgers", "progress", "stopping"}
     assert modules <= set(cli.COMMANDS)
     for name in modules:
         assert run(name, "--help").exit_code == 0

@@ -17,7 +17,6 @@ from indentfit.experiment.reading import read_record
 from indentfit.experiment.samples import read_samples
 from indentfit.material import load
 from indentfit.report.html import write_report
-from indentfit.study.kept import Kept
 
 
 def refused(error, function, *arguments):
@@ -167,19 +166,3 @@ def test_a_damaged_result_is_refused_in_a_line_and_its_page_stays(tmp_path, chan
 def test_a_result_nested_too_deep_is_refused(tmp_path):
     (tmp_path / "result.json").write_text("[" * 100_000)
     assert "result.json: cannot be read" in refused(OutputError, write_report, tmp_path)
-
-
-# ---- what a study has finished -----------------------------------------------------------------------------------
-
-
-def test_a_finished_run_that_was_changed_on_the_disk_is_computed_again_and_not_believed(tmp_path):
-    path = tmp_path / ".out.unfinished.jsonl"
-    record = {"forces_mN": [[1.25, 2.5]], "cause": None, "seconds": 1.0}
-    Kept(path)["run a"] = record
-    sound, rng = path.read_bytes(), np.random.default_rng(0)
-    for _ in range(300):
-        place, bit = rng.integers(len(sound)), rng.integers(8)
-        path.write_bytes(sound[:place] + bytes([sound[place] ^ (1 << bit)]) + sound[place + 1 :])
-        assert dict(Kept(path)) in ({}, {"run a": record})  # the last byte may be spoiled: it only ends the line
-    path.write_bytes(b'["run a", 5]\n["run b", {"forces_mN": 3}]\n[1]\nnull\n' + b"[" * 100_000)
-    assert dict(Kept(path)) == {}

@@ -368,6 +368,20 @@ def test_only_runs_of_the_same_mechanics_are_taken_over_and_only_once(tmp_path, 
             ledger.take_over(tmp_path / "nowhere")
 
 
+def test_a_ledger_of_several_cases_keeps_their_runs_apart(tmp_path, case):
+    """One file and one lock; the same parameters and test of another case are another run."""
+    other = quickstart("indenter.friction=0.1")
+    with Ledger(tmp_path / "l", case, others=[other]) as ledger:
+        ledger.add(POINT, case.tests[0], Run(forces(0), None, 1.0, {}))
+        ledger.of(other).add(POINT, other.tests[0], Run(forces(1), None, 1.0, {}))
+        assert len(ledger) == 2 and ledger.has_own
+    with Ledger(tmp_path / "both", case, others=[other]) as both, Ledger(tmp_path / "one", case) as one:
+        assert both.take_over(tmp_path / "l") == 2 and one.take_over(tmp_path / "l") == 1
+        for n, ledger in enumerate((both, both.of(other))):
+            assert np.array_equal(ledger.find(POINT, case.tests[0]).force, forces(n))
+        assert one.of(other).find(POINT, case.tests[0]) is None and not both.has_own
+
+
 def test_nothing_in_a_ledger_is_code(tmp_path, case):
     """Numbers are raw float64, the rest is text or JSON."""
     fill(tmp_path / "l", case, 1)

@@ -1,12 +1,13 @@
 """sweep and mesh-check: what they compute, that a failed point harms only itself, and that a killed study goes on."""
 
+import contextlib
 import csv
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -17,10 +18,11 @@ from indentfit.case import read_case
 from indentfit.cli import main
 from indentfit.errors import CaseError, ConvergenceError, MeshError
 from indentfit.fem.simulate import Model, simulate
+from indentfit.inverse.ledger import Ledger
+from indentfit.report.folder import LEDGER
 from indentfit.study import isolated, mesh_check, runs
-from indentfit.study.kept import Kept, place_beside
 from indentfit.study.mesh_check import Measured, estimate, measure, own_checks, own_family
-from indentfit.study.sweep import sweep, variation
+from indentfit.study.sweep import plan, sweep, variation
 
 QUICK = CASES / "quickstart" / "case.toml"
 SMALL = ("mesh.elements=30", "test.parallel.depth=0.1", "test.perpendicular.depth=0.1")
@@ -36,21 +38,29 @@ def run(*words):
     return CliRunner().invoke(main, list(map(str, words)))
 
 
-# ---- what is kept ------------------------------------------------------------------------------------------------
+KILLED = """import os, sys
+from indentfit.cli import main
+from indentfit.inverse.ledger import Ledger
+add = Ledger.add
+def last(self, *run):
+    add(self, *run)
+    if len(self) == {number}:
+        os.kill(os.getpid(), 9)
+Ledger.add = last
+main()
+"""
 
 
-def test_what_is_finished_is_there_after_a_kill_but_for_a_line_cut_short(tmp_path):
-    path = tmp_path / ".out.unfinished.jsonl"
-    kept = Kept(path)
-    kept["a"], kept["b"] = {"force": [1 / 3, 2.0]}, {"force": None}
-    with path.open("ab") as file:
-        file.write(b'["c", {"force": [1.')
-    again = Kept(path)
-    assert dict(again) == {"a": {"force": [1 / 3, 2.0]}, "b": {"force": None}}
-    again["d"] = {"force": [4.0]}
-    assert set(Kept(path)) == {"a", "b", "d"}
-    again.forget()
-    assert not path.exists() and not Kept(path)
+def killed(number, *words):
+    """A command in a process of its own, killed as soon as it has that many runs."""
+    program = [sys.executable, "-P", "-c", KILLED.format(number=number), *map(str, words)]
+    assert subprocess.run(program, capture_output=True, timeout=120).returncode == -signal.SIGKILL
+
+
+def kept(folder):
+    """The number of runs in the ledger of a study that was killed."""
+    with contextlib.closing(sqlite3.connect(folder / LEDGER)) as file:
+        return file.execute("SELECT count(*) FROM runs").fetchone()[0]
 
 
 # ---- sweep: values -----------------------------------------------------------------------------------------------
@@ -83,11 +93,9 @@ def test_a_variation_that_means_nothing_ends_with_2_in_one_line(text, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_every_wrong_value_is_named_before_anything_is_run(case, monkeypatch):
-    monkeypatch.setattr(runs, "Pool", lambda *_: pytest.fail("something was run"))
-    texts = ["indenter.friction=0.2,-1", "material.nu=1", "sample.base=glued"]
+def test_every_wrong_value_is_named_before_anything_is_run(case):
     with pytest.raises(CaseError) as error:
-        sweep(case, [variation(case, text) for text in texts], {})
+        plan(case, ["indenter.friction=0.2,-1", "material.nu=1", "sample.base=glued"])
     assert len(error.value.problems) == 3 and all("(--vary)" in line for line in error.value.problems)
 
 
@@ -97,7 +105,7 @@ def test_every_wrong_value_is_named_before_anything_is_run(case, monkeypatch):
 @pytest.fixture(scope="module")
 def swept(case):
     texts = ["material.mu=+-15%", "material.zeta=+-15%", "indenter.friction=0,stick"]
-    return sweep(case, [variation(case, text) for text in texts], {}, workers=1)
+    return sweep(plan(case, texts), workers=1)
 
 
 def point(swept, **values):
@@ -138,11 +146,26 @@ def test_a_grid_has_every_combination_and_equal_points_are_run_once(case, monkey
     count = []
     real = Model.run
     monkeypatch.setattr(Model, "run", lambda self, *a, **k: count.append(a[2:4]) or real(self, *a, **k))
-    texts = ["material.mu=1,2", "material.zeta=3"]
-    found = sweep(case, [variation(case, text) for text in texts], {}, grid=True, workers=1)
+    found = sweep(plan(case, ["material.mu=1,2", "material.zeta=3"], grid=True), workers=1)
     assert [p.values for p in found.points] == [{"material.mu": mu, "material.zeta": "3"} for mu in ("1", "2")]
     assert found.points[0].tests["parallel"].force_change == 0  # it is the case itself
     assert len(count) == 1 + 2 * 2  # one to make the model ready, then two tests at two points
+
+
+def test_a_key_of_the_case_is_a_point_of_the_same_workers_and_changes_no_number(case):
+    """Other friction, base, edge, mesh, springs and bulk modulus need no workers of their own; other depths and materials do."""
+    keys = ["indenter.friction=0.2", "sample.base=bonded", "indenter.edge_radius=0.2", "mesh.elements=24", "solver.penalty=3",
+            "material.kappa=30", "material.mu=2"]  # fmt: skip
+    variants = [case, *(read_case(QUICK, [*SMALL, key]) for key in keys)]
+    assert [list(points) for _, points in runs._groups(variants)] == [list(range(8))]
+    other = ["test.parallel.depth=0.05", "material={model='neo_hookean',parameters={mu=1}}"]
+    assert len(runs._groups([case, *(read_case(QUICK, [*SMALL, key]) for key in other)])) == 3
+    together = runs.evaluate(variants, workers=1)
+    for key, one, found in zip(["", *keys], variants, together, strict=True):
+        (alone,) = runs.evaluate([one], workers=1)
+        for ours, theirs, test in zip(found.forces, alone.forces, simulate(one).tests, strict=True):
+            assert np.array_equal(ours, theirs), key
+            assert np.allclose(ours, test.force, rtol=1e-5), key
 
 
 @pytest.fixture
@@ -183,19 +206,10 @@ def test_a_sweep_in_which_nothing_converges_ends_with_3(monkeypatch, tmp_path):
 
 def test_a_sweep_that_was_killed_goes_on_where_it_stopped_with_the_same_numbers(tmp_path):
     words = [str(QUICK), *OPTIONS, "--vary", "material.zeta=2,4,5", "--workers", "1", "--json", "-o"]
-    program = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()", "sweep"]
-    kept = place_beside(tmp_path / "out")
-    process = subprocess.Popen([*program, *words, tmp_path / "out"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    until = time.monotonic() + 120
-    while len(Kept(kept)) < 2 and time.monotonic() < until:
-        assert process.poll() is None
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    before = len(Kept(kept))
-    assert 2 <= before <= 4 and not (tmp_path / "out").exists()
+    killed(3, "sweep", *words, tmp_path / "out")
+    assert kept(tmp_path / ".out.unfinished") == 3 and not (tmp_path / "out").exists()
     resumed = run("sweep", *words, tmp_path / "out")
-    assert resumed.exit_code == 0 and f"resumed: {before} points" in resumed.stderr
+    assert resumed.exit_code == 0 and "resumed: 3 runs" in resumed.stderr
     whole = run("sweep", *words, tmp_path / "whole")
 
     def forces(done):
@@ -324,25 +338,17 @@ def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, t
     assert ideal == [40, 80, 160, 320, 640, 1280]
     assert (
         resumed.stdout.replace(str(tmp_path / "out"), str(tmp_path / "whole")) == whole.stdout
-        and "resumed: 3 runs" in resumed.stderr
+        and "resumed: 6 runs" in resumed.stderr
     )
 
 
 def test_a_check_killed_with_9_goes_on_with_the_same_numbers(tmp_path):
-    """Real processes: the check dies within its second mesh, its child with it, and the same command ends as one never killed."""
+    """Real processes: the check dies after its first mesh, of two tests, and the same command ends as one never killed."""
     words = [str(QUICK), *OPTIONS, "--elements", "20,40", "--mesh-only", "--json", "-o"]
-    program = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()", "mesh-check"]
-    kept = place_beside(tmp_path / "out")
-    process = subprocess.Popen([*program, *words, tmp_path / "out"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    until = time.monotonic() + 120
-    while not Kept(kept) and time.monotonic() < until:
-        assert process.poll() is None
-        time.sleep(0.01)
-    process.kill()
-    process.wait()
-    assert len(Kept(kept)) == 1 and not (tmp_path / "out").exists()
+    killed(2, "mesh-check", *words, tmp_path / "out")
+    assert kept(tmp_path / ".out.unfinished") == 2 and not (tmp_path / "out").exists()
     resumed, whole = run("mesh-check", *words, tmp_path / "out"), run("mesh-check", *words, tmp_path / "whole")
-    assert resumed.exit_code == 0 and "resumed: 1 runs" in resumed.stderr
+    assert resumed.exit_code == 0 and "resumed: 2 runs" in resumed.stderr
     first, second = (json.loads(done.stdout) for done in (resumed, whole))
     assert [one["forces"] for one in first["meshes"]] == [one["forces"] for one in second["meshes"]]
     assert first["quantities"] == second["quantities"] and first["meshes"][0]["forces"]
@@ -376,11 +382,11 @@ def test_the_estimate_of_the_size_is_near_the_mesh(element, elements):
 
 def test_a_mesh_is_measured_in_a_process_of_its_own(case):
     """Real mechanics: forces as simulate gives them, time and memory of that process alone."""
-    found = Measured(**isolated.isolated(measure, runs.forward(case)))
+    found = Measured(**isolated.isolated(measure, case))
     for force, test in zip(found.forces, simulate(case).tests, strict=True):
         assert np.allclose(force, test.force, rtol=1e-5)
     assert 0 < found.cpu_seconds < 60 and 50e6 < found.memory < 2e9
-    again = Measured(**isolated.isolated(measure, runs.forward(read_case(QUICK, [*SMALL[1:], f"mesh.size={found.h!r}"]))))
+    again = Measured(**isolated.isolated(measure, read_case(QUICK, [*SMALL[1:], f"mesh.size={found.h!r}"])))
     assert again.elements == found.elements and np.allclose(again.forces[0], found.forces[0], rtol=1e-9)  # h is mesh.size
 
 
@@ -462,6 +468,36 @@ def test_refits_find_the_parameter_that_a_stiffer_base_asks_for(gel, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"out", "case.toml", "curve.csv"}
 
 
+def test_what_a_fit_has_run_already_is_taken_from_its_ledger(gel, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("fit", gel, "--no-fields", "-o", f"{tmp_path.name}-result").exit_code == 0
+    count, real = [], Model.run
+    monkeypatch.setattr(Model, "run", lambda self, *a, **k: count.append(a) or real(self, *a, **k))
+    done = run("sweep", gel, "--vary", "test.punch.weight=0.5", "--refit", "-o", "out")
+    assert done.exit_code == 0, done.output
+    assert not count and "runs taken over" in done.stderr  # the same mechanics throughout
+    fitted = json.loads((tmp_path / f"{tmp_path.name}-result" / "result.json").read_text())["parameters"]["mu"]
+    refits = json.loads((tmp_path / "out" / "result.json").read_text())["refits"]
+    assert [one["parameters"]["mu"]["value"] for one in refits] == [fitted["value"]] * 2
+
+
+def test_a_sweep_that_is_asked_to_stop_keeps_its_runs_and_says_how_to_go_on(tmp_path, monkeypatch):
+    real = Ledger.add
+
+    def last(self, *of_run):
+        real(self, *of_run)
+        if len(self) == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    words = ["sweep", QUICK, *OPTIONS, "--vary", "material.zeta=2,4", "--workers", 1, "-o", tmp_path / "out"]
+    with monkeypatch.context() as patch:
+        patch.setattr(Ledger, "add", last)
+        done = run(*words)
+    assert done.exit_code == 128 + signal.SIGTERM
+    assert "error: the sweep was stopped before its end; 2 runs are kept, the same command goes on from there" in done.stderr
+    assert run(*words).exit_code == 0 and {path.name for path in tmp_path.iterdir()} == {"out"}
+
+
 def test_a_refit_needs_something_to_fit(tmp_path):
     done = run("sweep", QUICK, *OPTIONS, "--vary", "sample.base=bonded", "--refit", "-o", tmp_path / "out")
     assert done.exit_code == 2 and "a fit needs a measured curve" in done.stderr
@@ -474,13 +510,15 @@ def test_a_point_that_was_lost_for_want_of_memory_is_shown_but_computed_again_th
     def no_memory(self, unit, names=()):
         raise MemoryError
 
-    case, kept = read_case(QUICK, ["mesh.elements=24", "solver.element=q1p0", "fit.workers=1"]), Kept(tmp_path / ".x.jsonl")
-    with monkeypatch.context() as patch:
+    case, path = read_case(QUICK, ["mesh.elements=24", "solver.element=q1p0", "fit.workers=1"]), tmp_path / LEDGER
+    with monkeypatch.context() as patch, Ledger(path, case) as ledger:
         patch.setattr("indentfit.inverse.bench.Bench.run", no_memory)
-        (lost,) = runs.evaluate([case], kept)
-    assert lost.forces is None and "out of memory" in lost.cause and not kept
-    (found,) = runs.evaluate([case], kept)
-    assert found.cause is None and len(kept) == 1
+        (lost,) = runs.evaluate([case], ledger)
+    assert lost.forces is None and "out of memory" in lost.cause
+    with Ledger(path, case) as ledger:
+        assert not ledger
+        (found,) = runs.evaluate([case], ledger)
+        assert found.cause is None and len(ledger) == 2
 
 
 def test_a_mesh_check_whose_meshes_all_fail_ends_with_3_and_says_why(tmp_path):

@@ -113,6 +113,18 @@ def test_each_test_has_a_panel_with_the_case_and_its_values():
         assert len(looks) == 5
 
 
+@pytest.mark.parametrize("objectives", [[0.2, 0.19, 0.185, 0.181], [9.0, 3.0, 4.0, 0.2], [0.5, 0.5]])
+def test_a_course_fills_its_axes_and_no_marker_is_cut(objectives):
+    """Whatever the range: from a tenth of the height, about, above the axis to as much below the top."""
+    figure = study_plots.course(objectives, ["ga"] * len(objectives))
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    points = axes.transAxes.inverted().transform(axes.transData.transform(axes.lines[0].get_xydata()))
+    assert (points > 0.03).all() and (points < 0.97).all()
+    assert np.ptp(objectives) == 0 or np.ptp(points[:, 1]) > 0.7
+    assert (axes.get_yscale() == "log") == (max(objectives) > 10 * min(objectives))
+
+
 def test_a_course_never_rises_and_is_drawn_on_a_logarithm_where_it_falls_far():
     axes = course().axes[0]
     assert axes.lines[0].get_ydata().tolist() == [9.0, 3.0, 3.0, 0.2] and axes.get_yscale() == "log"

@@ -62,8 +62,8 @@ class Commands(click.Group):
             _say(_of_system(error), ctx.params["debug"])
             ctx.exit(2)
         except ImportError as error:
-            what = " ".join(str(error).split())
-            _say(InputError(f"a library cannot be loaded ({what}); mend the installation, or give it more memory"), ctx.params["debug"])
+            what = f"a library cannot be loaded ({' '.join(str(error).split())})"
+            _say(InputError(f"{what}; mend the installation, or give it more memory"), ctx.params["debug"])
             ctx.exit(2)
         except Exception as error:
             _report(error, ctx.params["debug"])

@@ -1,15 +1,14 @@
 """`indentfit fit`: the parameters that the curves of a case ask for, and how well they are determined."""
 
-import contextlib
 from pathlib import Path
 
 import click
 
 from ..case import read_case, require_fittable
-from ..errors import ConvergenceError, FitError, LedgerError, OutputError, Stopped, WorkerError
+from ..errors import ConvergenceError, FitError, OutputError
 from ..fem.simulate import Model
 from ..inverse.fit import fit
-from ..inverse.ledger import Ledger, refuse_in_use
+from ..inverse.ledger import refuse_in_use
 from ..inverse.setting import setting
 from ..report.folder import (
     LEDGER,
@@ -26,6 +25,7 @@ from ..report.folder import (
     write_json,
 )
 from ..report.text import certainty_lines, weights_lines
+from .ledgers import opened, saying_what_is_kept
 from .progress import progress
 from .stopping import stopping
 
@@ -77,9 +77,9 @@ def command(
     _refuse_unfinished(output, resume, overwrite, samples=False)
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    with stopping() as stop, lasting_folder(output, overwrite) as folder, _ledger(folder, read, resume, target, reuse) as ledger:
+    with stopping() as stop, lasting_folder(output, overwrite) as folder, opened(folder, read, resume, [target], reuse) as ledger:
         clear(folder)
-        with _saying_what_is_kept(ledger), progress("fit", total=1) as step:
+        with saying_what_is_kept(ledger), progress("fit", total=1) as step:
             result = fit(read, step, ledger=ledger, cluster=cluster or scheduler, stop=stop)
         written = _write(folder, read, result, not no_fields)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result, scan_weights), f"written   {output}"]))
@@ -126,9 +126,9 @@ def _fits(folder, named, resume, target, reuse, cluster, stop):
             place.mkdir(exist_ok=True)
             of_sample = lambda share, note="", n=n, sample=sample: step((n + share) / len(named), f"{sample} {note}")  # noqa: E731
             others = Path(reuse) / name if reuse and (Path(reuse) / name).is_dir() else reuse
-            with _ledger(place, case, resume and (place / LEDGER).exists(), target / name, others) as ledger:
+            with opened(place, case, resume and (place / LEDGER).exists(), [target / name], others) as ledger:
                 clear(place)
-                with _saying_what_is_kept(ledger):
+                with saying_what_is_kept(ledger):
                     fits.append(fit_sample(sample, case, of_sample, ledger, cluster, stop))
             if fits[-1].result:
                 _write(place, case, fits[-1].result, False)
@@ -149,59 +149,6 @@ def _refuse_unfinished(output, resume, overwrite, samples):
         if samples != (place / LEDGER not in found):
             kind, remedy = ("one case", "leave out --per-sample") if samples else ("samples", "add --per-sample")
             raise OutputError(f"{output}: the unfinished fit in {place} is of {kind}; {remedy}, or choose another folder")
-
-
-@contextlib.contextmanager
-def _ledger(folder, case, resume, target, reuse):
-    """The ledger of the fit, with its lock, and with the runs of an earlier result `target` and of the folder `reuse` that it can
-    use; taken away again where nothing came into it."""
-    path = folder / LEDGER
-    if resume and not path.exists():
-        click.echo(f"note: there is no unfinished fit in {folder}; it starts from its beginning", err=True)
-    with Ledger(path, case, resume and path.exists()) as ledger:
-        try:
-            if (target / LEDGER).is_file():
-                _take_over(ledger, target / LEDGER, False)
-            if reuse is not None:
-                _take_over(ledger, Path(reuse) / LEDGER, True)
-            for remark in ledger.remarks:
-                click.echo(f"warning: {remark}", err=True)
-            yield ledger
-        except BaseException:
-            if not ledger.has_own:
-                ledger.close()
-                path.unlink(missing_ok=True)
-            raise
-
-
-def _take_over(ledger, source, needed):
-    """Runs of another ledger; says how many. One that is only replaced does not end the fit if it cannot be read."""
-    try:
-        taken = ledger.take_over(source)
-    except LedgerError as error:
-        if needed:
-            raise
-        click.echo(f"warning: {error}", err=True)
-        return
-    none = "; none is of the same mechanics, material, depths and versions" if needed and not taken else ""
-    click.echo(f"note: {taken} runs taken over from {source}{none}", err=True)
-
-
-@contextlib.contextmanager
-def _saying_what_is_kept(ledger):
-    """Context in which what ends a fit says what it leaves."""
-    try:
-        yield
-    except Stopped as error:
-        raise Stopped(f"{error}; {_kept(ledger)}", error.number) from error
-    except WorkerError as error:
-        raise WorkerError(f"{error}; {_kept(ledger)}") from error
-    except KeyboardInterrupt as error:
-        raise Stopped(f"the fit was stopped at once; {_kept(ledger)}") from error
-
-
-def _kept(ledger):
-    return f"{len(ledger)} runs are kept, --resume goes on from there" if len(ledger) else "nothing was run yet"
 
 
 def _write(folder, case, result, fields):

@@ -6,10 +6,12 @@ import click
 
 from ..case import read_case, require_fittable
 from ..errors import CaseError, ConvergenceError
-from ..report.folder import json_text, refuse_existing
-from ..study.kept import Kept, place_beside
-from ..study.mesh_check import mesh_check, own_checks, own_family, parse, refitted
+from ..report.folder import clear, json_text, lasting_folder, refuse_existing
+from ..study.mesh_check import mesh_check, own_checks, own_family, parse, plan, refitted
+from .ledgers import opened, saying_what_is_kept
 from .progress import progress
+
+AGAIN = "the same command"
 
 
 @click.command("mesh-check", short_help="How exact a mesh is, and what that costs.")
@@ -21,7 +23,7 @@ from .progress import progress
 @click.option("--refit", is_flag=True, help="Fit the free parameters anew at each of them, too: long.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-mesh-check.")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 def command(case, sizes, elements, wanted, mesh_only, refit, overrides, output, overwrite, as_json):
     """Compute the case file CASE on a family of meshes: errors of its forces and what each mesh costs.
@@ -37,31 +39,40 @@ def command(case, sizes, elements, wanted, mesh_only, refit, overrides, output, 
     family += parse("elements", elements) if elements else []
     if refit:
         require_fittable(read)
+    planned = plan(read, family or own_family(read), {} if mesh_only else own_checks(read))
     output = output or f"{read.path.resolve().parent.name or 'case'}-mesh-check"
     target = refuse_existing(output, overwrite)
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    kept = Kept(place_beside(target))
-    if kept:
-        click.echo(f"resumed: {len(kept)} runs are there from an earlier run", err=True)
-    checks = {} if mesh_only else own_checks(read)
-    with progress("mesh-check", total=1) as step:
-        result = mesh_check(read, family or own_family(read), kept, wanted / 100, checks, step)
-    if refit:
-        with progress("refit", total=1) as step:
-            result = replace(result, refits=refitted(read, family or own_family(read), kept, step))
-    written = _write(output, overwrite, read, result)
-    kept.forget()
+    with (
+        lasting_folder(output, overwrite) as folder,
+        opened(folder, read, False, [target], None, planned.cases) as ledger,
+        saying_what_is_kept(ledger, "check", AGAIN),
+    ):
+        clear(folder)
+        resumed(ledger)
+        with progress("mesh-check", total=1) as step:
+            result = mesh_check(planned, ledger, wanted / 100, step)
+        if refit:
+            with progress("refit", total=1) as step:
+                result = replace(result, refits=refitted(planned, ledger, step))
+        written = _write(folder, read, result)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
     if all(one.cause for _, one in result.meshes):
         raise ConvergenceError(f"every mesh failed; the first: {result.meshes[0][1].cause}")
 
 
-def _write(path, overwrite, case, result):
+def resumed(ledger):
+    """Says how many runs are there already."""
+    if ledger.has_own:
+        click.echo(f"resumed: {len(ledger)} runs are there from an earlier run", err=True)
+
+
+def _write(folder, case, result):
     from ..report import mesh_check as drawing  # matplotlib is slow to import
     from ..report.studies import write_study
 
-    return write_study(path, overwrite, case, result, drawing)
+    return write_study(folder, case, result, drawing)
 
 
 def _lines(result):

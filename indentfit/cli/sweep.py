@@ -1,16 +1,18 @@
 """`indentfit sweep`: what each key of a case does to its force curves."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import click
 
 from ..case import read_case, require_fittable
 from ..errors import ConvergenceError
-from ..report.folder import json_text, refuse_existing
-from ..study.kept import Kept, place_beside
-from ..study.sweep import refitted, sweep, variation
-from .mesh_check import aligned, refit_lines
+from ..report.folder import clear, json_text, lasting_folder, refuse_existing
+from ..study.sweep import plan, refitted, sweep
+from .ledgers import opened, saying_what_is_kept
+from .mesh_check import AGAIN, aligned, refit_lines, resumed
 from .progress import progress
+from .stopping import stopping
 
 
 @click.command(short_help="Vary keys of a case: curves and ranked sensitivities.")
@@ -24,42 +26,54 @@ from .progress import progress
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Processes; by default one for each core.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-sweep.")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")
+@click.option("--reuse", type=click.Path(), metavar="DIR", help="Use the runs of this result folder too, such as a fit's.")
+@click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
-def command(case, asked, grid, refit, overrides, workers, output, overwrite, as_json):
+def command(case, asked, grid, refit, overrides, workers, output, overwrite, reuse, cluster, scheduler, as_json):
     """Compute the curves of the case file CASE with some of its keys at other values.
 
     A parameter that the case leaves free has its start value. A point that fails is shown with its cause and the rest
-    stands. A sweep that was killed goes on where it stopped when the same command is given again.
+    stands. Every run is kept at once, as those of a fit: a sweep that was stopped or killed goes on where it was when the
+    same command is given again. Runs that a fit has made already are taken from CASEFOLDER-result, where that is its folder.
     """
-    read = read_case(case, overrides)
-    variations = [variation(read, text) for text in asked]
+    if cluster and scheduler:
+        raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
+    read = read_case(case, (*overrides, *([f"fit.workers={workers}"] if workers else [])))
+    planned = plan(read, asked, grid)
     if refit:
         require_fittable(read)
-    output = output or f"{read.path.resolve().parent.name or 'case'}-sweep"
-    target = refuse_existing(output, overwrite)
+    name = read.path.resolve().parent.name or "case"
+    output = output or f"{name}-sweep"
+    earlier = [refuse_existing(output, overwrite), Path(f"{name}-result")]
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    kept = Kept(place_beside(target))
-    if kept:
-        click.echo(f"resumed: {len(kept)} points are there from an earlier run", err=True)
-    with progress("sweep", total=1) as step:
-        result = sweep(read, variations, kept, grid, workers, lambda done, all_: step(done / all_, f"{done} of {all_} points"))
-    if refit:
-        with progress("refit", total=1) as step:
-            result = replace(result, refits=refitted(read, variations, kept, grid, step))
-    written = _write(output, overwrite, read, result)
-    kept.forget()
+    with (
+        stopping() as stop,
+        lasting_folder(output, overwrite) as folder,
+        opened(folder, read, False, earlier, reuse, planned.cases) as ledger,
+        saying_what_is_kept(ledger, "sweep", AGAIN),
+    ):
+        clear(folder)
+        resumed(ledger)
+        where = {"ledger": ledger, "cluster": cluster or scheduler, "stop": stop}
+        with progress("sweep", total=1) as step:
+            result = sweep(planned, **where, progress=lambda done, all_: step(done / all_, f"{done} of {all_} runs"))
+        if refit:
+            with progress("refit", total=1) as step:
+                result = replace(result, refits=refitted(planned, **where, progress=step))
+        written = _write(folder, read, result)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
     if all(point.tests is None for point in (result.base, *result.points)):
         raise ConvergenceError(f"every point of the sweep failed; the first: {result.base.cause}")
 
 
-def _write(path, overwrite, case, result):
+def _write(folder, case, result):
     from ..report import sweep as drawing  # matplotlib is slow to import
     from ..report.studies import write_study
 
-    return write_study(path, overwrite, case, result, drawing)
+    return write_study(folder, case, result, drawing)
 
 
 def _lines(result):

@@ -12,6 +12,7 @@ rest is JSON or text; each row carries a checksum over all of its columns, and a
 """
 
 import contextlib
+import copy
 import hashlib
 import importlib.metadata
 import json
@@ -102,6 +103,7 @@ class Inputs:
         return _sha(self.origin + _json(inputs))
 
 
+@cache
 def versions():
     """Versions of what computes a curve, None for what is not installed."""
     found: dict[str, str | None] = dict.fromkeys(PACKAGES)
@@ -112,16 +114,17 @@ def versions():
 
 
 class Ledger:
-    """The runs of a case in a file, locked from opening to `close`; to be used in a `with` block.
+    """The runs of a case, and of `others` like it, in a file, locked from opening to `close`; to be used in a `with` block.
 
     resume: the file must be of this very case, as far as its search goes, and of these versions; all of its runs are taken,
     also those that failed for reasons of the machine. Else those are dropped, to be tried again, and the file becomes this
-    case's; one that cannot be read is begun anew. `remarks` are lines for the user; `has_own`: whether it holds runs that are
-    in no other ledger. Raises LedgerError, one line, wherever the file cannot be used or written.
+    case's; one that cannot be read is begun anew. `remarks` are lines for the user. Raises LedgerError, one line, wherever the
+    file cannot be used or written.
     """
 
-    def __init__(self, path, case, resume=False):
+    def __init__(self, path, case, resume=False, others=()):
         self.path, self.case, self.inputs = Path(path), case, Inputs(case)
+        self.origins = {self.inputs.origin.encode(), *(Inputs(other).origin.encode() for other in others)}
         self.remarks: list[str] = []
         self._file: Any = None
         try:
@@ -141,8 +144,19 @@ class Ledger:
         self.close()
 
     def __len__(self):
-        """The number of runs that this case can use."""
+        """The number of runs that this case, and the others, can use."""
         return sum(len(runs) for runs in self._runs.values())
+
+    @property
+    def has_own(self):
+        """Whether it holds runs that are in no other ledger."""
+        return bool(self._own)
+
+    def of(self, case):
+        """The same file for another case, one of the `others`: its runs are found and added in place of this one's."""
+        other = copy.copy(self)
+        other.case, other.inputs = case, Inputs(case)
+        return other
 
     def close(self):
         """Let go of the file. What was added is in it already."""
@@ -164,11 +178,11 @@ class Ledger:
         inputs = self.inputs.of(parameters, test)
         row = _row(self.inputs.hash(inputs), self.inputs.origin, test.name, inputs, run)
         if not self.path.exists():  # SQLite would go on writing to a file that nobody can find
-            raise LedgerError(f"{self.path}: was removed while the fit was running; fit again")
+            raise LedgerError(f"{self.path}: was removed while it was in use; give the command again")
         with _said(self.path), _transaction(self._file):
             _insert(self._file, row)
         self._runs.setdefault(row[0].decode(), []).append(run)
-        self.has_own = True
+        self._own.append(row[0])
 
     def take_over(self, path):
         """Add the runs of another ledger that this case can use, and that it has not; returns how many.
@@ -182,7 +196,7 @@ class Ledger:
         known = set(self._runs)
         taken = [
             (columns, run) for columns, run in rows
-            if run and not run.lost and columns[1] == self.inputs.origin.encode() and columns[0].decode() not in known
+            if run and not run.lost and columns[1] in self.origins and columns[0].decode() not in known
         ]  # fmt: skip
         with _said(self.path), _transaction(self._file):
             for columns, run in taken:
@@ -192,7 +206,7 @@ class Ledger:
 
     def _open(self, resume):
         self._runs: dict[str, list[Run]] = {}
-        self.has_own = False
+        self._own: list[bytes] = []
         try:
             with _said(self.path):
                 self._file = _locked(self.path)
@@ -215,7 +229,7 @@ class Ledger:
                 if resume:
                     _refuse_other_case(_about(self._file, self.path), self._own_facts(), self.path)
             self._read(keep_lost=resume)
-            self.has_own = bool(self._runs)
+            self._own += [one.encode() for one in self._runs]
             if empty or not resume:
                 self._write_about()
 
@@ -226,7 +240,7 @@ class Ledger:
             damaged += run is None
             if run is None or (run.lost and not keep_lost):
                 self._file.execute("DELETE FROM runs WHERE id = ?", (number,))
-            elif columns[1] == self.inputs.origin.encode():
+            elif columns[1] in self.origins:
                 self._runs.setdefault(columns[0].decode(), []).append(run)
         if damaged:
             self.remarks.append(f"{self.path}: {damaged} damaged runs were thrown away; they are run again if needed")
@@ -319,7 +333,7 @@ def _rows_of(path):
     """The rows of a ledger that is only read."""
     path = Path(path)
     if not path.is_file():
-        raise LedgerError(f"{path}: no such ledger; name a result folder of `indentfit fit`")
+        raise LedgerError(f"{path}: no such ledger; name a result folder of `indentfit fit`, `sweep` or `mesh-check`")
     uri = f"{path.resolve().as_uri()}?mode=ro"
     with _said(path), contextlib.closing(sqlite3.connect(uri, uri=True, timeout=0, isolation_level=None)) as file:
         file.text_factory = bytes
@@ -384,7 +398,7 @@ def _changes(found, own):
 
 
 def _remedy(path):
-    return f"remove the folder {path.parent} and fit anew" if path.parent.name.endswith(".unfinished") else "leave out --reuse"
+    return f"remove the folder {path.parent} and begin anew" if path.parent.name.endswith(".unfinished") else "leave out --reuse"
 
 
 def _about(file, path):

@@ -10,7 +10,7 @@ from indentfit.case import Mesh
 
 UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
 KEYS = {"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio", "thickness": "sample.thickness"}
-OF_MODEL = ("sample.", "indenter.", "mesh.")  # keys that another model has to be made for
+OF_MODEL = ("sample.", "indenter.", "mesh.", "solver.")  # keys that another model has to be made for
 
 
 @dataclass(frozen=True)

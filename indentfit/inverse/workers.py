@@ -113,7 +113,7 @@ class Pool:
                 if report:
                     report(total - len(left), total)
         if left:
-            raise Stopped("the fit was stopped before its end", self.stop())
+            raise Stopped("stopped before its end", self.stop())
 
     def _hired(self):
         limit = self.case.fit.time_limit

@@ -116,13 +116,15 @@ def refuse_existing(path, overwrite=False):
 
 
 def case_facts(case):
-    """What a report says of a case: its tables, its tests with their number of points and depth, the equation of its material."""
+    """What a report says of a case: its tables, its tests with their number of points and depth, the equation of its material and
+    the units of its parameters ("1": none)."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
     tests = [
         {**test.model_dump(mode="json"), "n": len(case.outputs(test)), "depth_mm": float(case.outputs(test)[-1])}
         for test in case.tests
     ]
-    return {**sections, "tests": tests, "equation": inspect.getdoc(case.material_class) or ""}
+    units = {name: parameter.unit for name, parameter in case.material_class.parameters.items()}
+    return {**sections, "tests": tests, "equation": inspect.getdoc(case.material_class) or "", "units": units}
 
 
 def write_json(path, value):

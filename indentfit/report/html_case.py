@@ -85,6 +85,13 @@ def number(value, digits=4):
     return value if isinstance(value, str) else f"{value:.{digits}g}"
 
 
+def computed(value, digits=4):
+    """A number in words with all of its digits, zeros too, so that those of a column can be compared."""
+    if value is None:
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 10**digits else f"{value:#.{digits}g}".rstrip(".")
+
+
 def percent(share, digits=3):
     """A share in percent."""
     return "–" if share is None else f"{100 * share:.{digits}g} %"

@@ -236,7 +236,8 @@ def _profiles(result):
         figure = study_plots.profile(f"{name}{_unit(best['unit'], ' (', ')')}", one, best["value"])
         alt = f"Profile of {name}, least at {number(best['value'])}, its 95 % interval {_between(one['interval'])}"
         caption = (
-            f"Profile of {name}: χ² above its least when {name} is held at a value and the others are fitted again; shaded: 95 %."
+            f"Profile of {name}: χ² above its least when {name} is held at a value and the others are fitted again. "
+            "Shaded: the 95 % interval; dashed: its limit; vertical line: the optimum; circles: runs at the ends."
         )
         figures.append(drawn(figure, caption, alt))
     return [Figures(tuple(figures))] if figures else []

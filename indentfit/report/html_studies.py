@@ -1,9 +1,9 @@
 """The pages of a sweep and of a mesh-check."""
 
-from .html_case import again_section, case_words, number, percent, signed_percent, tests_table
+from .html_case import again_section, case_words, computed, number, percent, signed_percent, tests_table
 from .mesh_check import convergence_figure, cost_figure
 from .page import Figures, Lines, Page, Part, Section, Table, Text, drawn
-from .sweep import grid_figure, key_figure, own_words, ranking_figure
+from .sweep import grid_figure, key_figure, own_words, ranking_figure, with_unit
 
 
 def sweep_page(folder, result):
@@ -57,8 +57,9 @@ def _what(result):
     parts: list[Part] = []
     if case:
         parts += [Lines(case_words(case)), tests_table(case, "Tests")]
-    rows = tuple((name, number(value, 6)) for name, value in result["parameters"].items())
-    parts.append(Table("Parameters of the material", ("Parameter", "Value"), rows))
+    units = {name: unit for name, unit in ((case or {}).get("units") or {}).items() if unit != "1"}
+    rows = tuple((name, number(value, 6), units.get(name) or "–") for name, value in result["parameters"].items())
+    parts.append(Table("Parameters of the material", ("Parameter", "Value", "Unit"), rows))
     return Section("what", "What was computed", tuple(parts))
 
 
@@ -124,27 +125,23 @@ def _grid(result):
 
 
 def _points(result):
-    header = ["Point"]
-    for name in result["tests"]:
-        header += [f"{name}: force (mN)", "Change", f"{name}: stiffness (mN/mm)", "Change"]
-        if _measured(result, name):
-            header.append(f"{name}: RMSE (mN)")
-    rows = []
-    for point in (result["base"], *result["points"]):
-        row = [_values(point)]
-        for name in result["tests"]:
+    tables = []
+    for name, angle in result["tests"].items():
+        measured = _measured(result, name)
+        header = ["Point", "Force (mN)", "Change of the force", "Stiffness (mN/mm)", "Change of the stiffness"]
+        header += ["RMSE (mN)"] if measured else []
+        rows = []
+        for point in (result["base"], *result["points"]):
             one = point["tests"] and point["tests"][name]
-            width = 5 if _measured(result, name) else 4
             if not one:
-                row += ["failed", *["–"] * (width - 1)]
+                rows.append((_values(point), "failed", *["–"] * (len(header) - 2)))
                 continue
-            row += [number(one["force_mN"]), signed_percent(one["force_change"])]
-            row += [number(one["stiffness_mN_per_mm"]), signed_percent(one["stiffness_change"])]
-            row += [number(one["rmse_mN"])] if width == 5 else []
-        rows.append(tuple(row))
-    return Section(
-        "points", "Every point", (Table("Forces at the last displacement, and stiffnesses", tuple(header), tuple(rows)),)
-    )
+            row = [_values(point), computed(one["force_mN"]), signed_percent(one["force_change"])]
+            row += [computed(one["stiffness_mN_per_mm"]), signed_percent(one["stiffness_change"])]
+            rows.append((*row, *([computed(one["rmse_mN"])] if measured else [])))
+        caption = f"{name} ({angle}°): force at the last displacement, and stiffness"
+        tables.append(Table(caption, tuple(header), tuple(rows)))
+    return Section("points", "Every point", tuple(tables))
 
 
 def _measured(result, name):
@@ -161,19 +158,23 @@ def _values(point):
 def _meshes(result):
     names = list(result["tests"])
     measured = [name for name in names if any(one["rmse_mN"] and name in one["rmse_mN"] for one in result["meshes"])]
-    header = ["Mesh", "Elements", "Degrees of freedom", "h (mm)", *(f"{name}: force (mN)" for name in names)]
-    header += [*(f"{name}: RMSE (mN)" for name in measured), "Newton iterations", "CPU time (s)", "Peak memory (MB)"]
-    rows = []
+    header = ("Mesh", "Elements", "Degrees of freedom", "h (mm)", "Newton iterations", "CPU time (s)", "Peak memory (MB)")
+    found_header = ("Mesh", *(f"{name}: force (mN)" for name in names), *(f"{name}: RMSE (mN)" for name in measured))
+    rows, found = [], []
     for one in result["meshes"]:
         asked = one["asked"] + (" (second try, not counted)" if one.get("tries", 1) > 1 else "")
         row = [asked, f"{one['elements']:,}", f"{one['dofs']:,}"]
         if not one["forces"]:
             rows.append((*row, *["–"] * (len(header) - 4), f"failed: {one['cause']}"))
             continue
-        row += [number(one["h"]), *(number(force[-1]) for force in one["forces"])]
-        row += [*(number(one["rmse_mN"][name]) for name in measured), str(one["newton_iterations"])]
-        rows.append((*row, number(one["cpu_seconds"], 3), number(one["memory"] / 1e6, 3)))
-    parts: list[Part] = [Table("The meshes, from coarse to fine; h is the element size (mesh.size)", tuple(header), tuple(rows))]
+        row += [computed(one["h"]), str(one["newton_iterations"])]
+        rows.append((*row, computed(one["cpu_seconds"], 3), computed(one["memory"] / 1e6, 3)))
+        forces = [computed(force[-1]) for force in one["forces"]]
+        found.append((asked, *forces, *(computed(one["rmse_mN"][name]) for name in measured)))
+    caption = "The meshes, from coarse to fine, and what they cost; h is the element size (mesh.size)"
+    parts: list[Part] = [Table(caption, header, tuple(rows))]
+    if found:
+        parts.append(Table("What is computed on each mesh, at the last displacement", found_header, tuple(found)))
     figure = cost_figure(result)
     if figure is not None:
         done = [one for one in result["meshes"] if one["forces"]]
@@ -189,9 +190,9 @@ def _errors(result):
         unit = "mN" if one["kind"] == "force" else "mN/mm"
         finest = one["values"][one["h"].index(min(one["h"]))] if one["h"] else None
         approach, index = one["approach"], one["index"]
-        row = [one["test"], f"{one['kind']} ({unit})", number(finest, 5)]
+        row = [one["test"], f"{one['kind']} ({unit})", computed(finest, 5)]
         if approach:
-            row += [number(approach["value"], 5), _to(approach["interval"]), f"± {number(_of_finest(one))}", _order(approach)]
+            row += [computed(approach["value"], 5), _to(approach["interval"]), f"± {computed(_of_finest(one))}", _order(approach)]
         else:
             row += ["–"] * 4
         rows.append((*row, _index(index)))
@@ -212,7 +213,8 @@ def _errors(result):
         "Observed order",
         "GCI of the finest mesh",
     )
-    parts = (Table("Errors of the mesh", header, tuple(rows)), Text(f"Method: {result['method']}."), Figures(tuple(figures)))
+    extrapolated = Table("Last force and stiffness, extrapolated to zero element size", header, tuple(rows))
+    parts = (extrapolated, Text(f"Method: {result['method']}."), Figures(tuple(figures)))
     return Section("errors", "Errors of the mesh", parts)
 
 
@@ -220,16 +222,17 @@ def _changes(result):
     if not result["changes"]:
         return []
     names = list(result["tests"])
+    failed = any(one["cause"] for one in result["changes"])
     rows = tuple(
         (
-            one["key"],
+            with_unit(result, one["key"]),
             number(one["value"]),
             *((signed_percent(one["changes"][name]) for name in names) if one["changes"] else ["failed"] * len(names)),
-            one["cause"] or "–",
+            *([one["cause"] or "–"] if failed else []),
         )
         for one in result["changes"]
     )
-    header = ("Key", "Value", *(f"Change of the force of {name}" for name in names), "Cause of a failure")
+    header = ("Key", "Value", *(f"Change of the force of {name}" for name in names), *(["Cause of a failure"] if failed else []))
     return [
         Section(
             "changes",
@@ -262,7 +265,7 @@ def _of_finest(one):
 
 
 def _to(pair):
-    return f"{number(pair[0], 5)} to {number(pair[1], 5)}"
+    return f"{computed(pair[0], 5)} to {computed(pair[1], 5)}"
 
 
 def _order(approach):

@@ -70,6 +70,6 @@ def cost_figure(result, path=None):
     h, seconds = np.array([one["h"] for one in computed]), [one["cpu_seconds"] for one in computed]
     if misfits := computed[0]["rmse_mN"]:
         series = {name: [one["rmse_mN"][name] for one in computed] for name in misfits}
-        return study_plots.error_and_cost(h, ("RMSE against the measured curve (mN)", series), seconds, path)
+        return study_plots.error_and_cost(h, ("RMSE against the\nmeasured curve (mN)", series), seconds, path)
     series = {name: [one["forces"][n][-1] for one in computed] for n, name in enumerate(result["tests"])}
-    return study_plots.error_and_cost(h, ("Force at the last displacement (mN)", series), seconds, path)
+    return study_plots.error_and_cost(h, (UNITS["force"], series), seconds, path)

@@ -23,6 +23,7 @@ from .style import STYLE
 
 HERE = Path(__file__).parent
 SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+STACKED = 3
 NOT_SHOWN = ("metadata", "style")  # of a figure: the page has its own style
 
 
@@ -45,7 +46,8 @@ class Lines:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; the first column heads its rows. A column of numbers only is set to the right."""
+    """A table; the first column heads its rows. A column of numbers only is set to the right. On a narrow page one of more than
+    STACKED columns is shown row by row, each cell beside its column's name."""
 
     caption: str
     header: tuple[str, ...]
@@ -57,6 +59,11 @@ class Table:
         """Whether each column holds numbers."""
         columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
         return [all(re.fullmatch(r"[-+−±]?[\d.,]+(e[-+]?\d+)?( ?%)?|–|", cell) for cell in column) for column in columns]
+
+    @property
+    def stacked(self):
+        """Whether it is too wide for a phone."""
+        return len(self.header) > STACKED
 
 
 @dataclass(frozen=True)
@@ -113,8 +120,8 @@ class Page:
 
 
 def marked(text):
-    """A sentence of ours, escaped, with what stands between backticks as code."""
-    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+    """A sentence of ours, escaped, with what stands between backticks as code, and no line's end before a percent sign."""
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", str(escape(text)))))
 
 
 def render(page):

@@ -3,17 +3,16 @@
 import json
 from pathlib import Path
 
-from .folder import case_facts, copy_case, json_text, result_folder, write_json
+from .folder import case_facts, copy_case, json_text, write_json
 from .html import write_report
 
 
-def write_study(path, overwrite, case, result, drawing):
-    """Write the folder of a study's result; returns what its result.json holds. drawing: module with `write_tables` and `draw`."""
-    with result_folder(path, overwrite) as folder:
-        again = copy_case(case, folder)
-        written = json.loads(json_text({**result.as_json(), "overrides": list(again), "case": case_facts(case)}))
-        write_json(folder / "result.json", written)
-        drawing.write_tables(Path(folder), written)
-        drawing.draw(Path(folder), written)
-        write_report(folder)
+def write_study(folder, case, result, drawing):
+    """Fill the folder of a study's result; returns what its result.json holds. drawing: module with `write_tables` and `draw`."""
+    again = copy_case(case, folder)
+    written = json.loads(json_text({**result.as_json(), "overrides": list(again), "case": case_facts(case)}))
+    write_json(folder / "result.json", written)
+    drawing.write_tables(Path(folder), written)
+    drawing.draw(Path(folder), written)
+    write_report(folder)
     return written

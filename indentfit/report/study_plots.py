@@ -13,6 +13,7 @@ from .style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 
 WIDE = 2 * COLUMN  # both columns of a journal
 LINES = (DASHES[1], DASHES[3], DASHES[4], DASHES[5])  # dots look pale
+WIDE_RANGE = 10  # of a quantity, from which on its axis is logarithmic
 MOST_CURVES = 14  # in one panel: more cannot be told apart
 RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; not paler than can be seen
 
@@ -201,12 +202,13 @@ def course(objectives, phases):
         for phase, colour, marker in zip(dict.fromkeys(phases), itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):
             mine = np.array([one == phase for one in phases])
             axes.plot(at[mine], values[mine], marker, color=colour, markerfacecolor="white", label=_label(phase) or "step")
-        if values.min() > 0 and values[0] > 5 * values[-1]:
+        if values.min() > 0 and values[0] > WIDE_RANGE * values[-1]:
             axes.set_yscale("log")
             for part in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
                 part(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "125" else ""))
         else:
-            axes.set_ylim(bottom=0)
+            axes.yaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
+        axes.margins(x=0.04, y=0.1)  # no marker is cut
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         axes.set_xlabel("Step of the search")
         axes.set_ylabel("Best objective (mN)")

@@ -6,6 +6,7 @@ from ..curve import Curve
 from . import study_plots
 from .vtu import file_names
 
+LENGTHS = ("diameter", "length", "width", "thickness", "edge_radius", "size", "depth", "max_step")  # keys in mm
 MEASURES = ("force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN")
 
 
@@ -54,7 +55,9 @@ def key_figure(result, key, tests, path=None):
     if not result["base"]["tests"] or not mine:
         return None
     points = [(point["values"][key], _curves(point)) for point in mine]
-    return study_plots.curves_by_value(key, tests, (own_words(result, key), _curves(result["base"])), points, path)
+    plain = all(point["numbers"][key] is not None and _is_number(point["values"][key]) for point in mine)
+    label = with_unit(result, key) if plain else key
+    return study_plots.curves_by_value(label, tests, (own_words(result, key), _curves(result["base"])), points, path)
 
 
 def ranking_figure(result, path=None):
@@ -76,7 +79,19 @@ def grid_figure(result, tests, path=None):
     ]
     if all(forces is None for *_, forces in points):
         return None
-    return study_plots.forces_on_grid(keys, points, tests, path)
+    return study_plots.forces_on_grid([with_unit(result, key) for key in keys], points, tests, path)
+
+
+def with_unit(result, key):
+    """A key of the case with the unit of its values in brackets, where it has one."""
+    section, _, name = key.partition(".")
+    parameter = name.removeprefix("parameters.").removesuffix(".start")
+    unit = ((result.get("case") or {}).get("units") or {}).get(parameter, "1") if section == "material" else "1"
+    if key == "material.kappa":
+        unit = "kPa"
+    elif section != "material" and name.rpartition(".")[2] in LENGTHS:
+        unit = "mm"
+    return key if unit in ("", "1") else f"{key} ({unit})"
 
 
 def own_words(result, key):
@@ -91,6 +106,14 @@ def table(path, header, rows):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _place(number):

@@ -17,11 +17,11 @@ from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshError
 from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
+from indentfit.inverse.ledger import Run
 from indentfit.inverse.objective import Target, equation_one, rmse
 from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
 from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
 from indentfit.study.refit import Refit, refits
-from indentfit.study.runs import forward, key
 from indentfit.study.sweep import stiffness
 
 FORMAT = "indentfit.mesh-check/1"
@@ -34,6 +34,7 @@ METHOD = (
 SHARES = (0.2, 0.3, 0.5, 1.0, 1.35, 2.2)  # of the case's number of elements: a wide range of sizes, at bearable costs
 LEAST_FAMILY = 4
 FITS = 0.9  # of the memory that is free
+MEASURED = "measured"  # among a run's parameters: done in a process of its own, with what that process needed among its facts
 # Peak memory of a run, bytes: a process with the libraries, and for each dof what element and solver take, which a factor of
 # three-dimensional nested dissection makes grow as n^(4/3). Fitted to quarter discs of 1,000 to 65,000 dofs, within 7 %;
 # SuperLU's fill is a guess from above.
@@ -141,26 +142,48 @@ class MeshCheck:
         }
 
 
-def mesh_check(case, family, kept, wanted=0.02, checks=None, progress=None):
-    """MeshCheck of a Case over a family, a list of "mesh.size=..." or "mesh.elements=...".
+@dataclass(frozen=True)
+class Plan:
+    """What a check computes: the Case, its family of (what was asked, Case) from coarse to fine, and the (key, value, Case) of
+    contact, steps and edge."""
 
-    wanted: largest error of force and stiffness, a share; checks: key -> values of contact, steps and edge (`own_checks`);
-    kept: mapping of what is finished, added to. progress: called with (share done, note). Raises CaseError and MeshError
-    before anything is run, for a mesh that cannot be or that does not fit into memory, with the estimate.
+    case: Case
+    family: tuple[tuple[str, Case], ...]
+    others: tuple[tuple[str, float, Case], ...]
+
+    @property
+    def cases(self):
+        own = [self.case] if self.others else []
+        return [one for _, one in self.family] + own + [one for *_, one in self.others]
+
+
+def plan(case, family, checks=None):
+    """Plan of a check of a Case over a family, a list of "mesh.size=..." or "mesh.elements=..."; checks: key -> values of contact,
+    steps and edge (`own_checks`).
+
+    Raises CaseError, and MeshError for a mesh that cannot be or that does not fit into memory, with the estimate.
     """
-    cases = [read_case(case.path, (*case.overrides, asked)) for asked in family]
+    cases = [(asked, read_case(case.path, (*case.overrides, asked))) for asked in family]
     others = [(k, v, read_case(case.path, (*case.overrides, f"{k}={v:.10g}"))) for k, vs in (checks or {}).items() for v in vs]
-    for asked, one in zip(family, cases, strict=True):
+    for asked, one in cases:
         _refuse_too_large(one, asked)
-    order = sorted(range(len(cases)), key=lambda n: estimate(cases[n])[0])
-    work = [cases[n] for n in order] + ([case] if others else []) + [one for *_, one in others]
-    found = _measure_all(work, kept, progress or (lambda share, note: None))
-    family_found = [(family[n], one) for n, one in zip(order, found, strict=False)]
+    return Plan(case, tuple(sorted(cases, key=lambda pair: estimate(pair[1])[0])), tuple(others))
+
+
+def mesh_check(planned, ledger=None, wanted=0.02, progress=None):
+    """MeshCheck of a Plan; wanted: largest error of force and stiffness, a share.
+
+    ledger: a Ledger with the plan's cases among its own, where what is measured is looked up and kept, or None. progress: called
+    with (share done, note). Raises LedgerError; failures of the mechanics are in the result.
+    """
+    case, family = planned.case, planned.family
+    found = _measure_all(planned.cases, ledger, progress or (lambda share, note: None))
+    family_found = [(asked, one) for (asked, _), one in zip(family, found, strict=False)]
     family_found = [
         pair for n, pair in enumerate(family_found) if pair[1].elements not in [o.elements for _, o in family_found[:n]]
     ]
     quantities = tuple(_quantities(case, [one for _, one in family_found]))
-    changes = tuple(_changes(case, found[len(cases) :], others))
+    changes = tuple(_changes(case, found[len(family) :], planned.others))
     chosen, verdict = _verdict(family_found, quantities, wanted)
     fine = [_misfits(case, one) for _, one in family_found]
     return MeshCheck(
@@ -170,10 +193,9 @@ def mesh_check(case, family, kept, wanted=0.02, checks=None, progress=None):
     )  # fmt: skip
 
 
-def refitted(case, family, kept, progress=None):
-    """Refits of the case on each mesh of the family, from coarse to fine: the meshes' error in the parameters themselves."""
-    cases = [(asked, read_case(case.path, (*case.overrides, asked))) for asked in family]
-    return refits(sorted(cases, key=lambda pair: estimate(pair[1])[0]), kept, progress)
+def refitted(planned, ledger=None, progress=None):
+    """Refits of the case on each mesh of a Plan's family, from coarse to fine: the meshes' error in the parameters themselves."""
+    return refits(planned.family, ledger, progress=progress)
 
 
 def own_family(case):
@@ -232,23 +254,37 @@ def _refuse_too_large(case, asked):
 # ---- runs --------------------------------------------------------------------------------------------------------
 
 
-def _measure_all(cases, kept, progress):
+def _measure_all(cases, ledger, progress):
     """Measured of each case, one after the other, each in a process of its own; progress by estimated cost."""
-    bare = [forward(case) for case in cases]
-    costs = np.array([estimate(case)[1] ** (4 / 3) for case in bare])
+    costs = np.array([estimate(case)[1] ** (4 / 3) for case in cases])
     found = []
-    for n, case in enumerate(bare):
-        k = key(case, "mesh")
-        if k not in kept:
-            progress(costs[:n].sum() / costs.sum(), f"mesh {n + 1} of {len(bare)}")
+    for n, case in enumerate(cases):
+        own = None if ledger is None else ledger.of(case)
+        record = None if own is None else _recorded(case, own)
+        if not record:
+            progress(costs[:n].sum() / costs.sum(), f"mesh {n + 1} of {len(cases)}")
             record = _measured_or_cause(case)
-            if record["cause"] != DIED:  # that was the machine's fault, and may not happen again
-                kept[k] = record
-        else:
-            record = kept[k]
+            if own is not None and record["cause"] != DIED:  # that was the machine's fault, and may not happen again
+                _keep(case, own, record)
         forces = record["forces"] and tuple(map(np.array, record["forces"]))
         found.append(Measured(**{**record, "forces": forces}))
     return found
+
+
+def _recorded(case, ledger):
+    """The record of a case that the ledger holds, or None: its forces in a run of each test, the rest in the facts of each."""
+    runs = [ledger.find(case.start_values() | {MEASURED: True}, test) for test in case.tests]
+    if None in runs:
+        return None
+    forces = None if any(run.force is None for run in runs) else [run.force for run in runs]
+    return {**runs[0].facts, "forces": forces, "cause": runs[0].cause}
+
+
+def _keep(case, ledger, record):
+    facts = {name: value for name, value in record.items() if name not in ("forces", "cause")}
+    for test, force in zip(case.tests, record["forces"] or [None] * len(case.tests), strict=True):
+        force = None if force is None else np.array(force)
+        ledger.add(case.start_values() | {MEASURED: True}, test, Run(force, record["cause"], record["cpu_seconds"], facts))
 
 
 def _measured_or_cause(case):

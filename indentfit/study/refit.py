@@ -1,10 +1,9 @@
 """How the fitted parameters themselves move when a key of the case, or its mesh, is another: one whole fit for each."""
 
-import importlib.metadata
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from indentfit.case import require_fittable
-from indentfit.errors import IndentfitError
+from indentfit.errors import IndentfitError, LedgerError, Stopped, WorkerError
 from indentfit.inverse.fit import fit
 
 
@@ -22,29 +21,26 @@ class Refit:
     cause: str | None
 
 
-def refits(labelled, kept, progress=None):
-    """Refit of each (label, Case); progress: called with (share done, note).
+def refits(labelled, ledger=None, cluster=None, stop=None, progress=None):
+    """Refit of each (label, Case), on the workers of its `fit`; progress: called with (share done, note).
 
-    kept: mapping of what is finished, added to. Raises CaseError where a case has nothing to fit, before any is fitted.
+    ledger: a Ledger with the cases among its own, or None: a fit that was finished once costs no run of the forward model.
+    Raises CaseError where a case has nothing to fit, before any is fitted, and what `Pool.evaluate` raises.
     """
     for _, case in labelled:
         require_fittable(case)
     found = []
     for n, (label, case) in enumerate(labelled):
-        key = f"refit {importlib.metadata.version('indentfit')} {case.hash}"
-        if key not in kept:
-            kept[key] = asdict(_fitted(label, case, n, len(labelled), progress))
-        found.append(Refit(**{**kept[key], "label": label}))
+        report = progress and (lambda share, note="", n=n, label=label: progress((n + share) / len(labelled), f"{label}; {note}"))
+        found.append(_refit(label, case, report, None if ledger is None else ledger.of(case), cluster, stop))
     return tuple(found)
 
 
-def _fitted(label, case, number, total, progress):
-    def report(share, note=""):
-        if progress:
-            progress((number + share) / total, f"{label}; {note}")
-
+def _refit(label, case, report, ledger, cluster, stop):
     try:
-        result = fit(case, report)
+        result = fit(case, report, ledger, cluster, stop)
+    except (LedgerError, Stopped, WorkerError):
+        raise
     except IndentfitError as error:
         return Refit(label, {}, None, False, " ".join(str(error).split()))
     if result.objective is None:

@@ -48,6 +48,19 @@ class TestPoint:
 
 
 @dataclass(frozen=True)
+class Plan:
+    """What a sweep computes: the case as it is, then each point, as (values as written, Case)."""
+
+    variations: tuple[Variation, ...]
+    grid: bool
+    points: tuple[tuple[dict[str, str], Case], ...]
+
+    @property
+    def cases(self):
+        return [case for _, case in self.points]
+
+
+@dataclass(frozen=True)
 class Point:
     """The case with some keys at other values: what its tests gave (name -> TestPoint), or the cause why nothing.
 
@@ -112,28 +125,32 @@ class Sweep:
         }
 
 
-def refitted(case, variations, kept, grid=False, progress=None):
-    """Refits of the case as it is and of each point of a sweep; a varied parameter is held. Arguments as of `sweep`."""
-    combinations = _combinations(variations, grid)
-    labels = ["the case", *(", ".join(f"{key} = {value}" for key, value in values.items()) for values in combinations)]
-    return refits(list(zip(labels, [case, *_cases(case, combinations)], strict=True)), kept, progress)
+def plan(case, texts, grid=False):
+    """Plan of a sweep of a Case over texts KEY=VALUES; every combination of them on a grid.
 
-
-def sweep(case, variations, kept, grid=False, workers=None, progress=None):
-    """Sweep of a Case over Variations.
-
-    kept: mapping of finished runs (study.kept.Kept, or a dict), added to; progress: called with (points done, points).
-    Raises CaseError, before anything is run, where a key or a value is not one of the case's.
+    Raises CaseError where a key or a value is not one of the case's, a line for each.
     """
+    variations = tuple(variation(case, text) for text in texts)
     combinations = _combinations(variations, grid)
-    cases = [case, *_cases(case, combinations)]
-    base, *others = evaluate(cases, kept, workers, progress)
-    own = _point({}, case, base, None)
-    points = tuple(_point(values, one, outcome, own) for values, one, outcome in zip(combinations, cases[1:], others, strict=True))
-    found = () if grid else _ranked([s for one in variations for s in _sensitivities(case, one, own, points)])
+    return Plan(variations, grid, (({}, case), *zip(combinations, _cases(case, combinations), strict=True)))
+
+
+def sweep(planned, ledger=None, workers=None, cluster=None, stop=None, progress=None):
+    """Sweep of a Plan; the other arguments are those of `study.runs.evaluate`, and so is what is raised."""
+    found = evaluate(planned.cases, ledger, workers, cluster, stop, progress)
+    (_, case), *others = planned.points
+    own = _point({}, case, found[0], None)
+    points = tuple(_point(values, one, evaluation, own) for (values, one), evaluation in zip(others, found[1:], strict=True))
+    ranked = () if planned.grid else _ranked([s for one in planned.variations for s in _sensitivities(case, one, own, points)])
     tests = {test.name: test.angle for test in case.tests}
-    values = {one.key: _own_value(case, one.key) for one in variations}
-    return Sweep(case.title, case.hash, grid, tuple(variations), own, points, found, tests, case.start_values(), values)
+    values = {one.key: _own_value(case, one.key) for one in planned.variations}
+    return Sweep(case.title, case.hash, planned.grid, planned.variations, own, points, ranked, tests, case.start_values(), values)
+
+
+def refitted(planned, ledger=None, cluster=None, stop=None, progress=None):
+    """Refits of the case as it is and of each point of a Plan; a varied parameter is held."""
+    labels = [", ".join(f"{key} = {value}" for key, value in values.items()) or "the case" for values, _ in planned.points]
+    return refits(list(zip(labels, planned.cases, strict=True)), ledger, cluster, stop, progress)
 
 
 # ---- values ------------------------------------------------------------------------------------------------------
@@ -248,11 +265,11 @@ def stiffness(curve):
     return float(np.polyfit(curve.displacement, curve.force, 1)[0]) if curve.force.size > 1 else float("nan")
 
 
-def _point(values, case: Case, outcome, own):
-    if outcome.forces is None:
-        return Point(values, _numbers(case, values), None, outcome.cause, outcome.seconds)
+def _point(values, case: Case, evaluation, own):
+    if evaluation.forces is None:
+        return Point(values, _numbers(case, values), None, evaluation.cause, evaluation.seconds)
     tests = {}
-    for test, measured, force in zip(case.tests, case.curves, outcome.forces, strict=True):
+    for test, measured, force in zip(case.tests, case.curves, evaluation.forces, strict=True):
         curve = Curve(case.outputs(test), force)
         given = None if own is None or own.tests is None else own.tests.get(test.name)
         slope = stiffness(curve)
@@ -264,7 +281,7 @@ def _point(values, case: Case, outcome, own):
             rmse=None if measured is None else rmse(_Measured(measured), force),
             curve=curve,
         )
-    return Point(values, _numbers(case, values), tests, None, outcome.seconds)
+    return Point(values, _numbers(case, values), tests, None, evaluation.seconds)
 
 
 def _numbers(case, values):

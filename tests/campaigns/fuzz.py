@@ -45,7 +45,6 @@ from indentfit.experiment import manifest, process, reading, samples
 from indentfit.experiment.record import Layout
 from indentfit.inverse import ledger
 from indentfit.report import html, html_fit, html_studies, page
-from indentfit.study import kept, runs
 
 SHIPPED = Path(__file__).parents[2] / "cases"
 SECONDS, MEMORY = 10, 2 << 30
@@ -468,35 +467,6 @@ class LedgerFile:
             require(found is None or np.array_equal(found.force, self.force + n), "a ledger's run with other numbers")
 
 
-class Unfinished:
-    """The lines that a killed sweep or mesh-check left."""
-
-    where = ".x.unfinished.jsonl"
-
-    def __init__(self, folder):
-        self.path = folder / self.where
-        record = {"forces_mN": [[1.0, 2.0], [3.0, 4.0]], "cause": None, "seconds": 1.0}
-        self.lines = [["run a", record], ["run b", {"forces_mN": None, "cause": "no equilibrium", "seconds": 2.0}]]
-        finished = kept.Kept(self.path)
-        for key, one in self.lines:
-            finished[key] = one
-        self.sound = self.path.read_text().splitlines()
-        self.inputs = st.builds(self.text, CHANGES, SELDOM)
-
-    def text(self, changes, bits):
-        tree = changed([json.loads(line) for line in self.sound], changes)
-        with contextlib.suppress(ValueError, RecursionError):
-            return bytes_changed("\n".join(json.dumps(line) for line in tree).encode("utf-8", "replace"), bits)
-        return b""
-
-    def read(self, text):
-        self.path.write_bytes(text)
-        for key, record in kept.Kept(self.path).items():
-            require([key, record] in self.lines, "a finished run that was never written")
-            outcome = runs._outcome(record)
-            require((outcome.forces is None) != (outcome.cause is None), "an outcome that is neither a force nor a failure")
-
-
 class Energy:
     """Energies typed into a case."""
 
@@ -566,7 +536,7 @@ class Energy:
 
 TARGETS = {
     "case": CaseFile, "curve": CurveFile, "record": RecordFile, "workbook": Workbook, "manifest": ManifestFile,
-    "replicates": Replicates, "result": ResultFolder, "ledger": LedgerFile, "unfinished": Unfinished, "energy": Energy,
+    "replicates": Replicates, "result": ResultFolder, "ledger": LedgerFile, "energy": Energy,
 }  # fmt: skip
 
 KEYS = (
