@@ -347,7 +347,7 @@ def test_contact_tangent_and_depth_derivatives_are_those_of_its_forces(name):
 @by_indenter
 def test_a_touch_and_its_history_change_as_differences_say(name, friction):
     """By springs, the coefficient of friction, the history, the places and the rate at once, in random directions."""
-    contact, solid, touch, u, depth = mixed_state(name, friction)
+    contact, _, touch, u, depth = mixed_state(name, friction)
     here, coefficient, h, step = touch(u), contact.friction, 1e-6, 0.01
     rng = np.random.default_rng(3)
     more, slippery = Springs(50.0, -20.0), 0.1 if friction == 0.5 else 0.0
@@ -380,11 +380,8 @@ def test_a_touch_and_its_history_change_as_differences_say(name, friction):
 def test_the_tangent_at_rest_changes_with_the_springs_as_differences_say(name, friction):
     """It is linear in the springs, so that a difference of any size is exact."""
     contact, solid = contact_of(INDENTERS[name], friction)
-    more, less = (
-        contact.touch(np.zeros(solid.n_dofs), 0.0, contact.rest(), Springs(SPRINGS.normal + side * 70, SPRINGS.tangential - side * 30))
-        for side in (1, -1)
-    )
-    rest = contact.touch(np.zeros(solid.n_dofs), 0.0, contact.rest(), SPRINGS)
+    springs = [Springs(SPRINGS.normal + s * 70.0, SPRINGS.tangential - s * 30.0) for s in (1, 0, -1)]
+    more, rest, less = (contact.touch(np.zeros(solid.n_dofs), 0.0, contact.rest(), one) for one in springs)
     assert rest.touching.any()
     assert_allclose(contact.stiffness_change(rest, Springs(70.0, -30.0)), (more.D - less.D) / 2, atol=1e-9)
 
