@@ -98,6 +98,13 @@ def test_a_lifted_edge_opens_alone():
     assert_allclose(touch.pressure, np.maximum(1000 * (0.02 - 0.04 * z), 0), atol=1e-10)
 
 
+def test_a_light_touch_slides_with_f_times_p_too():
+    """0.4 kPa of pressure and 0.6 kPa to stick: 0.2 kPa of friction."""
+    contact, solid = contact_of(STRIP, 0.5)
+    touch = contact.touch(shifted(solid, [0, 0, 0.002]), DEPTH / 50, contact.rest(), SPRINGS)
+    assert_allclose(touch.friction, np.broadcast_to([0, 0, 0.2], touch.friction.shape), atol=1e-12)
+
+
 @pytest.mark.parametrize("friction", [0.2, 0.5])
 @pytest.mark.parametrize("direction", [[1.0, 0, 0], [0, 0, -1.0], [0.6, 0, 0.8]])
 def test_sliding_friction_is_f_times_p_and_opposes_the_motion(friction, direction):
