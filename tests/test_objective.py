@@ -134,6 +134,7 @@ def asked(start=1.0, low=0.1, high=10.0, kappa=None, free="mu", fitted=("mu",)):
     ("keys", "expected"),
     [
         ({}, ("mu", 1.0)),
+        ({"start": 0.2, "high": 0.5}, ("mu", 0.2)),
         ({"start": 0.0, "low": 0.0}, ("mu", 10.0)),  # nothing can be run without stiffness
         ({"start": -1.0, "low": -2.0}, ("mu", 10.0)),
         ({"start": -1.0, "low": -2.0, "high": 0.0}, (None, 1.0)),
