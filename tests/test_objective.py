@@ -59,14 +59,16 @@ def test_the_model_is_run_at_the_reference_and_its_curves_are_scaled_from_there(
     assert_array_equal(whole.scaled(at, (ONE, TWO)), [ONE, TWO])
 
 
-@pytest.mark.parametrize(("factor", "mu"), [(2.5, 5.0), (1.0, 2.0), (0.3, 2.0), (10.0, 6.0)])
-def test_the_best_scale_of_a_problem_counts_from_its_reference_and_keeps_to_its_range(factor, mu):
-    """Curves of the reference, 2, of which the measured ones are `factor` times: the best value is 2 * factor, within 2..6."""
-    whole = problem().measured([factor * ONE, factor * TWO])
+@pytest.mark.parametrize("reference", [2.0, 0.5])
+@pytest.mark.parametrize(("wanted", "mu"), [(5.0, 5.0), (2.0, 2.0), (0.6, 2.0), (20.0, 6.0)])
+def test_the_best_scale_of_a_problem_counts_from_its_reference_and_keeps_to_its_range(reference, wanted, mu):
+    """Measured curves are wanted / reference times those of the reference: the best value is the wanted one, within 2..6."""
+    factor = wanted / reference
+    whole = problem(reference=reference).measured([factor * ONE, factor * TWO])
     found = whole.judge_best_scale({"mu": 99.0, "zeta": 1.0, "phi": 0.7}, (ONE, TWO))
     assert found.parameters == {"mu": pytest.approx(mu, rel=1e-14), "zeta": 1.0, "phi": 0.7}
-    assert_allclose(found.forces, [mu / 2 * ONE, mu / 2 * TWO], rtol=1e-14)
-    off = abs(mu / 2 - factor)  # the RMSE of one curve is what it is off, times its own root mean square
+    assert_allclose(found.forces, [mu / reference * ONE, mu / reference * TWO], rtol=1e-14)
+    off = abs(mu / reference - factor)  # the RMSE of one curve is what it is off, times its own root mean square
     expected = off * (0.75 * np.sqrt(np.mean(ONE**2)) + 0.25 * np.sqrt(np.mean(TWO**2)))
     assert found.objective == pytest.approx(expected, abs=1e-14)
 
