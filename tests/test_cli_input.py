@@ -220,7 +220,8 @@ def test_the_uncertain_inputs_that_init_mentions_are_keys(tmp_path):
     run("init", tmp_path / "case")
     text = (tmp_path / "case" / "case.toml").read_text()
     table = text[text.index("# [fit.uncertain]") : text.index("# [fit.published]")]
-    (changed := tmp_path / "case" / "changed.toml").write_text(text.replace(table, table.replace("# ", "", 1).replace("\n# ", "\n")))
+    uncommented = table.replace("# ", "", 1).replace("\n# ", "\n")
+    (changed := tmp_path / "case" / "changed.toml").write_text(text.replace(table, uncommented))
     assert "\nfriction = 0.1\n" in changed.read_text()
     assert run("validate", changed).exit_code == 0
 

@@ -91,7 +91,7 @@ def test_the_contact_may_be_unsymmetric_and_change_without_a_new_factor_of_the_b
         assert_allclose(solver.solve(tangent, problem.b, 1e-10), exact, atol=1e-6 * np.max(np.abs(exact)))
     if kind == "pardiso":
         assert solver.counts.factorizations == 1
-        assert solver.counts.krylov_iterations <= 12  # the contact is in the preconditioner; three steps make up for single precision
+        assert solver.counts.krylov_iterations <= 12  # the contact is in the preconditioner; three steps for single precision
 
 
 @pytest.mark.parametrize("kind", ["pardiso", "superlu"])

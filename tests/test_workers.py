@@ -348,7 +348,8 @@ def test_the_longest_runs_are_begun_first(case):
     def key(zeta, **more):
         return tuple({"mu": 1.0, "zeta": zeta, **more}.items())
 
-    assert [test for _, test in pool._longest_first([(key(1.0), 0), (key(1.0), 1)])] == [1, 0]  # both as deep: the one across the fibres
+    alike = [(key(1.0), 0), (key(1.0), 1)]  # both as deep: the one across the fibres
+    assert [test for _, test in pool._longest_first(alike)] == [1, 0]
     took = {(key(1.0), 0): 1.0, (key(1.0), 1): 3.0, (key(9.0), 0): 2.0, (key(9.0), 1): 50.0}
     pool._known = {unit: [bench.Run(None, None, seconds, {})] for unit, seconds in took.items()}
     units = [(key(zeta), test) for zeta in (1.1, 8.0) for test in (0, 1)]

@@ -103,7 +103,8 @@ def _show(run):
     phases = ", ".join(f"{name} {seconds:.2f}" for name, seconds in run["phases"].items())
     click.echo(
         f"{run['elements']} bricks, {run['dofs']} dofs, {run['linear']}, {run['angle']} deg: {run['wall']:.2f} s wall "
-        f"({run['runs']} runs), {run['cpu']:.1f} s CPU, {run['memory_GB']:.2f} GB; force {run['force']:.4f} mN; {run['counts']}\n    {phases}"
+        f"({run['runs']} runs), {run['cpu']:.1f} s CPU, {run['memory_GB']:.2f} GB; force {run['force']:.4f} mN; {run['counts']}\n"
+        f"    {phases}"
     )
 
 
