@@ -99,10 +99,14 @@ def test_a_lifted_edge_opens_alone():
 
 
 def test_a_light_touch_slides_with_f_times_p_too():
-    """0.4 kPa of pressure and 0.6 kPa to stick: 0.2 kPa of friction."""
+    """0.4 kPa of pressure and 0.6 kPa to stick: 0.2 kPa of friction, which turns with the pull, by 300 kPa/mm * 0.2 / 0.6."""
     contact, solid = contact_of(STRIP, 0.5)
     touch = contact.touch(shifted(solid, [0, 0, 0.002]), DEPTH / 50, contact.rest(), SPRINGS)
     assert_allclose(touch.friction, np.broadcast_to([0, 0, 0.2], touch.friction.shape), atol=1e-12)
+    assert_allclose(touch.D[..., 0, 0], 100.0, rtol=1e-12)
+    aside = np.broadcast_to([1.0, 0, 0], contact.X.shape)
+    change = contact.change(touch, SPRINGS, Springs(0.0, 0.0), 0.0, contact.no_change(), aside)
+    assert_allclose(change.friction, np.broadcast_to([100.0, 0, 0], aside.shape), atol=1e-9)
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.5])
