@@ -1031,7 +1031,8 @@ def _faults_across(parts):
                 key = "depth" if test.depth is not None else "curve"
                 text = f"goes {depth:g} mm deep; it must stay below half of the thickness, {sample.thickness:g} mm"
                 if depth >= sample.thickness:
-                    text = f"goes {depth:g} mm deep, through the sample of {sample.thickness:g} mm: its unit or sample.thickness is wrong"
+                    text = f"goes {depth:g} mm deep, through the sample of {sample.thickness:g} mm: "
+                    text += "its unit or sample.thickness is wrong"
                 yield Problem(("test", label, key), getattr(test, key), text)
         size = parts["mesh"] and parts["mesh"].size
         if size is not None and size > sample.thickness:

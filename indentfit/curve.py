@@ -178,7 +178,8 @@ def _require_loading(path, numbers, points):
     where = [f"{path}: line {number}" for number in numbers]
     if not (displacement > 0).any():
         raise CurveError(
-            f"{where[-1]}: displacement {displacement[-1]:g} mm: none is positive; they are positive into the sample, change the sign"
+            f"{where[-1]}: displacement {displacement[-1]:g} mm: none is positive; "
+            "they are positive into the sample, change the sign"
         )
     if displacement[0] < -1e-9 * np.abs(displacement).max():
         raise CurveError(

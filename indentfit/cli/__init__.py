@@ -63,7 +63,8 @@ class Commands(click.Group):
             ctx.exit(2)
         except ImportError as error:
             what = " ".join(str(error).split())
-            _say(InputError(f"a library cannot be loaded ({what}); mend the installation, or give it more memory"), ctx.params["debug"])
+            remedy = "mend the installation, or give it more memory"
+            _say(InputError(f"a library cannot be loaded ({what}); {remedy}"), ctx.params["debug"])
             ctx.exit(2)
         except Exception as error:
             _report(error, ctx.params["debug"])

@@ -34,7 +34,8 @@ def sheet_rows(path, sheet=None):
     except OSError as error:
         raise RecordError(f"{path}: no process can be started to read it ({error.strerror or error}); {REMEDY}") from error
     if done.returncode:
-        raise RecordError(f"{path}: cannot be read within {MEMORY >> 30} GB and {PROCESSOR} s, no usual workbook, or damaged; {REMEDY}")
+        limits = f"{MEMORY >> 30} GB and {PROCESSOR} s"
+        raise RecordError(f"{path}: cannot be read within {limits}, no usual workbook, or damaged; {REMEDY}")
     said = json.loads(done.stdout)
     if "problem" in said:
         raise RecordError(f"{path}: {said['problem']}")
