@@ -10,8 +10,11 @@ The loop is written on scikit-fem's bases and dof maps, with an element's nodes 
 takes 0.27 s, as form decorators 18 s (tests/benchmarks/forward.py).
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 
+import numba
 import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
@@ -24,6 +27,8 @@ ELEMENTS = {
     "q2p1": (ElementHex2, 4, 4),
 }  # scikit-fem element, quadrature order, pressure modes
 LANES = 8  # doubles in the widest registers: the nodes of an element are padded to a multiple with shape functions that are zero
+RANGES = 16  # of elements, that are looped over one by one or, where they share no node, at once
+WORTH_THREADS = 200_000  # integration points times nodes of an element from which a second thread pays
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
 _jit = compiled(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
@@ -60,7 +65,10 @@ class Solid:
         self.volume = self.weights.sum(axis=1)
         self.modes = _pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
         self.means = np.einsum("emq,eq->em", self.modes, self.weights)  # modes of the constant 1
-        self.indptr, self.indices, self.positions = _pattern(self.dofs[:, :, 0] // 3, self.basis.N // 3)
+        nodes = self.dofs[:, :, 0] // 3
+        self.indptr, self.indices, self.positions = _pattern(nodes, self.basis.N // 3)
+        self._groups = _independent(nodes, self.basis.N // 3)
+        self._threads = numba.config.NUMBA_NUM_THREADS if self.grads.size // 3 > WORTH_THREADS else 1
 
     @property
     def n_dofs(self):
@@ -68,8 +76,9 @@ class Solid:
 
     def state(self, u, fibre):
         """Invariants and dilatation at displacements u (n,) with the fibre direction (3,)."""
-        I, theta, smallest = _kinematics(u, self.dofs, self.grads, self.weights, self.modes, fibre)
-        return State(I, theta, bool(smallest > 0))
+        I, theta = np.empty((4, self.weights.size)), np.zeros(self.means.shape)
+        smallest = self._run(_kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
+        return State(I, theta, bool(min(smallest) > 0))
 
     def pressure(self, state, kappa):
         """Pressure modes (n_el, n_m) that belong to a state, tension positive."""
@@ -83,7 +92,7 @@ class Solid:
         """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in
         both."""
         out, d1 = np.zeros(self.n_dofs), np.ascontiguousarray(gradient)
-        _residual(u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
+        self._run(_residual, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
         return out
 
     def tangent(self, u, state, material, pressure, kappa, fibre, bulk=None):
@@ -95,24 +104,43 @@ class Solid:
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
         d1, d2 = derivatives(material, "gradient", state.I), derivatives(material, "hessian", state.I)
         target = self.pressure(state, kappa)
-        _tangent(
-            u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target, kappa if bulk is None else bulk, d1, d2,
-            self.indptr, self.positions, out, values,
+        self._run(
+            _tangent, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
+            kappa if bulk is None else bulk, d1, d2, self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values
 
     def dilatation_map(self, u):
         """Derivative of the pressure modes of J by the element's displacements, (n_el, n_m, n_n, 3)."""
-        return _dilatation_map(u, self.dofs, self.grads, self.weights, self.modes)
+        B = np.empty((*self.means.shape, *self.dofs.shape[1:]))
+        self._run(_dilatation_map, u, self.dofs, self.grads, self.weights, self.modes, B)
+        return B
 
     def stress(self, u, state, material, pressure, fibre):
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
         d1 = derivatives(material, "gradient", state.I)
-        return _cauchy(u, self.dofs, self.grads, self.modes, fibre, pressure, d1)
+        stress = np.empty((6, *self.weights.shape))
+        self._run(_cauchy, u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
+        return stress
 
     def matrix(self, values):
         """The tangent as a scipy CSR matrix that shares the cached pattern."""
         return sp.csr_matrix((values, self.indices, self.indptr), shape=(self.n_dofs,) * 2, copy=False)
+
+    def _run(self, kernel, *arguments):
+        """What a kernel(elements, *arguments) returns of each range of elements. Those of a group run at once: they share no node,
+        so that sums are the same, bit by bit, on any number of threads."""
+        if self._threads == 1:
+            return [kernel(elements, *arguments) for group in self._groups for elements in group]
+        found = []
+        for group in self._groups:
+            found += _threads(self._threads).map(lambda elements: kernel(elements, *arguments), group)
+        return found
+
+
+@cache
+def _threads(number):
+    return ThreadPoolExecutor(number, thread_name_prefix="elements")
 
 
 def _pressure_modes(points, weights, n_modes):
@@ -145,6 +173,19 @@ def _pattern(nodes, n_nodes):
     keys = np.repeat(np.arange(n_nodes, dtype=np.int64), lengths) * n_nodes + blocks.indices
     places = np.searchsorted(keys, rows.astype(np.int64) * n_nodes + cols) - blocks.indptr[rows]
     return starts.astype(np.int32), indices, places.reshape(n_el, n, n).astype(np.int32)
+
+
+def _independent(nodes, n_nodes):
+    """Groups of ranges of elements: those of a group have no node in common."""
+    taken, groups = np.zeros(n_nodes, dtype=np.int64), []
+    for elements in np.array_split(np.arange(len(nodes)), RANGES):
+        here = nodes[elements].ravel()
+        used = np.bitwise_or.reduce(taken[here], initial=0)
+        group = next(n for n in range(RANGES) if not used >> n & 1)
+        taken[here] |= 1 << group
+        groups += [[]] if group == len(groups) else []
+        groups[group].append(elements)
+    return groups
 
 
 # ---- the compiled loop -------------------------------------------------------------------------------------------
@@ -198,15 +239,12 @@ def _strain(F, J, fibre, b, a, c):
 
 
 @_jit
-def _kinematics(u, dofs, grads, weights, modes, fibre):
-    n_el, n_q = weights.shape
-    n_m = modes.shape[1]
-    I = np.empty((4, n_el * n_q))
-    theta = np.zeros((n_el, n_m))
+def _kinematics(elements, u, dofs, grads, weights, modes, fibre, I, theta):
+    n_q, n_m = weights.shape[1], modes.shape[1]
     F, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     ue = np.zeros(grads.shape[2:])
     smallest = np.inf
-    for e in range(n_el):
+    for e in elements:
         _gather(u, dofs[e], ue)
         for q in range(n_q):
             J = _gradient(ue, grads[e, q], F)
@@ -225,7 +263,7 @@ def _kinematics(u, dofs, grads, weights, modes, fibre):
             I[3, p] = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
             for m in range(n_m):
                 theta[e, m] += weights[e, q] * modes[e, m, q] * J
-    return I, theta, smallest
+    return smallest
 
 
 _PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
@@ -279,12 +317,12 @@ def _spatial(grads, G, g):
 
 
 @_jit
-def _residual(u, dofs, grads, weights, modes, fibre, pressure, d1, out):
-    n_el, n_q = weights.shape
+def _residual(elements, u, dofs, grads, weights, modes, fibre, pressure, d1, out):
+    n_q = weights.shape[1]
     F, G, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     m, tau = np.empty((4, 6)), np.empty(6)
     ue, g, fe = np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty(grads.shape[2:])
-    for e in range(n_el):
+    for e in elements:
         _gather(u, dofs[e], ue)
         fe[:] = 0.0
         for q in range(n_q):
@@ -304,14 +342,15 @@ def _residual(u, dofs, grads, weights, modes, fibre, pressure, d1, out):
 
 
 @_jit
-def _moduli(b, a, c, m, d1, d2, p, tau, trace, D):
-    """Isochoric spatial tangent (6, 6) of the Kirchhoff stress tau (deviatoric) whose fictitious stress has that trace."""
+def _moduli(b, a, c, m, d1, d2, p, tau, trace, h, D):
+    """Isochoric spatial tangent D (6, 6) of the Kirchhoff stress tau (deviatoric) whose fictitious stress has that trace; h (4, 6)
+    is scratch."""
+    for x in range(4):
+        for s in range(6):
+            h[x, s] = d2[x, 0, p] * m[0, s] + d2[x, 1, p] * m[1, s] + d2[x, 2, p] * m[2, s] + d2[x, 3, p] * m[3, s]
     for s in range(6):
         for t in range(s + 1):
-            v = 0.0
-            for x in range(4):
-                for y in range(4):
-                    v += d2[x, y, p] * m[x, s] * m[y, t]
+            v = h[0, s] * m[0, t] + h[1, s] * m[1, t] + h[2, s] * m[2, t] + h[3, s] * m[3, t]
             i, k, j, l = _PAIRS[s, 0], _PAIRS[s, 1], _PAIRS[t, 0], _PAIRS[t, 1]
             if d1[1, p] != 0.0:
                 v += d1[1, p] * (b[i, k] * b[j, l] - 0.5 * (b[i, j] * b[k, l] + b[i, l] * b[k, j]))
@@ -341,15 +380,15 @@ def _moduli(b, a, c, m, d1, d2, p, tau, trace, D):
 
 @_jit
 def _tangent(
-    u, dofs, grads, weights, modes, fibre, pressure, target, kappa, d1, d2, indptr, positions, out, values
+    elements, u, dofs, grads, weights, modes, fibre, pressure, target, kappa, d1, d2, indptr, positions, out, values
 ):  # fmt: skip
-    n_el, n_q = weights.shape
+    n_q = weights.shape[1]
     n_n, n_p, n_m = dofs.shape[1], grads.shape[3], modes.shape[1]
     F, G, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    m, tau, total, D = np.empty((4, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
+    m, h, tau, total, D = np.empty((4, 6)), np.empty((4, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
     ue, g, fe = np.zeros((3, n_p)), np.empty((3, n_p)), np.empty((3, n_p))
     K, B = np.empty((n_n, 3, 3, n_p)), np.empty((n_m, 3, n_p))
-    for e in range(n_el):
+    for e in elements:
         _gather(u, dofs[e], ue)
         K[:] = 0.0
         B[:] = 0.0
@@ -361,7 +400,7 @@ def _tangent(
             _strain(F, J, fibre, b, a, c)
             _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
             trace = _kirchhoff(m, d1, e * n_q + q, tau)
-            _moduli(b, a, c, m, d1, d2, e * n_q + q, tau, trace, D)
+            _moduli(b, a, c, m, d1, d2, e * n_q + q, tau, trace, h, D)
             p, aim = 0.0, 0.0
             for k in range(n_m):
                 p += modes[e, k, q] * pressure[e, k]
@@ -437,13 +476,12 @@ def _scatter_stiffness(dofs, positions, indptr, K, values):
 
 
 @_jit
-def _dilatation_map(u, dofs, grads, weights, modes):
-    n_el, n_q = weights.shape
+def _dilatation_map(elements, u, dofs, grads, weights, modes, B):
+    n_q = weights.shape[1]
     n_n, n_m = dofs.shape[1], modes.shape[1]
-    B = np.empty((n_el, n_m, n_n, 3))
     F, G = np.empty((3, 3)), np.empty((3, 3))
     ue, g, Be = np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty((n_m, *grads.shape[2:]))
-    for e in range(n_el):
+    for e in elements:
         _gather(u, dofs[e], ue)
         Be[:] = 0.0
         for q in range(n_q):
@@ -455,7 +493,6 @@ def _dilatation_map(u, dofs, grads, weights, modes):
             for n in range(n_n):
                 for i in range(3):
                     B[e, k, n, i] = Be[k, i, n]
-    return B
 
 
 @_jit
@@ -468,12 +505,11 @@ def _add_dilatation(g, modes, q, v, Be):
 
 
 @_jit
-def _cauchy(u, dofs, grads, modes, fibre, pressure, d1):
-    n_el, n_q = grads.shape[:2]
-    stress = np.empty((6, n_el, n_q))
+def _cauchy(elements, u, dofs, grads, modes, fibre, pressure, d1, stress):
+    n_q = grads.shape[1]
     F, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     m, tau, ue = np.empty((4, 6)), np.empty(6), np.zeros(grads.shape[2:])
-    for e in range(n_el):
+    for e in elements:
         _gather(u, dofs[e], ue)
         for q in range(n_q):
             J = _gradient(ue, grads[e, q], F)
@@ -485,4 +521,3 @@ def _cauchy(u, dofs, grads, modes, fibre, pressure, d1):
                 p += modes[e, k, q] * pressure[e, k]
             for s in range(6):
                 stress[s, e, q] = tau[s] / J + (p if s < 3 else 0.0)
-    return stress

@@ -26,9 +26,14 @@ def evaluate(problem, pool, points, report=None):
 
 def asked(pool, points, report=None, sensitivities=()):
     """The pool's evaluations, with these sensitivities where the pool knows what they are."""
-    if sensitivities and "sensitivities" in inspect.signature(pool.evaluate).parameters:
+    if sensitivities and _knows_sensitivities(pool):
         return pool.evaluate(points, report, sensitivities=sensitivities)
     return pool.evaluate(points, report)
+
+
+def may_bring_sensitivities(problem, pool):
+    """Whether runs can be hoped to bring all derivatives: what is known before the first one."""
+    return _knows_sensitivities(pool) and len(_exact(problem)) == len(problem.searched)
 
 
 def brings_sensitivities(problem, pool, x):
@@ -63,6 +68,11 @@ def derivatives_of(problem, pool, point, report=None):
 def last_cause(pool):
     """Why the last failed evaluation failed."""
     return pool.failures[-1].cause if pool.failures else "cause unknown"
+
+
+def _knows_sensitivities(pool):
+    pool = getattr(pool, "pool", pool)  # one that only watches another knows what that knows
+    return "sensitivities" in inspect.signature(pool.evaluate).parameters
 
 
 def _exact(problem):

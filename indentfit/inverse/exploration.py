@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import qmc
 
-from indentfit.inverse.derivatives import asked, evaluate, given_by
+from indentfit.inverse.derivatives import asked, evaluate, given_by, may_bring_sensitivities
 from indentfit.inverse.least_squares import polish
 from indentfit.inverse.objective import Candidate
 from indentfit.inverse.population import Search, judged, parameters_of
@@ -61,12 +61,13 @@ def explore(problem, pool, options, search, progress):
     surrogate = learn(problem, pool.known)
     if surrogate is None:
         return Exploration(None, Search(None, [], "too few runs succeeded"))
-    held_out = []
+    held_out: list[dict] = []
     for number in range(ROUNDS):
         progress(SHARE_OF_DESIGN + (1 - SHARE_OF_DESIGN) * number / ROUNDS, f"surrogate of {len(surrogate.samples)} runs")
-        held_out.append(_prove(problem, pool, surrogate, _worth_proving(problem, surrogate, options)))
+        proofs = _prove(problem, pool, surrogate, _worth_proving(problem, surrogate, options))
+        held_out += reversed(proofs)  # that of the optimum last, which decides
         surrogate = learn(problem, pool.known)
-        if held_out[-1]["error"] is not None and held_out[-1]["error"] <= held_out[-1]["allowed"]:
+        if _is_proved(proofs[0]):
             break
     found = search(problem, surrogate, _large(options))
     best, *rivals = _optima(problem, surrogate, [found.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
@@ -86,7 +87,7 @@ def facts_of(surrogate, held_out=()):
         "degree": surrogate.degree,
         "left_out_error": surrogate.error,  # of each run predicted from the others, as a share of its misfit
         "held_out": list(held_out),
-        "reached": any(one["error"] is not None and one["error"] <= one["allowed"] for one in held_out),
+        "reached": any(_is_proved(one) for one in held_out),
     }
 
 
@@ -106,31 +107,44 @@ def scanned(problem, surrogate, seed=0):
 
 
 def _first_runs(problem, pool, options, progress):
-    """The start values, then the design; its size depends on whether runs bring sensitivities."""
-    first = evaluate(problem, pool, [problem.start])[0]
-    slopes = len(given_by(problem, first)) == len(problem.searched)
-    places = design(len(problem.searched), slopes, options.seed)
-    points = [parameters_of(problem, place) for place in places]
+    """The start values and the design, which is smaller where runs can bring sensitivities; where none did, the larger one too."""
     report = lambda done, total: progress(SHARE_OF_DESIGN * done / total, f"{total} first runs")  # noqa: E731
-    evaluate(problem, pool, points, report)
+    d, hoped = len(problem.searched), may_bring_sensitivities(problem, pool)
+    found = evaluate(problem, pool, [problem.start, *_designed(problem, hoped, options)], report)
+    if hoped and not any(len(given_by(problem, one)) == d for one in found):
+        evaluate(problem, pool, _designed(problem, False, options), report)
+
+
+def _designed(problem, slopes, options):
+    return [parameters_of(problem, place) for place in design(len(problem.searched), slopes, options.seed)]
 
 
 def _worth_proving(problem, surrogate, options):
-    """The surrogate's optimum; where that was run already, the place among the good ones that is farthest from all runs."""
-    starts = _scan(problem, surrogate, options.seed)[:3]
+    """The surrogate's optimum, where that was not run already, and the places among the good ones that are farthest from all
+    runs: two in all, for a round of one leaves a worker idle at its end."""
     known = np.array([sample.place for sample in surrogate.samples])
-    for best in _optima(problem, surrogate, starts):
-        if _distance(_place(problem, best.parameters), known) > KNOWN:
-            return best.parameters
+    wanted = []
+    for best in _optima(problem, surrogate, _scan(problem, surrogate, options.seed)[:3]):
+        if not wanted and _distance(_place(problem, best.parameters), known) > KNOWN:
+            wanted.append(best.parameters)
+            known = np.vstack([known, _place(problem, best.parameters)])
     places, squares = scanned(problem, surrogate, options.seed)
     places = places[squares <= 1.5**2 * squares.min()]
-    return parameters_of(problem, max(places, key=lambda place: _distance(place, known)))
+    while len(wanted) < 2:
+        farthest = max(places, key=lambda place: _distance(place, known))
+        wanted.append(parameters_of(problem, farthest))
+        known = np.vstack([known, farthest])
+    return wanted
 
 
-def _prove(problem, pool, surrogate, parameters):
-    """Run what the surrogate predicts: its error there, mN, rms over all points, and what is allowed."""
-    predicted = evaluate(problem, surrogate, [parameters])[0]
-    ran = evaluate(problem, pool, [parameters])[0]
+def _prove(problem, pool, surrogate, points):
+    """Run what the surrogate predicts: of each point its error there, mN, rms over all points, and what is allowed."""
+    predicted = evaluate(problem, surrogate, points)
+    ran = evaluate(problem, pool, points)
+    return [_proof(problem, *one) for one in zip(points, predicted, ran, strict=True)]
+
+
+def _proof(problem, parameters, predicted, ran):
     if ran.forces is None:
         return {"parameters": dict(parameters), "error": None, "allowed": None}
     candidate = problem.judge_best_scale(parameters, ran.forces)
@@ -140,6 +154,10 @@ def _prove(problem, pool, surrogate, parameters):
     misfit = np.sqrt(candidate.sum_of_squares / sum(test.weight for test in problem.tests))
     error = float(np.sqrt(np.mean(difference**2)))
     return {"parameters": candidate.parameters, "error": error, "allowed": float(max(ERROR * misfit, FINEST * size))}
+
+
+def _is_proved(proof):
+    return proof["error"] is not None and proof["error"] <= proof["allowed"]
 
 
 def _scan(problem, surrogate, seed):

@@ -5,6 +5,7 @@ square errors; least squares minimises the weighted sum of their squares. Both a
 """
 
 from dataclasses import dataclass, replace
+from math import hypot
 
 import numpy as np
 from scipy.optimize import brentq
@@ -48,19 +49,27 @@ def best_scale(tests, forces, low=0.0, high=np.inf):
     Equation (1) is convex in s and its least lies between the best factors of the single tests, where its slope
     changes sign; it may also lie at one of them, if the curve of that test is met exactly.
     """
-    heavy = [(t.weight / np.sqrt(len(f)), f, t.curve.force) for t, f in zip(tests, forces, strict=True) if t.weight]
-    alone = [float(f @ target / (f @ f)) if f.any() else 0.0 for _, f, target in heavy]
+    parts = [_part(test, force) for test, force in zip(tests, forces, strict=True) if test.weight]
+    alone = [best for _, _, best, _ in parts]
 
     def value(s):
-        return sum(w * np.linalg.norm(s * f - target) for w, f, target in heavy)
+        return sum(weight * hypot(size * (s - best), left) for weight, size, best, left in parts)
 
     def slope(s):
-        return sum(w * (f @ (s * f - target)) / (np.linalg.norm(s * f - target) or 1.0) for w, f, target in heavy)
+        return sum(weight * size**2 * (s - best) / (hypot(size * (s - best), left) or 1.0) for weight, size, best, left in parts)
 
     candidates, ends = list(alone), (min(alone), max(alone))
     if slope(ends[0]) < 0 < slope(ends[1]):
         candidates.append(brentq(slope, *ends, xtol=1e-300, rtol=1e-14))
     return float(np.clip(min(candidates, key=value), low, high))
+
+
+def _part(test, force):
+    """A test's weight, the norm of its curve, its best factor alone, and what that leaves: |s f - target|^2 is
+    (|f| (s - best))^2 + left^2."""
+    target, size = test.curve.force, float(np.linalg.norm(force))
+    best = float(force @ target) / size**2 if size else 0.0
+    return test.weight / np.sqrt(len(force)), size, best, float(np.linalg.norm(best * force - target))
 
 
 @dataclass(frozen=True)
