@@ -6,10 +6,10 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-import pytest
+import pytest  # noqa: E402 - the numerical libraries read the number of threads when they are loaded
 
-from indentfit.case import read_case
-from indentfit.fem.simulate import Model
+from indentfit.case import read_case  # noqa: E402
+from indentfit.fem.simulate import Model  # noqa: E402
 
 CASES = Path(__file__).parent.parent / "cases"
 SHARED = Path(__file__).parent.parent.parent / "shared"

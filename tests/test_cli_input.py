@@ -296,8 +296,12 @@ def test_a_check_that_fails_ends_with_2(tmp_path):
     [
         (ConvergenceError("the element turned inside out", 0.1, 3, 12), 3),
         (FitError("stopped after 3 generations"), 4),
-        (KeyboardInterrupt(), 130),
         (ZeroDivisionError("division\nby zero"), 1),
+        (MemoryError(), 3),
+        (OSError(28, "No space left on device", "/full/result.json"), 2),
+        (FileNotFoundError(2, "No such file or directory"), 2),
+        (ImportError("libmkl_rt.so.3: cannot allocate\nmemory"), 2),
+        (KeyboardInterrupt(), 130),
     ],
 )
 def test_an_exit_code_says_what_kind_of_failure_it_was(monkeypatch, error, code):

@@ -80,6 +80,13 @@ def test_a_separated_point_carries_nothing():
     assert not contact.residual(touch).any()
 
 
+def test_springs_of_half_the_stiffness_press_and_hold_half_as_much():
+    contact, solid = contact_of(STRIP, 0.5)
+    touch = contact.touch(shifted(solid, [0, 0, 0.03]), DEPTH, contact.rest(), SPRINGS.scaled(0.5))
+    assert_allclose(touch.pressure, 10.0, rtol=1e-12)
+    assert_allclose(touch.friction, np.broadcast_to([0, 0, 4.5], touch.friction.shape), atol=1e-11)  # of 5 kPa
+
+
 def test_a_lifted_edge_opens_alone():
     """A top that slopes by 0.01 from the middle of the footprint on: only the half that is still met carries."""
     contact, solid = contact_of(STRIP, 0.0)
@@ -89,6 +96,17 @@ def test_a_lifted_edge_opens_alone():
     z = contact.X[..., 2]
     assert np.array_equal(touch.touching, z <= 0.5 + 1e-12)
     assert_allclose(touch.pressure, np.maximum(1000 * (0.02 - 0.04 * z), 0), atol=1e-10)
+
+
+def test_a_light_touch_slides_with_f_times_p_too():
+    """0.4 kPa of pressure and 0.6 kPa to stick: 0.2 kPa of friction, which turns with the pull, by 300 kPa/mm * 0.2 / 0.6."""
+    contact, solid = contact_of(STRIP, 0.5)
+    touch = contact.touch(shifted(solid, [0, 0, 0.002]), DEPTH / 50, contact.rest(), SPRINGS)
+    assert_allclose(touch.friction, np.broadcast_to([0, 0, 0.2], touch.friction.shape), atol=1e-12)
+    assert_allclose(touch.D[..., 0, 0], 100.0, rtol=1e-12)
+    aside = np.broadcast_to([1.0, 0, 0], contact.X.shape)
+    change = contact.change(touch, SPRINGS, Springs(0.0, 0.0), 0.0, contact.no_change(), aside)
+    assert_allclose(change.friction, np.broadcast_to([100.0, 0, 0], aside.shape), atol=1e-9)
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.5])
@@ -194,6 +212,39 @@ def test_multipliers_follow_the_rate_of_the_tractions():
     assert not touch.advanced(-10 * rate, 0.005).pressure.any()  # it cannot come to pull
 
 
+# ---- what the springs withhold ----------------------------------------------------------------------------------------
+
+RATE = np.array([0, 500.0, 300.0])  # kPa per mm of depth, of T - p n with n downwards
+
+
+def withheld(contact, solid, by, history=None, depth=DEPTH):
+    touch = contact.touch(shifted(solid, by), depth, history or contact.rest(), SPRINGS)
+    return touch, contact.penalty_error(touch, np.broadcast_to(RATE, contact.X.shape), SPRINGS)
+
+
+def test_springs_withhold_their_give_times_the_rate_of_the_traction():
+    """Pressed in by 0.02 mm and held back by 0.03 mm: 2 mm^2 * (0.02 mm * 500 + 0.03 mm * 300 kPa/mm)."""
+    _, error = withheld(*contact_of(STRIP, 0.5), [0, 0, 0.03])
+    assert error == pytest.approx(AREA * (10 + 9), rel=1e-12)
+
+
+def test_a_multiplier_gives_nothing():
+    """It carries 7 of 27 kPa, and 2 of the friction: what gives is the springs' share alone."""
+    contact, solid = contact_of(STRIP, 0.5)
+    history = History(np.full(contact.weights.shape, 7.0), np.broadcast_to([2.0, 0, 0], contact.X.shape), contact.X)
+    touch, error = withheld(contact, solid, [0, 0, 0.03], history)
+    assert not touch.slipping.any()
+    assert error == pytest.approx(AREA * (10 + 9), rel=1e-12)
+
+
+def test_a_slipping_point_withholds_no_friction_and_an_open_one_nothing():
+    contact, solid = contact_of(STRIP, 0.5)
+    touch, error = withheld(contact, solid, [0, 0, 0.1])
+    assert touch.slipping.all() and error == pytest.approx(AREA * 10, rel=1e-12)
+    history = History(np.full(contact.weights.shape, 5.0), np.ones_like(contact.X), contact.X)
+    assert withheld(contact, solid, [0, -0.1, 0], history)[1] == 0
+
+
 # ---- distances ------------------------------------------------------------------------------------------------------
 
 
@@ -289,7 +340,8 @@ def test_contact_tangent_and_depth_derivatives_are_those_of_its_forces(name):
     here, h = touch(u), 1e-7
     v = np.random.default_rng(2).uniform(-1, 1, solid.n_dofs)
     values = np.zeros(solid.indices.size)
-    contact.add_tangent(here, values)
+    dense = contact.add_tangent(here, values)
+    assert_allclose(dense, solid.matrix(values).toarray()[np.ix_(contact.surface, contact.surface)], rtol=1e-12, atol=1e-9)
     change = (contact.residual(touch(u + h * v)) - contact.residual(touch(u - h * v))) / (2 * h)
     assert np.max(np.abs(solid.matrix(values) @ v - change)) < 1e-6 * np.max(np.abs(change))
     deeper, higher = touch(u, depth + h), touch(u, depth - h)
@@ -300,6 +352,53 @@ def test_contact_tangent_and_depth_derivatives_are_those_of_its_forces(name):
     assert np.max(np.abs(contact.rate(here, v) - rate)) < 1e-6 * np.max(np.abs(rate))
     stiffness = (contact.force(deeper) - contact.force(higher)) / (2 * h)
     assert contact.total(contact.rate(here, v)) == pytest.approx(stiffness, rel=1e-6)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5, "stick"])
+@by_indenter
+def test_a_touch_and_its_history_change_as_differences_say(name, friction):
+    """By springs, the coefficient of friction, the history, the places and the rate at once, in random directions."""
+    contact, _, touch, u, depth = mixed_state(name, friction)
+    here, coefficient, h, step = touch(u), contact.friction, 1e-6, 0.01
+    rng = np.random.default_rng(3)
+    more, slippery = Springs(50.0, -20.0), 0.1 if friction == 0.5 else 0.0
+    aside = History(*(rng.uniform(-size, size, a.shape) for a, size in zip(fields(here.history), (5, 2, 0.01), strict=True)))
+    moved, rate, turn = 0.02 * rng.uniform(-1, 1, u.size), *rng.uniform(-2000, 2000, (2, *contact.X.shape))
+
+    def at(s):
+        contact.friction = coefficient + s * slippery
+        history = History(*(a + s * b for a, b in zip(fields(here.history), fields(aside), strict=True)))
+        springs = Springs(SPRINGS.normal + s * more.normal, SPRINGS.tangential + s * more.tangential)
+        there = contact.touch(u + s * moved, depth, history, springs)
+        assert np.array_equal(there.touching, here.touching) and np.array_equal(there.slipping, here.slipping)
+        return there, there.advanced(rate + s * turn, step)
+
+    (ahead, later), (behind, earlier) = at(h), at(-h)
+    contact.friction = coefficient
+    change = contact.change(here, SPRINGS, more, slippery, aside, contact.field(moved))
+    for field in ("place", "normal", "pressure", "friction", "traction"):
+        expected = (getattr(ahead, field) - getattr(behind, field)) / (2 * h)
+        assert_allclose(getattr(change, field), expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))), err_msg=field)
+    after = change.advanced(here, rate, turn, step)
+    assert contact.tied or not np.all(here.advanced(rate, step).pressure)  # some cannot come to pull
+    for found, a, b in zip(fields(after), fields(later), fields(earlier), strict=True):
+        expected = (a - b) / (2 * h)
+        assert_allclose(found, expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5, "stick"])
+@by_indenter
+def test_the_tangent_at_rest_changes_with_the_springs_as_differences_say(name, friction):
+    """It is linear in the springs, so that a difference of any size is exact."""
+    contact, solid = contact_of(INDENTERS[name], friction)
+    springs = [Springs(SPRINGS.normal + s * 70.0, SPRINGS.tangential - s * 30.0) for s in (1, 0, -1)]
+    more, rest, less = (contact.touch(np.zeros(solid.n_dofs), 0.0, contact.rest(), one) for one in springs)
+    assert rest.touching.any()
+    assert_allclose(contact.stiffness_change(rest, Springs(70.0, -30.0)), (more.D - less.D) / 2, atol=1e-9)
+
+
+def fields(history):
+    return history.pressure, history.friction, history.anchor
 
 
 @by_indenter

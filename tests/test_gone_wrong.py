@@ -1,5 +1,7 @@
 """Mechanics that go wrong: each with a message of its own, that says what and where."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -117,3 +119,15 @@ def test_a_record_of_the_wrong_sign_or_without_contact_is_told_so(signs, said):
     noise = 0.05 * np.random.default_rng(0).standard_normal(t.size)
     with pytest.raises(RecordError, match=f"rig.csv: .*{said}"):
         process(Record(t, signs[0] * d, signs[1] * f + noise, "rig.csv"))
+
+
+def test_a_working_folder_that_is_gone_is_one_line(tmp_path):
+    """MKL would end the process with a word of its own."""
+    pytest.importorskip("pypardiso")
+    program = f"import os; os.rmdir({str(tmp_path / 'here')!r}); from indentfit.cli import main; main()"
+    (tmp_path / "here").mkdir()
+    words = [sys.executable, "-P", "-c", program, "simulate", QUICK, "--set", "mesh.elements=30"]
+    done = subprocess.run(words, cwd=tmp_path / "here", capture_output=True, text=True)
+    assert done.returncode == 2 and not done.stdout
+    (line,) = [line for line in done.stderr.splitlines() if not line.startswith(("warning: ", "simulate"))]
+    assert line.startswith("error: the working folder: ")

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from indentfit import material as materials
 from indentfit.errors import MaterialError
-from indentfit.material import REST, Material, Parameter, check, exp, installed, load, positive
+from indentfit.material import REST, Material, Parameter, check, exp, installed, load, positive, typed
 
 OURS = ("holzapfel", "mooney_rivlin", "neo_hookean", "transversely_isotropic")
 Holzapfel, MooneyRivlin, NeoHookean, TransverselyIsotropic = map(load, OURS)
@@ -276,6 +276,14 @@ def test_stress_at_rest_is_refused_with_its_condition():
 def test_a_material_without_shear_stiffness_has_no_shear_modulus():
     with pytest.raises(MaterialError, match="must be positive"):
         _ = MooneyRivlin(c10=0, c01=0).shear_modulus
+
+
+def test_what_is_not_stable_at_small_strain_is_said_with_its_modulus():
+    """psi = mu/2 (I1 - 3) + k/2 (I4 - 1)^2: along the fibres E = 3 mu + 4 k, which is -5 kPa for k = -2 kPa."""
+    kind = typed("mu/2*(I1-3) + k/2*(I4-1)^2", ["mu", "k"])
+    assert kind(mu=1, k=-2).unstable == "E_along = -5 kPa"
+    assert kind(mu=1, k=-0.5).unstable == ""
+    assert "must be positive" in kind(mu=0, k=1).unstable
 
 
 # Values

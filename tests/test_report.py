@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import warnings
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
@@ -20,8 +21,10 @@ from indentfit.errors import OutputError
 from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.simulate import QUARTERS, Model
+from indentfit.inverse.per_sample import SampleFit, parameter_spread
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
 from indentfit.report.mirror import whole
+from indentfit.report.per_sample import sample_lines
 from indentfit.report.plots import force_displacement, residual
 from indentfit.report.vtu import file_names, write_vtu
 
@@ -394,3 +397,26 @@ def test_profiles_without_a_confirmed_run_are_as_wide_as_others():
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # "axes sizes collapsed to zero"
         figure.canvas.draw()
+
+
+def test_fits_of_samples_are_a_table_and_the_spread_of_those_that_converged():
+    """mu of 1 and 2 kPa: mean 1.5, standard deviation sqrt(1/2); the third did not converge, the fourth has no fit at all."""
+
+    def fitted(mu, success=True, stderr=0.1):
+        one = {"value": mu, "stderr": stderr, "unit": "kPa"}
+        return SimpleNamespace(free=["mu"], parameters={"mu": one}, objective=0.25, success=success)
+
+    fits = [
+        SampleFit("a", None, fitted(1.0)), SampleFit("b", None, fitted(2.0, stderr=None)),
+        SampleFit("c", None, fitted(50.0, success=False)), SampleFit("d", None, None, "the fibres buckle"),
+    ]  # fmt: skip
+    head, *rows, gap, spread = sample_lines(fits, parameter_spread(fits))
+    assert head.split() == ["sample", "mu", "mu_stderr", "objective_mN", "success"]
+    assert [row.split(maxsplit=4) for row in rows[:3]] == [
+        ["a", "1", "0.1", "0.25", "True"], ["b", "2", "unknown", "0.25", "True"], ["c", "50", "0.1", "0.25", "False"],
+    ]  # fmt: skip
+    assert rows[3].split(maxsplit=1) == ["d", "the fibres buckle"] and gap == ""
+    assert spread == "mu        1.5 +- 0.707 (SD) kPa, 1 to 2, n = 2"
+    (alone,) = list(sample_lines(fits[:1], parameter_spread(fits[:1])))[3:]
+    assert alone == "mu        1 kPa, 1 to 1, n = 1"
+    assert parameter_spread(fits[2:]) == {}

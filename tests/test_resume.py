@@ -96,6 +96,14 @@ def started(*arguments):
     return process
 
 
+def wait_for_workers(process):
+    """Until a fit has started its worker processes: two, and Python's own tracker of resources."""
+    place, end = Path(f"/proc/{process.pid}/task/{process.pid}/children"), time.monotonic() + 60
+    time.sleep(0 if place.exists() else 3)  # not on Linux
+    while place.exists() and len(place.read_text().split()) < 3 and time.monotonic() < end:
+        time.sleep(0.01)
+
+
 def result(folder="r"):
     """What result.json holds but times, and the fitted curves."""
     same = {key: value for key, value in written(folder).items() if key not in MAY_DIFFER}
@@ -164,7 +172,7 @@ def test_the_first_signal_ends_the_run_at_work_and_resuming_ends_the_fit(case, e
 
 def test_ctrl_c_twice_stops_at_once_and_leaves_no_process(case):
     process = started("--workers", "2", "--set", "mesh.elements=2000")
-    time.sleep(1)
+    wait_for_workers(process)
     process.send_signal(signal.SIGINT)
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)

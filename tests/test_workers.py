@@ -429,3 +429,24 @@ def test_without_dask_the_extra_is_named(case, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with Pool(case(), cluster="local") as pool, pytest.raises(WorkerError, match=r"indentfit\[cluster\]"):
         pool.evaluate([TAME])
+
+
+NEWBORN = """
+import multiprocessing, os, signal
+from indentfit.inverse.processes import deaf_to_interrupts
+if __name__ == "__main__":
+    with deaf_to_interrupts():
+        process = multiprocessing.get_context("spawn").Process(target=print, args=("ran",))
+        process.start()
+    os.kill(process.pid, signal.SIGINT)
+    process.join()
+    print("exit", process.exitcode)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be held back on this system")
+def test_ctrl_c_does_not_reach_the_first_process_while_it_starts(tmp_path):
+    """In a program of its own: only with its first process does Python start the tracker that unblocked the signal."""
+    (tmp_path / "newborn.py").write_text(NEWBORN)
+    done = subprocess.run([sys.executable, tmp_path / "newborn.py"], capture_output=True, text=True, timeout=60)
+    assert (done.stdout.split(), done.stderr) == (["ran", "exit", "0"], "")

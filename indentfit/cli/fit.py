@@ -65,6 +65,8 @@ def command(
     """
     if cluster and scheduler:
         raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
+    if scheduler == "":  # a variable of a script that was not set: not to be taken for none
+        raise click.UsageError("--scheduler needs an address, as tcp://HOST:PORT")
     options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     if per_sample:

@@ -19,6 +19,7 @@ matrix is assembled with gamma in kappa's place. Steps of GMRES grow little with
 
 import contextlib
 import ctypes
+import os
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -298,6 +299,7 @@ class _Pardiso(_Direct):
     def __init__(self, surface, kind=np.float32):
         import pypardiso
 
+        os.getcwd()  # raises where the working folder is gone: MKL loads its parts late, and ends the process there
         self._routine = pypardiso.PyPardisoSolver()._mkl_pardiso
         self._surface = surface
         self._handle = np.zeros(64, dtype=np.int64)

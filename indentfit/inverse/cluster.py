@@ -35,6 +35,11 @@ class Cluster:
             raise
 
     @property
+    def _option(self):
+        """What the user gave, for messages."""
+        return "--cluster local" if self.address == LOCAL else f"--scheduler {self.address[:100]}"
+
+    @property
     def number(self):
         """The runs that the cluster can do at once: one for each worker."""
         with self._there():
@@ -86,11 +91,11 @@ class Cluster:
                 )  # fmt: skip
             self._client = self._dask.Client(self._own or self.address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
-            raise WorkerError(f"--scheduler {self.address}: no Dask scheduler answers there ({error}); check it") from error
+            raise WorkerError(f"{self._option}: no Dask scheduler answers there ({str(error)[:200]}); check it") from error
         try:
             self._client.wait_for_workers(1, timeout=PATIENCE)
         except (OSError, TimeoutError) as error:
-            raise WorkerError(f"--scheduler {self.address}: it has no workers; start some with `dask worker`") from error
+            raise WorkerError(f"{self._option}: it has no workers; start some with `dask worker`") from error
 
     def _submit(self, unit, names):
         with self._there():
@@ -116,7 +121,7 @@ class Cluster:
             raise self._gone(error) from error
 
     def _gone(self, error):
-        return WorkerError(f"--scheduler {self.address}: it was lost ({type(error).__name__}: {str(error)[:100]})")
+        return WorkerError(f"{self._option}: it was lost ({type(error).__name__}: {str(error)[:100]})")
 
 
 def _distributed():

@@ -24,9 +24,10 @@ TESTS = {
     "material.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
     "fem/contact.py": ["tests/test_contact.py"],
     "inverse/objective.py": [
+        "tests/test_objective.py",
         "tests/test_inverse.py",
         "-k",
-        "(equation or scale or search or squares or candidate or derivative) and not small and not proportional",
+        "test_objective or (equation or scale or squares or candidate) and not small and not proportional",
     ],
 }
 SWAPS = {
@@ -93,7 +94,7 @@ def killed(place, tests):
         done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, timeout=TIME)
     except subprocess.TimeoutExpired:
         return True
-    if done.returncode not in (0, 1, 2):
+    if done.returncode not in (0, 1, 2) and done.returncode > 0:  # below 0: compiled code that wrote beyond its arrays
         sys.exit(done.stdout[-2000:] + done.stderr[-2000:])
     return done.returncode != 0
 

@@ -135,8 +135,8 @@ def line(record):
     rough += f" tries {facts['tries']}" if facts["tries"] > 1 else ""
     return inputs + (
         f"F {force[-1]:9.3f} steps {facts['steps']:3d} cutbacks {facts['cutbacks']:2d} Newton {facts['newton_iterations']:3d} "
-        f"loose {facts['loose_steps']:2d} factorizations {facts['factorizations']:3d} penalty {100 * facts['penalty_error']:6.3f} % "
-        f"{record['seconds']:6.1f} s{rough}"
+        f"loose {facts['loose_steps']:2d} factorizations {facts['factorizations']:3d} "
+        f"penalty {100 * facts['penalty_error']:6.3f} % {record['seconds']:6.1f} s{rough}"
     )
 
 
