@@ -121,7 +121,8 @@ def _draw(rows, path):
             points = [(cpu, abs(error), bricks) for at, kind, bricks, cpu, error, _ in rows if (at, kind) == (angle, brick)]
             axis.plot(*zip(*[point[:2] for point in points], strict=True), mark + "-", color=colour, ms=4, lw=1, label=brick)
             for cpu, error, bricks in points:
-                axis.annotate(f"{bricks:,}", (cpu, error), (3, 4), textcoords="offset points", fontsize=6, color=colour)
+                place = {"xytext": (3, 4)} if brick == "q1p0" else {"xytext": (-3, -9), "ha": "right"}
+                axis.annotate(f"{bricks:,}", (cpu, error), textcoords="offset points", fontsize=6, color=colour, **place)
         own = next(row[-1] for row in rows if row[0] == angle)
         axis.axhspan(1e-3, own, color="0.9", lw=0, label=f"reference's own error, {own} %")
         axis.set(xscale="log", yscale="log", ylim=(0.1, 20), xlabel="CPU time of one configuration, s")
