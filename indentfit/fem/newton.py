@@ -14,7 +14,7 @@ from indentfit.fem import sensitivity
 from indentfit.fem.linear import Tangent
 
 MAX_ITERATIONS = 15
-MAX_RELAXED, MAX_IMPLICIT = 60, 8  # iterations of a relaxation, and of one of its steps of time
+MAX_RELAXED, MAX_IMPLICIT = 120, 8  # iterations of a relaxation, and of one of its steps of time
 EASED = 1e-2  # reduction of the residual that ends a step of time
 STIFFEST_DAMPER = 1e6  # in units of shear modulus times size
 LOOSE = 5e-3  # residual, of the contact force, at which points that chatter may be left; counted and reported
