@@ -78,9 +78,10 @@ def test_a_wrong_address_is_one_line_and_leaves_nothing(address, tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_address_without_text_is_refused_and_not_taken_for_none(tmp_path, monkeypatch):
+@pytest.mark.parametrize("command", [["fit"], ["sweep", "--vary", "indenter.friction=0.2"]], ids=lambda command: command[0])
+def test_an_address_without_text_is_refused_and_not_taken_for_none(tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, ["fit", str(CASE), "--set", "mesh.elements=30", "--scheduler", ""])
+    done = CliRunner().invoke(main, [*command, str(CASE), "--set", "mesh.elements=30", "--scheduler", ""])
     assert done.exit_code == 2 and "--scheduler" in done.stderr and list(tmp_path.iterdir()) == []
 
 

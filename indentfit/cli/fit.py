@@ -25,6 +25,7 @@ from ..report.folder import (
     write_json,
 )
 from ..report.text import certainty_lines, weights_lines
+from . import clusters
 from .ledgers import opened, saying_what_is_kept
 from .progress import progress
 from .stopping import stopping
@@ -43,8 +44,7 @@ METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")
 @click.option("--resume", is_flag=True, help="Go on with a fit that was stopped or killed; the result is the same.")
 @click.option("--reuse", type=click.Path(), metavar="DIR", help="Use the runs of this result folder too, where they fit.")
-@click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
-@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
+@clusters.options
 @click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
 @click.option("--scan-weights", is_flag=True, help="Show what other weights of the two tests would find.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
@@ -63,14 +63,11 @@ def command(
     Dask sends objects by pickle between its own processes: whoever reaches a scheduler can run code on its workers.
     Only the address given is used, and a local cluster listens on 127.0.0.1 alone. No file is ever read by pickle.
     """
-    if cluster and scheduler:
-        raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
-    if scheduler == "":  # a variable of a script that was not set: not to be taken for none
-        raise click.UsageError("--scheduler needs an address, as tcp://HOST:PORT")
+    where = clusters.chosen(cluster, scheduler)
     options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     if per_sample:
-        _fit_samples(case, overrides, output, overwrite, resume, reuse, cluster or scheduler, as_json)
+        _fit_samples(case, overrides, output, overwrite, resume, reuse, where, as_json)
         return
     read = read_case(case, overrides)
     require_fittable(read)
@@ -82,7 +79,7 @@ def command(
     with stopping() as stop, lasting_folder(output, overwrite) as folder, opened(folder, read, resume, [target], reuse) as ledger:
         clear(folder)
         with saying_what_is_kept(ledger), progress("fit", total=1) as step:
-            result = fit(read, step, ledger=ledger, cluster=cluster or scheduler, stop=stop)
+            result = fit(read, step, ledger=ledger, cluster=where, stop=stop)
         written = _write(folder, read, result, not no_fields)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result, scan_weights), f"written   {output}"]))
     if not result.success:

@@ -9,6 +9,7 @@ from ..case import read_case, require_fittable
 from ..errors import ConvergenceError
 from ..report.folder import clear, json_text, lasting_folder, refuse_existing
 from ..study.sweep import plan, refitted, sweep
+from . import clusters
 from .ledgers import opened, saying_what_is_kept
 from .mesh_check import AGAIN, aligned, refit_lines, resumed
 from .progress import progress
@@ -28,8 +29,7 @@ from .stopping import stopping
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-sweep.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")
 @click.option("--reuse", type=click.Path(), metavar="DIR", help="Use the runs of this result folder too, such as a fit's.")
-@click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine.")
-@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT.")
+@clusters.options
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 def command(case, asked, grid, refit, overrides, workers, output, overwrite, reuse, cluster, scheduler, as_json):
     """Compute the curves of the case file CASE with some of its keys at other values.
@@ -38,8 +38,7 @@ def command(case, asked, grid, refit, overrides, workers, output, overwrite, reu
     stands. Every run is kept at once, as those of a fit: a sweep that was stopped or killed goes on where it was when the
     same command is given again. Runs that a fit has made already are taken from CASEFOLDER-result, where that is its folder.
     """
-    if cluster and scheduler:
-        raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
+    where = clusters.chosen(cluster, scheduler)
     read = read_case(case, (*overrides, *([f"fit.workers={workers}"] if workers else [])))
     planned = plan(read, asked, grid)
     if refit:
@@ -57,12 +56,12 @@ def command(case, asked, grid, refit, overrides, workers, output, overwrite, reu
     ):
         clear(folder)
         resumed(ledger)
-        where = {"ledger": ledger, "cluster": cluster or scheduler, "stop": stop}
+        how = {"ledger": ledger, "cluster": where, "stop": stop}
         with progress("sweep", total=1) as step:
-            result = sweep(planned, **where, progress=lambda done, all_: step(done / all_, f"{done} of {all_} runs"))
+            result = sweep(planned, **how, progress=lambda done, all_: step(done / all_, f"{done} of {all_} runs"))
         if refit:
             with progress("refit", total=1) as step:
-                result = replace(result, refits=refitted(planned, **where, progress=step))
+                result = replace(result, refits=refitted(planned, **how, progress=step))
         written = _write(folder, read, result)
     click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
     if all(point.tests is None for point in (result.base, *result.points)):

@@ -1,0 +1,22 @@
+"""Where a command's runs are made: on this machine, or on a Dask cluster."""
+
+import click
+
+
+def options(command):
+    """The options --cluster and --scheduler of a command."""
+    for option in (
+        click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT."),
+        click.option("--cluster", type=click.Choice(["local"]), help="Run on a Dask cluster that is started on this machine."),
+    ):
+        command = option(command)
+    return command
+
+
+def chosen(cluster, scheduler):
+    """The word "local", the address of a scheduler, or None. Raises click.UsageError where the options are no choice."""
+    if cluster and scheduler:
+        raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
+    if scheduler == "":  # a variable of a script that was not set: not to be taken for none
+        raise click.UsageError("--scheduler needs an address, as tcp://HOST:PORT")
+    return cluster or scheduler
