@@ -19,7 +19,9 @@ matrix is assembled with gamma in kappa's place. Steps of GMRES grow little with
 
 import contextlib
 import ctypes
+import importlib.metadata
 import os
+import sys
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -239,13 +241,23 @@ def choice(kind, n_dofs=0):
     """
     if kind not in ("auto", "pardiso"):
         return kind
+    os.getcwd()  # raises where the working folder is gone: MKL ends the process there
     with contextlib.suppress(ImportError, OSError):
-        import pypardiso  # noqa: F401
-
+        _pypardiso()
         return "pyamg" if kind == "auto" and n_dofs > LARGE else "pardiso"
     if kind == "pardiso":
         raise InputError('solver.linear = "pardiso": pypardiso is not installed here; use "auto" or "superlu"')
     return "pyamg" if n_dofs > LARGE_WITHOUT_PARDISO else "superlu"
+
+
+def _pypardiso():
+    """pypardiso, told where pip has put MKL: it would start ldconfig, a compiler and a linker to find it."""
+    if "PYPARDISO_MKL_RT" not in os.environ and "pypardiso" not in sys.modules:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            for file in importlib.metadata.files("mkl") or ():
+                if "mkl_rt" in file.name:
+                    os.environ["PYPARDISO_MKL_RT"] = os.path.realpath(file.locate())
+    return importlib.import_module("pypardiso")
 
 
 class _Direct:
@@ -297,10 +309,8 @@ class _Pardiso(_Direct):
     _SYMMETRIC_INDEFINITE = -2
 
     def __init__(self, surface, kind=np.float32):
-        import pypardiso
-
-        os.getcwd()  # raises where the working folder is gone: MKL loads its parts late, and ends the process there
-        self._routine = pypardiso.PyPardisoSolver()._mkl_pardiso
+        os.getcwd()  # as above: MKL loads its parts late
+        self._routine = _pypardiso().PyPardisoSolver()._mkl_pardiso
         self._surface = surface
         self._handle = np.zeros(64, dtype=np.int64)
         self._settings = np.zeros(64, dtype=np.int32)
