@@ -11,6 +11,7 @@ from indentfit.case import Case, Indenter, MaterialCase, Mesh, Sample, Solver, T
 from indentfit.fem import element, forms
 from indentfit.fem.element import Solid
 from indentfit.fem.forms import FormSolid
+from indentfit.fem.mesh import quarter
 from indentfit.fem.simulate import simulate
 from indentfit.material import invariants, isochoric_stress, load
 
@@ -113,6 +114,24 @@ def test_the_loop_means_the_same_as_python(name, monkeypatch):
         monkeypatch.setattr(element, step, getattr(element, step).py_func)
     monkeypatch.setattr(element, "_scatter_force", element._scatter_force.py_func)
     assert largest(run(), compiled) < 1e-12
+
+
+@pytest.mark.parametrize(("kind", "elements"), [("q1p0", 600), ("q2p1", 120)])
+def test_any_number_of_threads_gives_the_same_bits(kind, elements):
+    sample = Sample(shape="disc", diameter=14, thickness=3.3, base="sliding")
+    solid = Solid(quarter(sample, Indenter(shape="strip", width=2, length=20, friction=0.5), Mesh(elements=elements)), kind)
+    u, state, pressure, kappa = random_state(solid, WHITE_MATTER)
+    found = []
+    for solid._threads in (1, 2, 3, 3, 3):
+        there = solid.state(u, SKEW)
+        loops = (solid.residual(u, state, WHITE_MATTER, pressure, SKEW), solid.dilatation_map(u))
+        found.append((there.I, there.theta, *solid.tangent(u, state, WHITE_MATTER, pressure, kappa, SKEW), *loops))
+    assert all(np.array_equal(a, b) for other in found[1:] for a, b in zip(found[0], other, strict=True))
+    for group in solid._groups:  # what is added up at once has no node in common
+        nodes = [set(solid.dofs[elements].ravel()) for elements in group]
+        assert sum(map(len, nodes)) == len(set().union(*nodes))
+    ranges = [elements for group in solid._groups for elements in group]
+    assert sorted(np.concatenate(ranges)) == list(range(solid.mesh.nelements))
 
 
 def test_an_inverted_element_is_not_valid():
