@@ -1,11 +1,15 @@
-"""What is compiled by Numba, and where that is kept when neither the installation nor the home folder can be written."""
+"""What is compiled by Numba, where that is kept when nobody may write to the installation or the home folder, and its threads."""
 
 import os
 import stat
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 
 import numba
+
+THREADS = numba.config.NUMBA_NUM_THREADS
 
 
 def compiled(**options):
@@ -39,3 +43,13 @@ def private_place():
         return None
     ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
     return place if ours else None
+
+
+def on_threads(number, work, parts):
+    """[work(part) for each part], on a number of threads; a compiled function lets others run while it does."""
+    return list(_threads(number).map(work, parts)) if number > 1 else [work(part) for part in parts]
+
+
+@cache
+def _threads(number):
+    return ThreadPoolExecutor(number, thread_name_prefix="compiled")

@@ -10,16 +10,13 @@ The loop is written on scikit-fem's bases and dof maps, with an element's nodes 
 takes 0.25 s on one thread and 0.14 s on two, as form decorators 17 s (tests/benchmarks/forward.py).
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 
-import numba
 import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
-from indentfit.fem.compiled import compiled
+from indentfit.fem.compiled import THREADS, compiled, on_threads
 from indentfit.material import derivatives
 
 ELEMENTS = {
@@ -68,7 +65,7 @@ class Solid:
         nodes = self.dofs[:, :, 0] // 3
         self.indptr, self.indices, self.positions = _pattern(nodes, self.basis.N // 3)
         self._groups = _independent(nodes, self.basis.N // 3)
-        self._threads = numba.config.NUMBA_NUM_THREADS if self.grads.size // 3 > WORTH_THREADS else 1
+        self._threads = THREADS if self.grads.size // 3 > WORTH_THREADS else 1
 
     @property
     def n_dofs(self):
@@ -130,17 +127,10 @@ class Solid:
     def _run(self, kernel, *arguments):
         """What a kernel(elements, *arguments) returns of each range of elements. Those of a group run at once: they share no node,
         so that sums are the same, bit by bit, on any number of threads."""
-        if self._threads == 1:
-            return [kernel(elements, *arguments) for group in self._groups for elements in group]
         found = []
         for group in self._groups:
-            found += _threads(self._threads).map(lambda elements: kernel(elements, *arguments), group)
+            found += on_threads(self._threads, lambda elements: kernel(elements, *arguments), group)
         return found
-
-
-@cache
-def _threads(number):
-    return ThreadPoolExecutor(number, thread_name_prefix="elements")
 
 
 def _pressure_modes(points, weights, n_modes):

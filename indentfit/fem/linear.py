@@ -34,6 +34,7 @@ from indentfit.errors import ConvergenceError, InputError
 MAX_KRYLOV = 15  # GMRES steps on a stale factor before a new one is cheaper
 HOPELESS = 0.5  # what of the residual may be left after the first three of them
 TOLERANCE = 1e-4  # relative residual of one solve inside a Newton iteration
+OUTDATED = 5  # nodes of the contact in another state than the hierarchy's: each costs a step or two, a hierarchy 20
 SOFT, SCHUR = 20.0, 3.0  # gamma and the body's own share in the pressures' Schur complement, in shear moduli
 # Dofs from which multigrid needs less time and memory: than PARDISO, and than SuperLU.
 LARGE, LARGE_WITHOUT_PARDISO = 150_000, 20_000
@@ -83,7 +84,7 @@ class LinearSolver:
         self.name = choice(kind, n_dofs)
         self.counts = Counts()
         surface = np.asarray(surface, dtype=int)
-        makers = {"pardiso": lambda: _Pardiso(surface), "superlu": _SuperLU, "pyamg": lambda: _Multigrid(near_null)}
+        makers = {"pardiso": lambda: _Pardiso(surface), "superlu": _SuperLU, "pyamg": lambda: _Multigrid(near_null, surface)}
         self._factor = makers[self.name]()
         self._fresh, self._steps_when_new = False, 0
 
@@ -95,19 +96,20 @@ class LinearSolver:
         """Factorise again at the next solve."""
         self._fresh = False
 
-    def solve(self, tangent, b, tolerance=None):
+    def solve(self, tangent, b, tolerance=None, enough=0.0):
         """x with |K x - b| <= tolerance |b|, b (n,); the default is what an iteration of Newton's needs.
 
+        enough: the norm of K x - b that is small enough for Newton's own end; a solver whose steps are dear stops there.
         Raises ConvergenceError when the matrix is singular or holds NaN.
         """
         self.counts.solves += 1
-        tolerance = tolerance or self._factor.tolerance
         size = np.linalg.norm(b)
         if size == 0:
             return np.zeros_like(b)
+        tolerance = tolerance or max(TOLERANCE, min(0.1, self._factor.dear * enough / size))
         if not (np.isfinite(size) and np.isfinite(tangent.whole.data.sum())):
             raise ConvergenceError("the tangent or the residual holds NaN or infinity")
-        if self._fresh:
+        if self._fresh and not self._factor.outdated(tangent):
             x, count, ok = self._krylov(tangent, b, tolerance, self._factor.stale_patience)
             self._fresh = count <= self._factor.weary(self._steps_when_new)
             if ok:
@@ -267,7 +269,7 @@ class _Direct:
     """
 
     patience, stale_patience, hopeless = 30, MAX_KRYLOV, HOPELESS
-    tolerance = TOLERANCE
+    dear = False
 
     def bulk(self, kappa, mu):
         return kappa
@@ -275,6 +277,10 @@ class _Direct:
     def weary(self, steps):
         """Steps of GMRES after which the factor shall be made anew, when it took so many just after it was made."""
         return np.inf  # a factor costs more than all it could save
+
+    def outdated(self, tangent):
+        """Whether a new factor is known to be cheaper."""
+        return False
 
     def sharper(self):
         """The same with more exact factors, or None."""
@@ -432,13 +438,17 @@ class _SuperLU(_Direct):
 
 
 class _Multigrid:
-    """One V-cycle of smoothed aggregation on the body and contact at gamma, and the pressures' Schur complement as a diagonal."""
+    """One V-cycle on body and contact at gamma, and the pressures' Schur complement as a diagonal.
 
-    patience, stale_patience, hopeless = 200, 60, np.inf
-    tolerance = TOLERANCE  # 1e-3 saves a fifth of the steps, but not every path is then that of a direct solver
+    Friction that slips makes the contact unsymmetric: its tangential force follows the pressure. A smoother diverges on that, or
+    nearly so. The cycle has a symmetric contact that gives each node as large a force; the turn is left to GMRES.
+    """
 
-    def __init__(self, near_null):
-        self._near_null = near_null
+    patience, stale_patience, hopeless = 200, 120, np.inf
+    dear = True  # even so TOLERANCE is not 1e-3, which saves a fifth of the steps: not every path is then a direct solver's
+
+    def __init__(self, near_null, surface):
+        self._near_null, self._nodes = near_null, surface[::3] // 3
 
     def sharper(self):
         return None
@@ -447,33 +457,46 @@ class _Multigrid:
         return min(kappa, SOFT * mu)
 
     def weary(self, steps):
-        return 1.3 * steps  # a new hierarchy costs about a quarter of a solve
+        return 1.3 * steps
+
+    def outdated(self, tangent):
+        """Whether so many points stick, slip or touch that did not that a new hierarchy is cheaper than the steps they take."""
+        if tangent.contact is None or not self._nodes.size:
+            return False
+        new = self._stretched(tangent.contact)
+        size = np.maximum(np.abs(new).max(axis=(1, 2)), np.abs(self._contact).max(axis=(1, 2)))
+        return np.sum(np.abs(new - self._contact).max(axis=(1, 2)) > 0.1 * size) > OUTDATED
 
     def factorize(self, tangent):
-        import pyamg
+        from indentfit.fem.multigrid import Cycle
 
-        smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
-        levels = pyamg.smoothed_aggregation_solver(
-            sp.bsr_matrix(tangent.whole, blocksize=(3, 3)),
-            B=self._near_null,
-            strength=("symmetric", {"theta": 0.0}),
-            smooth="jacobi",
-            improve_candidates=None,
-            presmoother=smoother,
-            postsmoother=smoother,
-            max_coarse=100,
-        )
-        self._cycle = levels.aspreconditioner(cycle="V")
+        self._cycle = Cycle(self._symmetric(tangent), self._near_null)
+
+    def _symmetric(self, tangent):
+        """The body with a symmetric contact, a BSR matrix of nodes."""
+        if tangent.contact is None or not self._nodes.size:
+            return sp.bsr_matrix(tangent.whole, blocksize=(3, 3))
+        matrix = sp.bsr_matrix(tangent.whole if tangent.body is None else tangent.body, blocksize=(3, 3))
+        rows = np.repeat(np.arange(matrix.shape[0] // 3), np.diff(matrix.indptr))
+        self._contact = self._stretched(tangent.contact)
+        matrix.data[np.flatnonzero(rows == matrix.indices)[self._nodes]] += self._contact
+        return matrix
+
+    def _stretched(self, contact):
+        """The symmetric factors (n_n, 3, 3) of the polar decompositions of a contact's blocks: its points are nodes."""
+        each = np.arange(self._nodes.size)
+        _, stretch, axes = np.linalg.svd(contact.reshape(each.size, 3, each.size, 3)[each, :, each])
+        return np.einsum("nki,nk,nkj->nij", axes, stretch, axes)
 
     def preconditioner(self, tangent):
         if tangent.dilatation is None:
-            return lambda r: self._cycle @ r
+            return lambda r: self._cycle(r)
         n, kappa, bulk, B, BT = tangent.whole.shape[0], tangent.kappa, tangent.bulk, tangent.dilatation, tangent.dilatation.T
         flexibility = 1 / kappa + 1 / (bulk + SCHUR * tangent.mu)
 
         def with_pressures(r):
             g = r[n:] / kappa
-            v = self._cycle @ (r[:n] + BT @ (bulk * g))
+            v = self._cycle(r[:n] + BT @ (bulk * g))
             return np.concatenate([v, (B @ v - g) / (flexibility * kappa)])
 
         return with_pressures

@@ -175,7 +175,7 @@ def _newton(system, u, pressure, solver, options, counts):
         if size <= options.tolerance * scale:
             return system.equilibrium(u, solver), iteration
         counts.iterations += 1
-        du = solver.solve(system.tangent, -system.residual)
+        du = solver.solve(system.tangent, -system.residual, enough=0.1 * options.tolerance * scale)
         u, pressure, share = _line_search(system, u, pressure, du, iteration)
         hard = hard + 1 if share < 0.5 else 0
         if hard == 3:
