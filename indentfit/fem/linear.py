@@ -12,9 +12,10 @@ useless.
   points may stick, slip or lift off without a new factor. (SuperLU's factor includes the contact that it was made with.)
 So 2 to 8 steps of GMRES, a forward and a backward solve each, do where a factorisation costs as much as 30.
 
-Iterative (pyamg): the augmented Lagrangian's block form. A + gamma Bᵀ B + C, gamma = SOFT shear moduli, is soft enough for smoothed
+Iterative (pyamg): the augmented Lagrangian's block form. A + gamma Bᵀ B, gamma = SOFT shear moduli, is soft enough for smoothed
 aggregation with the rigid-body modes, and makes the pressures' Schur complement nearly diagonal, 1/kappa + 1/(gamma + 3 mu). The
-matrix is assembled with gamma in kappa's place. Steps of GMRES grow little with the mesh and with kappa (tests/test_linear.py).
+matrix is assembled with gamma in kappa's place, and has the contact as a symmetric one that is as stiff. Steps of GMRES grow little
+with the mesh and with kappa (tests/test_linear.py).
 """
 
 import contextlib
@@ -449,6 +450,7 @@ class _Multigrid:
 
     def __init__(self, near_null, surface):
         self._near_null, self._nodes = near_null, surface[::3] // 3
+        self._contact = np.zeros((self._nodes.size, 3, 3))
 
     def sharper(self):
         return None
@@ -490,7 +492,7 @@ class _Multigrid:
 
     def preconditioner(self, tangent):
         if tangent.dilatation is None:
-            return lambda r: self._cycle(r)
+            return self._cycle
         n, kappa, bulk, B, BT = tangent.whole.shape[0], tangent.kappa, tangent.bulk, tangent.dilatation, tangent.dilatation.T
         flexibility = 1 / kappa + 1 / (bulk + SCHUR * tangent.mu)
 
