@@ -1,11 +1,13 @@
 """The workers: whatever happens to one, or to what it runs, the numbers are the same or the failure is recorded."""
 
 import os
+import platform
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -234,6 +236,25 @@ def alive(pid):
         return open(f"/proc/{pid}/stat").read().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return True
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc")
+def test_memory_that_a_run_frees_is_there_for_the_next():
+    """Each page that is given back and asked for again is a fault of the page table: 20,000 to 40,000 in a run otherwise."""
+    white_matter = Path(__file__).parents[1] / "cases" / "white_matter_2017" / "case.toml"
+    program = f"""
+import resource
+from indentfit.case import read_case
+from indentfit.inverse.bench import Bench
+case = read_case({str(white_matter)!r})
+place, unit = Bench(case), (tuple(case.start_values().items()), 0)
+for _ in range(3):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    assert place.run(unit).force is not None
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 2000
 
 
 def test_the_clock_of_a_run_harms_no_other(case):
