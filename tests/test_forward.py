@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from conftest import white_matter
 
-from indentfit.fem.simulate import simulate
+from indentfit.errors import ConvergenceError
+from indentfit.fem.simulate import Model, simulate
 
 sys.path.insert(0, str(Path(__file__).parent / "campaigns"))
 import robustness
@@ -59,6 +60,25 @@ def test_more_load_steps_change_the_curve_by_less_than_a_third_of_a_percent(run)
     usual, many = (run(*COARSE, f"solver.max_step={step}", angle=90, depths=DEPTHS) for step in (1.0, 0.015))
     assert many.facts["steps"] >= 22
     assert usual.force == pytest.approx(many.force, rel=0.003)
+
+
+def test_the_last_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monkeypatch):
+    usual, model = Model._run, Model(white_matter("mesh.elements=60"))
+    tried = []
+
+    def fails_but_on_coarser_meshes(self, stiffer, *of_run):
+        tried.append((stiffer, self.rim, self.mesh.nelements))
+        if self.mesh.nelements > 0.7 * model.mesh.nelements:
+            raise ConvergenceError("a corner folds up", 0.1)
+        return usual(self, stiffer, *of_run)
+
+    monkeypatch.setattr(Model, "_run", fails_but_on_coarser_meshes)
+    material = model.case.material_class(mu=1.49, zeta=4.68, phi=0.68)
+    found = model.run(material, 1490.0, 0, [0.1])
+    assert len(set(tried)) == len(tried) == found.facts["tries"] == 6
+    assert found.facts["elements"] == found.model.mesh.nelements < 0.7 * model.mesh.nelements
+    assert "a corner folds up" in found.facts["first_failure"]
+    assert found.force == pytest.approx(usual(model, 1.0, material, 1490.0, 0, np.array([0.1]), "", None, ()).force, rel=0.05)
 
 
 def test_multigrid_and_a_direct_solver_give_the_same_curve(run):

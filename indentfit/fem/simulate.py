@@ -18,8 +18,8 @@ from indentfit.material import blamed
 
 QUARTERS = 4
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
-# After a failure: contact springs, in the usual ones, and the rim of the mesh.
-SECOND_TRIES = ((1.0, 2 * RIM), (5.0, RIM), (5.0, 2 * RIM), (0.2, 2 * RIM))
+# After a failure: contact springs, in the usual ones, the rim of the mesh, and its number of elements, in the usual one.
+SECOND_TRIES = ((1.0, 2 * RIM, 1.0), (5.0, RIM, 1.0), (5.0, 2 * RIM, 1.0), (0.2, 2 * RIM, 1.0), (1.0, RIM, 0.5))
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
@@ -132,15 +132,21 @@ class Model:
         try:
             return self._run(1.0, *of_run)
         except ConvergenceError as error:
-            for number, (stiffer, rim) in enumerate(SECOND_TRIES, start=2):
+            for number, (stiffer, rim, share) in enumerate(SECOND_TRIES, start=2):
                 with contextlib.suppress(ConvergenceError):
-                    found = self._with_rim(rim)._run(stiffer, *of_run)
+                    found = self._coarser(rim, share)._run(stiffer, *of_run)
                     return replace(found, facts={**found.facts, "tries": number, "first_failure": str(error)})
             raise
 
-    def _with_rim(self, rim):
-        """This model, or one whose mesh is coarser where the strip leaves the sample: that corner folds up less."""
-        return self if rim == self.rim else Model(self.case, rim)  # made anew: no run depends on those before it
+    def _coarser(self, rim, share):
+        """This model, or one whose mesh is coarser: where the strip leaves the sample, or all of it by a share of the elements."""
+        if rim == self.rim and share == 1:
+            return self
+        case = self.case
+        if share < 1:
+            mesh = case.mesh.model_copy(update={"size": None, "elements": round(share * self.mesh.nelements)})
+            case = case.model_copy(update={"mesh": mesh})
+        return Model(case, rim)  # made anew: no run depends on those before it
 
     def _run(self, stiffer, material, kappa, angle, depths, name, progress, sensitivities):
         started = time.perf_counter()
@@ -160,6 +166,7 @@ class Model:
         after = (counts.factorizations, counts.solves, counts.krylov_iterations)
         facts = {
             "tries": 1,
+            "elements": int(self.mesh.nelements),
             "steps": work.steps,
             "cutbacks": work.cutbacks,
             "newton_iterations": work.iterations,
