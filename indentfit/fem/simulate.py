@@ -19,7 +19,7 @@ from indentfit.material import blamed
 QUARTERS = 4
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
 # After a failure: contact springs, in the usual ones, the rim of the mesh, and its number of elements, in the usual one.
-SECOND_TRIES = ((1.0, 2 * RIM, 1.0), (5.0, RIM, 1.0), (5.0, 2 * RIM, 1.0), (0.2, 2 * RIM, 1.0), (1.0, RIM, 0.5))
+SECOND_TRIES = ((1.0, 2 * RIM, 1.0), (1.0, RIM, 0.5), (5.0, RIM, 1.0), (5.0, 2 * RIM, 1.0), (0.2, 2 * RIM, 1.0))
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
