@@ -253,7 +253,7 @@ for _ in range(3):
     assert place.run(unit).force is not None
 print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
     assert int(done.stdout) < 2000
 
 
