@@ -8,7 +8,10 @@ import pytest
 from conftest import white_matter
 
 from indentfit.errors import ConvergenceError
-from indentfit.fem.simulate import Model, simulate
+from indentfit.fem.mesh import RIM
+from indentfit.fem.simulate import Model, said_of_tries, simulate
+from indentfit.inverse.fit import fit
+from indentfit.report.text import simulation_lines
 
 sys.path.insert(0, str(Path(__file__).parent / "campaigns"))
 import robustness
@@ -77,8 +80,27 @@ def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monke
     found = model.run(material, 1490.0, 0, [0.1])
     assert len(set(tried)) == len(tried) == found.facts["tries"] == 3
     assert found.facts["elements"] == found.model.mesh.nelements < 0.7 * model.mesh.nelements
-    assert "a corner folds up" in found.facts["first_failure"]
+    (said,) = said_of_tries([("parallel", found.facts), ("perpendicular", {"tries": 1})])
+    assert f"'parallel' was solved at try 3, on a mesh of {found.model.mesh.nelements} elements" in said
+    assert "a corner folds up" in said
+    lines = list(simulation_lines(model.simulate(material, white_matter("mesh.elements=60")), model.case, material))
+    assert sum(line.startswith("note      test 'p") for line in lines) == 2
     assert found.force == pytest.approx(usual(model, 1.0, material, 1490.0, 0, np.array([0.1]), "", None, ()).force, rel=0.05)
+
+
+def test_a_fit_says_that_its_optimum_was_not_solved_at_the_first_try(monkeypatch):
+    usual = Model._run
+
+    def fails_at_first(self, stiffer, *of_run):
+        if self.rim == RIM:
+            raise ConvergenceError("a corner folds up", 0.1)
+        return usual(self, stiffer, *of_run)
+
+    monkeypatch.setattr(Model, "_run", fails_at_first)
+    keys = "fit.workers=1", "fit.method=least_squares", "fit.starts=1", "fit.profiles=false", "fit.uncertain.mesh=0"
+    fixed = "material.parameters={mu={start=1,min=0.1,max=10},zeta=4.68,phi=0.68}"
+    notes = fit(white_matter("mesh.elements=30", *keys, fixed)).notes
+    assert sum("was solved at try 2" in note and "a corner folds up" in note for note in notes) == 2
 
 
 def test_multigrid_and_a_direct_solver_give_the_same_curve(run):

@@ -459,7 +459,7 @@ class _Multigrid:
         return min(kappa, SOFT * mu)
 
     def weary(self, steps):
-        return 1.3 * steps
+        return 1.3 * steps  # the body has moved far from the hierarchy's
 
     def outdated(self, tangent):
         """Whether so many points stick, slip or touch that did not that a new hierarchy is cheaper than the steps they take."""

@@ -90,6 +90,14 @@ def simulate(case, parameters=None, progress=None):
     return model.simulate(material, case, progress)
 
 
+def said_of_tries(tests):
+    """A sentence for each of the tests, (name, facts), that was not solved at the first try."""
+    for name, facts in tests:
+        if facts.get("tries", 1) > 1:
+            mesh = f"a mesh of {facts['elements']} elements"
+            yield f"test {name!r} was solved at try {facts['tries']}, on {mesh}; the first one: {facts['first_failure']}"
+
+
 class Model:
     """A meshed sample with its indenter, ready to be run with many materials: mesh, bases and pattern are set up once."""
 

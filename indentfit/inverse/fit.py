@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from indentfit.case import require_fittable
 from indentfit.curve import Curve
-from indentfit.fem.simulate import Model
+from indentfit.fem.simulate import Model, said_of_tries
 from indentfit.inverse import evolution, genetic
 from indentfit.inverse.certainty import certainty
 from indentfit.inverse.exploration import MANY, Exploration, Watched, explore
@@ -111,7 +111,8 @@ def fit(case, progress=None, ledger=None, cluster=None, stop=None):
         conclusions = certainty(case, problem, pool, optimum, exploration, rest)
         facts = _facts_at(pool, problem, optimum)
     solver = _solver(model, case, pool, facts)
-    return _result(case, problem, optimum, said, conclusions, pool, solver, model.mesh_facts(), started)
+    tries = list(said_of_tries(zip([test.name for test in case.tests], facts, strict=False)))
+    return _result(case, problem, optimum, said, conclusions, pool, solver, model.mesh_facts(), tries, started)
 
 
 def _global(problem, pool, options, progress):
@@ -196,7 +197,7 @@ def _solver(model, case, pool, facts):
     }
 
 
-def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, started):
+def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, tries, started):
     best, tests = optimum.best, problem.tests
     found, known = conclusions
     more = {key: value for key, value in found.items() if key not in ("parameters", "notes")}
@@ -221,7 +222,7 @@ def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, start
         seconds=time.perf_counter() - started,
         history=optimum.history,
         failures=[{"parameters": failure.parameters, "cause": failure.cause} for failure in pool.failures],
-        notes=[*found.get("notes", []), *([] if case.fit.uncertain.mesh else [MESH_NOTE])],
+        notes=[*found.get("notes", []), *([] if case.fit.uncertain.mesh else [MESH_NOTE]), *tries],
         solver=solver,
         mesh=mesh,
         case_hash=case.hash,

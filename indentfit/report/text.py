@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from indentfit.fem.simulate import said_of_tries
+
 
 def simulation_lines(simulation, case, material):
     """A Simulation in words, line by line: its curves, then the mesh, the solver and how exact the contact is."""
@@ -13,6 +15,8 @@ def simulation_lines(simulation, case, material):
     yield from _mesh(simulation.mesh)
     yield from _solver(simulation.solver)
     yield from _contact(simulation)
+    for sentence in said_of_tries((test.name, test.facts) for test in simulation.tests):
+        yield f"note      {sentence}"
 
 
 def _material(case, material):
