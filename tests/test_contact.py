@@ -15,12 +15,14 @@ DEPTH = 0.02  # mm
 AREA = 1.0 * 2.0  # mm^2, of the quarter footprint of a strip 2 mm wide on a block 4 mm long
 
 STRIP, CYLINDER, SPHERE = (
-    {"shape": "strip", "width": 2, "length": 10},
+    {"shape": "strip", "width": 2, "length": 4},
     {"shape": "cylinder", "diameter": 2.4},
     {"shape": "sphere", "diameter": 5},
 )
 INDENTERS = {
     "sharp strip": STRIP,
+    "overhanging strip": STRIP | {"length": 10},
+    "overhanging rounded strip": STRIP | {"length": 10, "edge_radius": 0.2},
     "rounded strip": STRIP | {"edge_radius": 0.2},
     "short rounded strip": STRIP | {"length": 2.4, "edge_radius": 0.2},
     "sharp cylinder": CYLINDER,
@@ -98,6 +100,37 @@ def test_a_lifted_edge_opens_alone():
     assert_allclose(touch.pressure, np.maximum(1000 * (0.02 - 0.04 * z), 0), atol=1e-10)
 
 
+@pytest.mark.parametrize("friction", [0.5, "stick"])
+def test_the_side_that_an_overhanging_strip_covers_rolls_up_against_it(friction):
+    """Risen by 0.1 mm under an indenter 0.02 mm lower, what was less than 0.12 mm below the top would be inside of it."""
+    contact, solid = contact_of(STRIP | {"length": 10}, friction, "q2p1")
+    flush = contact.touch(shifted(solid, [0, 0, 0]), 0.0, contact.rest(), SPRINGS)
+    assert contact.under.sum() < contact.under.size
+    assert not contact.residual(flush).any()
+    below = 1.0 - contact.X[..., 1]
+    assert np.array_equal(contact.weights == 0, ~contact.under[:, None] & (below < 1e-9))  # the top's nodes carry once
+    touch = contact.touch(shifted(solid, [0, 0.1, 0]), DEPTH, contact.rest(), SPRINGS)
+    assert_allclose(touch.pressure, np.maximum(1000 * (0.12 - below), 0), atol=1e-9)
+    assert 0 < np.sum((below > 1e-9) & touch.touching) < np.sum(below > 1e-9)
+    assert contact.force(touch) == pytest.approx(np.sum(contact.weights * touch.pressure), rel=1e-12)
+    x, _, z = contact.X[~contact.under].reshape(-1, 3).T
+    assert_allclose(x, 2.0)
+    assert z.max() == pytest.approx(1.0)
+
+
+def test_a_point_that_sticks_to_a_rounded_edge_is_held_against_rolling_off():
+    """A pressure p on a face of radius r turns away under a point that rolls: without more than p / r it would not be held."""
+    contact, solid = contact_of(STRIP | {"edge_radius": 0.2}, 1.0)
+    pressure = np.full(contact.weights.shape, 500.0)  # p / r = 2500 kPa/mm, the springs have 300
+    touch = contact.touch(shifted(solid, [0, 0, 0]), DEPTH, History(pressure, np.zeros_like(contact.X), contact.X), SPRINGS)
+    round_ = touch.touching & (touch.gap > -DEPTH + 1e-9) & ~touch.slipping
+    assert round_.any()
+    n = touch.normal[round_]
+    along = np.stack([np.zeros(len(n)), -n[:, 2], n[:, 1]], axis=-1)
+    held = np.einsum("pi,pij,pj->p", along, touch.D[round_], along)
+    assert held.min() > 500 / 0.2
+
+
 def test_a_light_touch_slides_with_f_times_p_too():
     """0.4 kPa of pressure and 0.6 kPa to stick: 0.2 kPa of friction, which turns with the pull, by 300 kPa/mm * 0.2 / 0.6."""
     contact, solid = contact_of(STRIP, 0.5)
@@ -147,14 +180,14 @@ def test_without_friction_nothing_holds():
 def test_stick_under_a_sharp_edge_ties_and_may_pull():
     contact, solid = contact_of(STRIP, "stick")
     touch = contact.touch(shifted(solid, [0.4, -0.01, 0]), 0.0, contact.rest(), SPRINGS)
-    assert contact.tied and touch.touching.all() and not touch.slipping.any()
+    assert contact.tied.all() and touch.touching.all() and not touch.slipping.any()
     assert_allclose(touch.pressure, -10.0, rtol=1e-10)
     assert_allclose(touch.friction[..., 0], 120.0, rtol=1e-12)
 
 
 def test_stick_under_a_sphere_is_a_large_coefficient():
     contact, _ = contact_of(SPHERE, "stick")
-    assert not contact.tied and contact.friction == STICK
+    assert not contact.tied.any() and contact.friction == STICK
 
 
 def test_a_sphere_presses_by_the_depth_under_its_cap():
@@ -380,7 +413,7 @@ def test_a_touch_and_its_history_change_as_differences_say(name, friction):
         expected = (getattr(ahead, field) - getattr(behind, field)) / (2 * h)
         assert_allclose(getattr(change, field), expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))), err_msg=field)
     after = change.advanced(here, rate, turn, step)
-    assert contact.tied or not np.all(here.advanced(rate, step).pressure)  # some cannot come to pull
+    assert contact.tied.all() or not np.all(here.advanced(rate, step).pressure)  # some cannot come to pull
     for found, a, b in zip(fields(after), fields(later), fields(earlier), strict=True):
         expected = (a - b) / (2 * h)
         assert_allclose(found, expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))))

@@ -120,6 +120,16 @@ def test_a_sample_of_the_robustness_campaign_is_solved():
         assert np.all(np.diff(found["force_mN"]) > 0)
 
 
+@pytest.mark.parametrize("number", [143, 210])
+def test_a_corner_that_is_held_does_not_fold(number):
+    """Points of the campaign on its own mesh. 143 sticks to an edge of 0.05 mm, which soft springs let it roll off; 210's sample
+    rolls up against the overhanging strip. Both folded, and were solved by later tries alone, before the contact held them."""
+    found = robustness.run((number, robustness.all_points()[number], []))
+    assert found["cause"] is None and found["facts"]["tries"] == 1
+    assert found["facts"]["loose_steps"] == 0
+    assert np.all(np.diff(found["force_mN"]) > 0)
+
+
 def test_twenty_percent_strain_at_the_papers_optimum_is_solved(run):
     for angle in (0, 90):
         force = run(*COARSE, angle=angle, depths=np.array([0.33, 0.66])).force

@@ -163,6 +163,20 @@ def test_footprint_of_a_strip_on_a_disc_reaches_the_rim():
     assert area(mesh_of("disc", "strip", elements=1500), "footprint") == pytest.approx(exact, rel=1e-3)
 
 
+@by_pair
+def test_the_overhung_side_is_below_a_strip_that_is_longer_than_the_sample(sample, indenter):
+    mesh, punch, body = mesh_of(sample, indenter, elements=1500), indenter_of(indenter), sample_of(sample)
+    overhung = mesh.boundaries["overhung"]
+    assert bool(len(overhung)) == (punch.shape == "strip" and punch.length > body.extent[0])
+    if len(overhung):
+        x, y, z = corners(mesh, overhung)
+        reach = np.hypot(x, z) if body.shape == "disc" else x
+        assert_allclose(reach, body.extent[0] / 2, rtol=1e-9)
+        assert z.mean(axis=0).max() <= punch.half_width + punch.edge_radius / 2
+        assert y.max() == pytest.approx(THICKNESS)
+        assert 0.1 * THICKNESS * (1 - 1e-9) <= THICKNESS - y.min() < 0.3 * THICKNESS  # about the depth, in whole elements
+
+
 def test_a_short_strip_on_a_disc_has_a_mesh_line_at_its_end():
     mesh = mesh_of("disc", "short strip", elements=1500)
     x, _, z = corners(mesh, mesh.boundaries["footprint"])

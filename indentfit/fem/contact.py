@@ -17,10 +17,16 @@ The points are the facets' nodes (trapezoidal rule; Simpson's on quadratic facet
 asked to stick and slip at once.
 
 Friction "stick" under a sharp edge ties the footprint to the indenter: a point that may let go while it carries friction has
-no continuous law. Where the contact grows (sphere, rounded edge) "stick" is a friction coefficient of STICK.
+no continuous law. Where the contact grows (sphere, rounded edge, beside the footprint) "stick" is a friction coefficient of STICK.
 
-A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the only candidate: flat,
+A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the candidate: flat,
 unilateral, free to slip. A rounded edge is a signed distance in the current configuration.
+
+Two things keep a corner of the surface from folding up where the body itself would not:
+- On a face of radius r a point under the pressure p that sticks has the stiffness e_t - p / r against rolling off: the normal turns
+  away under it. Springs of e_t + GRIP p0 / r hold what real friction holds; softer ones let the whole edge buckle.
+- Where a strip overhangs the sample, the sample's side rolls up against it (as in upsetting between rough plates), so the side
+  below the strip is a candidate too.
 """
 
 from dataclasses import dataclass, field
@@ -32,6 +38,7 @@ from indentfit.fem.compiled import compiled
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
+GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over radius: the pressure may grow in a step
 _DOWN, UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -61,7 +68,7 @@ class Touch:
 
     place: positions in the indenter's frame, mm; normal, bend: gradient and Hessian of the gap; traction: of the body on the
     indenter, T - p n, kPa; D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool;
-    history: the one it started from.
+    history: the one it started from; unilateral: (n_f, 1) of bool, False where a point is tied.
     """
 
     place: np.ndarray
@@ -74,7 +81,7 @@ class Touch:
     touching: np.ndarray
     slipping: np.ndarray
     history: History = field(repr=False)
-    unilateral: bool
+    unilateral: np.ndarray = field(repr=False)
     D: np.ndarray | None = field(repr=False)
 
     def advanced(self, rate=None, step=0.0):
@@ -89,7 +96,7 @@ class Touch:
         along = np.einsum("fqi,fqi->fq", rate, self.normal)
         pressure = self.pressure - step * along
         friction = self.friction + step * (rate - along[..., None] * self.normal) * ~moved
-        return History(np.maximum(pressure, 0) if self.unilateral else pressure, friction, anchor)
+        return History(np.where(self.unilateral, np.maximum(pressure, 0), pressure), friction, anchor)
 
 
 @dataclass(frozen=True)
@@ -109,31 +116,33 @@ class Change:
         anchor = np.where(moved, self.place, self.history.anchor)
         n, dn = touch.normal, self.normal
         along, change = _dot(rate, n), _dot(rate_change, n) + _dot(rate, dn)
-        pressure = self.pressure - step * change
-        if touch.unilateral:
-            pressure = pressure * (touch.pressure - step * along > 0)
+        pressure = (self.pressure - step * change) * (~touch.unilateral | (touch.pressure - step * along > 0))
         turned = rate_change - change[..., None] * n - along[..., None] * dn
         return History(pressure, self.friction + step * turned * ~moved, anchor)
 
 
 class Contact:
-    """The facets of a quarter sample that may touch one indenter.
+    """The facets of a quarter sample that may touch one indenter: the footprint, then the side that it overhangs.
 
     solid: fem.element.Solid; indenter: the case's table; friction: number or "stick"; thickness in mm.
-    surface: dofs (n_s,) that the contact acts on, rising.
+    surface: dofs (n_s,) that the contact acts on, rising; under: (n_f,) of bool, the footprint.
     """
 
     def __init__(self, solid, indenter, thickness):
-        facets = solid.mesh.boundaries["footprint"]
+        parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
+        facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
         basis = FacetBasis(solid.mesh, type(solid.basis.elem.elem)(), facets=facets, quadrature=_at_nodes(solid.element))
         self.thickness, self.indenter = thickness, indenter
         sharp = indenter.shape != "sphere" and not indenter.edge_radius
-        self.tied = indenter.friction == "stick" and sharp
-        self.friction = (np.inf if sharp else STICK) if indenter.friction == "stick" else float(indenter.friction)
+        sticks = indenter.friction == "stick"
+        self.tied = self.under[:, None] & (sharp and sticks)
+        self.friction = STICK if sticks else float(indenter.friction)
+        self.curvature = 2 / indenter.diameter if indenter.shape == "sphere" else 0 if sharp else 1 / indenter.edge_radius
         shape = np.array([np.asarray(basis.basis[i][0]) for i in range(basis.Nbfun)])  # (n_n, n_f, n_q)
         self.shape = np.ascontiguousarray(np.broadcast_to(shape, (basis.Nbfun, *basis.dx.shape)).transpose(1, 2, 0))
-        self.weights = np.ascontiguousarray(basis.dx)
         self.X = np.ascontiguousarray(np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1))
+        own = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
+        self.weights = np.ascontiguousarray(basis.dx * own)
         self.owners = np.ascontiguousarray(basis.tind.astype(np.int32))
         self.dofs = solid.dofs[self.owners]
         self.positions = solid.positions[self.owners]
@@ -163,35 +172,41 @@ class Contact:
         pull = self._pull(place, history, springs, touching)
         trial = pull - np.einsum("fqi,fqi->fq", pull, n)[..., None] * n
         size = np.sqrt(np.einsum("fqi,fqi->fq", trial, trial))
-        limit = np.full_like(p, np.inf) if np.isinf(self.friction) else self.friction * p
+        limit = np.where(self.tied, np.inf, self.friction * p)
         slipping = touching & (size > limit)
         size = np.where(size > 0, size, 1.0)
         T = np.where(slipping, limit / size, 1.0)[..., None] * trial if slipping.any() else trial
-        D = self._derivative(springs, n, H, p, pull, trial, size, slipping, touching) if derivative else None
-        return Touch(place, gap, n, H, p, T, T - p[..., None] * n, touching, slipping, history, not self.tied, D)
+        grip = self._grip(springs, history.pressure)
+        D = self._derivative(springs.normal, grip, n, H, p, pull, trial, size, slipping, touching) if derivative else None
+        return Touch(place, gap, n, H, p, T, T - p[..., None] * n, touching, slipping, history, ~self.tied, D)
+
+    def _grip(self, springs, pressure):
+        """Stiffness (n_f, n_q) against slip, kPa/mm, at a history's pressure; linear in both."""
+        return springs.tangential + GRIP * self.curvature * pressure
 
     def _pull(self, place, history, springs, touching):
         """Friction (n_f, n_q, 3) that sticking would need."""
         if self.friction == 0:
             return np.zeros_like(place)
-        return (history.friction + springs.tangential * (place - history.anchor)) * touching[..., None]
+        grip = self._grip(springs, history.pressure)[..., None]
+        return (history.friction + grip * (place - history.anchor)) * touching[..., None]
 
-    def _derivative(self, springs, n, H, p, pull, trial, size, slipping, touching):
+    def _derivative(self, normal, grip, n, H, p, pull, trial, size, slipping, touching):
         """D = d(T - p n)/dx, consistent with the radial return."""
         nn = n[..., :, None] * n[..., None, :]
-        D = touching[..., None, None] * springs.normal * nn
+        D = touching[..., None, None] * normal * nn
         if H is not None:
             D = D - p[..., None, None] * H
         if self.friction == 0:
             return D
-        stick = springs.tangential * (np.eye(3) - nn)
+        stick = grip[..., None, None] * (np.eye(3) - nn)
         if H is not None:
             pn = np.einsum("fqi,fqi->fq", pull, n)
             stick = stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
         if slipping.any():
             f, m = self.friction, trial / size[..., None]
             turn = stick - m[..., :, None] * np.einsum("fqi,fqij->fqj", m, stick)[..., None, :]
-            slip = (f * p / size)[..., None, None] * turn - f * springs.normal * m[..., :, None] * n[..., None, :]
+            slip = (f * p / size)[..., None, None] * turn - f * normal * m[..., :, None] * n[..., None, :]
             stick = np.where(slipping[..., None, None], slip, stick)
         return D + touching[..., None, None] * stick
 
@@ -206,8 +221,9 @@ class Contact:
             T = np.zeros_like(place)
         else:
             pull = self._pull(touch.place, touch.history, springs, touching)
-            dpull = history.friction + spring_change.tangential * (touch.place - touch.history.anchor)
-            dpull = (dpull + springs.tangential * (place - history.anchor)) * touching[..., None]
+            grip, grip_change = self._grip(springs, touch.history.pressure), self._grip(spring_change, history.pressure)
+            dpull = history.friction + grip_change[..., None] * (touch.place - touch.history.anchor)
+            dpull = (dpull + grip[..., None] * (place - history.anchor)) * touching[..., None]
             along = _dot(pull, n)[..., None]
             T = dpull - (_dot(dpull, n) + _dot(pull, dn))[..., None] * n - along * dn
             if touch.slipping.any():
@@ -268,7 +284,8 @@ class Contact:
         By reciprocity a motion r imposed on the contact changes the force by the integral of r . dt/d(depth).
         """
         give = (touch.pressure - touch.history.pressure) / springs.normal
-        slip = (touch.friction - touch.history.friction) / springs.tangential * ~touch.slipping[..., None]
+        grip = self._grip(springs, touch.history.pressure)[..., None]
+        slip = (touch.friction - touch.history.friction) / grip * ~touch.slipping[..., None]
         r = (slip - give[..., None] * touch.normal) * touch.touching[..., None]
         return float(np.sum(self.weights[..., None] * r * rate))
 

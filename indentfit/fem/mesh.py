@@ -17,6 +17,7 @@ from indentfit.errors import MeshError
 # thicknesses, up to `size`. Along a strip elements are ALONG times longer, because the fields hardly change there, but RIM
 # times `size` where they leave the sample: that corner is singular too and costs 1 to 2 % of the force if left coarse.
 EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
+ROLL = 1.0  # height of the side that may roll up against an overhanging strip, in units of the depth
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 # All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
 # with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
@@ -48,7 +49,8 @@ def quarter(sample, indenter, mesh, element="q1p0", depth=None, rim=RIM):
     """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the default size,
     the largest depth (mm) how far a sphere's contact will reach; rim: width of elements where a strip leaves the sample, of `size`.
 
-    Returns a MeshHex with the boundaries top, base, x0, z0 and footprint (the facets that may touch the indenter).
+    Returns a MeshHex with the boundaries top, base, x0, z0, footprint (the facets of the top that may touch the indenter) and
+    overhung (those of the side that may, below a strip that is longer than the sample; else none).
     Raises MeshError where the indenter does not fit on the sample.
     """
     return _quarter(sample, indenter, size(sample, indenter, mesh, element, depth), depth, rim)
@@ -114,6 +116,8 @@ def _quarter(sample, indenter, size, depth, rim):
         "sphere": lambda p: np.hypot(p[0], p[2]) < x,
     }[indenter.shape]
     top, eps = sample.thickness, 1e-9 * sample.thickness
+    rolls = (depth or sample.thickness / 10) if indenter.shape == "strip" and indenter.length / 2 > mesh.p[0].max() else 0
+    lowest = layers[np.searchsorted(layers, top - ROLL * rolls, side="right") - 1] if rolls else top
     return mesh.with_boundaries(
         {
             "top": lambda p: p[1] > top - eps,
@@ -121,6 +125,7 @@ def _quarter(sample, indenter, size, depth, rim):
             "x0": lambda p: p[0] < eps,
             "z0": lambda p: p[2] < eps,
             "footprint": lambda p: (p[1] > top - eps) & inside(p),
+            "overhung": lambda p: (p[1] < top - eps) & (p[1] > lowest) & (p[0] > eps) & (p[2] > eps) & inside(p),
         }
     )
 

@@ -185,8 +185,8 @@ class Model:
             "penalty_error": path[-1].penalty_error / max(path[-1].force, 1e-300),
             "residual_error": max(abs(point.residual_error) / point.force for point in path[1:]),
             "edge_slip": self._edge_slip(path[-1]),
-            "touching": float(path[-1].touch.touching.mean()),
-            "slipping": float(path[-1].touch.slipping.mean()),
+            "touching": float(path[-1].touch.touching[self.contact.under].mean()),
+            "slipping": float(path[-1].touch.slipping[self.contact.under].mean()),
         }
         force = QUARTERS * interpolate(path, [point.force for point in path], depths)
         slopes = self._sensitivities(sensitivities, load.directions, path, depths)
@@ -196,7 +196,8 @@ class Model:
         def stiffness(material):
             return self._springs(material, angle).normal
 
-        return sensitivity.directions(names, material, kappa, stiffness, self.contact.friction)
+        friction = np.inf if self.contact.tied.any() else self.contact.friction
+        return sensitivity.directions(names, material, kappa, stiffness, friction)
 
     def _sensitivities(self, names, directions, path, depths):
         """name -> (n,) of the names asked for, None where the path left the differentiable."""
