@@ -148,10 +148,10 @@ HOSTILE = {
 @pytest.mark.parametrize(("text", "message"), HOSTILE.items(), ids=[f"{t[:24]!a}" for t in HOSTILE])
 def test_a_hostile_or_wrong_text_is_refused_at_once_naming_the_piece(text, message):
     typed("m*(I1-3)", ["m"])  # the import of SymPy isn't the text's
-    start = time.perf_counter()
+    start = time.process_time()  # of this process: a busy machine's clock says nothing about the text
     with pytest.raises(MaterialError, match=message) as error:
         typed(text, ["mu"])
-    assert time.perf_counter() - start < 0.1
+    assert time.process_time() - start < 0.2
     assert "\n" not in str(error.value) and len(str(error.value)) < 250
 
 

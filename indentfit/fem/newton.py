@@ -4,6 +4,7 @@ A step starts from the tangent prediction u + du/dd * step (one solve with the f
 length when Newton fails. The curve between the steps is a spline, so the outputs asked for do not decide how many are taken.
 """
 
+import contextlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from indentfit.fem import sensitivity
 from indentfit.fem.linear import Tangent
 
 MAX_ITERATIONS = 15
+NEARLY_STILL, FEW = 0.1, 6  # damping below which Newton is tried from a relaxed state, and iterations that it is given there
 MAX_RELAXED, MAX_IMPLICIT = 120, 8  # iterations of a relaxation, and of one of its steps of time
 EASED = 1e-2  # reduction of the residual that ends a step of time
 STIFFEST_DAMPER = 1e6  # in units of shear modulus times size
@@ -168,9 +170,9 @@ def _step(body, contact, fixed, load, solver, here, depth, leash, options, count
             raise (first if INVERTED in first.cause else error) from None  # what came first says more than the residual left
 
 
-def _newton(system, u, pressure, solver, options, counts):
+def _newton(system, u, pressure, solver, options, counts, most=MAX_ITERATIONS):
     hard = 0
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(most):
         size, scale = system.assemble(u, pressure)
         if size <= options.tolerance * scale:
             return system.equilibrium(u, solver), iteration
@@ -203,11 +205,14 @@ def _relaxed(system, u, pressure, solver, options, counts):
             return _settled(system, u, pressure, history, solver, options, counts), MAX_ITERATIONS
         moved = _moved(system, u, pressure, damping, solver, counts, options.tolerance * scale)
         if moved is None:
-            damping *= 8
+            damping *= 4
             continue
         u, pressure, iterations = moved
         system.history, system.changes = system.touch.advanced(), None
-        damping /= 4 if iterations <= 3 else 2 if iterations <= 5 else 1
+        damping /= 4 if iterations <= 2 else 2 if iterations <= 3 else 1
+        if iterations <= 2 and damping < NEARLY_STILL:  # what is left is the multipliers' own slow convergence
+            with contextlib.suppress(ConvergenceError):
+                return _settled(system, u, pressure, history, solver, options, counts), MAX_ITERATIONS
     size, u, pressure, system.history, system.changes = best
     system.assemble(u, pressure)
     if size > LOOSE:
@@ -219,15 +224,14 @@ def _relaxed(system, u, pressure, solver, options, counts):
 
 def _settled(system, u, pressure, history, solver, options, counts):
     """The equilibrium near a relaxed one that belongs to the history (and its changes) the step began with, where there is one:
-    it can be differentiated; else the relaxed one."""
+    it can be differentiated; else the relaxed history's. Raises ConvergenceError where Newton finds neither."""
     relaxed = system.history, system.changes
     system.history, system.changes = history
     try:
-        return _newton(system, u, pressure, solver, options, counts)[0]
+        return _newton(system, u, pressure, solver, options, counts, FEW)[0]
     except ConvergenceError:
         system.history, system.changes = relaxed
-        system.assemble(u, pressure)
-        return system.equilibrium(u, solver)
+        return _newton(system, u, pressure, solver, options, counts, FEW)[0]
 
 
 def _moved(system, u, pressure, damping, solver, counts, enough):
