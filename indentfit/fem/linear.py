@@ -188,7 +188,7 @@ def _gmres(form, precondition, b, tolerance, steps, hopeless):
     """
     r = form.extended(b)
     size = np.linalg.norm(r)
-    wanted = tolerance * size
+    wanted, passes = tolerance * size, 1 if tolerance >= TOLERANCE else 2  # Gram-Schmidt twice: sensitivities ask for 1e-9
     basis, corrections = np.empty((steps + 1, r.size)), np.empty((steps, r.size))  # memory is taken as rows are written
     basis[0] = r / size
     H, rotations, rhs = np.zeros((steps + 1, steps)), [], np.zeros(steps + 1)
@@ -197,7 +197,7 @@ def _gmres(form, precondition, b, tolerance, steps, hopeless):
         z = precondition(basis[j])
         w = form.product(z)
         corrections[j] = z
-        for _ in range(2):  # Gram-Schmidt twice: sensitivities ask for 1e-9
+        for _ in range(passes):
             shares = basis[: j + 1] @ w
             w -= shares @ basis[: j + 1]
             H[: j + 1, j] += shares
