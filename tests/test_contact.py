@@ -66,6 +66,16 @@ def test_a_flat_punch_presses_with_spring_times_penetration(element):
     assert_allclose(total(contact.residual(touch)), [0, 40.0, 0], atol=1e-11)  # minus the force on the body
 
 
+@by_indenter
+@pytest.mark.parametrize("element", ["q1p0", "q2p1"])
+def test_contact_acts_on_the_nodes_that_may_touch_and_on_no_other(name, element):
+    """The direct solver's factor ends in a dense matrix of these dofs: the nodes below them would make it several times larger."""
+    contact, solid = contact_of(INDENTERS[name], 0.5, element)
+    assert_allclose(solid.basis.doflocs[:, contact.dofs[..., 0]], np.moveaxis(contact.X, -1, 0), atol=1e-12)
+    touching = np.unique(contact.X.reshape(-1, 3).round(9), axis=0)
+    assert contact.surface.size == 3 * len(touching)
+
+
 def test_pressure_takes_over_the_multiplier():
     contact, solid = contact_of(STRIP, 0.0)
     history = History(np.full(contact.weights.shape, 7.0), np.zeros_like(contact.X), contact.X)

@@ -34,8 +34,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from skfem import FacetBasis
 
-from indentfit.fem.compiled import compiled
-
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
 GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over radius: the pressure may grow in a step
@@ -125,6 +123,7 @@ class Contact:
     """The facets of a quarter sample that may touch one indenter: the footprint, then the side that it overhangs.
 
     solid: fem.element.Solid; indenter: the case's table; friction: number or "stick"; thickness in mm.
+    X: contact points (n_f, n_q, 3), mm, and dofs (n_f, n_q, 3) of the nodes they are; weights: their areas (n_f, n_q), mm^2;
     surface: dofs (n_s,) that the contact acts on, rising; under: (n_f,) of bool, the footprint.
     """
 
@@ -138,17 +137,16 @@ class Contact:
         self.tied = self.under[:, None] & (sharp and sticks)
         self.friction = STICK if sticks else float(indenter.friction)
         self.curvature = 2 / indenter.diameter if indenter.shape == "sphere" else 0 if sharp else 1 / indenter.edge_radius
-        shape = np.array([np.asarray(basis.basis[i][0]) for i in range(basis.Nbfun)])  # (n_n, n_f, n_q)
-        self.shape = np.ascontiguousarray(np.broadcast_to(shape, (basis.Nbfun, *basis.dx.shape)).transpose(1, 2, 0))
         self.X = np.ascontiguousarray(np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1))
-        own = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
-        self.weights = np.ascontiguousarray(basis.dx * own)
-        self.owners = np.ascontiguousarray(basis.tind.astype(np.int32))
-        self.dofs = solid.dofs[self.owners]
-        self.positions = solid.positions[self.owners]
-        self.indptr, self.n_dofs = solid.indptr, solid.n_dofs
+        counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
+        self.weights = np.ascontiguousarray(basis.dx * counts)
+        shape = [np.broadcast_to(basis.basis[i][0], basis.dx.shape) for i in range(basis.Nbfun)]
+        node = np.argmax(shape, axis=0)  # whose shape function is 1 at a point, all others 0
+        self.dofs, self.n_dofs = solid.dofs[basis.tind[:, None], node], solid.n_dofs
         self.surface, places = np.unique(self.dofs, return_inverse=True)
-        self._places = places.reshape(self.dofs.shape).astype(np.int32)
+        self._places = places.reshape(self.dofs.shape)
+        block = 3 * solid.positions[basis.tind[:, None], node, node]
+        self._entries = (solid.indptr[self.dofs] + block[..., None])[..., None] + np.arange(3)
 
     def rest(self):
         """History of the untouched sample."""
@@ -160,7 +158,7 @@ class Contact:
 
     def field(self, u):
         """Displacements (n_f, n_q, 3) at the contact points."""
-        return np.einsum("fqn,fni->fqi", self.shape, u[self.dofs])
+        return u[self.dofs]
 
     def touch(self, u, depth, history, springs, derivative=True):
         """Contact at displacements u (n,) and a depth in mm, after a history, with Springs."""
@@ -251,15 +249,15 @@ class Contact:
     def spread(self, traction):
         """Nodal forces (n,) of tractions (n_f, n_q, 3)."""
         out = np.zeros(self.n_dofs)
-        forces = np.einsum("fqn,fqi->fni", self.shape * self.weights[..., None], traction)
-        np.add.at(out, self.dofs.ravel(), forces.ravel())
+        np.add.at(out, self.dofs, self.weights[..., None] * traction)
         return out
 
     def add_tangent(self, touch, values):
         """Adds the contact's tangent to the CSR data of the solid's; returns it as a dense matrix on the dofs `surface`, mN/mm."""
-        blocks = np.einsum("fqn,fqm,fqij->fnmij", self.shape * self.weights[..., None], self.shape, touch.D, optimize=True)
+        blocks = self.weights[..., None, None] * touch.D
         dense = np.zeros((self.surface.size,) * 2)
-        _scatter(blocks, self.dofs, self.positions, self.indptr, values, self._places, dense)
+        np.add.at(values, self._entries, blocks)
+        np.add.at(dense, (self._places[..., :, None], self._places[..., None, :]), blocks)
         return dense
 
     def by_depth(self, touch):
@@ -299,18 +297,6 @@ def _at_nodes(element):
     points, weights = {"q1p0": ([0, 1], [1 / 2, 1 / 2]), "q2p1": ([0, 1 / 2, 1], [1 / 6, 4 / 6, 1 / 6])}[element]
     s, t = np.meshgrid(points, points)
     return np.array([s.ravel(), t.ravel()]), np.outer(weights, weights).ravel()
-
-
-@compiled()
-def _scatter(blocks, dofs, positions, indptr, values, places, dense):
-    for f in range(blocks.shape[0]):
-        for n in range(blocks.shape[1]):
-            for o in range(blocks.shape[1]):
-                for i in range(3):
-                    row = indptr[dofs[f, n, i]] + 3 * positions[f, n, o]
-                    for k in range(3):
-                        values[row + k] += blocks[f, n, o, i, k]
-                        dense[places[f, n, i], places[f, o, k]] += blocks[f, n, o, i, k]
 
 
 # ---- indenters as signed distances -------------------------------------------------------------------------------

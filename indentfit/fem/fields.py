@@ -78,8 +78,7 @@ def nodal_stress(body, stress):
 
 def contact_pressure(body, contact, touch):
     """Contact pressure (n_v,) in kPa: that of the contact points at each node, mean of its facets by area."""
-    at_node = contact.shape.argmax(axis=2)  # the contact points are the facets' nodes
-    nodes, n_nodes = np.take_along_axis(contact.dofs[:, :, 0], at_node, axis=1) // 3, body.n_dofs // 3
+    nodes, n_nodes = contact.dofs[:, :, 0] // 3, body.n_dofs // 3
     total = _sums(nodes, contact.weights * touch.pressure, n_nodes)
     area = _sums(nodes, contact.weights, n_nodes)
     return np.divide(total, area, out=np.zeros(n_nodes), where=area > 0)
