@@ -189,7 +189,7 @@ def _run(size, settings, angle, material):
     _watch(model, phases)
     if "full" in settings:
         plain = linear.LinearSolver.solve
-        model.solver.solve = lambda *given: (model.solver.forget(), plain(model.solver, *given))[1]
+        model.solver.solve = lambda *given, **named: (model.solver.forget(), plain(model.solver, *given, **named))[1]
     law = case.material_class(**case.start_values())
     test = next(test for test in case.tests if test.angle == angle)
     result = model.run(law, case.material.bulk_modulus(law.shear_modulus), angle, case.outputs(test))
