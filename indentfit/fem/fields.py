@@ -16,7 +16,7 @@ class Fields:
     """Fields on nodes (n_v, 3), mm, and elements (n_el, 8 or 27) of nodes in scikit-fem's order; mm and kPa.
 
     displacement (n_v, 3); nodal_stress (n_v, 6), and cell_stress (n_el, 6), its mean: Cauchy, xx yy zz xy yz xz;
-    volume_ratio (n_el,): J; contact_pressure (n_v,): on the undeformed area, zero outside of the footprint.
+    volume_ratio (n_el,): J; contact_pressure (n_v,): on the undeformed area, zero where nothing touches.
     """
 
     nodes: np.ndarray

@@ -8,7 +8,7 @@ useless.
 - It solves the earlier form with pressures as well, x = K0⁻¹ (f + kappa B0ᵀ g), p = kappa (B0 x - g). The change of B from B0 then
   counts once, not times kappa; without this a step of 1 % strain spoils a factor at kappa/mu = 1000.
 - PARDISO factorises in single precision, half the memory to read at each use, for GMRES takes out what that leaves. It gives the
-  body's Schur complement S on the dofs of the footprint, and S + C is factorised, dense, at every iteration:
+  body's Schur complement S on the dofs of the contact, and S + C is factorised, dense, at every iteration:
   points may stick, slip or lift off without a new factor. (SuperLU's factor includes the contact that it was made with.)
 So 2 to 8 steps of GMRES, a forward and a backward solve each, do where a factorisation costs as much as 30.
 

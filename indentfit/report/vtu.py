@@ -2,7 +2,7 @@
 
 Points are undeformed, in mm ("warp by vector" with displacement_mm deforms them). Point arrays: displacement_mm,
 cauchy_stress_kPa (xx yy zz xy yz xz), pressure_kPa (minus the mean normal stress, compression positive) and
-contact_pressure_kPa (on the undeformed footprint; zero elsewhere). Cell arrays, means of the element:
+contact_pressure_kPa (on the undeformed area; zero where nothing touches). Cell arrays, means of the element:
 cauchy_stress_kPa, pressure_kPa, J.
 """
 
