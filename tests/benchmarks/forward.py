@@ -1,6 +1,6 @@
 """Benchmarks of the forward solve. Not tests: nothing here fails, and times are only worth what the machine was quiet.
 
-    python tests/benchmarks/forward.py solve --elements 1000 3000 8000 39312   phases, counts and memory of one configuration
+    python tests/benchmarks/forward.py solve --elements 1000 --elements 8000   phases, counts and memory of one configuration
     python tests/benchmarks/forward.py newton --elements 39312                 the same against a factorisation at each iteration
     python tests/benchmarks/forward.py loop --elements 39312                   element loop against forms and FElupe ([bench])
     python tests/benchmarks/forward.py default                                 both configurations of the shipped case as it is
