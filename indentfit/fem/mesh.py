@@ -17,7 +17,6 @@ from indentfit.errors import MeshError
 # thicknesses, up to `size`. Along a strip elements are ALONG times longer, because the fields hardly change there, but RIM
 # times `size` where they leave the sample: that corner is singular too and costs 1 to 2 % of the force if left coarse.
 EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
-ROLL = 1.0  # height of the side that may roll up against an overhanging strip, in units of the depth
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 # All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
 # with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
@@ -116,8 +115,9 @@ def _quarter(sample, indenter, size, depth, rim):
         "sphere": lambda p: np.hypot(p[0], p[2]) < x,
     }[indenter.shape]
     top, eps = sample.thickness, 1e-9 * sample.thickness
-    rolls = (depth or sample.thickness / 10) if indenter.shape == "strip" and indenter.length / 2 > mesh.p[0].max() else 0
-    lowest = layers[np.searchsorted(layers, top - ROLL * rolls, side="right") - 1] if rolls else top
+    overhangs = indenter.shape == "strip" and indenter.length / 2 > mesh.p[0].max()
+    deepest = top - (depth or top / 10)  # what is below would have to rise to meet the strip
+    lowest = layers[np.searchsorted(layers, deepest, side="right") - 1] if overhangs else top
     return mesh.with_boundaries(
         {
             "top": lambda p: p[1] > top - eps,
