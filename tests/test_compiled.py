@@ -20,7 +20,7 @@ from indentfit.fem import element
 from indentfit.fem.simulate import Model
 case = white_matter("mesh.elements=20", "solver.element={element}", "test=[{{name='a',angle=90,depth=0.03,points=2}}]")
 model = Model(case)
-assert type(element._tangent).__name__ == {kind!r}
+assert type(element._gather).__name__ == {kind!r}
 run = model.run(case.material_class(**case.start_values()), 1490.0, 90, [0.015, 0.03], sensitivities=("mu", "zeta"))
 print(*run.force, *run.sensitivities["mu"], *run.sensitivities["zeta"])
 """

@@ -7,16 +7,18 @@ Newton iteration: it enters the tangent as iterated, not as kappa (ΠJ - 1), whi
 kappa/mu = 1000 (Simo, Taylor and Pister 1985; the same weak form in plain scikit-fem forms: `forms.py`).
 
 The loop is written on scikit-fem's bases and dof maps, with an element's nodes padded to full registers. At 38,760 bricks a tangent
-takes 0.25 s on one thread and 0.14 s on two, as form decorators 17 s (tests/benchmarks/forward.py).
+takes 0.12 s on one thread and 0.07 s on two, as form decorators 18 s (tests/benchmarks/forward.py).
 """
 
+import functools
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
-from indentfit.fem.compiled import THREADS, compiled, on_threads
+from indentfit.fem.compiled import THREADS, compiled, on_stack, on_threads
 from indentfit.material import derivatives
 
 ELEMENTS = {
@@ -27,7 +29,8 @@ LANES = 8  # doubles in the widest registers: the nodes of an element are padded
 RANGES = 16  # of elements, that are looped over one by one or, where they share no node, at once
 WORTH_THREADS = 200_000  # integration points times nodes of an element from which a second thread pays
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
-_jit = compiled(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_FAST = {"error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
+_kernel, _inlined = compiled(**_FAST), compiled(inline="always", **_FAST)
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class Solid:
         grads = np.array([scalar.basis[i][0].grad for i in range(scalar.Nbfun)])  # (n_n, 3, n_el, n_q)
         self.grads = np.zeros((mesh.nelements, grads.shape[3], 3, -(-scalar.Nbfun // LANES) * LANES))
         self.grads[..., : scalar.Nbfun] = grads.transpose(2, 3, 1, 0)
+        self._loop = _kernels(scalar.Nbfun, n_modes)
         self.weights = np.ascontiguousarray(self.basis.dx)
         self.volume = self.weights.sum(axis=1)
         self.modes = _pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
@@ -74,7 +78,7 @@ class Solid:
     def state(self, u, fibre):
         """Invariants and dilatation at displacements u (n,) with the fibre direction (3,)."""
         I, theta = np.empty((4, self.weights.size)), np.zeros(self.means.shape)
-        smallest = self._run(_kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
+        smallest = self._run(self._loop.kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
         return State(I, theta, bool(min(smallest) > 0))
 
     def pressure(self, state, kappa):
@@ -89,7 +93,7 @@ class Solid:
         """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in
         both."""
         out, d1 = np.zeros(self.n_dofs), np.ascontiguousarray(gradient)
-        self._run(_residual, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
+        self._run(self._loop.residual, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
         return out
 
     def tangent(self, u, state, material, pressure, kappa, fibre, bulk=None):
@@ -102,7 +106,7 @@ class Solid:
         d1, d2 = derivatives(material, "gradient", state.I), derivatives(material, "hessian", state.I)
         target = self.pressure(state, kappa)
         self._run(
-            _tangent, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
+            self._loop.tangent, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
             kappa if bulk is None else bulk, d1, d2, self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values
@@ -110,14 +114,14 @@ class Solid:
     def dilatation_map(self, u):
         """Derivative of the pressure modes of J by the element's displacements, (n_el, n_m, n_n, 3)."""
         B = np.empty((*self.means.shape, *self.dofs.shape[1:]))
-        self._run(_dilatation_map, u, self.dofs, self.grads, self.weights, self.modes, B)
+        self._run(self._loop.dilatation_map, u, self.dofs, self.grads, self.weights, self.modes, B)
         return B
 
     def stress(self, u, state, material, pressure, fibre):
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
         d1 = derivatives(material, "gradient", state.I)
         stress = np.empty((6, *self.weights.shape))
-        self._run(_cauchy, u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
+        self._run(self._loop.cauchy, u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
         return stress
 
     def matrix(self, values):
@@ -181,7 +185,7 @@ def _independent(nodes, n_nodes):
 # ---- the compiled loop -------------------------------------------------------------------------------------------
 
 
-@_jit
+@_inlined
 def _gather(u, dofs, ue):
     """Displacements ue (3, n_p) of one element's nodes, zero beyond them."""
     for n in range(dofs.shape[0]):
@@ -189,7 +193,7 @@ def _gather(u, dofs, ue):
             ue[i, n] = u[dofs[n, i]]
 
 
-@_jit
+@_inlined
 def _gradient(ue, grads, F):
     """F = 1 + grad u of one integration point; returns J. ue, grads (3, n_p)."""
     for i in range(3):
@@ -207,7 +211,7 @@ def _gradient(ue, grads, F):
     )
 
 
-@_jit
+@_inlined
 def _inverse(F, J, G):
     """G = inverse of F with determinant J."""
     for i in range(3):
@@ -216,7 +220,7 @@ def _inverse(F, J, G):
             G[i, k] = (F[a, c] * F[b, d] - F[a, d] * F[b, c]) / J
 
 
-@_jit
+@_inlined
 def _strain(F, J, fibre, b, a, c):
     """Isochoric left Cauchy-Green tensor b, current fibre a and c = b a."""
     s = J ** (-1.0 / 3.0)
@@ -228,39 +232,11 @@ def _strain(F, J, fibre, b, a, c):
         c[i] = b[i, 0] * a[0] + b[i, 1] * a[1] + b[i, 2] * a[2]
 
 
-@_jit
-def _kinematics(elements, u, dofs, grads, weights, modes, fibre, I, theta):
-    n_q, n_m = weights.shape[1], modes.shape[1]
-    F, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    ue = np.zeros(grads.shape[2:])
-    smallest = np.inf
-    for e in elements:
-        _gather(u, dofs[e], ue)
-        for q in range(n_q):
-            J = _gradient(ue, grads[e, q], F)
-            if not (smallest <= J):
-                smallest = J
-            _strain(F, J, fibre, b, a, c)
-            I1 = b[0, 0] + b[1, 1] + b[2, 2]
-            bb = 0.0
-            for i in range(3):
-                for k in range(3):
-                    bb += b[i, k] * b[i, k]
-            p = e * n_q + q
-            I[0, p] = I1
-            I[1, p] = 0.5 * (I1 * I1 - bb)
-            I[2, p] = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
-            I[3, p] = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
-            for m in range(n_m):
-                theta[e, m] += weights[e, q] * modes[e, m, q] * J
-    return smallest
-
-
 _PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])
 _VOIGT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 
-@_jit
+@_inlined
 def _directions(b, a, c, I1, m):
     """Rows of m (4, 6): the push-forward of dI/dCb for I1, I2, I4, I5."""
     for s in range(6):
@@ -271,7 +247,7 @@ def _directions(b, a, c, I1, m):
         m[3, s] = a[i] * c[k] + c[i] * a[k]
 
 
-@_jit
+@_inlined
 def _kirchhoff(m, d1, p, tau):
     """Fictitious stress 2 sum psi_a m_a in tau, made deviatoric; returns its trace."""
     for s in range(6):
@@ -282,23 +258,23 @@ def _kirchhoff(m, d1, p, tau):
     return trace
 
 
-@_jit
-def _add_force(g, t, w, fe):
+@_inlined
+def _add_force(g, t, w, n_p, fe):
     """Adds w t . grad N to the forces fe (3, n_p) of one element; g (3, n_p) spatial gradients."""
     for i in range(3):
         x, y, z = w * t[_VOIGT[i, 0]], w * t[_VOIGT[i, 1]], w * t[_VOIGT[i, 2]]
-        for n in range(g.shape[1]):
+        for n in range(n_p):
             fe[i, n] += x * g[0, n] + y * g[1, n] + z * g[2, n]
 
 
-@_jit
+@_inlined
 def _scatter_force(dofs, fe, out):
     for n in range(dofs.shape[0]):
         for i in range(3):
             out[dofs[n, i]] += fe[i, n]
 
 
-@_jit
+@_inlined
 def _spatial(grads, G, g):
     """Spatial gradients g = F^-T grads, (3, n_p)."""
     for i in range(3):
@@ -306,32 +282,7 @@ def _spatial(grads, G, g):
             g[i, n] = grads[0, n] * G[0, i] + grads[1, n] * G[1, i] + grads[2, n] * G[2, i]
 
 
-@_jit
-def _residual(elements, u, dofs, grads, weights, modes, fibre, pressure, d1, out):
-    n_q = weights.shape[1]
-    F, G, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    m, tau = np.empty((4, 6)), np.empty(6)
-    ue, g, fe = np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty(grads.shape[2:])
-    for e in elements:
-        _gather(u, dofs[e], ue)
-        fe[:] = 0.0
-        for q in range(n_q):
-            J = _gradient(ue, grads[e, q], F)
-            _inverse(F, J, G)
-            _strain(F, J, fibre, b, a, c)
-            _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
-            _kirchhoff(m, d1, e * n_q + q, tau)
-            p = 0.0
-            for k in range(modes.shape[1]):
-                p += modes[e, k, q] * pressure[e, k]
-            for s in range(3):
-                tau[s] += J * p
-            _spatial(grads[e, q], G, g)
-            _add_force(g, tau, weights[e, q], fe)
-        _scatter_force(dofs[e], fe, out)
-
-
-@_jit
+@_inlined
 def _moduli(b, a, c, m, d1, d2, p, tau, trace, h, D):
     """Isochoric spatial tangent D (6, 6) of the Kirchhoff stress tau (deviatoric) whose fictitious stress has that trace; h (4, 6)
     is scratch."""
@@ -368,74 +319,30 @@ def _moduli(b, a, c, m, d1, d2, p, tau, trace, h, D):
             D[t, s] -= 2.0 / 3.0 * tau[t]
 
 
-@_jit
-def _tangent(
-    elements, u, dofs, grads, weights, modes, fibre, pressure, target, kappa, d1, d2, indptr, positions, out, values
-):  # fmt: skip
-    n_q = weights.shape[1]
-    n_n, n_p, n_m = dofs.shape[1], grads.shape[3], modes.shape[1]
-    F, G, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    m, h, tau, total, D = np.empty((4, 6)), np.empty((4, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
-    ue, g, fe = np.zeros((3, n_p)), np.empty((3, n_p)), np.empty((3, n_p))
-    K, B = np.empty((n_n, 3, 3, n_p)), np.empty((n_m, 3, n_p))
-    for e in elements:
-        _gather(u, dofs[e], ue)
-        K[:] = 0.0
-        B[:] = 0.0
-        fe[:] = 0.0
-        for q in range(n_q):
-            w = weights[e, q]
-            J = _gradient(ue, grads[e, q], F)
-            _inverse(F, J, G)
-            _strain(F, J, fibre, b, a, c)
-            _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
-            trace = _kirchhoff(m, d1, e * n_q + q, tau)
-            _moduli(b, a, c, m, d1, d2, e * n_q + q, tau, trace, h, D)
-            p, aim = 0.0, 0.0
-            for k in range(n_m):
-                p += modes[e, k, q] * pressure[e, k]
-                aim += modes[e, k, q] * target[e, k]
-            for s in range(6):
-                total[s] = tau[s] + (J * aim if s < 3 else 0.0)
-            _spatial(grads[e, q], G, g)
-            _add_force(g, total, w, fe)
-            for s in range(3):  # J p (1x1 - 2 I) of the iterated pressure
-                tau[s] += J * p
-                D[s + 3, s + 3] -= J * p
-                for t in range(3):
-                    D[s, t] += J * p if s != t else -J * p
-            _add_dilatation(g, modes[e], q, w * J, B)
-            _add_stiffness(g, D, tau, w, n_n, K)
-        _add_bulk(B, kappa, n_n, K)
-        _scatter_force(dofs[e], fe, out)
-        _scatter_stiffness(dofs[e], positions[e], indptr, K, values)
-
-
-@_jit
-def _add_stiffness(g, D, tau, w, n_n, K):
+@_inlined
+def _add_stiffness(g, D, tau, w, n_n, n_p, Dg, sg, K):
     """Adds w (grad N_n . D . grad N_o + grad N_n . tau . grad N_o 1) to K (n_n, 3, 3, n_p), for o <= n and up to the next full
-    register."""
-    DB, sg = np.empty((6, 3)), np.empty(3)
-    for n in range(n_n):
-        x, y, z = w * g[0, n], w * g[1, n], w * g[2, n]
+    register; Dg (6, 3, n_p) and sg (3, n_p) are scratch."""
+    for i in range(3):
         for s in range(6):
-            DB[s, 0] = D[s, 0] * x + D[s, 3] * y + D[s, 5] * z
-            DB[s, 1] = D[s, 3] * x + D[s, 1] * y + D[s, 4] * z
-            DB[s, 2] = D[s, 5] * x + D[s, 4] * y + D[s, 2] * z
-        sg[0] = tau[0] * x + tau[3] * y + tau[5] * z
-        sg[1] = tau[3] * x + tau[1] * y + tau[4] * z
-        sg[2] = tau[5] * x + tau[4] * y + tau[2] * z
+            x, y, z = w * D[s, _VOIGT[i, 0]], w * D[s, _VOIGT[i, 1]], w * D[s, _VOIGT[i, 2]]
+            for n in range(n_p):
+                Dg[s, i, n] = x * g[0, n] + y * g[1, n] + z * g[2, n]
+        x, y, z = w * tau[_VOIGT[i, 0]], w * tau[_VOIGT[i, 1]], w * tau[_VOIGT[i, 2]]
+        for n in range(n_p):
+            sg[i, n] = x * g[0, n] + y * g[1, n] + z * g[2, n]
+    for n in range(n_n):
         width = (n // LANES + 1) * LANES
         for i in range(3):
             for k in range(3):
-                X, Y, Z = DB[_VOIGT[k, 0], i], DB[_VOIGT[k, 1], i], DB[_VOIGT[k, 2], i]
+                X, Y, Z = Dg[_VOIGT[k, 0], i, n], Dg[_VOIGT[k, 1], i, n], Dg[_VOIGT[k, 2], i, n]
                 if i == k:
-                    X, Y, Z = X + sg[0], Y + sg[1], Z + sg[2]
+                    X, Y, Z = X + sg[0, n], Y + sg[1, n], Z + sg[2, n]
                 for o in range(width):
                     K[n, i, k, o] += X * g[0, o] + Y * g[1, o] + Z * g[2, o]
 
 
-@_jit
+@_inlined
 def _add_bulk(B, kappa, n_n, K):
     """Adds kappa B B of each pressure mode, as `_add_stiffness` does; B (n_m, 3, n_p)."""
     for n in range(n_n):
@@ -448,66 +355,171 @@ def _add_bulk(B, kappa, n_n, K):
                         K[n, i, j, o] += v * B[k, j, o]
 
 
-@_jit
+@_inlined
 def _scatter_stiffness(dofs, positions, indptr, K, values):
     """Adds the lower half of one element's tangent, and its mirror image, to the CSR data."""
     for n in range(dofs.shape[0]):
+        x, y, z = indptr[dofs[n, 0]], indptr[dofs[n, 1]], indptr[dofs[n, 2]]
         for o in range(n + 1):
-            at, back = 3 * positions[n, o], 3 * positions[o, n]
-            for i in range(3):
-                row = indptr[dofs[n, i]] + at
-                for k in range(3):
-                    values[row + k] += K[n, i, k, o]
-            if o < n:
-                for k in range(3):
-                    row = indptr[dofs[o, k]] + back
-                    for i in range(3):
-                        values[row + i] += K[n, i, k, o]
+            at = 3 * positions[n, o]
+            for k in range(3):
+                values[x + at + k] += K[n, 0, k, o]
+                values[y + at + k] += K[n, 1, k, o]
+                values[z + at + k] += K[n, 2, k, o]
+        for o in range(n + 1, dofs.shape[0]):
+            at = 3 * positions[n, o]
+            for k in range(3):
+                values[x + at + k] += K[o, k, 0, n]
+                values[y + at + k] += K[o, k, 1, n]
+                values[z + at + k] += K[o, k, 2, n]
 
 
-@_jit
-def _dilatation_map(elements, u, dofs, grads, weights, modes, B):
-    n_q = weights.shape[1]
-    n_n, n_m = dofs.shape[1], modes.shape[1]
-    F, G = np.empty((3, 3)), np.empty((3, 3))
-    ue, g, Be = np.zeros(grads.shape[2:]), np.empty(grads.shape[2:]), np.empty((n_m, *grads.shape[2:]))
-    for e in elements:
-        _gather(u, dofs[e], ue)
-        Be[:] = 0.0
-        for q in range(n_q):
-            J = _gradient(ue, grads[e, q], F)
-            _inverse(F, J, G)
-            _spatial(grads[e, q], G, g)
-            _add_dilatation(g, modes[e], q, weights[e, q] * J, Be)
-        for k in range(n_m):
-            for n in range(n_n):
-                for i in range(3):
-                    B[e, k, n, i] = Be[k, i, n]
-
-
-@_jit
-def _add_dilatation(g, modes, q, v, Be):
+@_inlined
+def _add_dilatation(g, modes, q, v, n_p, Be):
     """Adds v mode . grad N to the derivative Be (n_m, 3, n_p) of an element's pressure modes of J."""
     for k in range(modes.shape[0]):
         for i in range(3):
-            for n in range(g.shape[1]):
+            for n in range(n_p):
                 Be[k, i, n] += v * modes[k, q] * g[i, n]
 
 
-@_jit
-def _cauchy(elements, u, dofs, grads, modes, fibre, pressure, d1, stress):
-    n_q = grads.shape[1]
-    F, b, a, c = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    m, tau, ue = np.empty((4, 6)), np.empty(6), np.zeros(grads.shape[2:])
-    for e in elements:
-        _gather(u, dofs[e], ue)
-        for q in range(n_q):
-            J = _gradient(ue, grads[e, q], F)
-            _strain(F, J, fibre, b, a, c)
-            _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
-            _kirchhoff(m, d1, e * n_q + q, tau)
-            p = 0.0
-            for k in range(modes.shape[1]):
-                p += modes[e, k, q] * pressure[e, k]
-            for s in range(6):
-                stress[s, e, q] = tau[s] / J + (p if s < 3 else 0.0)
+@functools.cache
+def _kernels(N_N, N_M):
+    """The loops over elements of N_N nodes and N_M pressure modes. Their scratch is on the stack, of a size that the compiler
+    knows; bounds of inner loops it must not know: it would unroll what it should do in full registers."""
+    N_P = -(-N_N // LANES) * LANES
+
+    @_kernel
+    def kinematics(elements, u, dofs, grads, weights, modes, fibre, I, theta):
+        n_q = weights.shape[1]
+        F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
+        ue = on_stack((3, N_P))
+        ue[:] = 0
+        smallest = np.inf
+        for e in elements:
+            _gather(u, dofs[e], ue)
+            for q in range(n_q):
+                J = _gradient(ue, grads[e, q], F)
+                if not (smallest <= J):
+                    smallest = J
+                _strain(F, J, fibre, b, a, c)
+                I1 = b[0, 0] + b[1, 1] + b[2, 2]
+                bb = 0.0
+                for i in range(3):
+                    for k in range(3):
+                        bb += b[i, k] * b[i, k]
+                p = e * n_q + q
+                I[0, p] = I1
+                I[1, p] = 0.5 * (I1 * I1 - bb)
+                I[2, p] = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+                I[3, p] = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
+                for m in range(N_M):
+                    theta[e, m] += weights[e, q] * modes[e, m, q] * J
+        return smallest
+
+    @_kernel
+    def residual(elements, u, dofs, grads, weights, modes, fibre, pressure, d1, out):
+        n_q, n_p = weights.shape[1], grads.shape[3]
+        F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
+        m, tau = on_stack((4, 6)), on_stack((6,))
+        ue, g, fe = on_stack((3, N_P)), on_stack((3, N_P)), on_stack((3, N_P))
+        ue[:] = 0
+        for e in elements:
+            _gather(u, dofs[e], ue)
+            fe[:] = 0.0
+            for q in range(n_q):
+                J = _gradient(ue, grads[e, q], F)
+                _inverse(F, J, G)
+                _strain(F, J, fibre, b, a, c)
+                _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
+                _kirchhoff(m, d1, e * n_q + q, tau)
+                p = 0.0
+                for k in range(N_M):
+                    p += modes[e, k, q] * pressure[e, k]
+                for s in range(3):
+                    tau[s] += J * p
+                _spatial(grads[e, q], G, g)
+                _add_force(g, tau, weights[e, q], n_p, fe)
+            _scatter_force(dofs[e], fe, out)
+
+    @_kernel
+    def tangent(
+        elements, u, dofs, grads, weights, modes, fibre, pressure, target, kappa, d1, d2, indptr, positions, out, values
+    ):  # fmt: skip
+        n_q, n_p = weights.shape[1], grads.shape[3]
+        F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
+        m, h, tau, total, D = on_stack((4, 6)), on_stack((4, 6)), on_stack((6,)), on_stack((6,)), on_stack((6, 6))
+        ue, g, fe = on_stack((3, N_P)), on_stack((3, N_P)), on_stack((3, N_P))
+        Dg, sg = on_stack((6, 3, N_P)), on_stack((3, N_P))
+        K, B = on_stack((N_N, 3, 3, N_P)), on_stack((N_M, 3, N_P))
+        ue[:] = 0
+        for e in elements:
+            _gather(u, dofs[e], ue)
+            K[:] = 0.0
+            B[:] = 0.0
+            fe[:] = 0.0
+            for q in range(n_q):
+                w = weights[e, q]
+                J = _gradient(ue, grads[e, q], F)
+                _inverse(F, J, G)
+                _strain(F, J, fibre, b, a, c)
+                _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
+                trace = _kirchhoff(m, d1, e * n_q + q, tau)
+                _moduli(b, a, c, m, d1, d2, e * n_q + q, tau, trace, h, D)
+                p, aim = 0.0, 0.0
+                for k in range(N_M):
+                    p += modes[e, k, q] * pressure[e, k]
+                    aim += modes[e, k, q] * target[e, k]
+                for s in range(6):
+                    total[s] = tau[s] + (J * aim if s < 3 else 0.0)
+                _spatial(grads[e, q], G, g)
+                _add_force(g, total, w, n_p, fe)
+                for s in range(3):  # J p (1x1 - 2 I) of the iterated pressure
+                    tau[s] += J * p
+                    D[s + 3, s + 3] -= J * p
+                    for t in range(3):
+                        D[s, t] += J * p if s != t else -J * p
+                _add_dilatation(g, modes[e], q, w * J, n_p, B)
+                _add_stiffness(g, D, tau, w, N_N, n_p, Dg, sg, K)
+            _add_bulk(B, kappa, N_N, K)
+            _scatter_force(dofs[e], fe, out)
+            _scatter_stiffness(dofs[e], positions[e], indptr, K, values)
+
+    @_kernel
+    def dilatation_map(elements, u, dofs, grads, weights, modes, B):
+        n_q, n_p = weights.shape[1], grads.shape[3]
+        F, G, ue, g, Be = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, N_P)), on_stack((3, N_P)), on_stack((N_M, 3, N_P))
+        ue[:] = 0
+        for e in elements:
+            _gather(u, dofs[e], ue)
+            Be[:] = 0.0
+            for q in range(n_q):
+                J = _gradient(ue, grads[e, q], F)
+                _inverse(F, J, G)
+                _spatial(grads[e, q], G, g)
+                _add_dilatation(g, modes[e], q, weights[e, q] * J, n_p, Be)
+            for k in range(N_M):
+                for n in range(N_N):
+                    for i in range(3):
+                        B[e, k, n, i] = Be[k, i, n]
+
+    @_kernel
+    def cauchy(elements, u, dofs, grads, modes, fibre, pressure, d1, stress):
+        n_q = grads.shape[1]
+        F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
+        m, tau, ue = on_stack((4, 6)), on_stack((6,)), on_stack((3, N_P))
+        ue[:] = 0
+        for e in elements:
+            _gather(u, dofs[e], ue)
+            for q in range(n_q):
+                J = _gradient(ue, grads[e, q], F)
+                _strain(F, J, fibre, b, a, c)
+                _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
+                _kirchhoff(m, d1, e * n_q + q, tau)
+                p = 0.0
+                for k in range(N_M):
+                    p += modes[e, k, q] * pressure[e, k]
+                for s in range(6):
+                    stress[s, e, q] = tau[s] / J + (p if s < 3 else 0.0)
+
+    return SimpleNamespace(kinematics=kinematics, residual=residual, tangent=tangent, dilatation_map=dilatation_map, cauchy=cauchy)
