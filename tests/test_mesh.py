@@ -216,6 +216,19 @@ def test_the_base_mesh_at_its_own_size_is_the_default_mesh():
     assert_allclose(again.p, base.p, atol=1e-12)
 
 
+@pytest.mark.parametrize(("element", "nodes"), [("q1p0", 1), ("q2p1", 2)])
+def test_nodes_at_a_sharp_edge_get_no_closer_than_elements_fold(element, nodes):
+    """At the largest depth of 0.6 mm, a strip's corner folds up with nodes closer than 0.6 / 16 mm; far from it a finer mesh is
+    finer."""
+    sizes = [0.3, 0.2, 0.15]
+    meshes = [quarter(sample_of("disc"), indenter_of("strip"), Mesh(size=size), element, 0.6) for size in sizes]
+    for mesh in meshes:
+        across, layers = (np.unique(np.round(one, 9)) for one in (mesh.p[2][mesh.p[0] < 1e-9], mesh.p[1]))
+        edge = np.argmin(np.abs(across - 1))
+        assert min(*np.diff(across)[edge - 1 : edge + 1], np.diff(layers)[-1]) > nodes * 0.6 / 16
+    assert meshes[2].nelements > 4 * meshes[0].nelements
+
+
 @pytest.mark.parametrize("size", [0.5, 1.0, 2.0])
 def test_mesh_lines_lie_within_a_small_edge_radius(size):
     mesh = mesh_of("disc", "rounded strip", size=size)

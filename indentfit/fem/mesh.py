@@ -18,10 +18,29 @@ from indentfit.errors import MeshError
 # times `size` where they leave the sample: that corner is singular too and costs 1 to 2 % of the force if left coarse.
 EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
+ORDER = {"q1p0": 1, "q2p1": 2}
+# Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up. With nodes as far apart there as
+# the depth over DEPTHS they do not yet (they do at the depth over 19 to 16, for 0.25 to 0.5 mm): no mesh has them closer. Nor is
+# an edge that can be made that sharp.
+DEPTHS = 12
 # All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
 # with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
 # would change the edge's width by jumps of up to half, and forces on such meshes approach no limit in a recognisable way.
 BASE = 180
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What a mesh is made for: the case's tables, the largest depth, mm, and the order of the shape functions."""
+
+    sample: object
+    indenter: object
+    depth: float
+    order: int
+
+    @classmethod
+    def of(cls, sample, indenter, element, depth):
+        return cls(sample, indenter, depth or sample.thickness / 10, ORDER[element])
 
 
 @dataclass(frozen=True)
@@ -52,39 +71,38 @@ def quarter(sample, indenter, mesh, element="q1p0", depth=None, rim=RIM):
     overhung (those of the side that may, below a strip that is longer than the sample; else none).
     Raises MeshError where the indenter does not fit on the sample.
     """
-    return _quarter(sample, indenter, size(sample, indenter, mesh, element, depth), depth, rim)
+    return _quarter(_Task.of(sample, indenter, element, depth), size(sample, indenter, mesh, element, depth), rim)
 
 
 def count(sample, indenter, mesh, element="q1p0", depth=None):
     """Number of elements that `quarter` would make, without making them."""
-    return _count(sample, indenter, size(sample, indenter, mesh, element, depth), depth)
+    return _count(_Task.of(sample, indenter, element, depth), size(sample, indenter, mesh, element, depth))
 
 
 def size(sample, indenter, mesh, element="q1p0", depth=None):
     """Element size of the mesh that `quarter` makes, mm: what all its widths are proportional to."""
-    return mesh.size or _size_for(sample, indenter, mesh.elements or DEFAULT_ELEMENTS[element], depth)
+    return mesh.size or _size_for(_Task.of(sample, indenter, element, depth), mesh.elements or DEFAULT_ELEMENTS[element])
 
 
 @functools.lru_cache(maxsize=256)
-def _size_for(sample, indenter, elements, depth):
+def _size_for(task, elements):
     """Size at which the mesh has about that many elements: the base's, or the middle of the sizes that have as many."""
-    own = functools.partial(_count, sample, indenter, depth=depth)
-    near = [own(size=size) for size in _neighbours(own, elements, 5 * sample.thickness)]
+    own, coarsest = functools.partial(_count, task), 5 * task.sample.thickness
+    near = [own(size) for size in _neighbours(own, elements, coarsest)]
     number = min(near, key=lambda n: abs(np.log(n / elements)))
-    base = _base_size(sample, indenter, depth)
-    if elements == BASE or own(size=base) == number:
+    base = _base_size(task)
+    if elements == BASE or own(base) == number:
         return base
-    finest = _neighbours(own, number, 5 * sample.thickness)[1]
-    coarsest = _neighbours(own, number - 1, 1.5 * finest)[0]
-    middle = np.sqrt(finest * coarsest)
-    return middle if own(size=middle) == number else finest
+    finest = _neighbours(own, number, coarsest)[1]
+    middle = np.sqrt(finest * _neighbours(own, number - 1, 1.5 * finest)[0])
+    return middle if own(middle) == number else finest
 
 
 @functools.lru_cache(maxsize=64)
-def _base_size(sample, indenter, depth):
+def _base_size(task):
     """Size of the base mesh: that of about BASE elements whose numbers in each direction are rounded up, each on its own."""
-    own = functools.partial(_count, sample, indenter, depth=depth, scaled=False)
-    return min(_neighbours(own, BASE, 5 * sample.thickness), key=lambda size: abs(np.log(own(size=size) / BASE)))
+    own = functools.partial(_count, task, scaled=False)
+    return min(_neighbours(own, BASE, 5 * task.sample.thickness), key=lambda size: abs(np.log(own(size) / BASE)))
 
 
 def _neighbours(number, elements, coarsest):
@@ -92,21 +110,22 @@ def _neighbours(number, elements, coarsest):
     low, high = np.log(0.01), np.log(coarsest)
     for _ in range(30):
         middle = (low + high) / 2
-        if number(size=np.exp(middle)) > elements:
+        if number(np.exp(middle)) > elements:
             low = middle
         else:
             high = middle
     return np.exp(low), np.exp(high)
 
 
-def _count(sample, indenter, size, depth, scaled=True):
+def _count(task, size, scaled=True):
     """Number of elements at a size, without merging the patches."""
-    plane, layers = _parts(sample, indenter, size, depth, scaled=scaled)
+    plane, layers = _parts(task, size, scaled=scaled)
     return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in plane) * (layers.size - 1)
 
 
-def _quarter(sample, indenter, size, depth, rim):
-    plane, layers = _parts(sample, indenter, size, depth, rim)
+def _quarter(task, size, rim):
+    sample, indenter = task.sample, task.indenter
+    plane, layers = _parts(task, size, rim)
     mesh = extrude(merge(plane), layers)
     x, z = footprint(indenter, sample)
     inside = {
@@ -116,7 +135,7 @@ def _quarter(sample, indenter, size, depth, rim):
     }[indenter.shape]
     top, eps = sample.thickness, 1e-9 * sample.thickness
     overhangs = indenter.shape == "strip" and indenter.length / 2 > mesh.p[0].max()
-    deepest = top - (depth or top / 10)  # what is below would have to rise to meet the strip
+    deepest = top - task.depth  # what is below would have to rise to meet the strip
     lowest = layers[np.searchsorted(layers, deepest, side="right") - 1] if overhangs else top
     return mesh.with_boundaries(
         {
@@ -143,35 +162,34 @@ def footprint(indenter, sample):
     return (indenter.diameter / 2,) * 2
 
 
-def _parts(sample, indenter, size, depth, rim=RIM, scaled=True):
+def _parts(task, size, rim=RIM, scaled=True):
     """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
-    grading = _grading(sample, indenter, size, depth, rim)
+    sample, indenter, grading = task.sample, task.indenter, _grading(task, size, rim)
     if scaled:
-        grading = replace(grading, base=_grading(sample, indenter, _base_size(sample, indenter, depth), depth, rim))
+        grading = replace(grading, base=_grading(task, _base_size(task), rim))
     layers = sample.thickness - graded(0, sample.thickness, grading, at=0, least=2)[::-1]
     layers[0], layers[-1] = 0.0, sample.thickness
     if indenter.shape == "strip" and sample.shape == "disc":
         return _strip_on_disc(sample.diameter / 2, indenter, grading), layers
     if indenter.shape == "strip":
         return [_strip_on_block(sample, indenter, grading)], layers
-    return _round_punch(sample, _radius_to_resolve(sample, indenter, depth), grading), layers
+    return _round_punch(sample, _radius_to_resolve(task), grading), layers
 
 
-def _grading(sample, indenter, size, depth, rim):
-    reach = 0.3 * sample.thickness
-    half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(sample, indenter, depth)
+def _grading(task, size, rim):
+    reach, indenter = 0.3 * task.sample.thickness, task.indenter
+    half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(task)
     edge = EDGE * size * min(1.0, half / reach)
-    if getattr(indenter, "edge_radius", 0):
-        edge = min(edge, max(indenter.edge_radius / 2, edge / 8))
+    if indenter.shape != "sphere":
+        radius, folds = indenter.edge_radius, task.order * task.depth / DEPTHS
+        edge = min(edge, max(radius / 2, edge / 8)) if radius else min(max(edge, folds), size)
     return Grading(size, edge, reach, rim)
 
 
-def _radius_to_resolve(sample, indenter, depth):
+def _radius_to_resolve(task):
     """Radius at which a round indenter's contact ends: its own, or a sphere's by Hertz at the largest depth."""
-    if indenter.shape == "cylinder":
-        return indenter.diameter / 2
-    depth = depth or sample.thickness / 10
-    return min(np.sqrt(indenter.diameter / 2 * depth), indenter.diameter / 2)
+    radius = task.indenter.diameter / 2
+    return radius if task.indenter.shape == "cylinder" else min(np.sqrt(radius * task.depth), radius)
 
 
 # ---- one direction -----------------------------------------------------------------------------------------------
