@@ -19,9 +19,9 @@ from indentfit.errors import MeshError
 EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 ORDER = {"q1p0": 1, "q2p1": 2}
-# Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up. With nodes as far apart there as
-# the depth over DEPTHS they do not yet (they do at the depth over 19 to 16, for 0.25 to 0.5 mm): no mesh has them closer. Nor is
-# an edge that can be made that sharp.
+# Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up. Nodes that are as far apart
+# there as the depth over DEPTHS do not yet (those of the depth over 19 to 16 do, for 0.25 to 0.5 mm): no mesh has them closer.
+# Nor is an edge that can be made that sharp.
 DEPTHS = 12
 # All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
 # with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
