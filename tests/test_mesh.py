@@ -274,7 +274,7 @@ def test_a_cylinder_without_room_is_refused(sample):
 
 
 def test_graded_positions_start_fine_and_end_exactly():
-    nodes = graded(1.0, 7.0, Grading(size=1.0, edge=0.1, reach=1.0), at=1.0)
+    nodes = graded(1.0, 7.0, Grading(size=1.0, edge=0.1, reach=1.0, rim=0.3), at=1.0)
     assert nodes[0] == 1.0 and nodes[-1] == 7.0
     steps = np.diff(nodes)
     assert np.all(np.diff(steps) > -1e-9)

@@ -21,8 +21,9 @@ DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 ORDER = {"q1p0": 1, "q2p1": 2}
 # Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up. Nodes that are as far apart
 # there as the depth over DEPTHS do not yet (those of the depth over 19 to 16 do, for 0.25 to 0.5 mm): no mesh has them closer.
-# Nor is an edge that can be made that sharp.
-DEPTHS = 12
+# Nor is an edge that can be made that sharp. At the rim, where the sample's side rolls up against the strip layer by layer, each
+# with a snap, elements are as wide as the depth over ROLLS.
+DEPTHS, ROLLS = 12, 3
 # All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
 # with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
 # would change the edge's width by jumps of up to half, and forces on such meshes approach no limit in a recognisable way.
@@ -46,12 +47,13 @@ class _Task:
 @dataclass(frozen=True)
 class Grading:
     """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm; `reach`: 0.3 thicknesses;
-    `base`: the Grading of the mesh that this one is a scaled copy of, None for that mesh itself."""
+    `rim`: where a strip leaves the sample, mm; `base`: the Grading of the mesh that this one is a scaled copy of, None for that
+    mesh itself."""
 
     size: float
     edge: float
     reach: float
-    rim: float = RIM
+    rim: float
     base: "Grading | None" = None
 
     def width(self, distance):
@@ -183,7 +185,7 @@ def _grading(task, size, rim):
     if indenter.shape != "sphere":
         radius, folds = indenter.edge_radius, task.order * task.depth / DEPTHS
         edge = min(edge, max(radius / 2, edge / 8)) if radius else min(max(edge, folds), size)
-    return Grading(size, edge, reach, rim)
+    return Grading(size, edge, reach, max(rim * size, task.depth / ROLLS))
 
 
 def _radius_to_resolve(task):
@@ -238,7 +240,7 @@ def _across(half_width, end, grading):
 def _along(half_length, end, grading):
     """Positions along the strip: even where it overhangs the sample, else with a line on its end."""
     if half_length >= end * (1 - 1e-6):
-        return graded(0, end, grading.along(lambda one: one.rim * one.size), at=end, least=2)
+        return graded(0, end, grading.along(lambda one: one.rim), at=end, least=2)
     inner, outer = _across(half_length, end, grading.along(lambda one: one.edge))
     return np.concatenate([inner, outer[1:]])
 
