@@ -237,11 +237,12 @@ def _settled(system, u, pressure, history, solver, options, counts):
 def _moved(system, u, pressure, damping, solver, counts, enough):
     """Displacements, pressures and iterations of one implicit step of the damped motion from u, or None where it fails.
 
-    enough: norm of the residual below which nothing is left to do.
+    The system is assembled at u; enough: norm of the residual below which nothing is left to do.
     """
     dampers, start = damping * system.load.material.shear_modulus * system.fixed.sizes, u
     for iteration in range(MAX_IMPLICIT):
-        system.assemble(u, pressure)
+        if iteration:
+            system.assemble(u, pressure)
         residual = system.residual + dampers * (u - start)
         residual[system.fixed.dofs] = 0
         size = np.linalg.norm(residual)
