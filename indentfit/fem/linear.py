@@ -37,6 +37,7 @@ HOPELESS = 0.5  # what of the residual may be left after the first three of them
 TOLERANCE = 1e-4  # relative residual of one solve inside a Newton iteration
 OUTDATED = 5  # nodes of the contact in another state than the hierarchy's: each costs a step or two, a hierarchy 20
 SOFT, SCHUR = 20.0, 3.0  # gamma and the body's own share in the pressures' Schur complement, in shear moduli
+THREADS_PAY = 20_000  # dofs from which the solver library's threads gain more than they cost
 # Dofs from which multigrid needs less time and memory: than PARDISO, and than SuperLU.
 LARGE, LARGE_WITHOUT_PARDISO = 150_000, 20_000
 
@@ -335,6 +336,7 @@ class _Pardiso(_Direct):
         first = self._upper is None
         if first:
             self._analyse(body)
+            self._settings[23] = body.shape[0] >= THREADS_PAY  # two-level factors: threads share in their use, not only in making
         self._values = body.data[self._upper].astype(self._kind)
         if first:
             self._call(self._ANALYSIS)

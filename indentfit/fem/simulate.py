@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from indentfit.curve import Curve
 from indentfit.errors import ConvergenceError
@@ -21,7 +21,6 @@ SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGE
 # After a failure: contact springs, in the usual ones, the rim of the mesh, and its number of elements, in the usual one.
 SECOND_TRIES = ((1.0, 2 * RIM, 1.0), (1.0, RIM, 0.5), (5.0, RIM, 1.0), (5.0, 2 * RIM, 1.0), (0.2, 2 * RIM, 1.0))
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
-THREADS_PAY = 30_000  # dofs from which the solver library's threads gain more than they cost
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 
 
@@ -131,7 +130,7 @@ class Model:
         "friction", "bulk_ratio" (kappa / shear modulus), "offset" (mm, of the contact point). Raises InputError for others.
         """
         depths = np.asarray(depths, dtype=float)
-        with threadpool_limits(1 if self.body.n_dofs < THREADS_PAY else None), blamed(type(material)):
+        with _threads(self.body.n_dofs), blamed(type(material)):
             return self._tried(material, kappa, angle, depths, name, progress, tuple(sensitivities))
 
     def _tried(self, *of_run):
@@ -271,6 +270,13 @@ class Model:
             half, at = indenter.diameter / 2, np.hypot(x, z)
             out = (u[0] * x + u[2] * z) / np.where(at > 0, at, 1)
         return float(np.max(np.abs(out[top & (np.abs(at - half) < 1e-6 * half)])) / half)
+
+
+def _threads(n_dofs):
+    """Context in which libraries use as many threads as pay: one on small meshes, and on large ones all but those of NumPy's
+    OpenBLAS. They wait for their next vector at full speed, in the way of the solver's threads: a path takes 1.5 times as long."""
+    pools = ThreadpoolController()
+    return (pools if n_dofs < linear.THREADS_PAY else pools.select(internal_api="openblas")).limit(limits=1)
 
 
 def _require_contact(path, name):
