@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import white_matter
+from threadpoolctl import threadpool_info
 
 from indentfit.errors import ConvergenceError
 from indentfit.fem.mesh import RIM
-from indentfit.fem.simulate import Model, said_of_tries, simulate
+from indentfit.fem.simulate import Model, _threads, said_of_tries, simulate
 from indentfit.inverse.fit import fit
 from indentfit.report.text import simulation_lines
 
@@ -22,8 +23,7 @@ DEPTHS = np.array([0.11, 0.22, 0.33])
 
 def test_friction_stiffens_only_the_perpendicular_test(run):
     rough, smooth = (
-        [run(*COARSE, f"indenter.friction={f}", angle=angle, depths=DEPTHS).force[-1] for angle in (0, 90)]
-        for f in (0.5, 0.2)
+        [run(*COARSE, f"indenter.friction={f}", angle=angle, depths=DEPTHS).force[-1] for angle in (0, 90)] for f in (0.5, 0.2)
     )
     assert smooth[0] == pytest.approx(rough[0], rel=0.01)
     assert smooth[1] < rough[1] * 0.995
@@ -47,8 +47,7 @@ def test_mu_matters_more_than_zeta_and_zeta_more_than_phi_and_most_at_90_degrees
 
 def test_the_force_is_linear_in_the_scale_parameter(run):
     one, three = (
-        run(*COARSE, f"material.parameters={{mu={mu},zeta=4.68,phi=0.68}}", angle=90, depths=DEPTHS).force
-        for mu in (1.0, 3.0)
+        run(*COARSE, f"material.parameters={{mu={mu},zeta=4.68,phi=0.68}}", angle=90, depths=DEPTHS).force for mu in (1.0, 3.0)
     )
     assert three == pytest.approx(3 * one, rel=1e-9)
 
@@ -140,3 +139,16 @@ def test_a_bonded_base_and_a_full_case_give_one_result_for_each_test():
     simulation = simulate(white_matter(*COARSE, "sample.base=bonded"))
     assert [test.name for test in simulation.tests] == ["parallel", "perpendicular"]
     assert simulation.tests[1].force[-1] > 1.5 * simulation.tests[0].force[-1]
+
+
+@pytest.mark.parametrize(("n_dofs", "everything"), [(5_000, True), (100_000, False)])
+def test_threads_of_the_libraries(n_dofs, everything):
+    """One on small meshes; on large ones the solver's may be more, but not those of NumPy's OpenBLAS beside them."""
+    with _threads(n_dofs):
+        pools = threadpool_info()
+    blas = [pool for pool in pools if pool["internal_api"] == "openblas"]
+    if not blas:
+        pytest.skip("NumPy is not built on OpenBLAS here")
+    assert all(pool["num_threads"] == 1 for pool in (pools if everything else blas))
+    own = {pool["filepath"]: pool["num_threads"] for pool in threadpool_info()}
+    assert everything or all(pool["num_threads"] == own[pool["filepath"]] for pool in pools if pool not in blas)
