@@ -259,6 +259,15 @@ def _kirchhoff(m, d1, p, tau):
 
 
 @_inlined
+def _at_point(modes, q, values):
+    """Sum of an element's modes (n_m, n_q) times values (n_m,) at one integration point."""
+    p = 0.0
+    for k in range(modes.shape[0]):
+        p += modes[k, q] * values[k]
+    return p
+
+
+@_inlined
 def _add_force(g, t, w, n_p, fe):
     """Adds w t . grad N to the forces fe (3, n_p) of one element; g (3, n_p) spatial gradients."""
     for i in range(3):
@@ -433,9 +442,7 @@ def _kernels(N_N, N_M):
                 _strain(F, J, fibre, b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
                 _kirchhoff(m, d1, e * n_q + q, tau)
-                p = 0.0
-                for k in range(N_M):
-                    p += modes[e, k, q] * pressure[e, k]
+                p = _at_point(modes[e], q, pressure[e])
                 for s in range(3):
                     tau[s] += J * p
                 _spatial(grads[e, q], G, g)
@@ -466,10 +473,7 @@ def _kernels(N_N, N_M):
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
                 trace = _kirchhoff(m, d1, e * n_q + q, tau)
                 _moduli(b, a, c, m, d1, d2, e * n_q + q, tau, trace, h, D)
-                p, aim = 0.0, 0.0
-                for k in range(N_M):
-                    p += modes[e, k, q] * pressure[e, k]
-                    aim += modes[e, k, q] * target[e, k]
+                p, aim = _at_point(modes[e], q, pressure[e]), _at_point(modes[e], q, target[e])
                 for s in range(6):
                     total[s] = tau[s] + (J * aim if s < 3 else 0.0)
                 _spatial(grads[e, q], G, g)
@@ -516,9 +520,7 @@ def _kernels(N_N, N_M):
                 _strain(F, J, fibre, b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
                 _kirchhoff(m, d1, e * n_q + q, tau)
-                p = 0.0
-                for k in range(N_M):
-                    p += modes[e, k, q] * pressure[e, k]
+                p = _at_point(modes[e], q, pressure[e])
                 for s in range(6):
                     stress[s, e, q] = tau[s] / J + (p if s < 3 else 0.0)
 
