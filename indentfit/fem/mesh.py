@@ -19,8 +19,8 @@ from indentfit.errors import MeshError
 EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
 DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
 ORDER = {"q1p0": 1, "q2p1": 2}
-# Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up. Nodes that are as far apart
-# there as the depth over DEPTHS do not yet (those of the depth over 19 to 16 do, for 0.25 to 0.5 mm): no mesh has them closer.
+# Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up: where nodes are closer than
+# the depth over 16 to 19 (depths of 0.5 to 0.25 mm). No mesh asks for less than the depth over DEPTHS (rounded: 15).
 # Nor is an edge that can be made that sharp. At the rim, where the sample's side rolls up against the strip layer by layer, each
 # with a snap, elements are as wide as the depth over ROLLS.
 DEPTHS, ROLLS = 12, 3
