@@ -17,6 +17,7 @@ from indentfit.fem.linear import Tangent
 MAX_ITERATIONS = 15
 NEARLY_STILL, FEW = 0.1, 6  # damping below which Newton is tried from a relaxed state, and iterations that it is given there
 MAX_RELAXED, MAX_IMPLICIT = 120, 8  # iterations of a relaxation, and of one of its steps of time
+WARY = 2  # steps of time in which the dampers stay above those with which one has just failed
 EASED = 1e-2  # reduction of the residual that ends a step of time
 STIFFEST_DAMPER = 1e6  # in units of shear modulus times size
 LOOSE = 5e-3  # residual, of the contact force, at which points that chatter may be left; counted and reported
@@ -27,6 +28,7 @@ FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
 SMALLEST_STEP = 1e-2  # of the last depth; where this is not enough, other springs or another mesh are cheaper than more halvings
 INVERTED = "an element turned inside out"
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
+RELAXED = HARD - 1  # what a relaxation counts as: the snap is over, and the next step may be as long
 
 
 @dataclass
@@ -126,7 +128,7 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
         if iterations <= EASY:
             step *= 1.5
         elif iterations >= HARD:
-            step /= 1.5
+            step = max(step / 1.5, SMALLEST_STEP * last)
     return path
 
 
@@ -194,6 +196,7 @@ def _relaxed(system, u, pressure, solver, options, counts):
     of the residual after MAX_RELAXED iterations is accepted up to LOOSE, counted, and its share of the force reported.
     """
     start, damping, history = counts.iterations, 1.0, (system.history, system.changes)
+    failed, wary = 0.0, 0
     best = (np.inf, u, pressure, *history)
     while counts.iterations - start < MAX_RELAXED and damping < STIFFEST_DAMPER:
         size, scale = system.assemble(u, pressure)
@@ -202,17 +205,20 @@ def _relaxed(system, u, pressure, solver, options, counts):
         if size < best[0] * scale:
             best = size / scale, u, pressure, system.history, system.changes
         if size <= options.tolerance * scale:
-            return _settled(system, u, pressure, history, solver, options, counts), MAX_ITERATIONS
+            return _settled(system, u, pressure, history, solver, options, counts), RELAXED
         moved = _moved(system, u, pressure, damping, solver, counts, options.tolerance * scale)
         if moved is None:
+            failed, wary = damping, WARY
             damping *= 4
             continue
         u, pressure, iterations = moved
         system.history, system.changes = system.touch.advanced(), None
         damping /= 4 if iterations <= 2 else 2 if iterations <= 3 else 1
+        if wary:
+            damping, wary = max(damping, 2 * failed), wary - 1
         if iterations <= 2 and damping < NEARLY_STILL:  # what is left is the multipliers' own slow convergence
             with contextlib.suppress(ConvergenceError):
-                return _settled(system, u, pressure, history, solver, options, counts), MAX_ITERATIONS
+                return _settled(system, u, pressure, history, solver, options, counts), RELAXED
     size, u, pressure, system.history, system.changes = best
     system.assemble(u, pressure)
     if size > LOOSE:
