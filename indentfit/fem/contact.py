@@ -32,11 +32,11 @@ Two things keep a corner of the surface from folding up where the body itself wo
 from dataclasses import dataclass, field
 
 import numpy as np
-from skfem import FacetBasis
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
 GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over radius: the pressure may grow in a step
+RULE = {"q1p0": np.array([1 / 2, 0, 1 / 2]), "q2p1": np.array([1 / 6, 4 / 6, 1 / 6])}  # weights at the ends and in the middle
 _DOWN, UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -130,22 +130,20 @@ class Contact:
     def __init__(self, solid, indenter, thickness):
         parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
         facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
-        basis = FacetBasis(solid.mesh, type(solid.basis.elem.elem)(), facets=facets, quadrature=_at_nodes(solid.element))
+        elements, nodes, areas = _nodes(solid, facets)
         self.thickness, self.indenter = thickness, indenter
         sharp = indenter.shape != "sphere" and not indenter.edge_radius
         sticks = indenter.friction == "stick"
         self.tied = self.under[:, None] & (sharp and sticks)
         self.friction = STICK if sticks else float(indenter.friction)
         self.curvature = 2 / indenter.diameter if indenter.shape == "sphere" else 0 if sharp else 1 / indenter.edge_radius
-        self.X = np.ascontiguousarray(np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1))
+        self.dofs, self.n_dofs = solid.dofs[elements, nodes], solid.n_dofs
+        self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, self.dofs[..., 0]], 0, -1))
         counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
-        self.weights = np.ascontiguousarray(basis.dx * counts)
-        shape = [np.broadcast_to(basis.basis[i][0], basis.dx.shape) for i in range(basis.Nbfun)]
-        node = np.argmax(shape, axis=0)  # whose shape function is 1 at a point, all others 0
-        self.dofs, self.n_dofs = solid.dofs[basis.tind[:, None], node], solid.n_dofs
+        self.weights = np.ascontiguousarray(areas * counts)
         self.surface, places = np.unique(self.dofs, return_inverse=True)
         self._places = places.reshape(self.dofs.shape)
-        block = 3 * solid.positions[basis.tind[:, None], node, node]
+        block = 3 * solid.positions[elements, nodes, nodes]
         self._entries = (solid.indptr[self.dofs] + block[..., None])[..., None] + np.arange(3)
 
     def rest(self):
@@ -292,11 +290,21 @@ def _dot(a, b):
     return np.einsum("fqi,fqi->fq", a, b)
 
 
-def _at_nodes(element):
-    """Quadrature (points, weights) of the reference facet with its points at the nodes (trapezoidal rule, Simpson's for Q2)."""
-    points, weights = {"q1p0": ([0, 1], [1 / 2, 1 / 2]), "q2p1": ([0, 1 / 2, 1], [1 / 6, 4 / 6, 1 / 6])}[element]
-    s, t = np.meshgrid(points, points)
-    return np.array([s.ravel(), t.ravel()]), np.outer(weights, weights).ravel()
+def _nodes(solid, facets):
+    """Elements (n_f, 1) of facets, the numbers (n_f, n_q) that their nodes have there, and the nodes' shares of the area, mm^2."""
+    mesh, places = solid.mesh, solid.basis.elem.elem.doflocs  # (n_n, 3) of the reference element
+    elements = mesh.f2t[0, facets]
+    sides = [(axis, np.flatnonzero(places[:, axis] == at)) for axis in range(3) for at in (0, 1)]
+    nodes, areas = (np.empty((len(facets), len(sides[0][1])), dtype=kind) for kind in (int, float))
+    corners = np.sort(mesh.facets[:, facets], axis=0)
+    for axis, on in sides:
+        vertices = on[on < mesh.t.shape[0]]
+        here = np.all(np.sort(mesh.t[vertices][:, elements], axis=0) == corners, axis=0)
+        DF = solid.basis.mapping.DF(places[on].T, tind=elements[here])  # (3, 3, n_f, n_q)
+        a, b = (np.moveaxis(DF[:, other], 0, -1) for other in range(3) if other != axis)
+        share = np.prod([RULE[solid.element][(2 * places[on, other]).astype(int)] for other in range(3) if other != axis], axis=0)
+        nodes[here], areas[here] = on, np.linalg.norm(np.cross(a, b), axis=-1) * share
+    return elements[:, None], nodes, areas
 
 
 # ---- indenters as signed distances -------------------------------------------------------------------------------
