@@ -435,9 +435,10 @@ def test_the_error_of_the_mesh_is_in_the_intervals_by_default():
 
 @pytest.mark.parametrize("elements", [20, 24, 40, 180, 1500])
 def test_the_other_mesh_is_another_one(elements):
-    """At most three quarters of the elements, or twice as many where there are no fewer."""
+    """At most three quarters of the elements, or about twice as many where there are no fewer."""
     case = white_matter(f"mesh.elements={elements}")
     asked = inputs.another_mesh(case)
-    own, other = (quarter(case.sample, case.indenter, Mesh(elements=n), depth=0.33).nelements for n in (elements, asked))
+    meshes = [quarter(case.sample, case.indenter, Mesh(elements=n), case.solver.element, 0.33) for n in (elements, asked)]
+    own, other = (mesh.nelements for mesh in meshes)
     assert other <= 0.8 * own or other >= 1.5 * own
-    assert other <= 2.5 * own
+    assert other <= (2.5 if own > inputs.FEWEST else 3) * own  # the coarsest gain one element in every direction at once

@@ -9,7 +9,7 @@ from conftest import white_matter
 from threadpoolctl import threadpool_info
 
 from indentfit.errors import ConvergenceError
-from indentfit.fem.mesh import RIM
+from indentfit.fem import newton
 from indentfit.fem.simulate import Model, _threads, said_of_tries, simulate
 from indentfit.inverse.fit import fit
 from indentfit.report.text import simulation_lines
@@ -64,6 +64,19 @@ def test_more_load_steps_change_the_curve_by_less_than_a_third_of_a_percent(run)
     assert usual.force == pytest.approx(many.force, rel=0.003)
 
 
+def test_hard_steps_get_no_shorter_than_a_hundredth_of_the_depth(run, monkeypatch):
+    """Else a path on which every step is hard would come nearer and nearer to a depth, and never there."""
+    usual = newton._step
+
+    def hard(*of_step):
+        return usual(*of_step)[0], newton.HARD
+
+    monkeypatch.setattr(newton, "_step", hard)
+    found = run("mesh.elements=20", angle=0, depths=DEPTHS)
+    assert found.facts["steps"] <= 1 / newton.SMALLEST_STEP
+    assert found.path[-1].depth == DEPTHS[-1]
+
+
 def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monkeypatch):
     usual, model = Model._run, Model(white_matter("mesh.elements=60"))
     tried = []
@@ -91,7 +104,7 @@ def test_a_fit_says_that_its_optimum_was_not_solved_at_the_first_try(monkeypatch
     usual = Model._run
 
     def fails_at_first(self, stiffer, *of_run):
-        if self.rim == RIM:
+        if self.rim == 1:
             raise ConvergenceError("a corner folds up", 0.1)
         return usual(self, stiffer, *of_run)
 

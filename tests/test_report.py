@@ -68,9 +68,9 @@ def volumes(x):
 
 
 def test_every_brick_of_the_file_has_a_positive_volume_and_they_fill_the_quarter(file):
-    found, (x, _, z) = volumes(corners(file)), file.points.T
+    found, (x, _, z) = volumes(corners(file)), corners(file).reshape(-1, 3).T
     assert found.min() > 0
-    rim = np.unique(np.round(np.arctan2(z, x)[np.isclose(np.hypot(x, z), 7)], 9))  # of a disc with straight sides
+    rim = np.unique(np.round(np.arctan2(z, x)[np.isclose(np.hypot(x, z), 7)], 9))  # with straight lines between the corners
     assert found.sum() == pytest.approx(3.3 * 7**2 / 2 * np.sin(np.diff(rim)).sum(), rel=1e-6)
 
 
@@ -80,8 +80,18 @@ def test_middle_nodes_stand_where_vtk_expects_them(file):
         assert file.cells[0].type == "hexahedron"
         return
     assert file.cells[0].type == "hexahedron27"
-    expected = [corners(file)[:, list(part)].mean(axis=1) for part in (*EDGES, *FACES, range(8))]
-    assert np.allclose(file.points[cells[:, 8:]], np.moveaxis(expected, 0, 1), atol=1e-9)
+    x, middle = corners(file), file.points[cells[:, 8:]]
+    ends = x[:, np.array(EDGES)]  # (n, 12, 2, 3)
+    along = ends[:, :, 1] - ends[:, :, 0]
+    share = np.sum((middle[:, :12] - ends[:, :, 0]) * along, axis=2) / np.sum(along**2, axis=2)
+    off = np.linalg.norm(middle[:, :12] - ends[:, :, 0] - share[..., None] * along, axis=2)
+    assert share.min() > 0.29 and share.max() < 0.71 and np.all(off < 0.2 * np.linalg.norm(along, axis=2))
+    for number, face in enumerate(FACES):  # and on faces where their edges put them
+        edges = [EDGES.index(pair) for pair in edges_of(face)]
+        at = middle[:, edges].sum(axis=1) / 2 - x[:, list(face)].mean(axis=1)
+        assert np.allclose(middle[:, 12 + number], at, atol=1e-9)
+    at = middle[:, 12:18].sum(axis=1) / 2 - middle[:, :12].sum(axis=1) / 4 + x.mean(axis=1)
+    assert np.allclose(middle[:, 18], at, atol=1e-9)
 
 
 def test_the_contact_pressure_of_the_file_adds_up_to_the_force(file, pressed):

@@ -8,72 +8,103 @@ import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from skfem import MeshHex, MeshQuad
+from skfem import MeshHex, MeshHex2, MeshQuad
 
 from indentfit.errors import MeshError
 
-# The grading of the whole family: an element at the footprint's edge is EDGE times `size` wide (less under an indenter that is
-# narrow against the thickness), and its width grows with the distance from the edge, by GROWTH times `size` over 0.3
-# thicknesses, up to `size`. Along a strip elements are ALONG times longer, because the fields hardly change there, but RIM
-# times `size` where they leave the sample: that corner is singular too and costs 1 to 2 % of the force if left coarse.
-EDGE, GROWTH, ALONG, RIM = 0.15, 0.80, 2.0, 0.30
-DEFAULT_ELEMENTS = {"q1p0": 1500, "q2p1": 180}  # a few seconds each
-ORDER = {"q1p0": 1, "q2p1": 2}
+
+@dataclass(frozen=True)
+class _Family:
+    """How the meshes of an element are graded; widths in units of the size.
+
+    An element at the footprint's edge is `edge` wide (less under an indenter that is narrow against the thickness), and its width
+    grows with the distance from the edge, by `growth` over 0.3 thicknesses, up to the size. Along a strip elements are `along`
+    times longer, because the fields hardly change there, but `rim` where they leave the sample: that corner is singular too, and
+    what is left coarse there costs 1 to 2 % of the force.
+
+    All meshes of a sample are one base mesh, of about `base` elements, at other sizes: its number of elements in each direction
+    times one ratio, rounded, with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding
+    each direction on its own would change the edge's width by jumps of up to half, and forces on such meshes approach no limit in
+    a recognisable way. order: of the shape functions; default: number of elements where none is asked for.
+    """
+
+    order: int
+    edge: float
+    growth: float
+    along: float
+    rim: float
+    base: int
+    default: int
+
+
+FAMILIES = {  # the defaults take a second or a few
+    "q1p0": _Family(order=1, edge=0.15, growth=0.80, along=2.0, rim=0.30, base=180, default=1500),
+    "q2p1": _Family(order=2, edge=0.037, growth=0.28, along=1.0, rim=0.08, base=125, default=125),
+}
+# Where the middle nodes of a quadratic top layer are, in its thickness from the top: an element is as fine as its nodes, and the
+# fields are singular along the sharp edge and the rim. With 0.3 instead of 0.5 the force at 90 deg is 0.2 % more exact, and the
+# sample's side rolls up, with a snap, only where fibres are twice as stiff.
+MIDDLE = 0.3
 # Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up: where nodes are closer than
 # the depth over 16 to 19 (depths of 0.5 to 0.25 mm). No mesh asks for less than the depth over DEPTHS (rounded: 15).
 # Nor is an edge that can be made that sharp. At the rim, where the sample's side rolls up against the strip layer by layer, each
 # with a snap, elements are as wide as the depth over ROLLS.
 DEPTHS, ROLLS = 12, 3
-# All meshes of a sample are one base mesh at other sizes: its number of elements in each direction times one ratio, rounded,
-# with widths at the footprint's edge and at the rim that follow the ratio smoothly (`graded`). Rounding each direction on its own
-# would change the edge's width by jumps of up to half, and forces on such meshes approach no limit in a recognisable way.
-BASE = 180
 
 
 @dataclass(frozen=True)
 class _Task:
-    """What a mesh is made for: the case's tables, the largest depth, mm, and the order of the shape functions."""
+    """What a mesh is made for: the case's tables, the largest depth, mm, and the element's family."""
 
     sample: object
     indenter: object
     depth: float
-    order: int
+    family: _Family
 
     @classmethod
     def of(cls, sample, indenter, element, depth):
-        return cls(sample, indenter, depth or sample.thickness / 10, ORDER[element])
+        return cls(sample, indenter, depth or sample.thickness / 10, FAMILIES[element])
 
 
 @dataclass(frozen=True)
 class Grading:
-    """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm; `reach`: 0.3 thicknesses;
-    `rim`: where a strip leaves the sample, mm; `base`: the Grading of the mesh that this one is a scaled copy of, None for that
-    mesh itself."""
+    """Element widths of one mesh: `size` far from the footprint's edge, `edge` at it, mm, and growing by `slope` mm with each mm.
+
+    rim: where a strip leaves the sample, mm; long: how much wider they are along a strip; least: number of elements on each side of
+    the edge; base: the Grading of the mesh that this one is a scaled copy of, None for that mesh itself.
+    """
 
     size: float
     edge: float
-    reach: float
+    slope: float
     rim: float
+    long: float = 1.0
+    least: int = 2
     base: "Grading | None" = None
 
     def width(self, distance):
         """Wanted element width at a distance from the footprint's edge, mm."""
-        return np.minimum(self.size, self.edge + GROWTH * self.size / self.reach * np.asarray(distance))
+        return np.minimum(self.size, self.edge + self.slope * np.asarray(distance))
 
     def along(self, edge):
         """The grading along a strip, whose element width at the end is `edge`, a function of a Grading."""
-        return replace(self, size=ALONG * self.size, edge=edge(self), base=self.base and self.base.along(edge))
+        size, slope, base = self.long * self.size, self.long * self.slope, self.base and self.base.along(edge)
+        return replace(self, size=size, edge=edge(self), slope=slope, base=base)
 
 
-def quarter(sample, indenter, mesh, element="q1p0", depth=None, rim=RIM):
-    """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the default size,
-    the largest depth (mm) how far a sphere's contact will reach; rim: width of elements where a strip leaves the sample, of `size`.
+def quarter(sample, indenter, mesh, element="q1p0", depth=None, rim=1.0):
+    """Mesh of a quarter sample for a case's `sample`, `indenter` and `mesh` tables; the element decides the grading and the default
+    size, the largest depth (mm) how far a sphere's contact will reach; rim: width of elements where a strip leaves the sample, in
+    the usual one.
 
-    Returns a MeshHex with the boundaries top, base, x0, z0, footprint (the facets of the top that may touch the indenter) and
-    overhung (those of the side that may, below a strip that is longer than the sample; else none).
+    Returns a MeshHex, or for quadratic bricks a MeshHex2 (see `quadratic`), with the boundaries top, base, x0, z0, footprint (the
+    facets of the top that may touch the indenter) and overhung (those of the side that may, below a strip that is longer than the
+    sample; else none).
     Raises MeshError where the indenter does not fit on the sample.
     """
-    return _quarter(_Task.of(sample, indenter, element, depth), size(sample, indenter, mesh, element, depth), rim)
+    task = _Task.of(sample, indenter, element, depth)
+    linear = _quarter(task, size(sample, indenter, mesh, element, depth), rim)
+    return quadratic(linear, _circles(task), task.depth / DEPTHS) if task.family.order == 2 else linear
 
 
 def count(sample, indenter, mesh, element="q1p0", depth=None):
@@ -83,28 +114,28 @@ def count(sample, indenter, mesh, element="q1p0", depth=None):
 
 def size(sample, indenter, mesh, element="q1p0", depth=None):
     """Element size of the mesh that `quarter` makes, mm: what all its widths are proportional to."""
-    return mesh.size or _size_for(_Task.of(sample, indenter, element, depth), mesh.elements or DEFAULT_ELEMENTS[element])
+    return mesh.size or _size_for(_Task.of(sample, indenter, element, depth), mesh.elements or FAMILIES[element].default)
 
 
 @functools.lru_cache(maxsize=256)
 def _size_for(task, elements):
     """Size at which the mesh has about that many elements: the base's, or the middle of the sizes that have as many."""
     own, coarsest = functools.partial(_count, task), 5 * task.sample.thickness
-    near = [own(size) for size in _neighbours(own, elements, coarsest)]
-    number = min(near, key=lambda n: abs(np.log(n / elements)))
+    nearest = min(_neighbours(own, elements, coarsest), key=lambda size: abs(np.log(own(size) / elements)))
+    number = own(nearest)
     base = _base_size(task)
-    if elements == BASE or own(base) == number:
+    if elements == task.family.base or own(base) == number:
         return base
     finest = _neighbours(own, number, coarsest)[1]
     middle = np.sqrt(finest * _neighbours(own, number - 1, 1.5 * finest)[0])
-    return middle if own(middle) == number else finest
+    return next(size for size in (middle, finest, nearest) if own(size) == number)  # numbers may fall where sizes do
 
 
 @functools.lru_cache(maxsize=64)
 def _base_size(task):
-    """Size of the base mesh: that of about BASE elements whose numbers in each direction are rounded up, each on its own."""
-    own = functools.partial(_count, task, scaled=False)
-    return min(_neighbours(own, BASE, 5 * task.sample.thickness), key=lambda size: abs(np.log(own(size) / BASE)))
+    """Size of the base mesh: the numbers of its elements in each direction are rounded up, each on its own."""
+    own, asked = functools.partial(_count, task, scaled=False), task.family.base
+    return min(_neighbours(own, asked, 5 * task.sample.thickness), key=lambda size: abs(np.log(own(size) / asked)))
 
 
 def _neighbours(number, elements, coarsest):
@@ -164,7 +195,7 @@ def footprint(indenter, sample):
     return (indenter.diameter / 2,) * 2
 
 
-def _parts(task, size, rim=RIM, scaled=True):
+def _parts(task, size, rim=1.0, scaled=True):
     """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
     sample, indenter, grading = task.sample, task.indenter, _grading(task, size, rim)
     if scaled:
@@ -179,13 +210,15 @@ def _parts(task, size, rim=RIM, scaled=True):
 
 
 def _grading(task, size, rim):
-    reach, indenter = 0.3 * task.sample.thickness, task.indenter
+    family, reach, indenter = task.family, 0.3 * task.sample.thickness, task.indenter
     half = indenter.width / 2 if indenter.shape == "strip" else _radius_to_resolve(task)
-    edge = EDGE * size * min(1.0, half / reach)
+    edge, least = family.edge * size * min(1.0, half / reach), 2
     if indenter.shape != "sphere":
-        radius, folds = indenter.edge_radius, task.order * task.depth / DEPTHS
+        radius, folds = indenter.edge_radius, family.order * task.depth / DEPTHS
         edge = min(edge, max(radius / 2, edge / 8)) if radius else min(max(edge, folds), size)
-    return Grading(size, edge, reach, max(rim * size, task.depth / ROLLS))
+        least = 2 if edge > family.edge * size / 2 else 3  # a small radius of the edge holds a mesh line
+    slope, narrowest = family.growth * size / reach, task.depth / ROLLS
+    return Grading(size, edge, slope, max(rim * family.rim * size, narrowest), family.along, least)
 
 
 def _radius_to_resolve(task):
@@ -232,9 +265,8 @@ def _rounding(start, stop, grading, at, least):
 
 def _across(half_width, end, grading):
     """Positions from 0 to end with a line on half_width, fine on both sides of it."""
-    least = 2 if grading.edge > EDGE * grading.size / 2 else 3  # a small radius of the edge holds a mesh line
-    inner = graded(0, half_width, grading, at=half_width, least=least)
-    return inner, graded(half_width, end, grading, at=half_width, least=least)
+    inner = graded(0, half_width, grading, at=half_width, least=grading.least)
+    return inner, graded(half_width, end, grading, at=half_width, least=grading.least)
 
 
 def _along(half_length, end, grading):
@@ -396,3 +428,34 @@ def extrude(plane, heights):
     p = np.array([np.tile(x, layers), np.repeat(heights, n), np.tile(z, layers)])
     a, b, c, d = (plane.t[:, None, :] + n * np.arange(layers - 1)[None, :, None]).reshape(4, -1)
     return MeshHex(p, np.array([a, d, a + n, b, d + n, c, b + n, c + n]))
+
+
+def quadratic(mesh, circles=(), closest=0.0):
+    """MeshHex2 of an extruded MeshHex.
+
+    Edges between points of one of the circles (radii about the y axis, mm) follow it. The middle nodes of the top layer are at
+    MIDDLE of its thickness below the top or, where that is less than `closest` mm, so far, or in the middle. Faces and bricks
+    follow their edges (transfinite).
+    """
+    finer = MeshHex2.from_mesh(mesh)
+    p, dofs = finer.p.copy(), finer.dofs
+    ends = mesh.p[:, mesh.edges]
+    edges = ends.mean(axis=1)
+    radii = np.hypot(ends[0], ends[2])
+    for radius in circles:
+        on = np.all(np.abs(radii - radius) < 1e-9 * radius, axis=0)
+        edges[::2, on] *= radius / np.hypot(edges[0, on], edges[2, on])
+    low, high = np.unique(mesh.p[1])[-2:]
+    upright = (ends[1].min(axis=0) == low) & (ends[1].max(axis=0) == high)
+    edges[1, upright] = high - max(MIDDLE * (high - low), min(closest, (high - low) / 2))
+    faces = edges[:, mesh.f2e].sum(axis=1) / 2 - mesh.p[:, mesh.facets].sum(axis=1) / 4
+    bricks = faces[:, mesh.t2f].sum(axis=1) / 2 - edges[:, mesh.t2e].sum(axis=1) / 4 + mesh.p[:, mesh.t].sum(axis=1) / 8
+    for numbers, values in ((dofs.edge_dofs, edges), (dofs.facet_dofs, faces), (dofs.interior_dofs, bricks)):
+        p[:, numbers[0]] = values
+    return MeshHex2(p, mesh.t).with_boundaries(mesh.boundaries or {})
+
+
+def _circles(task):
+    """Radii that the sample's side and a round footprint follow, mm."""
+    side = [task.sample.diameter / 2] if task.sample.shape == "disc" else []
+    return side if task.indenter.shape == "strip" else [*side, _radius_to_resolve(task)]

@@ -31,7 +31,7 @@ METHOD = (
     "the uncertainty of the finest mesh by Eca and Hoekstra 2014 (J Comput Phys 262:104); GCI of the three finest meshes by "
     "Roache and Celik et al. 2008 (J Fluids Eng 130:078001), safety factor 1.25"
 )
-SHARES = (0.2, 0.3, 0.5, 1.0, 1.35, 2.2)  # of the case's number of elements: a wide range of sizes, at bearable costs
+SHARES = (0.2, 0.4, 0.5, 1.0, 2.0, 3.5)  # of the case's number of elements: a wide range of sizes, at bearable costs
 LEAST_FAMILY = 4
 FITS = 0.9  # of the memory that is free
 MEASURED = "measured"  # among a run's parameters: done in a process of its own, with what that process needed among its facts
