@@ -71,9 +71,27 @@ def test_a_flat_punch_presses_with_spring_times_penetration(element):
 def test_contact_acts_on_the_nodes_that_may_touch_and_on_no_other(name, element):
     """The direct solver's factor ends in a dense matrix of these dofs: the nodes below them would make it several times larger."""
     contact, solid = contact_of(INDENTERS[name], 0.5, element)
-    assert_allclose(solid.basis.doflocs[:, contact.dofs[..., 0]], np.moveaxis(contact.X, -1, 0), atol=1e-12)
-    touching = np.unique(contact.X.reshape(-1, 3).round(9), axis=0)
-    assert contact.surface.size == 3 * len(touching)
+    facets = np.concatenate([solid.mesh.boundaries[part] for part in ("footprint", "overhung")])
+    assert_allclose(contact.surface, np.sort(solid.basis.get_dofs(facets).flatten()))
+
+
+R, B = 7.0, 1.0  # mm, of a disc and half the width of a strip across all of it
+FOOTPRINTS = {  # of a quarter: area, and its first moment from the plane z = 0
+    "strip": ((B * np.sqrt(R**2 - B**2) + R**2 * np.arcsin(B / R)) / 2, (R**3 - (R**2 - B**2) ** 1.5) / 3),
+    "cylinder": (np.pi / 4, 1 / 3),
+}
+
+
+@pytest.mark.parametrize(("shape", "expected"), FOOTPRINTS.items())
+@pytest.mark.parametrize(("element", "exact"), [("q1p0", 0.03), ("q2p1", 1e-4)])
+def test_areas_and_moments_of_the_nodes_are_those_of_a_footprint_on_a_disc(shape, expected, element, exact):
+    """Circles are polygons to eight-node bricks, and parabolas to quadratic ones."""
+    sample = Sample(shape="disc", diameter=2 * R, thickness=3.3, base="sliding")
+    size = {"diameter": 2.0} if shape == "cylinder" else {"width": 2 * B, "length": 20}
+    punch = Indenter(shape=shape, friction=0.5, **size)
+    contact = Contact(Solid(quarter(sample, punch, Mesh(), element), element), punch, 3.3)
+    weights, X = contact.weights[contact.under], contact.X[contact.under]
+    assert (weights.sum(), np.sum(weights * X[..., 2])) == pytest.approx(expected, rel=exact)
 
 
 def test_pressure_takes_over_the_multiplier():
