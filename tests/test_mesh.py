@@ -111,11 +111,15 @@ def test_all_nodes_of_a_round_side_and_a_round_footprint_are_on_their_circles():
 
 
 @pytest.mark.parametrize(("closest", "below"), [(0.0, 0.03), (0.04, 0.04), (0.2, 0.05)])
-def test_middle_nodes_of_the_top_layer_are_near_the_top_but_not_too_near(closest, below):
-    """A layer of 0.1 mm: at 0.3 of it, or as far below as is asked, but never beyond its middle; all else is even."""
+def test_first_nodes_of_a_side_that_may_roll_up_are_near_the_top_but_not_too_near(closest, below):
+    """A layer of 0.1 mm: at 0.3 of it, or as far below as is asked, but never beyond its middle; others are in the middle."""
     plane = merge([np.array(np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0], indexing="ij"))])
-    mesh = quadratic(extrude(plane, np.array([0.0, 0.9, 1.0])), closest=closest)
-    assert_allclose(np.unique(np.round(mesh.p[1], 12)), [0, 0.45, 0.9, 1 - below, 1])
+    straight = extrude(plane, np.array([0.0, 0.9, 1.0]))
+    rolls = straight.facets_satisfying(lambda p: p[0] > 1.99)
+    mesh = quadratic(straight, rolls=rolls, closest=closest)
+    side = mesh.p[0] == 2
+    assert_allclose(np.unique(np.round(mesh.p[1, side], 12)), [0, 0.45, 0.9, 1 - below, 1])
+    assert_allclose(np.unique(np.round(mesh.p[1, mesh.p[0] < 1.2], 12)), [0, 0.45, 0.9, 0.95, 1])
     assert_allclose(np.unique(np.round(mesh.p[0], 12)), [0, 0.5, 1, 1.5, 2])
 
 

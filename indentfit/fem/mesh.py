@@ -39,11 +39,11 @@ class _Family:
 
 FAMILIES = {  # the defaults take a second or a few
     "q1p0": _Family(order=1, edge=0.15, growth=0.80, along=2.0, rim=0.30, base=180, default=1500),
-    "q2p1": _Family(order=2, edge=0.037, growth=0.28, along=1.0, rim=0.08, base=125, default=125),
+    "q2p1": _Family(order=2, edge=0.042, growth=0.27, along=1.0, rim=0.075, base=125, default=125),
 }
-# Where the middle nodes of a quadratic top layer are, in its thickness from the top: an element is as fine as its nodes, and the
-# fields are singular along the sharp edge and the rim. With 0.3 instead of 0.5 the force at 90 deg is 0.2 % more exact, and the
-# sample's side rolls up, with a snap, only where fibres are twice as stiff.
+# Where quadratic bricks have their first nodes on the side that may roll up against a strip, in the thickness of the top layer from
+# the top: an element is as fine as its nodes, and the fields are singular at that corner. With 0.3 instead of 0.5 the side rolls up,
+# with a snap, only where fibres are half as stiff again (zeta of 10 instead of 6), and the rim can be finer.
 MIDDLE = 0.3
 # Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up: where nodes are closer than
 # the depth over 16 to 19 (depths of 0.5 to 0.25 mm). No mesh asks for less than the depth over DEPTHS (rounded: 15).
@@ -104,7 +104,9 @@ def quarter(sample, indenter, mesh, element="q1p0", depth=None, rim=1.0):
     """
     task = _Task.of(sample, indenter, element, depth)
     linear = _quarter(task, size(sample, indenter, mesh, element, depth), rim)
-    return quadratic(linear, _circles(task), task.depth / DEPTHS) if task.family.order == 2 else linear
+    if task.family.order == 1:
+        return linear
+    return quadratic(linear, _circles(task), linear.boundaries["overhung"], task.depth / DEPTHS)
 
 
 def count(sample, indenter, mesh, element="q1p0", depth=None):
@@ -430,12 +432,12 @@ def extrude(plane, heights):
     return MeshHex(p, np.array([a, d, a + n, b, d + n, c, b + n, c + n]))
 
 
-def quadratic(mesh, circles=(), closest=0.0):
+def quadratic(mesh, circles=(), rolls=(), closest=0.0):
     """MeshHex2 of an extruded MeshHex.
 
-    Edges between points of one of the circles (radii about the y axis, mm) follow it. The middle nodes of the top layer are at
-    MIDDLE of its thickness below the top or, where that is less than `closest` mm, so far, or in the middle. Faces and bricks
-    follow their edges (transfinite).
+    Edges between points of one of the circles (radii about the y axis, mm) follow it. On the facets `rolls`, which may roll up
+    against the indenter, the first nodes below the top are at MIDDLE of the top layer or, where that is less than `closest` mm,
+    so far, or in the middle. Faces and bricks follow their edges (transfinite).
     """
     finer = MeshHex2.from_mesh(mesh)
     p, dofs = finer.p.copy(), finer.dofs
@@ -446,8 +448,9 @@ def quadratic(mesh, circles=(), closest=0.0):
         on = np.all(np.abs(radii - radius) < 1e-9 * radius, axis=0)
         edges[::2, on] *= radius / np.hypot(edges[0, on], edges[2, on])
     low, high = np.unique(mesh.p[1])[-2:]
-    upright = (ends[1].min(axis=0) == low) & (ends[1].max(axis=0) == high)
-    edges[1, upright] = high - max(MIDDLE * (high - low), min(closest, (high - low) / 2))
+    rim = np.unique(mesh.f2e[:, rolls])
+    rim = rim[(ends[1, :, rim].min(axis=1) == low) & (ends[1, :, rim].max(axis=1) == high)]
+    edges[1, rim] = high - max(MIDDLE * (high - low), min(closest, (high - low) / 2))
     faces = edges[:, mesh.f2e].sum(axis=1) / 2 - mesh.p[:, mesh.facets].sum(axis=1) / 4
     bricks = faces[:, mesh.t2f].sum(axis=1) / 2 - edges[:, mesh.t2e].sum(axis=1) / 4 + mesh.p[:, mesh.t].sum(axis=1) / 8
     for numbers, values in ((dofs.edge_dofs, edges), (dofs.facet_dofs, faces), (dofs.interior_dofs, bricks)):
