@@ -42,8 +42,8 @@ FAMILIES = {  # the defaults take a second or a few
     "q2p1": _Family(order=2, edge=0.042, growth=0.27, along=1.0, rim=0.075, base=125, default=125),
 }
 # Where quadratic bricks have their first nodes on the side that may roll up against a strip, in the thickness of the top layer from
-# the top: an element is as fine as its nodes, and the fields are singular at that corner. With 0.3 instead of 0.5 the side rolls up,
-# with a snap, only where fibres are half as stiff again (zeta of 10 instead of 6), and the rim can be finer.
+# the top: an element is as fine as its nodes, and the fields are singular at that corner. With 0.3 instead of 0.5 the side rolls
+# up, with a snap, only where fibres are half as stiff again (zeta of 10 instead of 6), and the rim can be finer.
 MIDDLE = 0.3
 # Under a sharp edge the strain of the nearest elements grows as they get smaller, until they fold up: where nodes are closer than
 # the depth over 16 to 19 (depths of 0.5 to 0.25 mm). No mesh asks for less than the depth over DEPTHS (rounded: 15).
