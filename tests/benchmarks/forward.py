@@ -89,7 +89,7 @@ def default(repeat, settings):
         _show(_median([_child("run", 0, ("default", *settings), angle, "white_matter") for _ in range(repeat)]))
 
 
-SIZES = {"q2p1": (20, 50, 60, 125, 245, 444), "q1p0": (300, 1000, 3000, 8000)}
+SIZES = {"q2p1": (20, 60, 125, 245, 444), "q1p0": (300, 1000, 3000, 8000)}
 REFERENCES = Path(__file__).parents[3] / "shared" / "references"
 
 
