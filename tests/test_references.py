@@ -26,9 +26,10 @@ def error(run, file, *overrides):
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_the_default_mesh_is_within_one_and_a_half_percent(run, file):
-    difference, own, result = error(run, file)
-    assert difference < 0.015 + own
+def test_the_default_mesh_is_within_about_one_percent(run, file):
+    """1.04 % in an isotropic sample, less than 1 % with fibres."""
+    difference, _, result = error(run, file)
+    assert difference < (0.011 if file.stem.startswith("iso") else 0.01)
     assert abs(result.facts["penalty_error"]) < 0.005
 
 
