@@ -219,7 +219,7 @@ SHAPES_OF_INDENTER = {"strip": {"width", "length"}, "cylinder": {"diameter"}, "s
 class Mesh(Section):
     """The mesh of the quarter sample; without either key, the default mesh."""
 
-    size: Length | None = Field(default=None, description="size of the elements under the indenter, mm")
+    size: Length | None = Field(default=None, description="size of the elements, mm: they are smaller at the indenter's edge")
     elements: int | None = Field(default=None, ge=20, le=2_000_000, description="about how many elements")
 
     @property

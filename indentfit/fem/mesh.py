@@ -18,7 +18,7 @@ class _Family:
     """How the meshes of an element are graded; widths in units of the size.
 
     An element at the footprint's edge is `edge` wide (less under an indenter that is narrow against the thickness), and its width
-    grows with the distance from the edge, by `growth` over 0.3 thicknesses, up to the size. Along a strip elements are `along`
+    grows with the distance from the edge, by `growth` over 0.3 thicknesses, up to `far`. Along a strip elements are `along`
     times longer, because the fields hardly change there, but `rim` where they leave the sample: that corner is singular too, and
     what is left coarse there costs 1 to 2 % of the force.
 
@@ -31,6 +31,7 @@ class _Family:
     order: int
     edge: float
     growth: float
+    far: float
     along: float
     rim: float
     base: int
@@ -38,8 +39,8 @@ class _Family:
 
 
 FAMILIES = {  # the defaults take a second or a few
-    "q1p0": _Family(order=1, edge=0.15, growth=0.80, along=2.0, rim=0.30, base=180, default=1500),
-    "q2p1": _Family(order=2, edge=0.042, growth=0.27, along=1.0, rim=0.075, base=125, default=125),
+    "q1p0": _Family(order=1, edge=0.15, growth=0.80, far=1.0, along=2.0, rim=0.30, base=180, default=1500),
+    "q2p1": _Family(order=2, edge=0.126, growth=0.81, far=3.0, along=1.0, rim=0.225, base=125, default=125),
 }
 # Where quadratic bricks have their first nodes on the side that may roll up against a strip, in the thickness of the top layer from
 # the top: an element is as fine as its nodes, and the fields are singular at that corner. With 0.3 instead of 0.5 the side rolls
@@ -220,7 +221,7 @@ def _grading(task, size, rim):
         edge = min(edge, max(radius / 2, edge / 8)) if radius else min(max(edge, folds), size)
         least = 2 if edge > family.edge * size / 2 else 3  # a small radius of the edge holds a mesh line
     slope, narrowest = family.growth * size / reach, task.depth / ROLLS
-    return Grading(size, edge, slope, max(rim * family.rim * size, narrowest), family.along, least)
+    return Grading(family.far * size, edge, slope, max(rim * family.rim * size, narrowest), family.along, least)
 
 
 def _radius_to_resolve(task):
