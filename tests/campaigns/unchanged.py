@@ -1,0 +1,178 @@
+"""Curves and fits of commit da59721, stored once, and compared with what the code at hand gives for the same inputs.
+
+    python tests/campaigns/unchanged.py store tests/baseline/da59721.json     (once, at that commit)
+    python tests/campaigns/unchanged.py compare tests/baseline/da59721.json   (whenever the house is rebuilt)
+
+A rebuild of the house must change no number. The script only uses the commands that a user types, so it runs on both sides of
+a rebuild; `--only REGEX` compares the entries whose name matches.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+CASES = Path("cases")
+WHITE_MATTER = CASES / "white_matter_2017" / "case.toml"
+QUICKSTART = CASES / "quickstart" / "case.toml"
+SMALL_STRAIN = CASES / "white_matter_small_strain" / "case.toml"
+RIG_RECORDS = CASES / "rig_records" / "case.toml"
+OWN_MATERIAL = CASES / "own_material" / "case.toml"
+TOLERANCE = 1e-10  # of the largest number of an array
+
+
+def _parameters(mu, zeta, phi):
+    return f"material.parameters={{mu={mu},zeta={zeta},phi={phi}}}"
+
+
+OPTIMUM, OTHER, ISOTROPIC = _parameters(1.49, 4.68, 0.68), _parameters(0.85, 2.1, 1.35), _parameters(1.0, 0.0, 0.0)
+ROUND = ("indenter.shape=cylinder", "indenter.diameter=4")
+SPHERE = ("indenter.shape=sphere", "indenter.diameter=5")
+BLOCK = ("sample.shape=block", "sample.length=12", "sample.width=16")
+NEO_HOOKEAN = ("material.model=neo_hookean", "material.parameters={mu=1.2}")
+
+SIMULATIONS = {  # name -> (case, overrides)
+    "quickstart": (QUICKSTART, ()),
+    "white_matter_2017": (WHITE_MATTER, ()),
+    "white_matter_small_strain": (SMALL_STRAIN, ()),
+    "own_material": (OWN_MATERIAL, ()),
+    "rig_records": (RIG_RECORDS, ()),
+    # the inputs of ../shared/references
+    "optimum, friction 0.5": (WHITE_MATTER, (OPTIMUM,)),
+    "optimum, frictionless": (WHITE_MATTER, (OPTIMUM, "indenter.friction=0")),
+    "optimum, stick": (WHITE_MATTER, (OPTIMUM, "indenter.friction=stick")),
+    "R1, friction 0.5": (WHITE_MATTER, (OTHER,)),
+    "isotropic, friction 0.5": (WHITE_MATTER, (ISOTROPIC,)),
+    "isotropic, stick": (WHITE_MATTER, (ISOTROPIC, "indenter.friction=stick")),
+    # every other branch of the mechanics
+    "bonded": (WHITE_MATTER, (OPTIMUM, "sample.base=bonded")),
+    "rounded edge": (WHITE_MATTER, (OPTIMUM, "indenter.edge_radius=0.2")),
+    "short strip": (WHITE_MATTER, (OPTIMUM, "indenter.length=6")),
+    "block": (WHITE_MATTER, (OPTIMUM, *BLOCK)),
+    "cylinder": (WHITE_MATTER, (OPTIMUM, *ROUND)),
+    "rounded cylinder on a block": (WHITE_MATTER, (OPTIMUM, *ROUND, *BLOCK, "indenter.edge_radius=0.2")),
+    "sphere": (WHITE_MATTER, (OPTIMUM, *SPHERE)),
+    "sphere, neo-Hookean, bonded": (WHITE_MATTER, (*NEO_HOOKEAN, *SPHERE, "sample.base=bonded")),
+    "kappa": (WHITE_MATTER, (OPTIMUM, "material.kappa=300")),
+    "eight-node bricks": (WHITE_MATTER, (OPTIMUM, "solver.element=q1p0", "mesh.elements=600")),
+    "mesh.size": (WHITE_MATTER, (OPTIMUM, "mesh.size=0.8")),
+    "forms": (QUICKSTART, ("solver.assembly=forms", "mesh.elements=30")),
+    "superlu": (QUICKSTART, ("solver.linear=superlu",)),
+    "pyamg": (QUICKSTART, ("solver.linear=pyamg",)),
+    "holzapfel": (
+        WHITE_MATTER,
+        ("material.model=holzapfel", "material.parameters={c=1.0,k1=2.0,k2=1.5,dispersion=0.1}", "mesh.elements=60"),
+    ),
+    "typed": (WHITE_MATTER, ("material.energy=c * (exp(I1 - 3) - 1) + k * (I4 - 1)**2", "material.parameters={c=0.8,k=2}")),
+}  # fmt: skip
+
+FITS = {
+    "quickstart": (QUICKSTART, ()),
+    "white_matter_2017": (WHITE_MATTER, ()),
+    "white_matter_small_strain": (SMALL_STRAIN, ()),
+    "own_material": (OWN_MATERIAL, ()),
+    "rig_records": (RIG_RECORDS, ()),
+    "uncertain inputs": (QUICKSTART, ("fit.uncertain={friction=0.1,bulk_ratio=200,thickness=0.1,offset=0.01,base=true,mesh=1}",)),
+    "fitted friction": (QUICKSTART, ("fit.uncertain.friction={start=0.4,min=0,max=1}",)),
+    "direct": (QUICKSTART, ("fit.direct=true", "mesh.elements=30")),
+}
+OF_FIT = (
+    "success", "free", "objective", "sum_of_squares", "rmse", "redchi", "covar", "correlation", "singular_values", "directions",
+    "nfev", "runs", "noise", "profiles", "bootstrap", "tests_alone", "weights_scan", "uncertain", "rivals", "published", "summary",
+)  # fmt: skip
+OF_PARAMETER = ("value", "stderr", "interval", "interval_linear", "stderr_total", "at_bound", "verdict", "min", "max", "unit")
+
+
+def command(*words):
+    """Parsed JSON that an indentfit command prints."""
+    program = Path(sys.executable).with_name("indentfit")
+    done = subprocess.run([program, *map(str, words), "--json"], cwd=ROOT, capture_output=True, text=True)
+    if done.returncode not in (0, 4):
+        raise SystemExit(f"{' '.join(map(str, words))}: {done.stderr.strip()}")
+    return json.loads(done.stdout)
+
+
+def simulated(case, overrides):
+    """test -> displacement (n,) mm, force (n,) mN and Newton iterations."""
+    tests = command("simulate", case, *(word for text in overrides for word in ("--set", text)))["tests"]
+    return {
+        test["name"]: {
+            "displacement_mm": test["displacement_mm"],
+            "force_mN": test["force_mN"],
+            "newton_iterations": test["facts"]["newton_iterations"],
+        }
+        for test in tests
+    }
+
+
+def fitted(case, overrides):
+    """What `fit` finds, its times and versions left out."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = [word for text in overrides for word in ("--set", text)]
+        result = command("fit", case, *words, "--no-fields", "-o", Path(folder) / "result")
+    parameters = {
+        name: {key: parameter[key] for key in OF_PARAMETER if key in parameter} for name, parameter in result["parameters"].items()
+    }
+    return {"parameters": parameters, **{key: result[key] for key in OF_FIT}}
+
+
+def measured(only):
+    """(kind, name, what is computed now) of every entry whose name matches."""
+    for kind, entries, compute in (("simulations", SIMULATIONS, simulated), ("fits", FITS, fitted)):
+        for name, (case, overrides) in entries.items():
+            if re.search(only, f"{kind}: {name}"):
+                yield kind, name, compute(case, overrides)
+
+
+def differences(stored, found, place=""):
+    """Lines that say where two JSON values differ by more than the tolerance."""
+    if isinstance(stored, dict) and isinstance(found, dict):
+        for key in stored:
+            if key not in found:
+                yield f"{place}.{key}: missing"
+            else:
+                yield from differences(stored[key], found[key], f"{place}.{key}")
+    elif isinstance(stored, list) and isinstance(found, list) and len(stored) == len(found):
+        numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in [*stored, *found])
+        if numbers and stored:
+            size = max(abs(value) for value in stored) or 1.0
+            apart = max(abs(a - b) for a, b in zip(stored, found, strict=True)) / size
+            if apart > TOLERANCE:
+                yield f"{place}: {apart:.1e} apart"
+        else:
+            for n, (a, b) in enumerate(zip(stored, found, strict=True)):
+                yield from differences(a, b, f"{place}[{n}]")
+    elif isinstance(stored, float) and isinstance(found, int | float):
+        if abs(stored - found) > TOLERANCE * max(abs(stored), 1e-9):
+            yield f"{place}: {stored!r}, now {found!r}"
+    elif stored != found:
+        yield f"{place}: {stored!r}, now {found!r}"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("store", "compare"))
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--only", default="", metavar="REGEX")
+    options = parser.parse_args()
+    if options.what == "store":
+        found = {"simulations": {}, "fits": {}}
+        for kind, name, value in measured(options.only):
+            found[kind][name] = value
+            print(f"{kind}: {name}", flush=True)
+            options.file.write_text(json.dumps(found, separators=(",", ":")) + "\n")
+        return
+    stored, wrong = json.loads(options.file.read_text()), 0
+    for kind, name, value in measured(options.only):
+        lines = list(differences(stored[kind][name], value))
+        wrong += bool(lines)
+        print(f"{'differs' if lines else 'same   '}  {kind}: {name}", *lines[:20], sep="\n          ", flush=True)
+    raise SystemExit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
