@@ -15,15 +15,16 @@ from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.fem.mesh import quarter
 from indentfit.fem.simulate import simulate
-from indentfit.inverse import certainty, genetic, inputs, profiles
+from indentfit.inference import certainty, inputs, profiles
+from indentfit.inference.fit import METHODS, fit
+from indentfit.inference.identifiability import identifiability
+from indentfit.inference.noise import correlations, errors
+from indentfit.inverse import genetic
 from indentfit.inverse.exploration import Watched, explore
-from indentfit.inverse.fit import METHODS, fit
-from indentfit.inverse.identifiability import identifiability
 from indentfit.inverse.least_squares import least_squares, polish
-from indentfit.inverse.noise import correlations, errors
-from indentfit.inverse.objective import Problem, Target, problem_of
+from indentfit.inverse.problem import Problem, Target, problem_of
 from indentfit.inverse.surrogate import learn, linearised
-from indentfit.inverse.workers import Evaluation, Pool
+from indentfit.runs.pool import Evaluation, Pool
 
 D = np.linspace(0.1, 1, 25)
 DESIGN = np.column_stack([D, D**2])

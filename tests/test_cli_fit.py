@@ -15,7 +15,7 @@ from indentfit.cli import main
 from indentfit.curve import read_curve
 from indentfit.errors import ConvergenceError
 from indentfit.fem.simulate import Model
-from indentfit.inverse.fit import fit
+from indentfit.inference.fit import fit
 from indentfit.report.text import weights_lines
 
 CASE = """

@@ -16,7 +16,7 @@ from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.experiment.rig import Noise, Rig
 from indentfit.fem.simulate import Model
-from indentfit.inverse.fit import fit
+from indentfit.inference.fit import fit
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
 RECORD = CASE / "records" / "S1_parallel.csv"

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from conftest import CASES
 
 from indentfit.cli import main
-from indentfit.inverse import cluster as clusters
+from indentfit.runs import cluster as clusters
 
 distributed = pytest.importorskip("distributed")
 
@@ -34,7 +34,7 @@ sys.addaudithook(watch)
 
 import multiprocessing
 from indentfit.case import read_case
-from indentfit.inverse.workers import Pool
+from indentfit.runs.pool import Pool
 
 if __name__ == "__main__":
     case = read_case(sys.argv[1], ["mesh.elements=30"])

@@ -10,9 +10,9 @@ from conftest import CASES, white_matter
 from indentfit.cli import main
 from indentfit.errors import ConvergenceError, DesignError
 from indentfit.fem.simulate import Model
-from indentfit.inverse import design as module
-from indentfit.inverse.design import POINTS, design
-from indentfit.inverse.workers import Evaluation
+from indentfit.runs.pool import Evaluation
+from indentfit.study import design as module
+from indentfit.study.design import POINTS, design
 
 COARSE = ("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
 MU = "material.parameters={mu={start=2,min=0,max=10},zeta=4,phi=1}"

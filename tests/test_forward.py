@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_info
 from indentfit.errors import ConvergenceError
 from indentfit.fem import newton
 from indentfit.fem.simulate import Model, _threads, said_of_tries, simulate
-from indentfit.inverse.fit import fit
+from indentfit.inference.fit import fit
 from indentfit.report.text import simulation_lines
 
 sys.path.insert(0, str(Path(__file__).parent / "campaigns"))

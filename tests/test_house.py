@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
-ROOMS = ("errors", "curve", "material", "experiment", "case", "fem", "inverse", "study", "report", "cli")
+ROOMS = ("errors", "curve", "material", "experiment", "case", "fem", "runs", "inverse", "inference", "study", "report", "cli")
 DRAWING = {"matplotlib", "jinja2", "meshio"}
 MODULES = sorted(HOUSE.rglob("*.py"))
 MATERIALS = sorted((HOUSE.parent / "materials").glob("*.py"))

@@ -15,11 +15,11 @@ from indentfit.case import Fit, Range, read_case
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.fem.simulate import Model, simulate
-from indentfit.inverse import bench, genetic
-from indentfit.inverse.fit import fit
-from indentfit.inverse.identifiability import identifiability, verdict
+from indentfit.inference.fit import fit
+from indentfit.inference.identifiability import identifiability, verdict
+from indentfit.inverse import genetic
 from indentfit.inverse.least_squares import least_squares, polish
-from indentfit.inverse.objective import (
+from indentfit.inverse.problem import (
     Candidate,
     Problem,
     Target,
@@ -30,7 +30,8 @@ from indentfit.inverse.objective import (
     rmse,
     sum_of_squares,
 )
-from indentfit.inverse.workers import Evaluation, Pool
+from indentfit.runs import bench
+from indentfit.runs.pool import Evaluation, Pool
 
 DEPTH = np.linspace(0.02, 0.3, 15)
 TRUTH = {"mu": 1.5, "zeta": 4.0, "phi": 0.7}

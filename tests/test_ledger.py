@@ -13,8 +13,8 @@ import pytest
 
 from indentfit.case import read_case
 from indentfit.errors import LedgerError
-from indentfit.inverse import ledger as ledger_module
-from indentfit.inverse.ledger import Inputs, InUse, Ledger, Run, refuse_in_use
+from indentfit.runs import ledger as ledger_module
+from indentfit.runs.ledger import Inputs, InUse, Ledger, Run, refuse_in_use
 
 QUICKSTART = Path(__file__).parent.parent / "cases" / "quickstart"
 POINT = {"mu": 1.0, "zeta": 3.0, "phi": 0.1 + 0.2}
@@ -297,7 +297,7 @@ WRITER = """
 import sys
 import numpy as np
 from indentfit.case import read_case
-from indentfit.inverse.ledger import Ledger, Run
+from indentfit.runs.ledger import Ledger, Run
 case = read_case(sys.argv[1])
 with Ledger(sys.argv[2], case, resume=len(sys.argv) > 3) as ledger:
     for n in range(10**6):

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from indentfit.case import Range
 from indentfit.curve import Curve
-from indentfit.inverse.objective import Problem, Target, best_scale, differences_of, problem_of, scale_of
+from indentfit.inverse.problem import Problem, Target, best_scale, differences_of, problem_of, scale_of
 
 D = np.array([0.1, 0.2, 0.4])
 ONE, TWO = np.array([1.0, 2.0, 4.0]), np.array([1.0, 3.0, 9.0])

@@ -9,7 +9,7 @@ from indentfit.case import read_case
 from indentfit.experiment.process import process
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.record import Channel, Layout
-from indentfit.inverse.fit import fit
+from indentfit.inference.fit import fit
 
 RECORDS = SHARED / "data"
 pytestmark = pytest.mark.skipif(not (RECORDS / "phantom_1_raw.csv").exists(), reason="../shared/data is not here")

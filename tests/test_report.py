@@ -21,7 +21,7 @@ from indentfit.errors import OutputError
 from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.simulate import QUARTERS, Model
-from indentfit.inverse.per_sample import SampleFit, parameter_spread
+from indentfit.inference.per_sample import SampleFit, parameter_spread
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
 from indentfit.report.mirror import whole
 from indentfit.report.per_sample import sample_lines

@@ -18,8 +18,8 @@ from indentfit.case import read_case
 from indentfit.cli import main
 from indentfit.errors import CaseError, ConvergenceError, MeshError
 from indentfit.fem.simulate import Model, simulate
-from indentfit.inverse.ledger import Ledger
 from indentfit.report.folder import LEDGER
+from indentfit.runs.ledger import Ledger
 from indentfit.study import isolated, mesh_check, runs
 from indentfit.study.mesh_check import Measured, estimate, measure, own_checks, own_family
 from indentfit.study.sweep import plan, sweep, variation
@@ -40,7 +40,7 @@ def run(*words):
 
 KILLED = """import os, sys
 from indentfit.cli import main
-from indentfit.inverse.ledger import Ledger
+from indentfit.runs.ledger import Ledger
 add = Ledger.add
 def last(self, *run):
     add(self, *run)
@@ -512,7 +512,7 @@ def test_a_point_that_was_lost_for_want_of_memory_is_shown_but_computed_again_th
 
     case, path = read_case(QUICK, ["mesh.elements=24", "solver.element=q1p0", "fit.workers=1"]), tmp_path / LEDGER
     with monkeypatch.context() as patch, Ledger(path, case) as ledger:
-        patch.setattr("indentfit.inverse.bench.Bench.run", no_memory)
+        patch.setattr("indentfit.runs.bench.Bench.run", no_memory)
         (lost,) = runs.evaluate([case], ledger)
     assert lost.forces is None and "out of memory" in lost.cause
     with Ledger(path, case) as ledger:

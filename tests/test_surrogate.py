@@ -7,12 +7,13 @@ from test_inverse import DEPTH, FREE, TRUTH, Formula, bent, formula, problem
 
 from indentfit.case import Fit, Range
 from indentfit.curve import Curve
-from indentfit.inverse import evolution, fit, genetic, surrogate
+from indentfit.inference import fit
+from indentfit.inverse import evolution, genetic, surrogate
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import least_squares, multi_start, polish
-from indentfit.inverse.objective import Problem, Target, equation_one
+from indentfit.inverse.problem import Problem, Target, equation_one
 from indentfit.inverse.surrogate import Predicted, design, learn
-from indentfit.inverse.workers import Evaluation
+from indentfit.runs.pool import Evaluation
 
 SEARCHES = {"ga": genetic.search, "differential_evolution": evolution.differential_evolution, "cma": evolution.cma}
 

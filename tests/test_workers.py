@@ -16,11 +16,11 @@ import pytest
 from indentfit.case import read_case
 from indentfit.errors import Stopped, WorkerError
 from indentfit.fem.simulate import Model
-from indentfit.inverse import bench
-from indentfit.inverse.fit import fit
-from indentfit.inverse.ledger import Ledger
-from indentfit.inverse.processes import Processes
-from indentfit.inverse.workers import Pool
+from indentfit.inference.fit import fit
+from indentfit.runs import bench
+from indentfit.runs.ledger import Ledger
+from indentfit.runs.pool import Pool
+from indentfit.runs.processes import Processes
 
 CASE = """
 [sample]
@@ -188,7 +188,7 @@ def test_workers_killed_from_outside_change_nothing(case):
 SCRIPT = """
 import sys
 from indentfit.case import read_case
-from indentfit.inverse.workers import Pool
+from indentfit.runs.pool import Pool
 with Pool(read_case(sys.argv[1]), 2) as pool:
     pool.evaluate([{"mu": 1.0, "zeta": 3.0}])
 """
@@ -245,7 +245,7 @@ def test_memory_that_a_run_frees_is_there_for_the_next():
     program = f"""
 import resource
 from indentfit.case import read_case
-from indentfit.inverse.bench import Bench
+from indentfit.runs.bench import Bench
 case = read_case({str(white_matter)!r})
 place, unit = Bench(case), (tuple(case.start_values().items()), 0)
 for _ in range(3):
@@ -284,7 +284,7 @@ def test_a_clock_that_strikes_as_a_run_ends_is_caught_and_leaves_nothing_behind(
     assert ends["done"] and ends["late"]
     script = """
 import cProfile
-from indentfit.inverse import bench
+from indentfit.runs import bench
 with bench._within(60):
     pass
 profile = cProfile.Profile()
@@ -440,7 +440,7 @@ def test_a_fit_on_a_cluster_whose_worker_is_killed_ends_with_the_numbers_of_loca
 
 def test_a_scheduler_that_is_not_there_is_an_error_in_one_line(case, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("indentfit.inverse.cluster.PATIENCE", 1)
+    monkeypatch.setattr("indentfit.runs.cluster.PATIENCE", 1)
     with Pool(case(), cluster="tcp://127.0.0.1:9") as pool, pytest.raises(WorkerError, match=r"tcp://127.0.0.1:9") as error:
         pool.evaluate([TAME])
     assert "\n" not in str(error.value)
@@ -454,7 +454,7 @@ def test_without_dask_the_extra_is_named(case, monkeypatch):
 
 NEWBORN = """
 import multiprocessing, os, signal
-from indentfit.inverse.processes import deaf_to_interrupts
+from indentfit.runs.processes import deaf_to_interrupts
 if __name__ == "__main__":
     with deaf_to_interrupts():
         process = multiprocessing.get_context("spawn").Process(target=print, args=("ran",))

@@ -7,8 +7,8 @@ import click
 
 from ..case import read_case
 from ..errors import CaseError
-from ..inverse.design import design
 from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_json
+from ..study.design import design
 from .progress import progress
 
 SHOWN = 12  # candidates in the table

@@ -7,9 +7,7 @@ import click
 from ..case import read_case, require_fittable
 from ..errors import ConvergenceError, FitError, OutputError
 from ..fem.simulate import Model
-from ..inverse.fit import fit
-from ..inverse.ledger import refuse_in_use
-from ..inverse.setting import setting
+from ..inference.fit import fit
 from ..report.folder import (
     LEDGER,
     case_facts,
@@ -25,6 +23,8 @@ from ..report.folder import (
     write_json,
 )
 from ..report.text import certainty_lines, weights_lines
+from ..runs.ledger import refuse_in_use
+from ..runs.points import setting
 from . import clusters
 from .ledgers import opened, saying_what_is_kept
 from .progress import progress
@@ -89,7 +89,7 @@ def command(
 def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_json):
     """Fit each sample of the table beside the case; a result folder with a folder and a ledger for each of them."""
     from ..experiment.samples import TABLE, read_samples
-    from ..inverse.per_sample import parameter_spread, sample_cases
+    from ..inference.per_sample import parameter_spread, sample_cases
     from ..report.per_sample import sample_facts, sample_lines, write_samples_table
     from ..report.vtu import file_names
 
@@ -116,7 +116,7 @@ def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_
 def _fits(folder, named, resume, target, reuse, cluster, stop):
     """The SampleFit of each (sample, Case), by the name of its folder, written there; one that was finished before a stop costs
     no run, and is the same."""
-    from ..inverse.per_sample import fit_sample
+    from ..inference.per_sample import fit_sample
 
     fits = []
     with progress("fit", total=1) as step:

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from ..errors import LedgerError, Stopped, WorkerError
-from ..inverse.ledger import Ledger
 from ..report.folder import LEDGER
+from ..runs.ledger import Ledger
 
 
 @contextlib.contextmanager

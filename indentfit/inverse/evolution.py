@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import differential_evolution as scipys
 from scipy.stats import qmc
 
-from indentfit.inverse.population import Population, only_scale, start_row
+from indentfit.inverse.generations import Population, only_scale, start_row
 
 FIRST_STEP = 0.3  # of the ranges, CMA-ES
 

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.stats import qmc
 
 from indentfit.inverse.derivatives import asked, evaluate, given_by, may_bring_sensitivities
+from indentfit.inverse.generations import Search, judged, parameters_of
 from indentfit.inverse.least_squares import polish
-from indentfit.inverse.objective import Candidate
-from indentfit.inverse.population import Search, judged, parameters_of
+from indentfit.inverse.problem import Candidate
 from indentfit.inverse.surrogate import Surrogate, design, learn
 
 MANY = 4  # free parameters up to which a surrogate is worth its runs

@@ -10,7 +10,7 @@ from pymoo.operators.crossover.sbx import SBX
 from pymoo.operators.mutation.pm import PM
 from scipy.stats import qmc
 
-from indentfit.inverse.population import Population, only_scale, start_row
+from indentfit.inverse.generations import Population, only_scale, start_row
 
 
 def search(problem, pool, options, progress=None):

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.optimize
 
 from indentfit.inverse.derivatives import Underivable, brings_sensitivities, derivatives, evaluate, last_cause
-from indentfit.inverse.objective import Candidate, equation_one, misfit, sum_of_squares
+from indentfit.inverse.problem import Candidate, equation_one, misfit, sum_of_squares
 
 RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
 EVALUATIONS = 40  # at most, of the curves; their derivatives not counted

@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
-from indentfit.inverse.processes import deaf_to_interrupts
+from indentfit.runs.processes import deaf_to_interrupts
 
 DIED = "its process was killed (out of memory?)"
 

@@ -17,8 +17,8 @@ from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshError
 from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
-from indentfit.inverse.ledger import Run
-from indentfit.inverse.objective import Target, equation_one, rmse
+from indentfit.inverse.problem import Target, equation_one, rmse
+from indentfit.runs.ledger import Run
 from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
 from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
 from indentfit.study.refit import Refit, refits

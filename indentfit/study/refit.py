@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from indentfit.case import require_fittable
 from indentfit.errors import IndentfitError, LedgerError, Stopped, WorkerError
-from indentfit.inverse.fit import fit
+from indentfit.inference.fit import fit
 
 
 @dataclass(frozen=True)

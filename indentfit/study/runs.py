@@ -1,7 +1,7 @@
 """Forward runs of many variants of a case: on the worker processes of a fit, and through its ledger."""
 
-from indentfit.inverse.setting import setting
-from indentfit.inverse.workers import Pool
+from indentfit.runs.points import setting
+from indentfit.runs.pool import Pool
 
 TABLES = ("sample", "indenter", "mesh", "solver", "material")
 NOT_OF_A_POINT = ("model", "energy", "parameters")  # of the material: what its class is

@@ -13,7 +13,7 @@ import numpy as np
 from indentfit.case import Case, Range, read_case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
-from indentfit.inverse.objective import rmse
+from indentfit.inverse.problem import rmse
 from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import evaluate
 

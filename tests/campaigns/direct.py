@@ -47,8 +47,8 @@ def main():
 
 
 def fitted(case, path):
-    from indentfit.inverse.fit import fit
-    from indentfit.inverse.ledger import Ledger
+    from indentfit.inference.fit import fit
+    from indentfit.runs.ledger import Ledger
 
     with Ledger(path, case) if path else contextlib.nullcontext() as ledger:
         return fit(case, ledger=ledger)

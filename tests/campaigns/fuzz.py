@@ -43,8 +43,8 @@ from indentfit.cli import validate
 from indentfit.errors import CaseError, IndentfitError
 from indentfit.experiment import manifest, process, reading, samples
 from indentfit.experiment.record import Layout
-from indentfit.inverse import ledger
 from indentfit.report import html, html_fit, html_studies, page
+from indentfit.runs import ledger
 
 SHIPPED = Path(__file__).parents[2] / "cases"
 SECONDS, MEMORY = 10, 2 << 30

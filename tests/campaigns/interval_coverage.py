@@ -25,14 +25,15 @@ from scipy.stats import qmc
 from indentfit.case import read_case
 from indentfit.errors import ConvergenceError
 from indentfit.fem.simulate import simulate
-from indentfit.inverse import genetic, profiles
-from indentfit.inverse.certainty import coverage, with_inputs
+from indentfit.inference import profiles
+from indentfit.inference.certainty import coverage, with_inputs
+from indentfit.inference.identifiability import identifiability
+from indentfit.inverse import genetic
 from indentfit.inverse.exploration import Watched, explore
-from indentfit.inverse.identifiability import identifiability
 from indentfit.inverse.least_squares import polish
-from indentfit.inverse.objective import problem_of
+from indentfit.inverse.problem import problem_of
 from indentfit.inverse.surrogate import learn
-from indentfit.inverse.workers import Pool
+from indentfit.runs.pool import Pool
 
 CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
 NOISE = 0.01  # of each test's largest force

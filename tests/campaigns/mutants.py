@@ -23,7 +23,7 @@ HOME = Path(__file__).parents[2]
 TESTS = {
     "material.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
     "fem/contact.py": ["tests/test_contact.py"],
-    "inverse/objective.py": [
+    "inverse/problem.py": [
         "tests/test_objective.py",
         "tests/test_inverse.py",
         "-k",

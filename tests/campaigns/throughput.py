@@ -68,8 +68,8 @@ def rate(case, search, workers, cluster):
     """Runs per second of a search on workers that have made their models already, and the share of their time in runs."""
     from indentfit.inverse import genetic
     from indentfit.inverse.exploration import explore
-    from indentfit.inverse.objective import problem_of
-    from indentfit.inverse.workers import Pool
+    from indentfit.inverse.problem import problem_of
+    from indentfit.runs.pool import Pool
 
     problem = problem_of(case)
     with Pool(case, workers, cluster=cluster) as running:

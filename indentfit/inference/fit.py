@@ -11,14 +11,14 @@ from scipy.stats import qmc
 from indentfit.case import require_fittable
 from indentfit.curve import Curve
 from indentfit.fem.simulate import Model, said_of_tries
+from indentfit.inference.certainty import certainty
 from indentfit.inverse import evolution, genetic
-from indentfit.inverse.certainty import certainty
 from indentfit.inverse.exploration import MANY, Exploration, Watched, explore
+from indentfit.inverse.generations import Search, parameters_of
 from indentfit.inverse.least_squares import Optimum, multi_start, polish
-from indentfit.inverse.objective import problem_of, rmse
-from indentfit.inverse.population import Search, parameters_of
-from indentfit.inverse.setting import UNITS
-from indentfit.inverse.workers import Pool
+from indentfit.inverse.problem import problem_of, rmse
+from indentfit.runs.points import UNITS
+from indentfit.runs.pool import Pool
 
 FORMAT = 1
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.inverse.derivatives import evaluate
-from indentfit.inverse.objective import Candidate
+from indentfit.inverse.problem import Candidate
 
 PENALTY = 1e3  # a failed point counts as this times the worst that succeeded, inside the algorithms only
 STALLED = 4  # generations without progress that end a search

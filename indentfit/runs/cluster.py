@@ -10,9 +10,9 @@ import threading
 from typing import Any
 
 from indentfit.errors import WorkerError
-from indentfit.inverse.bench import Bench
-from indentfit.inverse.ledger import Inputs, Run
-from indentfit.inverse.processes import deaf_to_interrupts
+from indentfit.runs.bench import Bench
+from indentfit.runs.ledger import Inputs, Run
+from indentfit.runs.processes import deaf_to_interrupts
 
 LOCAL = "local"
 PATIENCE = 30  # seconds to find the scheduler, and for it to have a worker

@@ -13,8 +13,8 @@ from indentfit.case import WIDEST_INDENTER, Test
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
-from indentfit.inverse.objective import Problem, Target, differences_of, scale_of
-from indentfit.inverse.workers import Pool
+from indentfit.inverse.problem import Problem, Target, differences_of, scale_of
+from indentfit.runs.pool import Pool
 
 NOISE = 0.01  # of the largest force, where no noise is given
 DEPTHS = (0.5, 1.0, 1.5)  # of the case's largest depth

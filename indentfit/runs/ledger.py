@@ -294,7 +294,7 @@ def _code():
     files = [
         *sorted((HOME / "fem").rglob("*.py")),
         HOME / "material.py",
-        *(HOME / "inverse" / f"{name}.py" for name in ("bench", "setting")),
+        *(HOME / "runs" / f"{name}.py" for name in ("bench", "points")),
     ]
     return _sha(b"".join(file.relative_to(HOME).as_posix().encode() + b"\0" + file.read_bytes() for file in files))
 

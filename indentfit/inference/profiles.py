@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from indentfit.inference.identifiability import identifiability, verdict, widened
 from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
 from indentfit.inverse.exploration import scanned
-from indentfit.inverse.identifiability import identifiability, verdict, widened
+from indentfit.inverse.generations import judged, parameters_of
 from indentfit.inverse.least_squares import polish
-from indentfit.inverse.population import judged, parameters_of
 
 OUTWARDS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0)  # of the way from the value to a bound
 SHOWN = 17  # values of a profile in the result

@@ -16,7 +16,7 @@ import scipy.optimize
 from indentfit.case import Mesh
 from indentfit.fem.mesh import count
 from indentfit.inverse.derivatives import Underivable, derivatives_of, last_cause
-from indentfit.inverse.setting import KEYS, setting
+from indentfit.runs.points import KEYS, setting
 
 EXACT = ("friction", "bulk_ratio", "offset")  # what the model differentiates by
 STEP = 0.05  # of an input, for differences

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.errors import Stopped
-from indentfit.inverse.bench import Bench
-from indentfit.inverse.cluster import Cluster
-from indentfit.inverse.ledger import Run
-from indentfit.inverse.processes import Processes
+from indentfit.runs.bench import Bench
+from indentfit.runs.cluster import Cluster
+from indentfit.runs.ledger import Run
+from indentfit.runs.processes import Processes
 
 RECENT = 500  # runs that are asked how long the next ones may take
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import t as student
 
+from indentfit.inference.noise import Errors, Noise, errors
 from indentfit.inverse.least_squares import stacked
-from indentfit.inverse.noise import Errors, Noise, errors
-from indentfit.inverse.objective import rmse, sum_of_squares
+from indentfit.inverse.problem import rmse, sum_of_squares
 
 NOTE = "errors and intervals take the residuals for noise; where the model misfits the curves, they are not"
 MISFIT = (

@@ -14,9 +14,9 @@ from threadpoolctl import threadpool_limits
 
 from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.simulate import Model
-from indentfit.inverse.ledger import Run
-from indentfit.inverse.setting import setting
 from indentfit.material import blamed, typed
+from indentfit.runs.ledger import Run
+from indentfit.runs.points import setting
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
 MEMORY = "out of memory, twice"

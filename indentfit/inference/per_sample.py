@@ -8,7 +8,7 @@ import numpy as np
 
 from indentfit.case import Case, read_case, require_fittable
 from indentfit.errors import CaseError, ConvergenceError
-from indentfit.inverse.fit import FitResult, fit
+from indentfit.inference.fit import FitResult, fit
 
 
 @dataclass(frozen=True, eq=False)

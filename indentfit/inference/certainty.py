@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from indentfit.inverse import inputs, profiles
+from indentfit.inference import inputs, profiles
+from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict, widened
 from indentfit.inverse.derivatives import derivatives, evaluate
 from indentfit.inverse.exploration import MANY, facts_of
-from indentfit.inverse.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict, widened
 from indentfit.inverse.surrogate import learn, linearised
 
 TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
