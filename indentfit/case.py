@@ -155,8 +155,7 @@ class Section(BaseModel):
 
 def _raise_faults(model, faults):
     details = [
-        InitErrorDetails(type=_refusal(text, "disagreement"), loc=tuple(key.split(".")), input=value)
-        for key, value, text in faults
+        InitErrorDetails(type=_refusal(text, "disagreement"), loc=tuple(key.split(".")), input=value) for key, value, text in faults
     ]
     if details:
         raise ValidationError.from_exception_data(model.__name__, details)
@@ -251,9 +250,7 @@ class MaterialCase(Section):
     """The material: an installed model, `file.py:Class`, or a typed energy, with its parameters."""
 
     model: Line | None = Field(default=None, description="name of an installed material, or file.py:Class")
-    energy: Line | None = Field(
-        default=None, description="energy as a formula in I1, I2, I4, I5 and the parameters, kPa"
-    )
+    energy: Line | None = Field(default=None, description="energy as a formula in I1, I2, I4, I5 and the parameters, kPa")
     parameters: dict[str, Annotated[float | Range, WrapValidator(_fixed_or_range)]] = Field(
         default_factory=dict, description="parameters, each a number, or {start, min, max} to be fitted"
     )
@@ -347,9 +344,7 @@ class Test(Section):
     curve: Line | None = Field(default=None, description="CSV file of the measured curve, relative to the case file")
     record: Line | None = Field(default=None, description="raw record of the rig, relative to the case file; see [record]")
     depth: Length | None = Field(default=None, description="depth to simulate, mm, where there is no curve")
-    points: int = Field(
-        default=25, ge=1, le=10_000, description="number of points to simulate, where there is no curve"
-    )
+    points: int = Field(default=25, ge=1, le=10_000, description="number of points to simulate, where there is no curve")
     weight: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         default=None, description="weight in the objective; by default 1 / number of tests"
     )
@@ -448,17 +443,13 @@ class Fit(Section):
 class Solver(Section):
     """How the mechanics are solved; the defaults suit every case known so far."""
 
-    assembly: Literal["compiled", "forms"] = Field(
-        default="compiled", description="element loop, or the readable forms"
-    )
+    assembly: Literal["compiled", "forms"] = Field(default="compiled", description="element loop, or the readable forms")
     linear: Literal["auto", "pardiso", "superlu", "pyamg"] = Field(default="auto", description="linear solver")
     element: Literal["q1p0", "q2p1"] = Field(default="q2p1", description="finite element")
     tolerance: Annotated[float, Field(gt=0, le=0.01, allow_inf_nan=False)] = Field(
         default=1e-6, description="relative residual at equilibrium"
     )
-    penalty: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
-        default=1.0, description="factor on the contact stiffness"
-    )
+    penalty: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(default=1.0, description="factor on the contact stiffness")
     max_step: Length | None = Field(default=None, description="largest step of the indenter, mm")
 
 
@@ -881,9 +872,7 @@ def _tests_and_curves(tree, folder, record, problems):
 def _labels(tables):
     """What each test is called in messages: its name, or its number where it has no name of its own."""
     names = [keys.get("name") if isinstance(keys, dict) else None for keys in tables]
-    return [
-        name if isinstance(name, str) and name and names.count(name) == 1 else str(n) for n, name in enumerate(names)
-    ]
+    return [name if isinstance(name, str) and name and names.count(name) == 1 else str(n) for n, name in enumerate(names)]
 
 
 def _curve(key, name, folder, problems):

@@ -68,9 +68,7 @@ class ConvergenceError(IndentfitError):
 
     def __init__(self, cause, displacement=float("nan"), step=0, iteration=0):
         self.cause, self.displacement, self.step, self.iteration = cause, displacement, step, iteration
-        super().__init__(
-            f"no equilibrium at {displacement:.4g} mm (step {step}, iteration {iteration}): {cause}"
-        )
+        super().__init__(f"no equilibrium at {displacement:.4g} mm (step {step}, iteration {iteration}): {cause}")
 
     def __reduce__(self):
         return type(self), (self.cause, self.displacement, self.step, self.iteration)

@@ -432,9 +432,7 @@ def test_materials_of_every_origin_reach_another_process(plugin, tmp_path, white
     sent = [white_matter, load(f"{plugin}:Demiray")(mu=2, b=1), typed(mu=4, k=1)]
     (tmp_path / "sent.pickle").write_bytes(pickle.dumps(sent))
     read = "import pickle, sys; print([m.shear_modulus for m in pickle.load(open(sys.argv[1], 'rb'))])"
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", read, tmp_path / "sent.pickle"], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-P", "-c", read, tmp_path / "sent.pickle"], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str([m.shear_modulus for m in sent])
     assert pickle.loads(pickle.dumps(sent)) == sent
 

@@ -50,8 +50,22 @@ METHODS = ("ga", "least_squares", "differential_evolution", "cma")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
 def command(
-    case, overrides, method, direct, workers, seed, output, overwrite, resume, reuse, cluster, scheduler, no_fields, scan_weights,
-    as_json, per_sample,
+    case,
+    overrides,
+    method,
+    direct,
+    workers,
+    seed,
+    output,
+    overwrite,
+    resume,
+    reuse,
+    cluster,
+    scheduler,
+    no_fields,
+    scan_weights,
+    as_json,
+    per_sample,
 ):
     """Fit the free parameters of the case file CASE to its curves.
 

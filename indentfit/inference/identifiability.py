@@ -15,9 +15,7 @@ from indentfit.inverse.least_squares import stacked
 from indentfit.inverse.problem import rmse, sum_of_squares
 
 NOTE = "errors and intervals take the residuals for noise; where the model misfits the curves, they are not"
-MISFIT = (
-    "the residuals are smooth: mostly misfit of the model and not noise; few points count as independent, intervals are wide"
-)
+MISFIT = "the residuals are smooth: mostly misfit of the model and not noise; few points count as independent, intervals are wide"
 SMOOTH = 0.5  # autocorrelation of neighbouring points from which the residuals are mostly misfit
 CONFIDENCE = 0.95
 DETERMINED = 0.2  # half an interval over the value
