@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
-ROOMS = ("errors", "curve", "material", "experiment", "case", "fem", "runs", "inverse", "inference", "study", "report", "cli")
+ROOMS = (
+    "arrays", "errors", "units", "curve", "material", "indenters", "samples", "experiment", "case", "fem", "runs", "inverse",
+    "inference", "study", "report", "cli",
+)  # fmt: skip
 DRAWING = {"matplotlib", "jinja2", "meshio"}
 MODULES = sorted(HOUSE.rglob("*.py"))
 MATERIALS = sorted((HOUSE.parent / "materials").glob("*.py"))
