@@ -1,0 +1,39 @@
+"""What is installed: a wheel holds every module and page of the package, and the materials as indentfit.materials."""
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+
+
+def of_the_tree():
+    """Files that a wheel must hold, by their names there."""
+    kinds = (".py", ".html", ".css", ".md", ".typed")
+    package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "indentfit").rglob("*") if path.suffix in kinds}
+    package |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "indentfit").rglob("py.typed")}
+    materials = {f"indentfit/{path.relative_to(ROOT).as_posix()}" for path in (ROOT / "materials").rglob("*.py")}
+    return package | materials
+
+
+def test_the_wheel_holds_every_file_of_the_package(tmp_path):
+    source = tmp_path / "source"  # a copy: what earlier builds left in the tree is not to be found
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for name in ("indentfit", "materials"):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(tmp_path), str(source)]
+    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        held = {name for name in file.namelist() if name.startswith("indentfit/")}
+    assert held == of_the_tree()
+
+
+def test_python_m_indentfit_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "indentfit", "--version"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert done.stdout.startswith("indentfit ")
