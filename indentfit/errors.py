@@ -74,6 +74,22 @@ class ConvergenceError(IndentfitError):
         return type(self), (self.cause, self.displacement, self.step, self.iteration)
 
 
+class OutOfTime(IndentfitError):
+    """A run took longer than its limit.
+
+    limit: processor time that the run was given, s.
+    """
+
+    exit_code = 3
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        super().__init__(f"not solved within {limit:g} s of processor time")
+
+    def __reduce__(self) -> tuple[type["OutOfTime"], tuple[float]]:
+        return type(self), (self.limit,)
+
+
 class FitError(IndentfitError):
     """The fit stopped before it converged; its result is still written."""
 

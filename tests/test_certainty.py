@@ -14,7 +14,6 @@ from indentfit.case import Fit, Mesh, Range, Uncertain, read_case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.fem.mesh import quarter
-from indentfit.fem.simulate import simulate
 from indentfit.inference import certainty, inputs, profiles
 from indentfit.inference.fit import METHODS, fit
 from indentfit.inference.identifiability import identifiability
@@ -24,6 +23,7 @@ from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import least_squares, polish
 from indentfit.inverse.problem import Problem, Target, problem_of
 from indentfit.inverse.surrogate import learn, linearised
+from indentfit.runs.forward import simulate
 from indentfit.runs.pool import Evaluation, Pool
 
 D = np.linspace(0.1, 1, 25)

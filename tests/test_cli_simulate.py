@@ -16,8 +16,10 @@ from conftest import CASES
 from indentfit.case import read_case
 from indentfit.cli import main, progress
 from indentfit.errors import ConvergenceError
-from indentfit.fem.simulate import Model, simulate
+from indentfit.fem.simulate import Model
 from indentfit.report.stress_plots import surface
+from indentfit.runs.forward import simulate
+from indentfit.runs.points import setup_of
 
 CASE = CASES / "white_matter_2017" / "case.toml"
 COARSE = ("--set", "mesh.elements=60", "--set", "solver.element=q1p0")
@@ -235,7 +237,7 @@ def test_the_peaks_are_those_of_the_file(series):
 def test_the_drawn_surface_is_closed_and_holds_the_volume(element):
     """The divergence theorem: areas of a closed surface add up to zero, and x . area to three times the volume."""
     case = read_case(CASE, ["mesh.elements=60", f"solver.element={element}"])
-    body = Model(case).body
+    body = Model(setup_of(case)).body
     x = body.basis.doflocs[:, ::3].T
     quads = surface(body.dofs[:, :, 0] // 3)
     a, b, c, d = (x[quads[:, n]] for n in range(4))

@@ -15,7 +15,7 @@ import pytest
 from conftest import CASES
 
 from indentfit.case import read_case
-from indentfit.fem.simulate import simulate
+from indentfit.runs.forward import simulate
 
 QUICK = CASES / "quickstart" / "case.toml"
 TINY = ["mesh.elements=30", "material.phi=0.8", "fit.method=ga", "fit.population=6", "fit.generations=3", "fit.seed=7"]

@@ -12,8 +12,8 @@ from indentfit.fem import element, forms
 from indentfit.fem.element import Solid
 from indentfit.fem.forms import FormSolid
 from indentfit.fem.mesh import quarter
-from indentfit.fem.simulate import simulate
 from indentfit.material import invariants, isochoric_stress, load
+from indentfit.runs.forward import simulate
 
 E1, E2, E3 = np.eye(3)
 SKEW = np.array([2.0, 1.0, -2.0]) / 3

@@ -10,9 +10,12 @@ from threadpoolctl import threadpool_info
 
 from indentfit.errors import ConvergenceError
 from indentfit.fem import newton
-from indentfit.fem.simulate import Model, _threads, said_of_tries, simulate
+from indentfit.fem.setup import Press
+from indentfit.fem.simulate import Model, _threads, said_of_tries
 from indentfit.inference.fit import fit
 from indentfit.report.text import simulation_lines
+from indentfit.runs.forward import presses_of, simulate
+from indentfit.runs.points import setup_of
 
 sys.path.insert(0, str(Path(__file__).parent / "campaigns"))
 import robustness
@@ -78,7 +81,8 @@ def test_hard_steps_get_no_shorter_than_a_hundredth_of_the_depth(run, monkeypatc
 
 
 def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monkeypatch):
-    usual, model = Model._run, Model(white_matter("mesh.elements=60"))
+    case = white_matter("mesh.elements=60")
+    usual, model = Model._run, Model(setup_of(case))
     tried = []
 
     def fails_but_on_coarser_meshes(self, stiffer, *of_run):
@@ -88,16 +92,17 @@ def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monke
         return usual(self, stiffer, *of_run)
 
     monkeypatch.setattr(Model, "_run", fails_but_on_coarser_meshes)
-    material = model.case.material_class(mu=1.49, zeta=4.68, phi=0.68)
-    found = model.run(material, 1490.0, 0, [0.1])
+    material = case.material_class(mu=1.49, zeta=4.68, phi=0.68)
+    press = Press(material, 1490.0, 0, np.array([0.1]))
+    found = model.run(press)
     assert len(set(tried)) == len(tried) == found.facts["tries"] == 3
     assert found.facts["elements"] == found.model.mesh.nelements < 0.7 * model.mesh.nelements
     (said,) = said_of_tries([("parallel", found.facts), ("perpendicular", {"tries": 1})])
     assert f"'parallel' was solved at try 3, on a mesh of {found.model.mesh.nelements} elements" in said
     assert "a corner folds up" in said
-    lines = list(simulation_lines(model.simulate(material, white_matter("mesh.elements=60")), model.case, material))
+    lines = list(simulation_lines(model.simulate(presses_of(case, material)), case, material))
     assert sum(line.startswith("note      test 'p") for line in lines) == 2
-    assert found.force == pytest.approx(usual(model, 1.0, material, 1490.0, 0, np.array([0.1]), "", None, ()).force, rel=0.05)
+    assert found.force == pytest.approx(usual(model, 1.0, press, newton.Controls(1e-6)).force, rel=0.05)
 
 
 def test_a_fit_says_that_its_optimum_was_not_solved_at_the_first_try(monkeypatch):

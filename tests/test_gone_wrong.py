@@ -15,8 +15,10 @@ from indentfit.experiment.process import process
 from indentfit.experiment.record import Record
 from indentfit.fem import newton
 from indentfit.fem.element import Solid
+from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import typed
+from indentfit.runs.points import setup_of
 
 TINY = ("mesh.elements=24", "solver.element=q1p0")
 QUICK = CASES / "quickstart" / "case.toml"
@@ -25,11 +27,11 @@ FIBRE = "material.energy=mu/2*(I1-3) + k*(I4-1)^2"
 
 @pytest.fixture(scope="module")
 def model():
-    return Model(white_matter(*TINY, "test=[{name='a',angle=90,depth=0.2,points=2}]"))
+    return Model(setup_of(white_matter(*TINY, "test=[{name='a',angle=90,depth=0.2,points=2}]")))
 
 
 def run(model, material, depth=0.2):
-    return model.run(material, 100.0, 90, [depth / 2, depth], "a")
+    return model.run(Press(material, 100.0, 90, np.array([depth / 2, depth]), "a"))
 
 
 def test_a_material_without_positive_youngs_modulus_is_warned_of_at_the_start_values():

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from indentfit.case import Fit, Range, read_case
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError, ConvergenceError
-from indentfit.fem.simulate import Model, simulate
+from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability, verdict
 from indentfit.inverse import genetic
@@ -31,6 +31,8 @@ from indentfit.inverse.problem import (
     sum_of_squares,
 )
 from indentfit.runs import bench
+from indentfit.runs.forward import presses_of, simulate
+from indentfit.runs.points import setup_of
 from indentfit.runs.pool import Evaluation, Pool
 
 DEPTH = np.linspace(0.02, 0.3, 15)
@@ -370,10 +372,10 @@ def test_a_small_genetic_search_lands_near_too(case):
 
 def test_forces_are_proportional_to_the_scale(case):
     """The search without mu rests on it: f(mu, zeta, phi) = mu f(1, zeta, phi), to the solver's tolerance."""
-    whole, model = problem_of(case()), Model(case())
+    whole, model = problem_of(case()), Model(setup_of(case()))
     assert (whole.scale, whole.searched) == ("mu", ["zeta", "phi"])
     kind = case().material_class
-    one, two = (model.simulate(kind(mu=mu, zeta=4, phi=0.7), case()).tests for mu in (1.0, 3.7))
+    one, two = (model.simulate(presses_of(case(), kind(mu=mu, zeta=4, phi=0.7))).tests for mu in (1.0, 3.7))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_allclose(b.force, 3.7 * a.force, rtol=1e-6)
 

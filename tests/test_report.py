@@ -20,6 +20,7 @@ from indentfit.curve import Curve
 from indentfit.errors import OutputError
 from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
+from indentfit.fem.setup import Press
 from indentfit.fem.simulate import QUARTERS, Model
 from indentfit.inference.per_sample import SampleFit, parameter_spread
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
@@ -27,6 +28,7 @@ from indentfit.report.mirror import whole
 from indentfit.report.per_sample import sample_lines
 from indentfit.report.plots import force_displacement, residual
 from indentfit.report.vtu import file_names, write_vtu
+from indentfit.runs.points import setup_of
 
 # ---- fields ------------------------------------------------------------------------------------------------------
 
@@ -43,8 +45,8 @@ def pressed(request):
     case = white_matter("mesh.elements=80", f"solver.element={request.param}")
     material = case.material_class(**case.start_values())
     kappa = case.material.bulk_modulus(material.shear_modulus)
-    model = Model(case)
-    return model, model.run(material, kappa, ANGLE, [DEPTH]), material, kappa
+    model = Model(setup_of(case))
+    return model, model.run(Press(material, kappa, ANGLE, np.array([DEPTH]))), material, kappa
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,9 @@ import pytest
 from conftest import white_matter
 
 from indentfit.errors import InputError
+from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
+from indentfit.runs.points import setup_of
 
 DEPTHS = np.linspace(0.33 / 10, 0.33, 10)
 VALUES = {"mu": 1.49, "zeta": 4.68, "phi": 0.68, "friction": 0.5, "bulk_ratio": 1000.0}
@@ -29,7 +31,7 @@ def run(rig, values, sensitivities=(), angle=90, depths=DEPTHS):
     case = white_matter(*texts, *rig)
     material = case.material_class(**case.start_values())
     kappa = case.material.bulk_modulus(material.shear_modulus)
-    return Model(case).run(material, kappa, angle, depths, sensitivities=sensitivities)
+    return Model(setup_of(case)).run(Press(material, kappa, angle, depths, sensitivities=sensitivities))
 
 
 @pytest.mark.parametrize(

@@ -17,9 +17,11 @@ from conftest import CASES
 from indentfit.case import read_case
 from indentfit.cli import main
 from indentfit.errors import CaseError, ConvergenceError, MeshError
-from indentfit.fem.simulate import Model, simulate
+from indentfit.fem.simulate import Model
 from indentfit.report.folder import LEDGER
+from indentfit.runs.forward import simulate
 from indentfit.runs.ledger import Ledger
+from indentfit.runs.points import setup_of
 from indentfit.study import isolated, mesh_check, runs
 from indentfit.study.mesh_check import Measured, estimate, measure, own_checks, own_family
 from indentfit.study.sweep import plan, sweep, variation
@@ -145,7 +147,7 @@ def test_keys_are_ranked_by_what_they_do_and_words_have_no_elasticity(swept):
 def test_a_grid_has_every_combination_and_equal_points_are_run_once(case, monkeypatch):
     count = []
     real = Model.run
-    monkeypatch.setattr(Model, "run", lambda self, *a, **k: count.append(a[2:4]) or real(self, *a, **k))
+    monkeypatch.setattr(Model, "run", lambda self, *a, **k: count.append(a) or real(self, *a, **k))
     found = sweep(plan(case, ["material.mu=1,2", "material.zeta=3"], grid=True), workers=1)
     assert [p.values for p in found.points] == [{"material.mu": mu, "material.zeta": "3"} for mu in ("1", "2")]
     assert found.points[0].tests["parallel"].force_change == 0  # it is the case itself
@@ -173,10 +175,10 @@ def fails_across(monkeypatch):
     """No equilibrium across the fibres where zeta is 9."""
     real = Model.run
 
-    def fails(self, material, kappa, angle, *rest):
-        if angle == 90 and material.zeta == 9:
+    def fails(self, press, *rest):
+        if press.angle == 90 and press.material.zeta == 9:
             raise ConvergenceError("the fibres <i>lock</i>", 0.05, 3, 4)
-        return real(self, material, kappa, angle, *rest)
+        return real(self, press, *rest)
 
     monkeypatch.setattr(Model, "run", fails)
 
@@ -375,7 +377,7 @@ def test_a_family_that_is_none_ends_with_2(ideal, tmp_path, words):
 def test_the_estimate_of_the_size_is_near_the_mesh(element, elements):
     case = read_case(QUICK, [f"mesh.elements={elements}", f"solver.element={element}"])
     about, dofs, memory = estimate(case)
-    facts = Model(case).mesh_facts()
+    facts = Model(setup_of(case)).mesh_facts()
     assert about == facts["elements"] and dofs == pytest.approx(facts["dofs"], rel=0.15)
     assert 320e6 < memory < 2e9
 

@@ -337,10 +337,10 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
     """A model that gives zeta's derivatives only, one of them not finite."""
     calls = []
 
-    def run(self, material, kappa, angle, depths, name="", progress=None, sensitivities=()):
-        calls.append(sensitivities)
-        given = {"zeta": np.full(5, 2.0 if angle else np.nan)} if sensitivities else None
-        return SimpleNamespace(force=np.arange(5.0) + angle, facts={}, sensitivities=given)
+    def run(self, press, progress=None, deadline=None):
+        calls.append(press.sensitivities)
+        given = {"zeta": np.full(5, 2.0 if press.angle else np.nan)} if press.sensitivities else None
+        return SimpleNamespace(force=np.arange(5.0) + press.angle, facts={}, sensitivities=given)
 
     monkeypatch.setattr(Model, "run", run)
     with Ledger(tmp_path / "l", case()) as ledger:

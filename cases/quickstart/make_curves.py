@@ -11,7 +11,7 @@ import numpy as np
 
 from indentfit.case import read_case
 from indentfit.curve import Curve, write_curve
-from indentfit.fem.simulate import simulate
+from indentfit.runs.forward import simulate
 
 HERE = Path(__file__).parent
 TRUTH = {"mu": 1.2, "zeta": 3.0, "phi": 0.8}

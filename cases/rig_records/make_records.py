@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from indentfit.case import read_case
 from indentfit.curve import Curve
 from indentfit.experiment.rig import Noise, Rig
-from indentfit.fem.simulate import simulate
+from indentfit.runs.forward import simulate
 
 HERE = Path(__file__).parent
 WHITE_MATTER = HERE.parent / "white_matter_2017" / "case.toml"

@@ -23,8 +23,9 @@ from ..report.folder import (
     write_json,
 )
 from ..report.text import certainty_lines, weights_lines
+from ..runs.forward import presses_of
 from ..runs.ledger import refuse_in_use
-from ..runs.points import setting
+from ..runs.points import setting, setup_of
 from . import clusters
 from .ledgers import opened, saying_what_is_kept
 from .progress import progress
@@ -191,9 +192,9 @@ def _write_fields(folder, case, result):
 
     at = setting(case, {name: one["value"] for name, one in result.parameters.items()})
     case, material = at.case, case.material_class(**at.parameters)
-    model = Model(case)
+    model = Model(setup_of(case))
     try:
-        simulation = model.simulate(material, case)
+        simulation = model.simulate(presses_of(case, material))
     except ConvergenceError as error:
         click.echo(f"warning: no stress pictures: {error}", err=True)
         return

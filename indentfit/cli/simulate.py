@@ -8,6 +8,8 @@ from ..case import read_case
 from ..fem.simulate import Model
 from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
 from ..report.text import simulation_lines
+from ..runs.forward import presses_of
+from ..runs.points import setup_of
 from .progress import progress
 
 
@@ -34,7 +36,7 @@ def command(case, overrides, as_json, output, overwrite, vtu, series, whole):
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
     material = read.material_class(**read.start_values())
-    model = Model(read)
+    model = Model(setup_of(read))
     simulation = _simulated(model, material, read)
     if output is not None:
         _write(output, overwrite, read, model, material, simulation, (vtu, series, whole))
@@ -50,7 +52,7 @@ def _simulated(model, material, case):
     """The Simulation, with its progress on stderr."""
     order = {test.name: n for n, test in enumerate(case.tests)}
     with progress("simulate", total=len(case.tests)) as step:
-        return model.simulate(material, case, lambda name, share: step(order[name] + share, name))
+        return model.simulate(presses_of(case, material), lambda name, share: step(order[name] + share, name))
 
 
 def _write(path, overwrite, case, model, material, simulation, fields):

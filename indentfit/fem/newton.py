@@ -5,6 +5,7 @@ length when Newton fails. The curve between the steps is a spline, so the output
 """
 
 import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ import scipy.sparse as sp
 
 from indentfit.errors import ConvergenceError
 from indentfit.fem import sensitivity
+from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.linear import Tangent
 
 MAX_ITERATIONS = 15
@@ -40,6 +42,17 @@ class Counts:
     iterations: int = 0
     loose_steps: int = 0
     largest_residual: float = 0.0
+
+
+@dataclass(frozen=True)
+class Controls:
+    """How a path is followed: relative residual of an equilibrium, largest step in mm, the Deadline, and what is told of progress:
+    called with the share of the last depth that is done."""
+
+    tolerance: float
+    max_step: float = np.inf
+    deadline: Deadline = NEVER
+    progress: Callable[[float], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -93,24 +106,24 @@ class Equilibrium:
         return replace(self, rate=rate, slopes=self.slopes and self.slopes.since(here.slopes, step))
 
 
-def indent(body, contact, fixed, load, solver, depths, options, counts, progress=None):
+def indent(body, contact, fixed, load, solver, depths, controls, counts):
     """Equilibria from zero to the last of the depths (mm, rising); the first one is the untouched sample.
 
     body: fem.element.Solid or fem.forms.FormSolid; fixed: constrained dofs; solver: fem.linear.LinearSolver;
-    options: the case's solver table; counts: Counts, added to; progress: called with the share done.
-    Raises ConvergenceError where no smaller step helps.
+    counts: Counts, added to. Raises ConvergenceError where no smaller step helps, and OutOfTime.
     """
     last = float(depths[-1])
-    largest = min(options.max_step or np.inf, last / FIRST_STEPS)
+    largest = min(controls.max_step, last / FIRST_STEPS)
     springs = load.springs
     step, path = largest, [untouched(body, contact, fixed, load, solver)]
     while path[-1].depth < last * (1 - 1e-12):
+        controls.deadline.check()
         here = path[-1]
         step = min(step, largest, last - here.depth)
         depth = last if here.depth + 1.01 * step > last else here.depth + step
         try:
             relax = depth - here.depth < 0.6 * largest
-            there, iterations = _step(body, contact, fixed, load, solver, here, depth, LEASH * last, options, counts, relax)
+            there, iterations = _step(body, contact, fixed, load, solver, here, depth, LEASH * last, controls, counts, relax)
         except ConvergenceError as error:
             counts.cutbacks += 1
             step = (depth - here.depth) / 2
@@ -121,10 +134,10 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
             continue
         counts.steps += 1
         load = load.stiffened(springs)
-        there = _augmented(body, contact, fixed, load, solver, there, LEASH * last, options, counts)
+        there = _augmented(body, contact, fixed, load, solver, there, LEASH * last, controls, counts)
         path.append(there.since(here))
-        if progress is not None:
-            progress(depth / last)
+        if controls.progress is not None:
+            controls.progress(depth / last)
         if iterations <= EASY:
             step *= 1.5
         elif iterations >= HARD:
@@ -132,13 +145,13 @@ def indent(body, contact, fixed, load, solver, depths, options, counts, progress
     return path
 
 
-def _augmented(body, contact, fixed, load, solver, there, leash, options, counts):
+def _augmented(body, contact, fixed, load, solver, there, leash, controls, counts):
     """The step solved again at its depth with its own multipliers while the springs withhold too much of the force."""
     for _ in range(MAX_AUGMENTATIONS):
         if abs(there.penalty_error) <= WITHHELD * abs(there.force):
             break
         try:
-            there, _ = _step(body, contact, fixed, load, solver, there, there.depth, leash, options, counts)
+            there, _ = _step(body, contact, fixed, load, solver, there, there.depth, leash, controls, counts)
         except ConvergenceError:
             break  # the larger penalty error is reported
     return there
@@ -154,32 +167,33 @@ def untouched(body, contact, fixed, load, solver):
     return system.equilibrium(u, solver, at_rest=True)
 
 
-def _step(body, contact, fixed, load, solver, here, depth, leash, options, counts, relax=True):
+def _step(body, contact, fixed, load, solver, here, depth, leash, controls, counts, relax=True):
     """The equilibrium at a depth from the tangent prediction, and how many iterations it took: by Newton, else relaxed."""
     history = here.touch.advanced(here.rate, depth - here.depth)
     changes = here.slopes and here.slopes.advanced(here.touch, here.rate, depth - here.depth)
     system = _System(body, contact, fixed, load, history, depth, leash, changes)
     u, pressure = _predicted(system, here, depth)
     try:
-        return _newton(system, u, pressure, solver, options, counts)
+        return _newton(system, u, pressure, solver, controls, counts)
     except ConvergenceError as first:
         if not relax:
             raise
         solver.forget()
         try:
-            return _relaxed(system, u, pressure, solver, options, counts)
+            return _relaxed(system, u, pressure, solver, controls, counts)
         except ConvergenceError as error:
             raise (first if INVERTED in first.cause else error) from None  # what came first says more than the residual left
 
 
-def _newton(system, u, pressure, solver, options, counts, most=MAX_ITERATIONS):
+def _newton(system, u, pressure, solver, controls, counts, most=MAX_ITERATIONS):
     hard = 0
     for iteration in range(most):
+        controls.deadline.check()
         size, scale = system.assemble(u, pressure)
-        if size <= options.tolerance * scale:
+        if size <= controls.tolerance * scale:
             return system.equilibrium(u, solver), iteration
         counts.iterations += 1
-        du = solver.solve(system.tangent, -system.residual, enough=0.1 * options.tolerance * scale)
+        du = solver.solve(system.tangent, -system.residual, enough=0.1 * controls.tolerance * scale)
         u, pressure, share = _line_search(system, u, pressure, du, iteration)
         hard = hard + 1 if share < 0.5 else 0
         if hard == 3:
@@ -187,7 +201,7 @@ def _newton(system, u, pressure, solver, options, counts, most=MAX_ITERATIONS):
     raise system.failure(size / scale, iteration)
 
 
-def _relaxed(system, u, pressure, solver, options, counts):
+def _relaxed(system, u, pressure, solver, controls, counts):
     """The equilibrium reached from u by overdamped motion: nodal dampers, implicit steps of time that grow as they get easy.
 
     Where the tangent loses definiteness (surface folding at the sample's rim, fibres buckling at the indenter's edge, points about
@@ -199,14 +213,15 @@ def _relaxed(system, u, pressure, solver, options, counts):
     failed, wary = 0.0, 0
     best = (np.inf, u, pressure, *history)
     while counts.iterations - start < MAX_RELAXED and damping < STIFFEST_DAMPER:
+        controls.deadline.check()
         size, scale = system.assemble(u, pressure)
         if not np.isfinite(size):
             break
         if size < best[0] * scale:
             best = size / scale, u, pressure, system.history, system.changes
-        if size <= options.tolerance * scale:
-            return _settled(system, u, pressure, history, solver, options, counts), RELAXED
-        moved = _moved(system, u, pressure, damping, solver, counts, options.tolerance * scale)
+        if size <= controls.tolerance * scale:
+            return _settled(system, u, pressure, history, solver, controls, counts), RELAXED
+        moved = _moved(system, u, pressure, damping, solver, counts, controls.tolerance * scale)
         if moved is None:
             failed, wary = damping, WARY
             damping *= 4
@@ -218,7 +233,7 @@ def _relaxed(system, u, pressure, solver, options, counts):
             damping, wary = max(damping, 2 * failed), wary - 1
         if iterations <= 2 and damping < NEARLY_STILL:  # what is left is the multipliers' own slow convergence
             with contextlib.suppress(ConvergenceError):
-                return _settled(system, u, pressure, history, solver, options, counts), RELAXED
+                return _settled(system, u, pressure, history, solver, controls, counts), RELAXED
     size, u, pressure, system.history, system.changes = best
     system.assemble(u, pressure)
     if size > LOOSE:
@@ -228,16 +243,16 @@ def _relaxed(system, u, pressure, solver, options, counts):
     return system.equilibrium(u, solver), MAX_ITERATIONS
 
 
-def _settled(system, u, pressure, history, solver, options, counts):
+def _settled(system, u, pressure, history, solver, controls, counts):
     """The equilibrium near a relaxed one that belongs to the history (and its changes) the step began with, where there is one:
     it can be differentiated; else the relaxed history's. Raises ConvergenceError where Newton finds neither."""
     relaxed = system.history, system.changes
     system.history, system.changes = history
     try:
-        return _newton(system, u, pressure, solver, options, counts, FEW)[0]
+        return _newton(system, u, pressure, solver, controls, counts, FEW)[0]
     except ConvergenceError:
         system.history, system.changes = relaxed
-        return _newton(system, u, pressure, solver, options, counts, FEW)[0]
+        return _newton(system, u, pressure, solver, controls, counts, FEW)[0]
 
 
 def _moved(system, u, pressure, damping, solver, counts, enough):

@@ -1,7 +1,9 @@
-"""The forward model: from a case and parameters to force-displacement curves, with what they cost and how exact they are."""
+"""The forward model: from a setup and its presses to force-displacement curves, with what they cost and how exact they are."""
 
 import contextlib
+import functools
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,8 +14,10 @@ from indentfit.curve import Curve
 from indentfit.errors import ConvergenceError
 from indentfit.fem import linear, newton, sensitivity
 from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
+from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.element import Solid
 from indentfit.fem.mesh import quarter
+from indentfit.fem.setup import Press, Setup
 from indentfit.material import blamed
 
 QUARTERS = 4
@@ -79,16 +83,6 @@ class Simulation:
         }
 
 
-def simulate(case, parameters=None, progress=None):
-    """Simulation of every test of a case, at given parameters (name -> value) or at its start values.
-
-    progress: called with (test name, share of its depth done). Raises ConvergenceError.
-    """
-    model = Model(case)
-    material = case.material_class(**(parameters or case.start_values()))
-    return model.simulate(material, case, progress)
-
-
 def said_of_tries(tests):
     """A sentence for each of the tests, (name, facts), that was not solved at the first try."""
     for name, facts in tests:
@@ -100,48 +94,46 @@ def said_of_tries(tests):
 class Model:
     """A meshed sample with its indenter, ready to be run with many materials: mesh, bases and pattern are set up once."""
 
-    def __init__(self, case, rim=1.0):
-        self.case, self.rim = case, rim
+    def __init__(self, setup: Setup, rim: float = 1.0) -> None:
+        self.setup, self.rim = setup, rim
         started = time.perf_counter()
-        self.sample, self.options = case.sample, case.solver
-        depth = max(float(case.outputs(test)[-1]) for test in case.tests)
-        self.mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element, depth, rim)
-        self.body = _body(self.mesh, case.solver)
-        self.contact = Contact(self.body, case.indenter, case.sample.thickness)
-        self.fixed = newton.Fixed(self.body, _held(self.body.basis, case.sample.base))
-        kind = linear.choice(case.solver.linear, self.body.n_dofs)
+        self.mesh = quarter(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth, rim)
+        self.body = _body(self.mesh, setup.solver)
+        self.contact = Contact(self.body, setup.indenter, setup.sample.thickness)
+        self.fixed = newton.Fixed(self.body, _held(self.body.basis, setup.sample.base))
+        kind = linear.choice(setup.solver.linear, self.body.n_dofs)
         modes = self.fixed.freed(linear.rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None
         self.solver = linear.LinearSolver(kind, modes, self.contact.surface)
         self.setup_seconds = time.perf_counter() - started
 
-    def simulate(self, material, case, progress=None):
-        """Simulation of all tests of a case that shares this model's sample, indenter, mesh and solver."""
-        kappa = case.material.bulk_modulus(material.shear_modulus)
+    def simulate(self, presses: Sequence[Press], progress: Callable[[str, float], None] | None = None) -> Simulation:
+        """Simulation of several presses; progress: called with (name of the press, share of its depth done)."""
         tests = []
-        for test in case.tests:
-            report = (lambda share, name=test.name: progress(name, share)) if progress else None
-            tests.append(self.run(material, kappa, test.angle, case.outputs(test), test.name, report))
+        for press in presses:
+            report = functools.partial(progress, press.name) if progress else None
+            tests.append(self.run(press, report))
         return Simulation(tuple(tests), self.mesh_facts(), self._sum(tests))
 
-    def run(self, material, kappa, angle, depths, name="", progress=None, sensitivities=()):
-        """TestResult of one test: material, bulk modulus in kPa, fibre angle in degrees, output depths in mm, rising.
+    def run(self, press: Press, progress: Callable[[float], None] | None = None, deadline: Deadline | None = None) -> TestResult:
+        """TestResult of one press; progress: called with the share of the depth done.
 
-        sensitivities: names to differentiate the force by: parameters of the material (kappa goes with the shear modulus),
-        "friction", "bulk_ratio" (kappa / shear modulus), "offset" (mm, of the contact point). Raises InputError for others.
+        Raises ConvergenceError, OutOfTime once the deadline has passed, InputError for an unknown name among the sensitivities.
         """
-        depths = np.asarray(depths, dtype=float)
-        with _threads(self.body.n_dofs), blamed(type(material)):
-            return self._tried(material, kappa, angle, depths, name, progress, tuple(sensitivities))
+        press = replace(press, depths=np.asarray(press.depths, dtype=float))
+        options = self.setup.solver
+        controls = newton.Controls(options.tolerance, options.max_step or np.inf, deadline or NEVER, progress)
+        with _threads(self.body.n_dofs), blamed(type(press.material)):
+            return self._tried(press, controls)
 
-    def _tried(self, *of_run):
+    def _tried(self, press, controls):
         """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
         springs, often does not with others. Raises the first try's ConvergenceError where none is."""
         try:
-            return self._run(1.0, *of_run)
+            return self._run(1.0, press, controls)
         except ConvergenceError as error:
             for number, (stiffer, rim, share) in enumerate(SECOND_TRIES, start=2):
                 with contextlib.suppress(ConvergenceError):
-                    found = self._coarser(rim, share)._run(stiffer, *of_run)
+                    found = self._coarser(rim, share)._run(stiffer, press, controls)
                     return replace(found, facts={**found.facts, "tries": number, "first_failure": str(error)})
             raise
 
@@ -149,14 +141,16 @@ class Model:
         """This model, or one whose mesh is coarser: where the strip leaves the sample, or all of it by a share of the elements."""
         if rim == self.rim and share == 1:
             return self
-        case = self.case
+        setup = self.setup
         if share < 1:
-            mesh = case.mesh.model_copy(update={"size": None, "elements": round(share * self.mesh.nelements)})
-            case = case.model_copy(update={"mesh": mesh})
-        return Model(case, rim)  # made anew: no run depends on those before it
+            mesh = setup.mesh.model_copy(update={"size": None, "elements": round(share * self.mesh.nelements)})
+            setup = replace(setup, mesh=mesh)
+        return Model(setup, rim)  # made anew: no run depends on those before it
 
-    def _run(self, stiffer, material, kappa, angle, depths, name, progress, sensitivities):
+    def _run(self, stiffer, press, controls):
         started = time.perf_counter()
+        material, kappa, angle, depths, name = press.material, press.kappa, press.angle, press.depths, press.name
+        sensitivities = tuple(press.sensitivities)
         work, counts = newton.Counts(), self.solver.counts
         before = (counts.factorizations, counts.solves, counts.krylov_iterations)
         springs = self._springs(material, angle).scaled(stiffer)
@@ -164,7 +158,7 @@ class Model:
         load = newton.Load(material, kappa, bulk, FIBRES[angle], springs, self._directions(sensitivities, material, kappa, angle))
         self.solver.forget()
         try:
-            path = newton.indent(self.body, self.contact, self.fixed, load, self.solver, depths, self.options, work, progress)
+            path = newton.indent(self.body, self.contact, self.fixed, load, self.solver, depths, controls, work)
         except ConvergenceError as error:
             unstable = material.unstable and f"; the material is not stable at small strain ({material.unstable})"
             cause = error.cause + (unstable or "")
@@ -225,7 +219,7 @@ class Model:
         young = moduli["E_along"] if angle == 90 else moduli["E_across"]
         sharp = indenter.shape != "sphere" and not indenter.edge_radius
         modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
-        stiffness = self.options.penalty * modulus / self.sample.thickness
+        stiffness = self.setup.solver.penalty * modulus / self.setup.sample.thickness
         return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
 
     def mesh_facts(self):
@@ -249,7 +243,7 @@ class Model:
         )
         return {
             "linear": self.solver.name,
-            "assembly": self.options.assembly,
+            "assembly": self.setup.solver.assembly,
             **{key: sum(test.facts[key] for test in tests) for key in totals},
             "setup_seconds": self.setup_seconds,
             "penalty_error": max(abs(test.facts["penalty_error"]) for test in tests),
@@ -263,7 +257,7 @@ class Model:
             return 0.0
         corners = self.body.basis.nodal_dofs
         (x, y, z), u = self.body.basis.doflocs[:, corners[0]], equilibrium.u[corners]
-        top = y > self.sample.thickness * (1 - 1e-9)
+        top = y > self.setup.sample.thickness * (1 - 1e-9)
         if indenter.shape == "strip":
             half, at, out = indenter.width / 2, z, u[2]
         else:

@@ -17,7 +17,7 @@ from indentfit.inverse.exploration import MANY, Exploration, Watched, explore
 from indentfit.inverse.generations import Search, parameters_of
 from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.problem import problem_of, rmse
-from indentfit.runs.points import UNITS
+from indentfit.runs.points import UNITS, setup_of
 from indentfit.runs.pool import Pool
 
 FORMAT = 1
@@ -101,7 +101,7 @@ def fit(case, progress=None, ledger=None, cluster=None, stop=None):
     """
     require_fittable(case)
     started, problem = time.perf_counter(), problem_of(case)
-    model = Model(case)  # refuses a mesh that cannot be, before any worker is started
+    model = Model(setup_of(case))  # refuses a mesh that cannot be, before any worker is started
     with Pool(case, ledger=ledger, cluster=cluster, stop=stop) as workers:
         pool = Watched(workers)
         report = progress or (lambda share, note: None)

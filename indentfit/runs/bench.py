@@ -13,10 +13,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from indentfit.errors import ConvergenceError, MaterialError
+from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import blamed, typed
 from indentfit.runs.ledger import Run
-from indentfit.runs.points import setting
+from indentfit.runs.points import setting, setup_of
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
 MEMORY = "out of memory, twice"
@@ -79,10 +80,10 @@ def ready_model(case):
     with the same first run everywhere, every later run is the same everywhere. It is a small indentation of a gel, so
     that it does not depend on where a search starts.
     """
-    model = Model(case)
+    model = Model(setup_of(case))
     depth = max(float(case.outputs(test)[-1]) for test in case.tests)
     with contextlib.suppress(ConvergenceError, MaterialError):
-        model.run(typed(FIRST, ["mu"])(mu=1.0), case.material.bulk_modulus(1.0), 0, [depth * 1e-3])
+        model.run(Press(typed(FIRST, ["mu"])(mu=1.0), case.material.bulk_modulus(1.0), 0, np.array([depth * 1e-3])))
     return model
 
 
@@ -98,8 +99,7 @@ def run(model, case, unit, names=()):
             material, depths = kind(**at.parameters), at.outputs(test)
             kappa = at.case.material.bulk_modulus(material.shear_modulus)
         pressed = depths > 0  # before contact there is no force
-        asked = {"sensitivities": tuple(names)} if names else {}
-        result = model.run(material, kappa, test.angle, depths[pressed], **asked)
+        result = model.run(Press(material, kappa, test.angle, depths[pressed], sensitivities=tuple(names)))
         force, facts = _where(pressed, result.force), result.facts
         sensitivities = _of_all(names, result, pressed) if names else None
         if not np.isfinite(force).all():

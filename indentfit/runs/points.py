@@ -7,6 +7,7 @@ A point (name -> value) may name inputs that are fitted (UNITS), and keys of the
 from dataclasses import dataclass
 
 from indentfit.case import Mesh
+from indentfit.fem.setup import Press, Setup
 
 UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
 KEYS = {"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio", "thickness": "sample.thickness"}
@@ -48,3 +49,15 @@ def with_key(case, key, value):
 
 def _is_input(name):
     return name in UNITS or "." in name
+
+
+def setup_of(case) -> Setup:
+    """The Setup of a case: its mesh is made for the deepest of its tests."""
+    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+    return Setup(case.sample, case.indenter, case.mesh, case.solver, depth)
+
+
+def press_of(case, test, material) -> Press:
+    """The Press that one test of a case is, on a material."""
+    kappa = case.material.bulk_modulus(material.shear_modulus)
+    return Press(material, kappa, test.angle, case.outputs(test), test.name)

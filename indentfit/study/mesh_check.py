@@ -8,7 +8,7 @@ penalty, load step and edge radius are found one at a time on the case's own mes
 """
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshEr
 from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
 from indentfit.inverse.problem import Target, equation_one, rmse
+from indentfit.runs.forward import presses_of
 from indentfit.runs.ledger import Run
+from indentfit.runs.points import press_of, setup_of
 from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
 from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
 from indentfit.study.refit import Refit, refits
@@ -304,9 +306,9 @@ def measure(case: Case):
     """The record of a Measured, as plain numbers: every test of a case in this process. Raises ConvergenceError."""
     _compile(case)
     started = time.process_time()
-    model = Model(case)
+    model = Model(setup_of(case))
     ready = time.process_time()
-    simulation = model.simulate(case.material_class(**case.start_values()), case)
+    simulation = model.simulate(presses_of(case, case.material_class(**case.start_values())))
     solver = simulation.solver
     return {
         "elements": simulation.mesh["elements"],
@@ -330,8 +332,8 @@ def _compile(case):
     small = case.model_copy(update={"mesh": type(case.mesh)(elements=20)})
     try:
         material = small.material_class(**small.start_values())
-        kappa = small.material.bulk_modulus(material.shear_modulus)
-        Model(small).run(material, kappa, small.tests[0].angle, [1e-3 * small.outputs(small.tests[0])[-1]])
+        press = press_of(small, small.tests[0], material)
+        Model(setup_of(small)).run(replace(press, depths=1e-3 * press.depths[-1:]))
     except (ConvergenceError, MeshError):
         pass
 

@@ -182,12 +182,13 @@ def _case(size, settings, material):
 def _run(size, settings, angle, material):
     from indentfit.fem import linear
     from indentfit.fem.simulate import Model
+    from indentfit.runs.points import press_of, setup_of
 
     case = _case(size, settings, material)
     _warm(case, angle)
     phases = {}
     started, cpu = time.perf_counter(), time.process_time()
-    model = Model(case)
+    model = Model(setup_of(case))
     phases["set-up"] = time.perf_counter() - started
     _watch(model, phases)
     if NEWTONS[1] in settings:
@@ -197,7 +198,7 @@ def _run(size, settings, angle, material):
         model.solver.solve = _factorising(model.solver.counts, phases)
     law = case.material_class(**case.start_values())
     test = next(test for test in case.tests if test.angle == angle)
-    result = model.run(law, case.material.bulk_modulus(law.shear_modulus), angle, case.outputs(test))
+    result = model.run(press_of(case, test, law))
     wall = time.perf_counter() - started
     wanted = ("steps", "newton_iterations", "factorizations", "solves", "krylov_iterations", "tries")
     counts = {key: result.facts[key] for key in wanted}
@@ -234,7 +235,7 @@ def _factorising(counts, phases):
 def _warm(case, angle):
     """Compiles, or loads what was compiled, outside the time."""
     from indentfit.case import read_case
-    from indentfit.fem.simulate import simulate
+    from indentfit.runs.forward import simulate
 
     simulate(read_case(CASE, [*OPTIMUM, f"solver.element='{case.solver.element}'", "mesh.elements=30"]))
 

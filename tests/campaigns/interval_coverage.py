@@ -24,7 +24,6 @@ from scipy.stats import qmc
 
 from indentfit.case import read_case
 from indentfit.errors import ConvergenceError
-from indentfit.fem.simulate import simulate
 from indentfit.inference import profiles
 from indentfit.inference.certainty import coverage, with_inputs
 from indentfit.inference.identifiability import identifiability
@@ -33,6 +32,7 @@ from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import polish
 from indentfit.inverse.problem import problem_of
 from indentfit.inverse.surrogate import learn
+from indentfit.runs.forward import simulate
 from indentfit.runs.pool import Pool
 
 CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"

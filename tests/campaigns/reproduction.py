@@ -167,6 +167,7 @@ def slip(home, workers, extra):
     of the paper's software: by ELASTIC_SLIP at the mean pressure of the last displacement."""
     from indentfit.case import read_case
     from indentfit.fem import contact, simulate
+    from indentfit.runs import forward
 
     rows, own = [], (contact.Contact.touch, contact.Touch.advanced, simulate.TANGENTIAL)
 
@@ -186,7 +187,7 @@ def slip(home, workers, extra):
             pressure = 70 / (case.indenter.width * case.sample.diameter)  # kPa, at a force of 70 mN
             modulus = case.material_class(**case.start_values()).shear_modulus * simulate.SHARP
             simulate.TANGENTIAL = friction * pressure / elastic * case.sample.thickness / modulus
-        return {test.name: test.force[-1] for test in simulate.simulate(case).tests}
+        return {test.name: test.force[-1] for test in forward.simulate(case).tests}
 
     for elastic in (None, *ELASTIC_SLIP):
         try:

@@ -102,7 +102,7 @@ def run(job):
     number, point, extra = job
     from indentfit.case import read_case
     from indentfit.errors import IndentfitError
-    from indentfit.fem.simulate import simulate
+    from indentfit.runs.forward import simulate
 
     started, cause, unforeseen, force, facts = time.perf_counter(), None, None, None, {}
     try:
