@@ -13,8 +13,11 @@ import pytest
 
 from indentfit.case import read_case
 from indentfit.errors import LedgerError
+from indentfit.runs import key as key_module
 from indentfit.runs import ledger as ledger_module
-from indentfit.runs.ledger import Inputs, InUse, Ledger, Run, refuse_in_use
+from indentfit.runs.key import Inputs
+from indentfit.runs.ledger import InUse, Ledger, refuse_in_use
+from indentfit.runs.run import Run
 
 QUICKSTART = Path(__file__).parent.parent / "cases" / "quickstart"
 POINT = {"mu": 1.0, "zeta": 3.0, "phi": 0.1 + 0.2}
@@ -39,7 +42,7 @@ def fill(path, case, number=8):
     return written
 
 
-def found(ledger, n):
+def stored(ledger, n):
     return ledger.find({**POINT, "phi": float(n)}, ledger.case.tests[n % 2])
 
 
@@ -141,7 +144,7 @@ def test_a_plugin_counts_by_what_it_says_and_not_by_where_it_lies(tmp_path):
 
 def test_another_version_of_a_library_finds_nothing(case, monkeypatch):
     before = Inputs(case).origin
-    monkeypatch.setattr(ledger_module, "versions", lambda: {"numpy": "0.1"})
+    monkeypatch.setattr(key_module, "versions", lambda law: {"numpy": "0.1"})
     assert Inputs(case).origin != before
 
 
@@ -168,7 +171,7 @@ def test_a_flipped_bit_is_found_wherever_it_is(tmp_path, case):
         path.write_bytes(spoilt)
         try:
             with Ledger(path, case, resume=True) as ledger:
-                back = [found(ledger, n) for n in written]
+                back = [stored(ledger, n) for n in written]
                 assert all(run is None or same(run, written[n]) for n, run in enumerate(back))
                 outcomes["missing" if None in back else "same"] += 1
                 assert (None not in back) or ledger.remarks
@@ -186,7 +189,7 @@ def test_a_truncated_ledger_is_refused_in_one_line_or_has_only_what_was_written(
     for size in sorted({1, 15, 16, 99, 100, 4096, len(whole) - 4096, len(whole) - 1, *range(0, len(whole), 3001)} - {0}):
         path.write_bytes(whole[:size])
         with pytest.raises(LedgerError) as error, Ledger(path, case, resume=True) as ledger:
-            assert all(found(ledger, n) is None or same(found(ledger, n), written[n]) for n in written)
+            assert all(stored(ledger, n) is None or same(stored(ledger, n), written[n]) for n in written)
             raise LedgerError("the runs that are left are what was written")
         assert len(str(error.value).splitlines()) == 1
 
@@ -250,8 +253,8 @@ def test_a_ledger_of_another_case_or_version_is_not_resumed(tmp_path, case, monk
     fill(path, case)
     with pytest.raises(LedgerError, match="another case"):
         Ledger(path, quickstart("test.parallel.weight=0.9"), resume=True)
-    known = ledger_module.versions()
-    monkeypatch.setattr(ledger_module, "versions", lambda: {**known, "numpy": "9.9"})
+    known = key_module.versions(case.material_class)
+    monkeypatch.setattr(key_module, "versions", lambda law: {**known, "numpy": "9.9"})
     with pytest.raises(LedgerError, match=r"numpy \(.*, now 9.9\)"):
         Ledger(path, case, resume=True)
     with Ledger(path, case) as ledger:
@@ -297,7 +300,8 @@ WRITER = """
 import sys
 import numpy as np
 from indentfit.case import read_case
-from indentfit.runs.ledger import Ledger, Run
+from indentfit.runs.ledger import Ledger
+from indentfit.runs.run import Run
 case = read_case(sys.argv[1])
 with Ledger(sys.argv[2], case, resume=len(sys.argv) > 3) as ledger:
     for n in range(10**6):
@@ -333,7 +337,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(tmp_path, case):
     assert written > 3
     with Ledger(path, case, resume=True) as ledger:
         assert len(ledger) == written
-        assert all(np.array_equal(found(ledger, n).force, forces(n)) for n in range(written))
+        assert all(np.array_equal(stored(ledger, n).force, forces(n)) for n in range(written))
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")

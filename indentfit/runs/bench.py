@@ -16,8 +16,8 @@ from indentfit.errors import ConvergenceError, MaterialError
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import blamed, typed
-from indentfit.runs.ledger import Run
 from indentfit.runs.points import setting, setup_of
+from indentfit.runs.run import Run
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
 MEMORY = "out of memory, twice"

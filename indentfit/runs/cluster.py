@@ -11,8 +11,9 @@ from typing import Any
 
 from indentfit.errors import WorkerError
 from indentfit.runs.bench import Bench
-from indentfit.runs.ledger import Inputs, Run
+from indentfit.runs.key import Inputs
 from indentfit.runs.processes import deaf_to_interrupts
+from indentfit.runs.run import Run
 
 LOCAL = "local"
 PATIENCE = 30  # seconds to find the scheduler, and for it to have a worker

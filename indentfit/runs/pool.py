@@ -13,8 +13,8 @@ import numpy as np
 from indentfit.errors import Stopped
 from indentfit.runs.bench import Bench
 from indentfit.runs.cluster import Cluster
-from indentfit.runs.ledger import Run
 from indentfit.runs.processes import Processes
+from indentfit.runs.run import Run
 
 RECENT = 500  # runs that are asked how long the next ones may take
 

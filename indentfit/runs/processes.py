@@ -20,7 +20,7 @@ from typing import Any
 
 from indentfit.errors import WorkerError
 from indentfit.runs.bench import Bench, too_long
-from indentfit.runs.ledger import Run
+from indentfit.runs.run import Run
 
 THREAD_VARIABLES = ("MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 START = 600.0  # seconds for a process to start: to import, to compile the element loop once, and to mesh

@@ -19,8 +19,8 @@ from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
 from indentfit.inverse.problem import Target, equation_one, rmse
 from indentfit.runs.forward import presses_of
-from indentfit.runs.ledger import Run
 from indentfit.runs.points import press_of, setup_of
+from indentfit.runs.run import Run
 from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
 from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
 from indentfit.study.refit import Refit, refits

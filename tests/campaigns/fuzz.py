@@ -45,6 +45,7 @@ from indentfit.experiment import manifest, process, reading, samples
 from indentfit.experiment.record import Layout
 from indentfit.report import html, html_fit, html_studies, page
 from indentfit.runs import ledger
+from indentfit.runs.run import Run
 
 SHIPPED = Path(__file__).parents[2] / "cases"
 SECONDS, MEMORY = 10, 2 << 30
@@ -436,7 +437,7 @@ class LedgerFile:
         with ledger.Ledger(self.path, self.case) as file:
             for n, point in enumerate(self.points):
                 slopes = {"mu": self.force + n} if n % 2 else None
-                file.add(point, self.case.tests[0], ledger.Run(self.force + n, None, 1.0, {"steps": 8}, slopes))
+                file.add(point, self.case.tests[0], Run(self.force + n, None, 1.0, {"steps": 8}, slopes))
         self.sound = self.path.read_bytes()
         sql = st.sampled_from([None, None, *STATEMENTS])
         raw = st.builds(lambda bits: bytes_changed(self.sound, bits), BYTES)
@@ -459,7 +460,7 @@ class LedgerFile:
             return
         with ledger.Ledger(self.path, self.case, resume=how == "resume") as file:
             self.compare(file)
-            file.add({"mu": 9.0, "zeta": 0.0, "phi": 0.0}, self.case.tests[0], ledger.Run(self.force, None, 1.0, {}))
+            file.add({"mu": 9.0, "zeta": 0.0, "phi": 0.0}, self.case.tests[0], Run(self.force, None, 1.0, {}))
 
     def compare(self, file):
         for n, point in enumerate(self.points):

@@ -1,0 +1,199 @@
+"""The import closure of a module: the source of all that the module can run, found by following its imports.
+
+Imports are read from the source with `ast`, those inside functions too, and those by `import_module("name")`; imports for
+type checkers only are left out.
+Names are relative to the package, so that two machines with the same sources get the same hash.
+"""
+
+import ast
+import contextlib
+import hashlib
+import importlib.metadata
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+PACKAGE = "indentfit"
+HOME = Path(__file__).parents[1]
+DISTRIBUTIONS = {"skfem": "scikit-fem"}  # packages whose distribution has another name
+RUNNING = "indentfit.runs.bench"  # the module whose function computes a run
+
+# Import statements of a source in the project's style: parsing these alone takes a tenth of the time of parsing the whole file.
+STATEMENT = re.compile(rb"^[ \t]*((?:from[ \t]+[\w.]+[ \t]+import|import)\b(?:[^\n(\\]|\([^)]*\))*)", re.MULTILINE)
+BY_NAME = re.compile(rb"\bimport_module\(\s*['\"]([\w.]+)['\"]")
+OTHER_STYLE = re.compile(rb"[;:][ \t]*(?:from|import)[ \t]|TYPE_CHECKING|def __getattr__|\\\n")
+
+Find = Callable[[str], Path | None]
+
+
+class Imported(NamedTuple):
+    """One import: `from module import names` (level dots before the module), or `import module` without names."""
+
+    module: str
+    names: tuple[str, ...] = ()
+    level: int = 0
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A module and what it imports.
+
+    Parameters
+    ----------
+    start : str
+        Name of the module that the closure starts from.
+    sources : dict of module name -> bytes
+        Source of each module, with line ends of Unix.
+    foreign : frozenset of str
+        First names of the packages of others that are imported; the standard library is not among them.
+    """
+
+    start: str
+    sources: dict[str, bytes]
+    foreign: frozenset[str]
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of all sources with their names; the start counts by its content only, wherever it lies."""
+        digest = hashlib.sha256(_sha(self.sources[self.start]))
+        for name in sorted(self.sources.keys() - {self.start}):
+            digest.update(_sha(name.encode()) + _sha(self.sources[name]))
+        return digest.hexdigest()
+
+
+@cache
+def of_runs() -> Closure:
+    """The closure of the function that computes a run, as it is installed here."""
+    return of_package(HOME)
+
+
+def of_package(home: Path, start: str = RUNNING) -> Closure:
+    """The closure of a module of the package whose sources are in the folder `home`."""
+    return follow(start, lambda name: _file_below(home, PACKAGE, name))
+
+
+def of_law(law: type) -> Closure:
+    """The closure of the file that defines the class of a material: its own file and what that file imports.
+
+    Followed are files beside it, modules of its own package and of ours, and modules that no installed distribution holds;
+    a module that is loaded counts by the file that it was loaded from.
+    """
+    module, file = law.__module__, _loaded(law.__module__)
+    if file is None:
+        return Closure(module, {module: law.__qualname__.encode()}, frozenset())
+    return follow(module, lambda name: file if name == module else _file_of_law(name, module, file.parent))
+
+
+def follow(start: str, find: Find) -> Closure:
+    """The closure of the module `start`; find: name of a module -> file of its source, None where it is not to be followed."""
+    sources: dict[str, bytes] = {}
+    foreign: set[str] = set()
+    queue = [start]
+    while queue:
+        name = queue.pop()
+        file = find(name)
+        if name in sources or file is None:
+            continue
+        sources[name] = file.read_bytes().replace(b"\r\n", b"\n")
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        for imported in imports(sources[name]):
+            needed = [*_needed(imported, package)]
+            ours = [other for other in needed if find(other)]
+            queue += ours
+            first = needed[0].partition(".")[0]
+            if not ours and first != PACKAGE and first not in sys.stdlib_module_names:
+                foreign.add(first)
+    return Closure(start, sources, frozenset(foreign))
+
+
+@lru_cache(maxsize=1000)
+def imports(source: bytes) -> tuple[Imported, ...]:
+    """All imports of a source that its code can reach; those that only a type checker reads are left out."""
+    return (*_written(source), *(Imported(name.decode()) for name in BY_NAME.findall(source)))
+
+
+def _written(source: bytes) -> Iterable[Imported]:
+    """The import statements of a source."""
+    if not OTHER_STYLE.search(source):
+        try:
+            nodes: Iterable[ast.stmt] = [node for text in STATEMENT.findall(source) for node in ast.parse(text).body]
+            return list(_imported(nodes))
+        except SyntaxError:
+            pass  # a line of a docstring that looks like an import, or a comment within one: the whole file is read
+    return list(_imported(_statements(ast.parse(source).body)))
+
+
+def _imported(nodes: Iterable[ast.stmt]) -> Iterator[Imported]:
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (Imported(alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield Imported(node.module or "", tuple(alias.name for alias in node.names), node.level)
+
+
+def _statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
+    """The statements of a body and of the blocks in it, without those for type checkers."""
+    for node in body:
+        yield node
+        for_checkers = isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        for block in ("orelse",) if for_checkers else ("body", "orelse", "finalbody", "handlers", "cases"):
+            yield from _statements(getattr(node, block, []))
+
+
+def _needed(imported: Imported, package: str) -> Iterator[str]:
+    """Names of the modules that an import may load: packages on its way first, then names that may be modules."""
+    module = imported.module
+    if imported.level:
+        steps = package.split(".")
+        module = ".".join([*steps[: len(steps) + 1 - imported.level], *([module] if module else [])])
+    steps = module.split(".")
+    yield from (".".join(steps[: n + 1]) for n in range(len(steps)))
+    yield from (f"{module}.{name}" for name in imported.names)
+
+
+def _file_below(home: Path, package: str, name: str) -> Path | None:
+    """The file of a module of a package in a folder; None for the package's own, lazy, `__init__`."""
+    first, _, rest = name.partition(".")
+    return _file(home, rest) if first == package and rest else None
+
+
+def _file(folder: Path, name: str) -> Path | None:
+    """The file of the module `name`, relative to a folder."""
+    place = folder.joinpath(*name.split("."))
+    return next((file for file in (place.with_name(f"{place.name}.py"), place / "__init__.py") if file.is_file()), None)
+
+
+def _file_of_law(name: str, module: str, folder: Path) -> Path | None:
+    """The file of a module that a law imports, None for the standard library and for installed distributions."""
+    first = name.partition(".")[0]
+    if first == PACKAGE:
+        return None if name == PACKAGE or name in of_runs().sources else _loaded(name) or _file_below(HOME, PACKAGE, name)
+    beside = _file(folder, name)
+    if beside or first == module.partition(".")[0]:
+        return _loaded(name) or beside
+    if first in sys.stdlib_module_names or version_of(first) is not None:
+        return None
+    return _loaded(name)
+
+
+def _loaded(name: str) -> Path | None:
+    """The source that a module was loaded from, None where it is not loaded, or has none."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    return Path(file) if file and file.endswith(".py") and Path(file).is_file() else None
+
+
+@cache
+def version_of(package: str) -> str | None:
+    """Version of the distribution that holds a package of this first name, None where none does."""
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        return importlib.metadata.version(DISTRIBUTIONS.get(package, package))
+    holders = importlib.metadata.packages_distributions().get(package)  # slow: it reads the files of all distributions
+    return importlib.metadata.version(holders[0]) if holders else None
+
+
+def _sha(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest()

@@ -1,0 +1,92 @@
+"""The key of a run: a hash of everything that decides its curve, so that no stored run answers for another.
+
+In the key are sample, indenter, mesh, solver, the law with its code, bulk modulus, angle, output depths and parameters, the
+sources of all modules that a run imports, and the versions of the packages of others among them. Measured forces, weights
+and settings of the fit are not: another fit of the same mechanics finds the same runs.
+"""
+
+import hashlib
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from indentfit.case import Case, Test
+from indentfit.fem.linear import LinearSolver
+from indentfit.runs import closure
+
+FORMAT = 1  # of the ledger's rows
+ALWAYS = ("mkl",)  # a library that pypardiso loads, and nobody imports
+
+
+class Inputs:
+    """What decides the curves of a case: `origin` is the hash of all that its runs have in common."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self.versions = versions(case.material_class)
+        self.common = {
+            "format": FORMAT,
+            "sample": case.sample.model_dump(mode="json"),
+            "indenter": case.indenter.model_dump(mode="json"),
+            "mesh": case.mesh.model_dump(mode="json"),
+            "depth": max(float(case.outputs(test)[-1]) for test in case.tests),  # the mesh is made for it
+            "solver": {**case.solver.model_dump(mode="json"), "linear": LinearSolver(case.solver.linear).name},
+            "material": _material(case),
+            "bulk_ratio": case.material.bulk_ratio,
+            "kappa": case.material.kappa,
+            "code": code(),
+            "versions": self.versions,
+        }
+        self.origin = sha(as_json(self.common))
+
+    def of(self, parameters: Mapping[str, Any], test: Test) -> dict[str, Any]:
+        """The inputs of a run beyond the common ones: parameters (name -> value), of a test of the case."""
+        depths = np.asarray(self.case.outputs(test), dtype=float).tolist()
+        return {"parameters": dict(parameters), "angle": int(test.angle), "depths": depths}
+
+    def hash(self, inputs: Mapping[str, Any]) -> str:
+        """SHA-256 of all that decides a run's curve."""
+        return sha(self.origin + as_json(inputs))
+
+
+def code() -> str:
+    """Hash of the sources of all modules that a run imports: a version number does not change while one works on them."""
+    return closure.of_runs().hash
+
+
+def versions(law: type) -> dict[str, str | None]:
+    """Versions of the packages of others that a run of this law imports, None for what is not installed."""
+    first_names = {*closure.of_runs().foreign, *ALWAYS}.union(*(part.foreign for part in _of_bases(law)))
+    known = {name: closure.version_of(name) for name in sorted(first_names)}
+    return known | {"machine": platform.machine(), "system": platform.system()}
+
+
+def _material(case: Case) -> dict[str, Any]:
+    """The material: its energy as typed, or its name and the code of its class and of those that it builds on."""
+    law = case.material_class
+    if case.material.energy is not None:
+        return {"energy": case.material.energy, "parameters": list(law.parameters)}
+    return {"class": law.__qualname__, "parameters": list(law.parameters), "code": [part.hash for part in _of_bases(law)]}
+
+
+def _of_bases(law: type) -> Iterable[closure.Closure]:
+    """The closures of the files that define a law and the classes that it builds on, without those that every run imports."""
+    modules = {base.__module__: base for base in law.__mro__[:-1] if base.__module__ not in closure.of_runs().sources}
+    return [closure.of_law(base) for base in modules.values()]
+
+
+def sha(content: str | bytes) -> str:
+    """SHA-256 of a text or of bytes, in hexadecimal digits."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
+
+
+def as_json(value: Any) -> str:
+    """A value as JSON with sorted keys and without spaces; numbers of NumPy as Python's own."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist()
