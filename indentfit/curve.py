@@ -8,30 +8,31 @@ full sample, positive in compression; displacements are positive into the sample
 
 from __future__ import annotations
 
-import functools
 import io
 import math
-import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from .errors import CurveError
+from indentfit.arrays import Array
+from indentfit.errors import CurveError
+from indentfit.units import unit_factor
 
 MIN_POINTS = 5
 UNITS = {"displacement": "mm", "force": "mN"}
-NAMES_OF_UNITS = re.compile(r"[^\W\d_]+(_[^\W\d_]+)*(\^?-?\d)?([*/·][^\W\d_]+(\^?-?\d)?)*")
+Column = tuple[int, float]  # its place, and the factor that turns its numbers into ours
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
     """One indentation: `displacement` in mm and full-sample `force` in mN, both of shape (n,), read-only."""
 
-    displacement: np.ndarray
-    force: np.ndarray
+    displacement: Array
+    force: Array
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in UNITS:
             values = np.array(getattr(self, name), dtype=float)
             values.flags.writeable = False
@@ -43,7 +44,7 @@ class Curve:
             )
 
 
-def read_curve(path):
+def read_curve(path: str | Path) -> Curve:
     """The `Curve` of a CSV file, in mm and mN.
 
     Raises CurveError, one line with the file, the line number, the value and the remedy, where the file is
@@ -55,14 +56,25 @@ def read_curve(path):
         raise CurveError(f"{path}: the file is empty; it needs a header displacement_mm,force_mN and numbers below")
     number, header = lines.pop(0)
     separator = _separator(header)
-    places = _columns(f"{path}: line {number}", _cells(header, separator))
-    points = [_point(f"{path}: line {number}", _cells(line, separator), places, separator) for number, line in lines]
+    width, columns = _columns(f"{path}: line {number}", _cells(header, separator))
+    points = [_point(f"{path}: line {number}", _cells(line, separator), width, columns, separator) for number, line in lines]
     _require_loading(path, [number for number, _ in lines], points)
     displacement, force = np.array(points).T
     return Curve(np.maximum(displacement, 0.0), force)
 
 
-def write_curve(path, curve):
+def require_loading(curve: Curve) -> None:
+    """Raise CurveError unless a curve in memory is the loading part of one indentation; the text names the point."""
+    displacement, force = curve.displacement, curve.force
+    if len(displacement) < MIN_POINTS:
+        raise CurveError(f"{len(displacement)} points; a curve needs at least {MIN_POINTS}")
+    if not (np.isfinite(displacement).all() and np.isfinite(force).all()):
+        raise CurveError("holds numbers that are not finite; leave these points out")
+    for n, text in _not_loading(displacement, force):
+        raise CurveError(text if n is None else f"point {n}: {text}")
+
+
+def write_curve(path: str | Path, curve: Curve) -> None:
     """Write a `Curve` as CSV with the header displacement_mm,force_mN; the numbers read back exactly."""
     rows = [f"{d!r},{f!r}\n" for d, f in zip(curve.displacement.tolist(), curve.force.tolist(), strict=True)]
     try:
@@ -71,42 +83,14 @@ def write_curve(path, curve):
         raise CurveError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
 
 
-@functools.cache
-def unit_factor(unit, target):
-    """What a number in `unit` is multiplied by to be in `target` (both strings that pint knows).
-
-    Raises ValueError, a phrase to put after the name of what has the unit, where it is unknown or of another kind.
-    """
-    if unit == target:
-        return 1.0
-    import pint  # a quarter of a second, and only needed for other units
-
-    if not NAMES_OF_UNITS.fullmatch(unit):
-        raise ValueError(f"has no readable unit ({_shown(unit)}); use {target}")
-    try:
-        factor = _registry().Quantity(1.0, unit).to(target).magnitude
-    except pint.DimensionalityError:
-        raise ValueError(f"is in {unit}, which cannot be turned into {target}; give it in {target}") from None
-    except Exception:  # pint's parser has many ways to say that it does not know a unit
-        raise ValueError(f"has the unknown unit {_shown(unit)}; use {target}") from None
-    return float(f"{factor:.14g}")
-
-
-@functools.cache
-def _registry():
-    import pint
-
-    return pint.UnitRegistry()
-
-
-def _lines(path):
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Number and text of each line that says something."""
     for number, line in enumerate(io.StringIO(_text(path), newline=None), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, line.rstrip("\n")
 
 
-def _text(path):
+def _text(path: Path) -> str:
     try:
         if not path.exists():
             raise CurveError(f"{path}: no such file; check the path")
@@ -122,43 +106,42 @@ def _text(path):
         raise CurveError(f"{path}: line {line}: not UTF-8 text; export it as 'CSV UTF-8'") from None
 
 
-def _separator(header):
+def _separator(header: str) -> str:
     return next((mark for mark in ";\t" if mark in header), ",")
 
 
-def _cells(line, separator):
+def _cells(line: str, separator: str) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in line.split(separator)]
 
 
-def _columns(where, header):
+def _columns(where: str, header: list[str]) -> tuple[int, list[Column]]:
     """Column and factor of the displacement and of the force, from a header such as displacement_um,force_N."""
     places = []
     for quantity, target in UNITS.items():
-        found = [(place, cell) for place, cell in enumerate(header) if cell.lower().startswith(quantity + "_")]
-        if len(found) != 1:
-            reason = f"{len(found)} columns of {quantity}" if found else f"no column {quantity}_{target}"
+        matching = [(place, cell) for place, cell in enumerate(header) if cell.lower().startswith(quantity + "_")]
+        if len(matching) != 1:
+            reason = f"{len(matching)} columns of {quantity}" if matching else f"no column {quantity}_{target}"
             raise CurveError(
                 f"{where}: header {_shown(','.join(header))} has {reason}; "
                 "it must be displacement_mm,force_mN (other units by name: displacement_um, force_N)"
             )
-        place, cell = found[0]
+        place, cell = matching[0]
         try:
             places.append((place, unit_factor(cell[len(quantity) + 1 :], target)))
         except ValueError as error:
             raise CurveError(f"{where}: column {_shown(cell)} {error}") from None
-    return len(header), *places
+    return len(header), places
 
 
-def _point(where, cells, places, separator):
+def _point(where: str, cells: list[str], width: int, columns: list[Column], separator: str) -> list[float]:
     """Displacement and force of one line, in mm and mN."""
-    width, *columns = places
     if len(cells) != width:
         hint = "; with decimal commas, separate the columns by semicolons" if separator == "," else ""
         raise CurveError(f"{where}: {_shown(separator.join(cells))} has {len(cells)} columns, the header {width}{hint}")
     return [_number(where, cells[place], separator, factor) for place, factor in columns]
 
 
-def _number(where, text, separator, factor):
+def _number(where: str, text: str, separator: str, factor: float) -> float:
     try:
         if "_" in text:
             raise ValueError
@@ -170,36 +153,37 @@ def _number(where, text, separator, factor):
     return value
 
 
-def _require_loading(path, numbers, points):
+def _require_loading(path: Path, numbers: list[int], points: list[list[float]]) -> None:
     """Refuse what is not the loading part of one indentation, naming the first line that is wrong."""
     if len(points) < MIN_POINTS:
         raise CurveError(f"{path}: {len(points)} points; a curve needs at least {MIN_POINTS}")
     displacement, force = np.array(points).T
-    where = [f"{path}: line {number}" for number in numbers]
+    for n, text in _not_loading(displacement, force):
+        raise CurveError(f"{path}: line {numbers[n]}: {text}" if n is not None else f"{path}: {text}")
+
+
+def _not_loading(displacement: Array, force: Array) -> Iterator[tuple[int | None, str]]:
+    """What is wrong with the loading part of an indentation, with the point's index where one is at fault."""
     if not (displacement > 0).any():
-        raise CurveError(
-            f"{where[-1]}: displacement {displacement[-1]:g} mm: none is positive; they are positive into the sample, "
-            "change the sign"
-        )
+        text = f"displacement {displacement[-1]:g} mm: none is positive; they are positive into the sample, change the sign"
+        yield len(displacement) - 1, text
     if displacement[0] < -1e-9 * np.abs(displacement).max():
-        raise CurveError(
-            f"{where[0]}: displacement {displacement[0]:g} mm is negative; start at the contact point, "
-            "displacements positive into the sample"
+        yield (
+            0,
+            f"displacement {displacement[0]:g} mm is negative; start at the contact point, displacements positive into the sample",
         )
-    for n in np.flatnonzero(np.diff(np.maximum(displacement, 0.0)) <= 0)[:1] + 1:
+    for n in map(int, np.flatnonzero(np.diff(np.maximum(displacement, 0.0)) <= 0)[:1] + 1):
         wrong = f"comes after {displacement[n - 1]:g} mm; sort the lines and keep the loading only"
         if displacement[n] == displacement[n - 1]:
             wrong = "is given twice; keep one of the two lines"
-        raise CurveError(f"{where[n]}: displacement {displacement[n]:g} mm {wrong}")
+        yield n, f"displacement {displacement[n]:g} mm {wrong}"
     if not force.any():
-        raise CurveError(f"{path}: every force is zero; check the force column")
+        yield None, "every force is zero; check the force column"
     if force[-1] <= 0:
-        raise CurveError(
-            f"{where[-1]}: force {force[-1]:g} mN at the deepest point is not positive; compression is positive, "
-            "change the sign if your load cell counts otherwise"
-        )
+        text = f"force {force[-1]:g} mN at the deepest point is not positive; compression is positive, "
+        yield len(force) - 1, text + "change the sign if your load cell counts otherwise"
 
 
-def _shown(text):
+def _shown(text: str) -> str:
     """A value as it is quoted in a message: on one line and short."""
     return repr(text if len(text) <= 60 else text[:57] + "...")

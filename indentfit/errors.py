@@ -1,5 +1,7 @@
 """What can go wrong, each kind with the exit code that the command line ends with."""
 
+from collections.abc import Iterable
+
 
 class IndentfitError(Exception):
     """Root of every error that indentfit raises on purpose; its text is one line for the user."""
@@ -14,11 +16,11 @@ class InputError(IndentfitError):
 
 
 class CaseError(InputError):
-    """A case file that cannot be used. `problems` holds one line for each error found."""
+    """A case that cannot be used. `faults` holds one line for each fault."""
 
-    def __init__(self, problems):
-        self.problems = [problems] if isinstance(problems, str) else list(problems)
-        super().__init__("\n".join(self.problems))
+    def __init__(self, faults: str | Iterable[str]) -> None:
+        self.faults = [faults] if isinstance(faults, str) else list(faults)
+        super().__init__("\n".join(self.faults))
 
 
 class CurveError(InputError):
@@ -52,7 +54,7 @@ class WorkerError(InputError):
 class Stopped(IndentfitError):
     """A long command was stopped by a signal, as asked; `number` is the signal's."""
 
-    def __init__(self, text, number=2):
+    def __init__(self, text: str, number: int = 2) -> None:
         self.number, self.exit_code = number, 128 + number
         super().__init__(text)
 
@@ -66,11 +68,11 @@ class ConvergenceError(IndentfitError):
 
     exit_code = 3
 
-    def __init__(self, cause, displacement=float("nan"), step=0, iteration=0):
+    def __init__(self, cause: str, displacement: float = float("nan"), step: int = 0, iteration: int = 0) -> None:
         self.cause, self.displacement, self.step, self.iteration = cause, displacement, step, iteration
         super().__init__(f"no equilibrium at {displacement:.4g} mm (step {step}, iteration {iteration}): {cause}")
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type, tuple[str, float, int, int]]:
         return type(self), (self.cause, self.displacement, self.step, self.iteration)
 
 

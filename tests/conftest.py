@@ -8,7 +8,7 @@ for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import pytest  # noqa: E402 - the numerical libraries read the number of threads when they are loaded
 
-from indentfit.case import read_case  # noqa: E402
+from indentfit.experiment.measured import read_case  # noqa: E402
 from indentfit.fem.setup import Press  # noqa: E402
 from indentfit.fem.simulate import Model  # noqa: E402
 from indentfit.runs.points import setup_of  # noqa: E402
@@ -30,7 +30,7 @@ def run():
 
     def run(*overrides, angle, depths):
         case = white_matter(*overrides)
-        material = case.material_class(**case.start_values())
+        material = case.law(**case.start_values())
         kappa = case.material.bulk_modulus(material.shear_modulus)
         return Model(setup_of(case)).run(Press(material, kappa, angle, depths))
 
@@ -43,7 +43,7 @@ def stiffness():
 
     def stiffness(*overrides, angle=0):
         case = white_matter(*overrides)
-        material = case.material_class(**case.start_values())
+        material = case.law(**case.start_values())
         return Model(setup_of(case)).stiffness(material, case.material.bulk_modulus(material.shear_modulus), angle)
 
     return stiffness

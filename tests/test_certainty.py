@@ -10,9 +10,10 @@ from scipy.stats import norm
 from scipy.stats import t as student
 from test_inverse import FREE, TRUTH, Formula, bent, coarse, formula, problem
 
-from indentfit.case import Fit, Mesh, Range, Uncertain, read_case
+from indentfit.case import Fit, Mesh, Range, Uncertain
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.mesh import quarter
 from indentfit.inference import certainty, inputs, profiles
 from indentfit.inference.fit import METHODS, fit

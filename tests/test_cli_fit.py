@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
-from indentfit.case import read_case
 from indentfit.cli import fit as cli_fit
 from indentfit.cli import main
 from indentfit.curve import read_curve
 from indentfit.errors import ConvergenceError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.report.text import weights_lines

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from indentfit.case import read_case
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
+from indentfit.experiment.measured import read_case
 from indentfit.experiment.rig import Noise, Rig
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit

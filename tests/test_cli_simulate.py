@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 from conftest import CASES
 
-from indentfit.case import read_case
 from indentfit.cli import main, progress
 from indentfit.errors import ConvergenceError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.report.stress_plots import surface
 from indentfit.runs.forward import simulate

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from indentfit.case import read_case
+from indentfit.experiment.measured import read_case
 from indentfit.runs import closure
 from indentfit.runs.key import Inputs, versions
 
@@ -99,7 +99,7 @@ def test_the_quick_reading_of_imports_misses_none(path):
 
 
 def test_what_computes_is_a_package_whose_version_is_in_the_key():
-    known = versions(read_case(QUICKSTART).material_class)
+    known = versions(read_case(QUICKSTART).law)
     assert {"numpy", "scipy", "skfem", "numba", "sympy", "pypardiso", "mkl", "pyamg", "machine"} <= known.keys()
     assert known["numpy"] and known["skfem"] and known["sympy"]
     assert not known.keys() & {"matplotlib", "click", "jinja2", "rich", "meshio", "ast", "indentfit"}
@@ -150,7 +150,7 @@ def origin_with(folder, helper, below="ONE = 1\n"):
     program = f"""
 import sys
 sys.path.insert(0, {str(folder)!r})
-from indentfit.case import read_case
+from indentfit.experiment.measured import read_case
 from indentfit.runs.key import Inputs
 print(Inputs(read_case({str(QUICKSTART)!r}, [{f"material.model={folder / 'm.py'}:M"!r}, "material.parameters={{mu=1}}"])).origin)
 """
@@ -167,7 +167,7 @@ def test_a_file_that_a_law_imports_is_in_the_key_wherever_both_lie(tmp_path):
 
 
 def test_an_installed_law_counts_by_its_code_and_that_of_its_bases():
-    law = read_case(QUICKSTART).material_class
+    law = read_case(QUICKSTART).law
     part = closure.of_law(law)
     assert [*part.sources] == [law.__module__]
     assert part.sources[law.__module__] == Path(sys.modules[law.__module__].__file__).read_bytes()

@@ -33,7 +33,7 @@ def watch(event, words):
 sys.addaudithook(watch)
 
 import multiprocessing
-from indentfit.case import read_case
+from indentfit.experiment.measured import read_case
 from indentfit.runs.pool import Pool
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from indentfit.runs.points import setup_of
 case = white_matter("mesh.elements=20", "solver.element={element}", "test=[{{name='a',angle=90,depth=0.03,points=2}}]")
 model = Model(setup_of(case))
 assert type(element._gather).__name__ == {kind!r}
-press = Press(case.material_class(**case.start_values()), 1490.0, 90, [0.015, 0.03], sensitivities=("mu", "zeta"))
+press = Press(case.law(**case.start_values()), 1490.0, 90, [0.015, 0.03], sensitivities=("mu", "zeta"))
 run = model.run(press)
 print(*run.force, *run.sensitivities["mu"], *run.sensitivities["zeta"])
 """

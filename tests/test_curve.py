@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from indentfit.curve import Curve, read_curve, unit_factor, write_curve
+from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.errors import CurveError
+from indentfit.units import unit_factor
 
 POINTS = [(0.0, 0.0), (0.1, 7.0), (0.2, 15.0), (0.3, 24.0), (0.4, 34.0)]
 ROWS = "".join(f"{d},{f}\n" for d, f in POINTS)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import CASES
 
-from indentfit.case import read_case
+from indentfit.experiment.measured import read_case
 from indentfit.runs.forward import simulate
 
 QUICK = CASES / "quickstart" / "case.toml"

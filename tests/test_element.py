@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from skfem import Basis, BilinearForm, ElementHex0, MeshHex
 from skfem.helpers import ddot, grad
 
-from indentfit.case import Case, Indenter, MaterialCase, Mesh, Sample, Solver, Test
+from indentfit.case import Case, Indenter, MaterialChoice, Mesh, Sample, Solver, Test
 from indentfit.fem import element, forms
 from indentfit.fem.element import Solid
 from indentfit.fem.forms import FormSolid
@@ -151,7 +151,7 @@ def test_a_whole_case_runs_on_the_plain_forms():
             sample=Sample(shape="block", length=6, width=6, thickness=3.3, base="sliding"),
             indenter=Indenter(shape="strip", width=2, length=20, friction=0.5),
             mesh=Mesh(elements=60),
-            material=MaterialCase(model="transversely_isotropic", parameters={"mu": MU, "zeta": ZETA, "phi": PHI}),
+            material=MaterialChoice(model="transversely_isotropic", parameters={"mu": MU, "zeta": ZETA, "phi": PHI}),
             tests=(Test(name="perpendicular", angle=90, depth=0.2, points=4),),
             solver=Solver(assembly=assembly, tolerance=1e-9),
         )

@@ -92,7 +92,7 @@ def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monke
         return usual(self, stiffer, *of_run)
 
     monkeypatch.setattr(Model, "_run", fails_but_on_coarser_meshes)
-    material = case.material_class(mu=1.49, zeta=4.68, phi=0.68)
+    material = case.law(mu=1.49, zeta=4.68, phi=0.68)
     press = Press(material, 1490.0, 0, np.array([0.1]))
     found = model.run(press)
     assert len(set(tried)) == len(tried) == found.facts["tries"] == 3

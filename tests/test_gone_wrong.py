@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from conftest import CASES, white_matter
 
-from indentfit.case import read_case
 from indentfit.curve import read_curve
 from indentfit.errors import CaseError, ConvergenceError, CurveError, RecordError
+from indentfit.experiment.measured import read_case
 from indentfit.experiment.process import process
 from indentfit.experiment.record import Record
 from indentfit.fem import newton

@@ -9,10 +9,10 @@ import numpy as np
 import openpyxl
 import pytest
 
-from indentfit.case import read_case
 from indentfit.curve import read_curve
 from indentfit.errors import CaseError, CurveError, MaterialError, OutputError, RecordError
 from indentfit.experiment.manifest import process_all, read_manifest
+from indentfit.experiment.measured import read_case
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.samples import read_samples
 from indentfit.material import load
@@ -38,8 +38,8 @@ def test_a_line_about_a_key_or_a_name_of_thousands_of_letters_stays_short(tmp_pa
     path.write_text(f"{long} = 1\n[sample]\n{long} = 2\n{material}")
     with pytest.raises(CaseError) as error:
         read_case(path)
-    assert len(error.value.problems) > 3
-    assert all(len(line) < 600 and "\n" not in line for line in error.value.problems)
+    assert len(error.value.faults) > 3
+    assert all(len(line) < 600 and "\n" not in line for line in error.value.faults)
 
 
 def test_a_line_about_a_material_of_thousands_of_letters_stays_short():

@@ -7,7 +7,7 @@ import pytest
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
 ROOMS = (
-    "arrays", "errors", "units", "curve", "material", "indenters", "samples", "experiment", "case", "fem", "runs", "inverse",
+    "arrays", "errors", "units", "curve", "material", "indenters", "samples", "case", "experiment", "fem", "runs", "inverse",
     "inference", "study", "report", "cli",
 )  # fmt: skip
 DRAWING = {"matplotlib", "jinja2", "meshio"}

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from indentfit.case import Fit, Range, read_case
+from indentfit.case import Fit, Range
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError, ConvergenceError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability, verdict
@@ -374,7 +375,7 @@ def test_forces_are_proportional_to_the_scale(case):
     """The search without mu rests on it: f(mu, zeta, phi) = mu f(1, zeta, phi), to the solver's tolerance."""
     whole, model = problem_of(case()), Model(setup_of(case()))
     assert (whole.scale, whole.searched) == ("mu", ["zeta", "phi"])
-    kind = case().material_class
+    kind = case().law
     one, two = (model.simulate(presses_of(case(), kind(mu=mu, zeta=4, phi=0.7))).tests for mu in (1.0, 3.7))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_allclose(b.force, 3.7 * a.force, rtol=1e-6)

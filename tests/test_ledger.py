@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from indentfit.case import read_case
 from indentfit.errors import LedgerError
+from indentfit.experiment.measured import read_case
 from indentfit.runs import key as key_module
 from indentfit.runs import ledger as ledger_module
 from indentfit.runs.key import Inputs
@@ -253,7 +253,7 @@ def test_a_ledger_of_another_case_or_version_is_not_resumed(tmp_path, case, monk
     fill(path, case)
     with pytest.raises(LedgerError, match="another case"):
         Ledger(path, quickstart("test.parallel.weight=0.9"), resume=True)
-    known = key_module.versions(case.material_class)
+    known = key_module.versions(case.law)
     monkeypatch.setattr(key_module, "versions", lambda law: {**known, "numpy": "9.9"})
     with pytest.raises(LedgerError, match=r"numpy \(.*, now 9.9\)"):
         Ledger(path, case, resume=True)
@@ -299,7 +299,7 @@ def test_two_fits_cannot_hold_one_ledger(tmp_path, case):
 WRITER = """
 import sys
 import numpy as np
-from indentfit.case import read_case
+from indentfit.experiment.measured import read_case
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.run import Run
 case = read_case(sys.argv[1])

@@ -5,15 +5,19 @@ import pytest
 from conftest import SHARED
 from scipy.interpolate import PchipInterpolator
 
-from indentfit.case import read_case
+from indentfit.case import Record, RecordChannel
+from indentfit.experiment.measured import read_case
 from indentfit.experiment.process import process
 from indentfit.experiment.reading import read_record
-from indentfit.experiment.record import Channel, Layout
 from indentfit.inference.fit import fit
 
 RECORDS = SHARED / "data"
 pytestmark = pytest.mark.skipif(not (RECORDS / "phantom_1_raw.csv").exists(), reason="../shared/data is not here")
-LAYOUT = Layout(Channel("displacement_V", 6.0, -1, unit="mm"), Channel("force_V", 24.0, -1, unit="mN"), rate=1000.0)
+LAYOUT = Record(
+    displacement=RecordChannel(column="displacement_V", gain=6.0, sign=-1, unit="mm"),
+    force=RecordChannel(column="force_V", gain=24.0, sign=-1, unit="mN"),
+    rate=1000.0,
+)
 THICKNESS = {1: 5.79, 2: 6.52}  # mm
 PUBLISHED = {1: (56.7, 24.6, 5.577 / 6.058), 2: (45.6, 24.4, 4.222 / 4.59)}  # slope mN/mm, peak mN, Ginf / G0
 HAYES = PchipInterpolator([0.0, 0.2, 0.4, 0.6], [1.0, 1.281, 1.684, 2.213])  # bonded, nu = 0.5 (Hayes et al. 1972), over a / h

@@ -6,17 +6,19 @@ import time
 import numpy as np
 import pytest
 
+from indentfit import case
+from indentfit.case import RecordChannel
 from indentfit.errors import RecordError
 from indentfit.experiment.process import process
 from indentfit.experiment.reading import read_record
-from indentfit.experiment.record import Channel, Layout, Record
+from indentfit.experiment.record import Record
 from indentfit.experiment.rig import Noise, Rig
 from indentfit.experiment.tables import decoded
 
 N = 60
 D = np.round(np.linspace(0.0, 0.59, N), 2)  # mm
 F = np.round(40.0 * D, 3)  # mN
-PLAIN = Layout(rate=1000.0)
+PLAIN = case.Record(rate=1000.0)
 
 
 def lines(form="{d},{f}", header="displacement_mm,force_mN", decimal="."):
@@ -88,9 +90,9 @@ def test_text_without_marks_is_told_gbk_from_latin_1():
 
 def test_a_named_encoding_is_kept_to(read):
     with pytest.raises(RecordError, match="klingon"):
-        read(lines(), Layout(rate=1000.0, encoding="klingon"))
+        read(lines(), case.Record(rate=1000.0, encoding="klingon"))
     with pytest.raises(RecordError, match="not text in ascii"):
-        read(lines(header="Weg µ,Kraft"), Layout(rate=1000.0, encoding="ascii"))
+        read(lines(header="Weg µ,Kraft"), case.Record(rate=1000.0, encoding="ascii"))
 
 
 def test_a_workbook_holds_the_same_record(tmp_path):
@@ -108,54 +110,60 @@ def test_a_workbook_holds_the_same_record(tmp_path):
         sheet.append(row)
     book.save(tmp_path / "record.xlsx")
     for name in ("run 2", 2):
-        record = read_record(tmp_path / "record.xlsx", Layout(sheet=name))
+        record = read_record(tmp_path / "record.xlsx", case.Record(sheet=name))
         np.testing.assert_allclose(record.displacement, D, atol=1e-12)
         np.testing.assert_allclose(record.force, F, atol=1e-9)
         np.testing.assert_allclose(record.time, np.arange(N) / 500, atol=1e-12)
     for wrong, text in (("run 3", "no such sheet; it has Sheet, run 2"), (5, "2 sheets"), (None, "no row of numbers")):
         with pytest.raises(RecordError, match=text):
-            read_record(tmp_path / "record.xlsx", Layout(sheet=wrong))
+            read_record(tmp_path / "record.xlsx", case.Record(sheet=wrong))
     (tmp_path / "broken.xlsx").write_text("no workbook")
     with pytest.raises(RecordError, match=r"broken\.xlsx: not a workbook"):
         read_record(tmp_path / "broken.xlsx")
 
 
 CALIBRATIONS = {  # gain, sign, offset and unit by hand: mm and mN of a reading of 2
-    "V to mm": ("displacement", Channel(1, gain=6.0, sign=-1, offset=30.0, unit="mm"), 30 - 12),
-    "V to um": ("displacement", Channel(1, gain=6.0, unit="um"), 0.012),
-    "V to mN": ("force", Channel(2, gain=24.0), 48.0),
-    "N": ("force", Channel(2, unit="N"), 2000.0),
-    "gf": ("force", Channel(2, unit="gf"), 2 * 9.80665),
-    "kgf falling": ("force", Channel(2, sign=-1, unit="kgf"), -2 * 9806.65),
+    "V to mm": ("displacement", RecordChannel(column=1, gain=6.0, sign=-1, offset=30.0, unit="mm"), 30 - 12),
+    "V to um": ("displacement", RecordChannel(column=1, gain=6.0, unit="um"), 0.012),
+    "V to mN": ("force", RecordChannel(column=2, gain=24.0), 48.0),
+    "N": ("force", RecordChannel(column=2, unit="N"), 2000.0),
+    "gf": ("force", RecordChannel(column=2, unit="gf"), 2 * 9.80665),
+    "kgf falling": ("force", RecordChannel(column=2, sign=-1, unit="kgf"), -2 * 9806.65),
 }
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
 def test_a_calibration_turns_readings_into_mm_and_mn(read, name):
     quantity, channel, expected = CALIBRATIONS[name]
-    channels = {"displacement": Channel(1, unit="mm"), "force": Channel(2, unit="mN"), quantity: channel}
-    record = read("a,b\n" + "2,2\n" * 60, Layout(rate=10.0, **channels))
+    channels = {"displacement": RecordChannel(column=1, unit="mm"), "force": RecordChannel(column=2, unit="mN"), quantity: channel}
+    record = read("a,b\n" + "2,2\n" * 60, case.Record(rate=10.0, **channels))
     assert getattr(record, quantity)[0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_columns_go_by_name_or_number_and_time_by_rate_or_column(read):
     text = "t (ms),x (mm),y (mN)\n" + "".join(f"{5 * n},{d},{f}\n" for n, (d, f) in enumerate(zip(D, F, strict=True)))
     for x, y in (("x", "y"), ("X (mm)", "y (mn)"), (2, 3)):
-        record = read(text, Layout(Channel(x), Channel(y)))
+        record = read(text, case.Record(displacement=RecordChannel(column=x), force=RecordChannel(column=y)))
         np.testing.assert_allclose(record.force, F)
         np.testing.assert_allclose(record.time, 0.005 * np.arange(N), atol=1e-12)
-    assert read(text, Layout(Channel(2), Channel(3), rate=100.0)).interval == pytest.approx(0.01)
+    assert read(
+        text, case.Record(displacement=RecordChannel(column=2), force=RecordChannel(column=3), rate=100.0)
+    ).interval == pytest.approx(0.01)
 
 
 REFUSED = {
     "no unit": (lines(header="displacement,force"), PLAIN, "unit of the displacement; give record.displacement.unit"),
     "volts": (lines(header="displacement_V,force_V"), PLAIN, "in V; give record.displacement.gain, mm per V"),
-    "no rate": (lines(), Layout(), "give record.rate"),
-    "no such column": (lines(), Layout(Channel("stroke"), rate=1.0), "'stroke': no such columns.*1: displacement_mm; 2: force_mN"),
-    "no such number": (lines(), Layout(Channel(3), rate=1.0), "the file has 2 columns"),
-    "same column": (lines(), Layout(Channel(2), rate=1.0), "same column"),
+    "no rate": (lines(), case.Record(), "give record.rate"),
+    "no such column": (
+        lines(),
+        case.Record(displacement=RecordChannel(column="stroke"), rate=1.0),
+        "'stroke': no such columns.*1: displacement_mm; 2: force_mN",
+    ),
+    "no such number": (lines(), case.Record(displacement=RecordChannel(column=3), rate=1.0), "the file has 2 columns"),
+    "same column": (lines(), case.Record(displacement=RecordChannel(column=2), rate=1.0), "same column"),
     "no header": (lines(header=""), PLAIN, "give record.displacement.column"),
-    "wrong unit": (lines(), Layout(Channel(unit="kPa"), rate=1.0), "record.displacement.unit is in kPa"),
+    "wrong unit": (lines(), case.Record(displacement=RecordChannel(unit="kPa"), rate=1.0), "record.displacement.unit is in kPa"),
     "text among numbers": (lines().replace("0.20,8.000", "0.20,eight"), PLAIN, "line 22: 'eight' is not a number"),
     "a short line": (lines().replace("0.20,8.000", "0.20"), PLAIN, "line 22: 1 columns"),
     "3 rows": ("displacement_mm,force_mN\n0,0\n1,1\n2,2\n", PLAIN, "3 rows of numbers; a record needs at least 50"),
@@ -163,7 +171,7 @@ REFUSED = {
     "words": ("once upon a time\n" * 30, PLAIN, "no rows of numbers"),
     "time going back": (
         "time_s,displacement_mm,force_mN\n" + "".join(f"{n % 40},{n},{n}\n" for n in range(60)),
-        Layout(),
+        case.Record(),
         "row 42: the time 0 s",
     ),
 }

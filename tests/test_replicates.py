@@ -9,16 +9,20 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from indentfit.case import Record, RecordChannel
 from indentfit.errors import RecordError
 from indentfit.experiment.manifest import Entry, Outcome, process_all, read_manifest
-from indentfit.experiment.record import Channel, Layout
 from indentfit.experiment.replicates import mean_curves, outliers, spread, statistics
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
 _spec = importlib.util.spec_from_file_location("make_records", CASE / "make_records.py")
 make_records = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(make_records)
-LAYOUT = Layout(Channel("displacement_V", 6.0, -1, 30.0, "mm"), Channel("force_V", 24.0, -1, 0.0, "mN"), rate=1000.0)
+LAYOUT = Record(
+    displacement=RecordChannel(column="displacement_V", gain=6.0, sign=-1, offset=30.0, unit="mm"),
+    force=RecordChannel(column="force_V", gain=24.0, sign=-1, unit="mN"),
+    rate=1000.0,
+)
 HEADER = "sample,direction,file,thickness_mm,diameter_mm\n"
 
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from conftest import CASES, white_matter
 
-from indentfit.case import read_case
 from indentfit.curve import Curve
 from indentfit.errors import OutputError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.setup import Press
@@ -43,7 +43,7 @@ ANGLE, DEPTH = 90, 0.1
 def pressed(request):
     """A model, its result at DEPTH with friction under the sharp strip, material and bulk modulus."""
     case = white_matter("mesh.elements=80", f"solver.element={request.param}")
-    material = case.material_class(**case.start_values())
+    material = case.law(**case.start_values())
     kappa = case.material.bulk_modulus(material.shear_modulus)
     model = Model(setup_of(case))
     return model, model.run(Press(material, kappa, ANGLE, np.array([DEPTH]))), material, kappa

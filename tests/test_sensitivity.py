@@ -29,7 +29,7 @@ def run(rig, values, sensitivities=(), angle=90, depths=DEPTHS):
         *([] if "sphere" in "".join(rig) else [f"indenter.friction={values['friction']!r}"]),
     ]
     case = white_matter(*texts, *rig)
-    material = case.material_class(**case.start_values())
+    material = case.law(**case.start_values())
     kappa = case.material.bulk_modulus(material.shear_modulus)
     return Model(setup_of(case)).run(Press(material, kappa, angle, depths, sensitivities=sensitivities))
 

@@ -14,9 +14,9 @@ import pytest
 from click.testing import CliRunner
 from conftest import CASES
 
-from indentfit.case import read_case
 from indentfit.cli import main
 from indentfit.errors import CaseError, ConvergenceError, MeshError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.report.folder import LEDGER
 from indentfit.runs.forward import simulate
@@ -98,7 +98,7 @@ def test_a_variation_that_means_nothing_ends_with_2_in_one_line(text, tmp_path):
 def test_every_wrong_value_is_named_before_anything_is_run(case):
     with pytest.raises(CaseError) as error:
         plan(case, ["indenter.friction=0.2,-1", "material.nu=1", "sample.base=glued"])
-    assert len(error.value.problems) == 3 and all("(--vary)" in line for line in error.value.problems)
+    assert len(error.value.faults) == 3 and all("(--vary)" in line for line in error.value.faults)
 
 
 # ---- sweep: what comes out ---------------------------------------------------------------------------------------

@@ -13,8 +13,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from indentfit.case import read_case
 from indentfit.errors import Stopped, WorkerError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.runs import bench
@@ -187,7 +187,7 @@ def test_workers_killed_from_outside_change_nothing(case):
 
 SCRIPT = """
 import sys
-from indentfit.case import read_case
+from indentfit.experiment.measured import read_case
 from indentfit.runs.pool import Pool
 with Pool(read_case(sys.argv[1]), 2) as pool:
     pool.evaluate([{"mu": 1.0, "zeta": 3.0}])
@@ -244,7 +244,7 @@ def test_memory_that_a_run_frees_is_there_for_the_next():
     white_matter = Path(__file__).parents[1] / "cases" / "white_matter_2017" / "case.toml"
     program = f"""
 import resource
-from indentfit.case import read_case
+from indentfit.experiment.measured import read_case
 from indentfit.runs.bench import Bench
 case = read_case({str(white_matter)!r})
 place, unit = Bench(case), (tuple(case.start_values().items()), 0)

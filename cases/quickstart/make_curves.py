@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from indentfit.case import read_case
 from indentfit.curve import Curve, write_curve
+from indentfit.experiment.measured import read_case
 from indentfit.runs.forward import simulate
 
 HERE = Path(__file__).parent

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from indentfit.case import read_case
 from indentfit.curve import Curve
+from indentfit.experiment.measured import read_case
 from indentfit.experiment.rig import Noise, Rig
 from indentfit.runs.forward import simulate
 

@@ -108,7 +108,7 @@ def _say(error, debug):
     """The lines of an expected error on stderr."""
     if debug:
         traceback.print_exception(error)
-    for line in error.problems if isinstance(error, CaseError) else [str(error)]:
+    for line in error.faults if isinstance(error, CaseError) else [str(error)]:
         click.echo(f"error: {' '.join(line.splitlines())}", err=True)
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from ..case import read_case
+from indentfit.experiment.measured import read_case
+
 from ..errors import CaseError
 from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_json
 from ..study.design import design
@@ -52,7 +53,7 @@ def _parameters(case, folder):
     path = Path(folder) / "result.json"
     try:
         held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
-        values = {name: float(held[name]["value"]) for name in case.material_class.parameters}
+        values = {name: float(held[name]["value"]) for name in case.law.parameters}
     except OSError as error:
         raise CaseError([f"{path}: cannot be read ({error.strerror}); name the folder of a fit"]) from error
     except (ValueError, KeyError, TypeError) as error:

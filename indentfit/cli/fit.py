@@ -4,7 +4,9 @@ from pathlib import Path
 
 import click
 
-from ..case import read_case, require_fittable
+from indentfit.case import require_fittable
+from indentfit.experiment.measured import read_case
+
 from ..errors import ConvergenceError, FitError, OutputError
 from ..fem.simulate import Model
 from ..inference.fit import fit
@@ -191,7 +193,7 @@ def _write_fields(folder, case, result):
     from ..report.fields import write_fields
 
     at = setting(case, {name: one["value"] for name, one in result.parameters.items()})
-    case, material = at.case, case.material_class(**at.parameters)
+    case, material = at.case, case.law(**at.parameters)
     model = Model(setup_of(case))
     try:
         simulation = model.simulate(presses_of(case, material))

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import click
 
-from ..case import read_case, require_fittable
+from indentfit.case import require_fittable
+from indentfit.experiment.measured import read_case
+
 from ..errors import CaseError, ConvergenceError
 from ..report.folder import clear, json_text, lasting_folder, refuse_existing
 from ..study.mesh_check import mesh_check, own_checks, own_family, parse, plan, refitted

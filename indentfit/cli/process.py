@@ -53,7 +53,7 @@ def command(raw, manifest, table, overrides, thickness, output, overwrite, as_ca
     refuse_existing(output, overwrite)
     entries = _entries(raw, manifest, thickness)
     with progress("process", total=len(entries)) as step:
-        outcomes = process_all(entries, settings.layout, settings.options, step)
+        outcomes = process_all(entries, settings, step)
     _require_one(outcomes)
     written, lines = _write(output, overwrite, outcomes, settings, figures, (base, text, targets) if as_case else None)
     click.echo(json_text(written) if as_json else "\n".join([*lines, f"written     {output}"]))
@@ -124,7 +124,7 @@ def _write(path, overwrite, outcomes, settings, figures, case):
     words = list(records.statistics_lines(found))
     with result_folder(path, overwrite) as folder:
         curves = _write_curves(folder, outcomes)
-        records.write_stiffness(folder / "stiffness.csv", outcomes, settings.options.strains, outlying)
+        records.write_stiffness(folder / "stiffness.csv", outcomes, settings.strains, outlying)
         if means:
             records.write_means(folder / "mean_curves.csv", means)
         if case:

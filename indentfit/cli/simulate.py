@@ -4,7 +4,8 @@ import importlib.metadata
 
 import click
 
-from ..case import read_case
+from indentfit.experiment.measured import read_case
+
 from ..fem.simulate import Model
 from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
 from ..report.text import simulation_lines
@@ -35,7 +36,7 @@ def command(case, overrides, as_json, output, overwrite, vtu, series, whole):
         refuse_existing(output, overwrite)
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    material = read.material_class(**read.start_values())
+    material = read.law(**read.start_values())
     model = Model(setup_of(read))
     simulation = _simulated(model, material, read)
     if output is not None:

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import click
 
-from ..case import read_case, require_fittable
+from indentfit.case import require_fittable
+from indentfit.experiment.measured import read_case
+
 from ..errors import ConvergenceError
 from ..report.folder import clear, json_text, lasting_folder, refuse_existing
 from ..study.sweep import plan, refitted, sweep

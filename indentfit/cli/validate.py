@@ -4,7 +4,9 @@ import json
 
 import click
 
-from ..case import Range, read_case
+from indentfit.case import Range
+from indentfit.experiment.measured import read_case
+
 from ..errors import CaseError
 
 
@@ -21,7 +23,7 @@ def command(case, overrides, as_json):
         read = read_case(case, overrides)
     except CaseError as error:
         if as_json:
-            click.echo(json.dumps({"case": case, "valid": False, "problems": error.problems}, indent=2))
+            click.echo(json.dumps({"case": case, "valid": False, "problems": error.faults}, indent=2))
         raise
     if as_json:
         click.echo(json.dumps({"case": case, "valid": True, **_facts(read)}, indent=2))
@@ -53,7 +55,7 @@ def _summary(case):
     part = case.material
     bulk = f"kappa = {part.kappa:g} kPa" if part.bulk_ratio is None else f"kappa = {part.bulk_ratio:g} x shear modulus"
     yield f"  material  {part.model or part.energy}, {bulk}"
-    for name, parameter in case.material_class.parameters.items():
+    for name, parameter in case.law.parameters.items():
         yield f"    {name:<8}{_value(part.parameters[name], parameter.unit)}"
     for test in case.tests:
         displacements = case.outputs(test)

@@ -7,7 +7,8 @@ import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..curve import unit_factor
+from indentfit.units import unit_factor
+
 from ..errors import RecordError
 from .process import Processed, process
 from .reading import read_record
@@ -68,21 +69,21 @@ def read_manifest(path):
     return _once_each(entries)
 
 
-def process_all(entries, layout=None, options=None, progress=None):
+def process_all(entries, table=None, progress=None):
     """`Outcome` of each Entry; one that fails does so alone. progress: called with (number done, name)."""
     outcomes = []
     for n, entry in enumerate(entries):
-        outcomes.append(_outcome(entry, layout, options))
+        outcomes.append(_outcome(entry, table))
         if progress:
             progress(n + 1, entry.sample)
     return outcomes
 
 
-def _outcome(entry, layout, options):
+def _outcome(entry, table):
     if entry.problem:
         return Outcome(entry, problem=entry.problem)
     try:
-        return Outcome(entry, process(read_record(entry.path, layout), entry.thickness, options))
+        return Outcome(entry, process(read_record(entry.path, table), entry.thickness, table))
     except RecordError as error:
         return Outcome(entry, problem=str(error))
 

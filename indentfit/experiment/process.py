@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from indentfit.case.recording import Record as RecordTable
+
 from ..curve import Curve
 from ..errors import RecordError
 from .contact import Contact, find_contact
 from .loading import Ramp, constant_velocity, filtered, find_ramp
-from .record import Options, Record
+from .record import Record
 from .relaxation import Prony, fit_prony
 from .soundness import require_channels, require_whole
 from .stiffness import Line, Parabola, linear_fit, quadratic_fit, resampled
@@ -51,16 +53,16 @@ class Processed:
         return self.velocity / self.thickness if self.thickness else None
 
 
-def process(record, thickness=None, options=None):
-    """`Processed` of a Record; thickness of the sample in mm, for strains; `options` are Options.
+def process(record, thickness=None, table=None):
+    """`Processed` of a Record; thickness of the sample in mm, for strains; `table` is the [record] table of a case.
 
     Raises RecordError, one line that names the record, what is wrong with it and the remedy.
     """
-    options = options or Options()
+    table = table or RecordTable()
     require_channels(record)
-    ramp = find_ramp(record, options.filter)
+    ramp = find_ramp(record, table.filter)
     notes = record.notes + require_whole(ramp)
-    contact = find_contact(ramp, options.contact, options.indenter)
+    contact = find_contact(ramp, table.contact, table.indenter or "flat")
     window, velocity = constant_velocity(ramp, contact.index)
     unfiltered = record.force - contact.baseline - contact.drift * record.time
     force = ramp.force - contact.baseline - contact.drift * record.time
@@ -78,12 +80,12 @@ def process(record, thickness=None, options=None):
         peak=_peak(ramp, contact, unfiltered),
         displacement=displacement[loading],
         force=force[loading],
-        curve=resampled(displacement[loading], force[loading], options.points),
+        curve=resampled(displacement[loading], force[loading], table.points),
         line=linear_fit(displacement[window], unfiltered[window]),
         parabola=quadratic_fit(displacement[window], unfiltered[window]),
         thickness=thickness,
-        forces=_forces(displacement[loading], force[loading], thickness, options.strains),
-        relaxation=_relaxation(ramp, unfiltered, contact, options.prony_terms),
+        forces=_forces(displacement[loading], force[loading], thickness, table.strains),
+        relaxation=_relaxation(ramp, unfiltered, contact, table.prony_terms),
         notes=(*notes, *_notes(ramp, contact, depth, thickness)),
     )
 

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..curve import unit_factor
+from indentfit.case.recording import Record as RecordTable
+from indentfit.units import unit_factor
+
 from ..errors import RecordError
-from .record import Layout, Record
+from .record import Record
 from .tables import read_table
 
 TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
@@ -49,12 +51,12 @@ FEWEST = 50  # samples of a record
 
 
 def read_record(path, layout=None):
-    """The `Record` of a file: text in columns or a workbook, as `layout` (a Layout) says, in s, mm and mN.
+    """The `Record` of a file: text in columns or a workbook, as `layout`, the [record] table of a case, says, in s, mm and mN.
 
     A column that the layout does not name is told by its header, and so is its unit. Rows without numbers are left out, with a
     note. Raises RecordError, one line with the file, what is wrong and the remedy.
     """
-    path, layout = Path(path), layout or Layout()
+    path, layout = Path(path), layout or RecordTable()
     table = read_table(path, layout.skip_rows, layout.sheet, layout.encoding)
     places = {name: _column(path, table, name, getattr(layout, name)) for name in ("displacement", "force")}
     if places["displacement"] == places["force"]:

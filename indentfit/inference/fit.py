@@ -236,7 +236,7 @@ def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, tries
 def _parameters(case, values, known, certain):
     """name -> what is known of it, in the order of the model; certain: its interval and verdict."""
     free, found = list(case.fitted), {}
-    units = {name: parameter.unit for name, parameter in case.material_class.parameters.items()}
+    units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
     units |= {name: UNITS[name] for name in case.fit.uncertain.fitted}
     unknown = {"interval": None, "verdict": "not known: the fit stopped before its errors were found"}
     for name, unit in units.items():

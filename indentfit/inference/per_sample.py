@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from indentfit.case import Case, read_case, require_fittable
+from indentfit.case import Case, require_fittable
 from indentfit.errors import CaseError, ConvergenceError
+from indentfit.experiment.measured import read_case
 from indentfit.inference.fit import FitResult, fit
 
 

@@ -167,7 +167,7 @@ def scale_of(case):
 
     Pressures, contact stiffness and tolerances are all relative to the shear modulus; a kappa in kPa is not.
     """
-    name = case.material_class.scale
+    name = case.law.scale
     relative = case.material.kappa is None
     if not relative or name not in case.free or case.free[name].max <= 0:
         return None, 1.0

@@ -123,8 +123,8 @@ def case_facts(case):
         {**test.model_dump(mode="json"), "n": len(case.outputs(test)), "depth_mm": float(case.outputs(test)[-1])}
         for test in case.tests
     ]
-    units = {name: parameter.unit for name, parameter in case.material_class.parameters.items()}
-    return {**sections, "tests": tests, "equation": inspect.getdoc(case.material_class) or "", "units": units}
+    units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
+    return {**sections, "tests": tests, "equation": inspect.getdoc(case.law) or "", "units": units}
 
 
 def write_json(path, value):

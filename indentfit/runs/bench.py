@@ -90,7 +90,7 @@ def ready_model(case):
 def run(model, case, unit, names=()):
     """The Run of a unit on a model of the case. What a material from a plugin raises is a cause, not an error."""
     (key, number), started = unit, time.perf_counter()
-    test, kind = case.tests[number], case.material_class
+    test, kind = case.tests[number], case.law
     force, cause, facts, sensitivities = None, None, {}, None
     try:
         at = setting(case, dict(key))

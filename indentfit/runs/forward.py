@@ -9,7 +9,7 @@ def simulate(case, parameters=None, progress=None):
 
     progress: called with (test name, share of its depth done). Raises ConvergenceError.
     """
-    material = case.material_class(**(parameters or case.start_values()))
+    material = case.law(**(parameters or case.start_values()))
     return Model(setup_of(case)).simulate(presses_of(case, material), progress)
 
 

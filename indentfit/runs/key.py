@@ -26,7 +26,7 @@ class Inputs:
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        self.versions = versions(case.material_class)
+        self.versions = versions(case.law)
         self.common = {
             "format": FORMAT,
             "sample": case.sample.model_dump(mode="json"),
@@ -66,7 +66,7 @@ def versions(law: type) -> dict[str, str | None]:
 
 def _material(case: Case) -> dict[str, Any]:
     """The material: its energy as typed, or its name and the code of its class and of those that it builds on."""
-    law = case.material_class
+    law = case.law
     if case.material.energy is not None:
         return {"energy": case.material.energy, "parameters": list(law.parameters)}
     return {"class": law.__qualname__, "parameters": list(law.parameters), "code": [part.hash for part in _of_bases(law)]}

@@ -31,7 +31,7 @@ class Setting:
 
 def setting(case, point):
     """The Setting of a point (name -> value): its inputs, as far as the material has no parameter of that name, leave it."""
-    found = {name: value for name, value in point.items() if name not in case.material_class.parameters and _is_input(name)}
+    found = {name: value for name, value in point.items() if name not in case.law.parameters and _is_input(name)}
     parameters = {name: value for name, value in point.items() if name not in found}
     offset = found.pop("offset", 0.0)
     keys = {KEYS.get(name, name): value for name, value in found.items()}

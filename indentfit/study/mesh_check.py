@@ -12,9 +12,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from indentfit.case import Case, read_case
+from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshError
+from indentfit.experiment.measured import read_case
 from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
 from indentfit.inverse.problem import Target, equation_one, rmse
@@ -308,7 +309,7 @@ def measure(case: Case):
     started = time.process_time()
     model = Model(setup_of(case))
     ready = time.process_time()
-    simulation = model.simulate(presses_of(case, case.material_class(**case.start_values())))
+    simulation = model.simulate(presses_of(case, case.law(**case.start_values())))
     solver = simulation.solver
     return {
         "elements": simulation.mesh["elements"],
@@ -331,7 +332,7 @@ def _compile(case):
     """Run a small mesh to a small depth, so that what is compiled on first use is not counted as work."""
     small = case.model_copy(update={"mesh": type(case.mesh)(elements=20)})
     try:
-        material = small.material_class(**small.start_values())
+        material = small.law(**small.start_values())
         press = press_of(small, small.tests[0], material)
         Model(setup_of(small)).run(replace(press, depths=1e-3 * press.depths[-1:]))
     except (ConvergenceError, MeshError):

@@ -10,9 +10,10 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from indentfit.case import Case, Range, read_case
+from indentfit.case import Case, Range
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
+from indentfit.experiment.measured import read_case
 from indentfit.inverse.problem import rmse
 from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import evaluate
@@ -251,7 +252,7 @@ def _cases(case, combinations):
         try:
             cases.append(read_case(case.path, (*case.overrides, *(f"{key}={value}" for key, value in values.items()))))
         except CaseError as error:
-            problems += error.problems
+            problems += error.faults
     if problems:
         raise CaseError([line.replace("(--set)", "(--vary)") for line in dict.fromkeys(problems)])
     return cases

@@ -172,7 +172,7 @@ def child(task, text):
 
 
 def _case(size, settings, material):
-    from indentfit.case import read_case
+    from indentfit.experiment.measured import read_case
 
     given = [setting for setting in settings if "=" in setting]
     brick = () if "default" in settings else (*PAPER, f"mesh.elements={size}")
@@ -196,7 +196,7 @@ def _run(size, settings, angle, material):
         model.solver.solve = lambda *given, **named: (model.solver.forget(), plain(model.solver, *given, **named))[1]
     if NEWTONS[2] in settings:
         model.solver.solve = _factorising(model.solver.counts, phases)
-    law = case.material_class(**case.start_values())
+    law = case.law(**case.start_values())
     test = next(test for test in case.tests if test.angle == angle)
     result = model.run(press_of(case, test, law))
     wall = time.perf_counter() - started
@@ -234,7 +234,7 @@ def _factorising(counts, phases):
 
 def _warm(case, angle):
     """Compiles, or loads what was compiled, outside the time."""
-    from indentfit.case import read_case
+    from indentfit.experiment.measured import read_case
     from indentfit.runs.forward import simulate
 
     simulate(read_case(CASE, [*OPTIMUM, f"solver.element='{case.solver.element}'", "mesh.elements=30"]))
@@ -286,7 +286,7 @@ def _loop(size, settings, angle, material):
 
     case = _case(size, settings, material)
     mesh = quarter(case.sample, case.indenter, case.mesh, case.solver.element)
-    law = case.material_class(**case.start_values())
+    law = case.law(**case.start_values())
     kappa, fibre = 1000 * law.shear_modulus, np.array([1.0, 0.0, 0.0])
     seconds = {}
     with threadpool_limits(1):

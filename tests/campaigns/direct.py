@@ -29,7 +29,7 @@ def main():
     parser.add_argument("--workers", type=int)
     parser.add_argument("--ledger", type=Path)
     options = parser.parse_args()
-    from indentfit.case import read_case
+    from indentfit.experiment.measured import read_case
 
     keys = [*options.set, "fit.method=ga", "fit.profiles=false", "fit.uncertain.mesh=0", "fit.published={}"]
     keys += [f"fit.workers={options.workers}"] if options.workers else []

@@ -37,12 +37,12 @@ import tomli_w
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from indentfit import case as cases
-from indentfit import curve, material
+from indentfit import curve, material, units
+from indentfit.case import Record as Layout
 from indentfit.cli import validate
 from indentfit.errors import CaseError, IndentfitError
 from indentfit.experiment import manifest, process, reading, samples
-from indentfit.experiment.record import Layout
+from indentfit.experiment.measured import read_case
 from indentfit.report import html, html_fit, html_studies, page
 from indentfit.runs import ledger
 from indentfit.runs.run import Run
@@ -219,7 +219,7 @@ class CaseFile:
         text, sets = given
         path = self.folder / "case.toml"
         path.write_bytes(text)
-        found = cases.read_case(path, sets)
+        found = read_case(path, sets)
         json.dumps(validate._facts(found), allow_nan=False)
         require("\n" not in "".join(validate._summary(found)), "a summary line with a line break")
         require(all("\n" not in line for line in found.warnings()), "a warning of two lines")
@@ -431,7 +431,7 @@ class LedgerFile:
         self.path, self.other = folder / self.where, folder / "other.sqlite"
         (folder / "curves").mkdir(exist_ok=True)
         (folder / "case.toml").write_text(BLOCK)
-        self.case = cases.read_case(folder / "case.toml")
+        self.case = read_case(folder / "case.toml")
         self.force = np.linspace(0.5, 9, 10)
         self.points = [{"mu": 1.0 + 0.1 * n, "zeta": 1.0, "phi": 0.5} for n in range(6)]
         with ledger.Ledger(self.path, self.case) as file:
@@ -618,7 +618,7 @@ def judged(target, given):
         return "read"
     except IndentfitError as error:
         require(2 <= error.exit_code <= 4, f"exit code {error.exit_code}")
-        for line in error.problems if isinstance(error, CaseError) else [str(error)]:
+        for line in error.faults if isinstance(error, CaseError) else [str(error)]:
             require("\n" not in line and line.strip(), f"not one line: {line[:200]!r}")
             require(len(line) < 1000, f"a line that is too long: {line[:200]!r}")
             require(target.where in line, f"a line that does not name the place: {line[:200]!r}")
@@ -653,7 +653,7 @@ def campaign(name, number, first_seed, folder):
             findings[signature] = smallest
             print(f"FINDING {name}: {signature}\n{text}\ninput: {repr(smallest)[:800]}\n", flush=True)
         material._typed.cache_clear()
-        curve.unit_factor.cache_clear()
+        units.unit_factor.cache_clear()
     return counts, findings
 
 

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import qmc
 
-from indentfit.case import read_case
 from indentfit.errors import ConvergenceError
+from indentfit.experiment.measured import read_case
 from indentfit.inference import profiles
 from indentfit.inference.certainty import coverage, with_inputs
 from indentfit.inference.identifiability import identifiability

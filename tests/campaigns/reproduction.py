@@ -165,7 +165,7 @@ def friction(home, workers, extra):
 def slip(home, workers, extra):
     """Rows of the friction effect where a point that sticks gives way elastically before it slips, as under the penalty friction
     of the paper's software: by ELASTIC_SLIP at the mean pressure of the last displacement."""
-    from indentfit.case import read_case
+    from indentfit.experiment.measured import read_case
     from indentfit.fem import contact, simulate
     from indentfit.runs import forward
 
@@ -185,7 +185,7 @@ def slip(home, workers, extra):
         case = read_case(CASES / "white_matter_2017" / "case.toml", [OPTIMUM, *extra, f"indenter.friction={friction}"])
         if elastic:
             pressure = 70 / (case.indenter.width * case.sample.diameter)  # kPa, at a force of 70 mN
-            modulus = case.material_class(**case.start_values()).shear_modulus * simulate.SHARP
+            modulus = case.law(**case.start_values()).shear_modulus * simulate.SHARP
             simulate.TANGENTIAL = friction * pressure / elastic * case.sample.thickness / modulus
         return {test.name: test.force[-1] for test in forward.simulate(case).tests}
 

@@ -100,8 +100,8 @@ def overrides(point):
 def run(job):
     """The record of one point: (number, point, further --set texts) -> what goes into the output."""
     number, point, extra = job
-    from indentfit.case import read_case
     from indentfit.errors import IndentfitError
+    from indentfit.experiment.measured import read_case
     from indentfit.runs.forward import simulate
 
     started, cause, unforeseen, force, facts = time.perf_counter(), None, None, None, {}

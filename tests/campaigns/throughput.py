@@ -44,7 +44,7 @@ def main():
     parser.add_argument("--cluster")
     parser.add_argument("--least", type=float, default=1.8)
     options = parser.parse_args()
-    from indentfit.case import read_case
+    from indentfit.experiment.measured import read_case
 
     case = read_case(options.case, options.set)
     print(f"load before: {os.getloadavg()[0]:.2f}; machine: {machine(options.workers):.2f} times one process's loops", flush=True)

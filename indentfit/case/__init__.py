@@ -1,0 +1,30 @@
+"""The case: everything that a result depends on, as frozen values in mm, mN and kPa."""
+
+from indentfit.case.faults import WIDEST_INDENTER
+from indentfit.case.messages import Fault
+from indentfit.case.read import Openers, read_case_file, read_record_table
+from indentfit.case.recording import Record, RecordChannel
+from indentfit.case.search import Fit, Uncertain
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
+from indentfit.case.whole import Case, require_fittable
+
+__all__ = [
+    "WIDEST_INDENTER",
+    "Case",
+    "Fault",
+    "Fit",
+    "Indenter",
+    "MaterialChoice",
+    "Mesh",
+    "Openers",
+    "Range",
+    "Record",
+    "RecordChannel",
+    "Sample",
+    "Solver",
+    "Test",
+    "Uncertain",
+    "read_case_file",
+    "read_record_table",
+    "require_fittable",
+]

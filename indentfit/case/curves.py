@@ -1,0 +1,43 @@
+"""Measured curves that a case holds in memory: the files that they are written to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from indentfit.case.tables import Test
+from indentfit.curve import Curve
+
+RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}  # on Windows
+
+
+def curve_files(tests: Sequence[Any]) -> tuple[list[Any], list[Curve | None]]:
+    """The tests with the name of a file in place of each Curve, and the curves.
+
+    Parameters
+    ----------
+    tests : values of Test or tables of one; anything else is left as it is, for others to refuse.
+    """
+    found, curves, taken = [], [], set[str]()
+    for test in tests:
+        curve = test.curve if isinstance(test, Test) else test.get("curve") if isinstance(test, dict) else None
+        curves.append(curve if isinstance(curve, Curve) else None)
+        if isinstance(curve, Curve):
+            place = _file(test.name if isinstance(test, Test) else test.get("name"), taken)
+            test = test.model_copy(update={"curve": place}) if isinstance(test, Test) else {**test, "curve": place}
+        found.append(test)
+    return found, curves
+
+
+def _file(name: object, taken: set[str]) -> str:
+    """A file name for a test, safe on every system and not yet taken."""
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "-", str(name)).strip("-.") or "test"
+    if stem.split(".")[0].lower() in RESERVED:
+        stem = f"test-{stem}"
+    number, choice = 1, stem
+    while choice.lower() in taken:
+        number += 1
+        choice = f"{stem}-{number}"
+    taken.add(choice.lower())
+    return f"curves/{choice}.csv"

@@ -1,0 +1,198 @@
+"""What is wrong with a case whose tables are right alone: parameters that are not the law's, and tables that do not agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from indentfit.case.messages import MISSING, Fault, Key, unknown
+from indentfit.case.recording import Record
+from indentfit.case.search import Fit
+from indentfit.case.section import known
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
+from indentfit.curve import Curve
+from indentfit.errors import MaterialError
+from indentfit.material import Material, blamed
+
+WIDEST_INDENTER = 0.9  # of the sample: beyond it the free border is too narrow to mesh and to trust
+DEEPEST_INDENTATION = 0.5  # of the thickness
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What could be read of a case: a table that is not right is None, and so is a key that is not right."""
+
+    title: str
+    sample: Sample | None
+    indenter: Indenter | None
+    mesh: Mesh | None
+    material: MaterialChoice | None
+    fit: Fit | None
+    solver: Solver | None
+    record: Record | None
+    tests: tuple[Test | None, ...] = ()
+    curves: tuple[Curve | None, ...] = ()
+
+    def with_tests(self, tests: Sequence[Test | None], curves: Sequence[Curve | None]) -> Parts:
+        """These parts with tests and their curves."""
+        return replace(self, tests=tuple(tests), curves=tuple(curves))
+
+    def with_record(self, record: Record) -> Parts:
+        """These parts with another table [record]."""
+        return replace(self, record=record)
+
+
+# Parameters
+
+
+def faults_of_parameters(choice: MaterialChoice | None, law: type[Material] | None) -> Iterator[Fault]:
+    """Faults where the parameters are not those of the law, or outside its own bounds."""
+    given = getattr(choice, "parameters", None)
+    if given is None or law is None:
+        return
+    place: Key = ("material", "parameters")
+    for name in given:
+        if name not in law.parameters:
+            yield Fault((*place, name), plain(given[name]), unknown(name, law.parameters, "parameter"))
+    for name, parameter in law.parameters.items():
+        if name in given:
+            yield from _outside_of_the_law(place, name, given[name], parameter)
+            continue
+        unit = f", {parameter.unit}" if parameter.unit not in ("", "1") else ""
+        yield Fault((*place, name), MISSING, f"missing; give a number, or {{start, min, max}}: {parameter.meaning}{unit}")
+
+
+def _outside_of_the_law(place: Key, name: str, value: float | Range, parameter: Any) -> Iterator[Fault]:
+    """Faults where a parameter, or a bound of its search, is outside the law's own bounds."""
+    numbers = {"min": value.min, "max": value.max} if isinstance(value, Range) else {"": value}
+    for key, number in numbers.items():
+        where = (*place, name, key) if key else (*place, name)
+        if parameter.min is not None and number < parameter.min:
+            yield Fault(where, number, f"the model needs at least {parameter.min:g}; raise it")
+        if parameter.max is not None and number > parameter.max:
+            yield Fault(where, number, f"the model needs at most {parameter.max:g}; lower it")
+
+
+def faults_of_stiffness(choice: MaterialChoice, law: type[Material]) -> Iterator[Fault]:
+    """A fault where the material has no positive stiffness at the start values."""
+    try:
+        with np.errstate(all="ignore"), blamed(law):
+            moduli = law(**start_values(choice, law)).moduli()
+        wrong = "" if all(map(math.isfinite, moduli.values())) else "the material has no finite stiffness"
+    except ArithmeticError:
+        wrong = "the material has no finite stiffness"
+    except MaterialError as error:
+        wrong = str(error)
+    if wrong:
+        yield Fault(("material", "parameters"), MISSING, f"{wrong}; change the start values")
+
+
+def start_values(choice: MaterialChoice, law: type[Material]) -> dict[str, float]:
+    """Every parameter in the order of the law: the fixed number, or where its search starts."""
+    values = {name: choice.parameters[name] for name in law.parameters}
+    return {name: value.start if isinstance(value, Range) else value for name, value in values.items()}
+
+
+def plain(value: Any) -> Any:
+    """A range as a table of numbers; anything else as it is."""
+    return value.model_dump() if isinstance(value, Range) else value
+
+
+# Tables that do not agree
+
+
+def faults_across(parts: Parts) -> Iterator[Fault]:
+    """Faults between tables that are right alone."""
+    yield from _equal_names(parts.tests)
+    if parts.sample is None:
+        return
+    depths = [depth_of(test, curve) for test, curve in zip(parts.tests, parts.curves, strict=True)]
+    if known(parts.sample.thickness):
+        yield from _too_deep(parts.sample.thickness, parts.tests, depths)
+        yield from _mesh_too_coarse(parts.sample.thickness, parts.mesh)
+    yield from _faults_of_uncertain(parts)
+    if parts.indenter is not None and known(*parts.sample.extent):
+        yield from _indenter_too_wide(parts.sample, parts.indenter, max((depth for depth in depths if depth), default=0.0))
+
+
+def labels(names: Sequence[object]) -> list[str]:
+    """What each test is called in messages: its name, or its number where it has no name of its own."""
+    return [name if isinstance(name, str) and name and names.count(name) == 1 else str(n) for n, name in enumerate(names)]
+
+
+def depth_of(test: Test | None, curve: Curve | None) -> float | None:
+    """The largest displacement of a test, mm; None where it is not known."""
+    if curve is not None:
+        return float(curve.displacement[-1])
+    return test.depth if test is not None else None
+
+
+def _equal_names(tests: Sequence[Test | None]) -> Iterator[Fault]:
+    names = [test and test.name for test in tests]
+    for n, name in enumerate(names):
+        if name is not None and name in names[:n]:
+            yield Fault(("test", str(n), "name"), name, "another test has this name; give each its own")
+
+
+def _too_deep(thickness: float, tests: Sequence[Test | None], depths: Sequence[float | None]) -> Iterator[Fault]:
+    for label, test, depth in zip(labels([test and test.name for test in tests]), tests, depths, strict=True):
+        if test is None or depth is None or depth < DEEPEST_INDENTATION * thickness:
+            continue
+        key = "depth" if test.depth is not None else "curve"
+        text = f"goes {depth:g} mm deep; it must stay below half of the thickness, {thickness:g} mm"
+        if depth >= thickness:
+            text = f"goes {depth:g} mm deep, through the sample of {thickness:g} mm: its unit or sample.thickness is wrong"
+        yield Fault(("test", label, key), getattr(test, key), text)
+
+
+def _mesh_too_coarse(thickness: float, mesh: Mesh | None) -> Iterator[Fault]:
+    if mesh is not None and mesh.size is not None and mesh.size > thickness:
+        yield Fault(("mesh", "size"), mesh.size, f"exceeds the thickness of {thickness:g} mm; make it smaller")
+
+
+def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
+    """Faults where an uncertain input is none of this case."""
+    indenter, material = parts.indenter, parts.material
+    if parts.fit is None or parts.fit.uncertain is None:
+        return
+    uncertain = parts.fit.uncertain
+    if uncertain.friction is not None and indenter is not None and indenter.friction == "stick":
+        text = "the indenter sticks; give indenter.friction a number"
+        yield Fault(("fit", "uncertain", "friction"), plain(uncertain.friction), text)
+    if uncertain.bulk_ratio is not None and material is not None and material.kappa is not None:
+        text = "material.kappa is given; give material.bulk_ratio instead"
+        yield Fault(("fit", "uncertain", "bulk_ratio"), plain(uncertain.bulk_ratio), text)
+
+
+def _indenter_too_wide(sample: Sample, indenter: Indenter, depth: float) -> Iterator[Fault]:
+    x, z = sample.extent
+    assert x is not None and z is not None  # the caller has seen to that
+    room = WIDEST_INDENTER * (z if indenter.shape == "strip" else min(x, z))
+    key = "width" if indenter.shape == "strip" else "diameter"
+    width = getattr(indenter, key)
+    if width is None or indenter.shape is None:
+        return
+    if indenter.shape == "sphere":
+        if depth >= width / 2:
+            yield Fault(("indenter", key), width, f"the sphere sinks in by half at {depth:g} mm; check the units")
+            return
+        width = 2 * math.sqrt(max(depth * (width - depth), 0.0))
+    if width >= room:
+        text = f"too wide for the sample of {room / WIDEST_INDENTER:g} mm; it must stay below {room:g} mm"
+        yield Fault(("indenter", key), getattr(indenter, key), text)
+
+
+def faults_of_fit(free: Mapping[str, Range], tests: Sequence[Test], curves: Sequence[Curve | None]) -> Iterator[Fault]:
+    """Faults of a case that is right but cannot be fitted."""
+    if not free:
+        text = "no parameter is free; give at least one as {start = ..., min = ..., max = ...}"
+        yield Fault(("material", "parameters"), MISSING, text)
+    for test, curve in zip(tests, curves, strict=True):
+        if curve is None:
+            yield Fault(("test", test.name, "curve"), MISSING, "missing; a fit needs a measured curve")
+    if not sum(test.weight or 0.0 for test in tests):
+        yield Fault(("test",), MISSING, "every weight is 0; give at least one test a weight")

@@ -1,0 +1,164 @@
+"""The wording of faults: one line for each, with file, key, value, what is wrong and what to do."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+Key = tuple[str | int, ...]
+
+
+class Fault(NamedTuple):
+    """One fault of a case: the key's path, its value, what is wrong and what to do."""
+
+    key: Key
+    value: object
+    text: str
+
+
+class _Missing:
+    """The value of a key that is not there."""
+
+
+MISSING = _Missing()
+
+
+def line(source: object, fault: Fault, overridden: Iterable[Key] = ()) -> str:
+    """file: key = value: what is wrong; what to do.
+
+    Parameters
+    ----------
+    source : path of the case file, or None for a case that has none
+    fault : Fault
+    overridden : keys that `--set` gave
+    """
+    key = ".".join(short(str(step)) for step in fault.key)
+    value = "" if fault.value is MISSING else f" = {shown(fault.value)}"
+    by_option = " (--set)" if any(_begins(fault.key, given) for given in overridden) else ""
+    return printable(("" if source is None else f"{source}{by_option}: ") + f"{key}{value}: {fault.text}")
+
+
+def lines(model: type[BaseModel], error: ValidationError, place: Key = (), source: object = None) -> list[str]:
+    """A line for each fault that pydantic found in a value of `model`, which is the table at `place`."""
+    faults = [Fault((*place, *key_of(found)), _given(found), wording(model, found)) for found in error.errors(include_url=False)]
+    return list(dict.fromkeys(line(source, fault) for fault in faults))
+
+
+def key_of(found: ErrorDetails) -> Key:
+    """The path of the key that one of pydantic's errors is about."""
+    return tuple(found["loc"])
+
+
+def wording(model: type[BaseModel], found: ErrorDetails, sections: Mapping[str, type[BaseModel]] | None = None) -> str:
+    """What is wrong and what to do, for one of pydantic's errors; sections: all tables, where a key may belong to another."""
+    kind, context, loc = found["type"], found.get("ctx", {}), found["loc"]
+    model, key = _innermost(model, loc), str(loc[-1]) if loc else ""
+    if kind in ("fault", "disagreement"):
+        return context["text"]
+    if kind == "extra_forbidden":
+        return unknown(key, model.model_fields, sections=sections)
+    if kind == "literal_error":
+        choices = re.findall(r"'(.*?)'", context["expected"])
+        return f"must be {context['expected']}{nearest(found['input'], choices)}"
+    if isinstance(found["input"], float) and math.isnan(found["input"]):
+        kind = "finite_number"  # not greater and not less than anything: say what it is
+    field = model.model_fields.get(key)
+    wanted = f"give the {field.description}" if field and field.description else "correct it"
+    template = WORDS.get(kind)
+    said = template.format(**{name: _plain(value) for name, value in context.items()}) if template else _first_small(found["msg"])
+    return f"{said}; {wanted}"
+
+
+WORDS = {
+    "missing": "missing",
+    "greater_than": "must be above {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be below {lt}",
+    "less_than_equal": "must be at most {le}",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text in quotes",
+    "string_too_long": "must have at most {max_length} characters",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "tuple_type": "must be a list",
+}
+
+
+def unknown(key: str, known: Iterable[str], what: str = "key", sections: Mapping[str, type[BaseModel]] | None = None) -> str:
+    """Why a key is not known, and where it may belong."""
+    known = list(known)
+    if near := nearest(key, known):
+        return f"unknown {what}{near}"
+    for name, model in (sections or {}).items():
+        if key in model.model_fields:
+            return f"unknown {what} here; it belongs to [{name}]"
+    return f"unknown {what}; known here: {', '.join(known)}"
+
+
+def nearest(word: object, known: Iterable[object]) -> str:
+    """ "; did you mean X?" where a known word is near, else nothing."""
+    near = difflib.get_close_matches(str(word), [str(name) for name in known], n=1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def shown(value: object) -> str:
+    """A value much as TOML writes it, on one line and short."""
+    try:
+        return short(json.dumps(value, ensure_ascii=False))
+    except (TypeError, ValueError, RecursionError):
+        return short(str(value))
+
+
+def short(text: str) -> str:
+    """A text, cut where it is long."""
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def printable(text: str) -> str:
+    """A text with escapes in place of what no terminal should print."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _begins(key: Key, given: Key) -> bool:
+    return tuple(map(str, key))[: len(given)] == tuple(map(str, given))
+
+
+def _given(found: ErrorDetails) -> object:
+    """The value that is at fault; that of a missing key, which pydantic answers with the whole table, is MISSING."""
+    if found["type"] == "missing" or found["input"] is None or isinstance(found["input"], BaseModel):
+        return MISSING
+    return found["input"]
+
+
+def _innermost(model: type[BaseModel], loc: Key) -> type[BaseModel]:
+    """The model of the table that holds the key at `loc`."""
+    for step in loc[:-1]:
+        field = model.model_fields.get(str(step))
+        inner = next(_models_in(field.annotation), None) if field else None
+        model = inner or model
+    return model
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models_in(inner)
+
+
+def _plain(value: object) -> object:
+    return f"{value:g}" if isinstance(value, float) else value
+
+
+def _first_small(text: str) -> str:
+    return f"{text[:1].lower()}{text[1:]}"

@@ -1,0 +1,128 @@
+"""KEY=VALUE in place of keys of a case file."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from indentfit.case.messages import Fault, Key, nearest
+from indentfit.case.tables import SHAPES_OF_INDENTER, SHAPES_OF_SAMPLE, MaterialChoice
+
+Tree = dict[str, Any]
+
+RIVALS: dict[str, dict[str, set[str]]] = {  # setting a key takes these of the same table out of the file
+    "mesh": {"size": {"elements"}, "elements": {"size"}},
+    "material": {
+        "model": {"energy"},
+        "energy": {"model"},
+        "kappa": {"bulk_ratio"},
+        "bulk_ratio": {"kappa"},
+    },
+    "test": {"curve": {"depth", "points", "record"}, "record": {"depth", "points", "curve"}, "depth": {"curve", "record"}},
+}
+
+
+def override(tree: Tree, overrides: Sequence[str]) -> tuple[set[Key], list[Fault]]:
+    """Put each KEY=VALUE into the tree of a file. Returns the paths of the keys that were set, and faults."""
+    given, faults = set[Key](), []
+    for text in overrides:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip():
+            faults.append(Fault(("--set",), text, "write KEY=VALUE, such as indenter.friction=0.2"))
+            continue
+        try:
+            key = _path_of_key(tree, name.strip())
+            _put(tree, key, _value(value.strip()))
+        except LookupError as error:
+            faults.append(Fault((name.strip(),), _value(value.strip()), error.args[0]))
+        else:
+            given.add(key)
+    for key in given:
+        _drop_rivals(tree, key, given)
+    return given, faults
+
+
+def tests_of(tree: Tree) -> list[Any]:
+    """The tables of tests, as far as they are a list."""
+    tests = tree.get("test")
+    return tests if isinstance(tests, list) else []
+
+
+def table_of(tree: Tree, name: str) -> Tree:
+    """The table of a name; an empty one where there is none."""
+    table = tree.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _value(text: str) -> Any:
+    """A TOML value, or else the text itself."""
+    try:
+        read = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return read["value"] if set(read) == {"value"} else text
+
+
+def _path_of_key(tree: Tree, name: str) -> Key:
+    """Steps through the tree: names of tables, and the number of a test."""
+    section, _, rest = name.partition(".")
+    if section == "test" and rest:
+        return _path_in_test(tree, rest)
+    steps = tuple(name.split("."))
+    if section == "material" and len(steps) > 1 and steps[1] not in MaterialChoice.model_fields:
+        parameters = table_of(tree, "material").get("parameters")
+        if isinstance(parameters, dict) and steps[1] in parameters:
+            return "material", "parameters", *steps[1:]
+    return steps
+
+
+def _path_in_test(tree: Tree, rest: str) -> Key:
+    tests = [test for test in tests_of(tree) if isinstance(test, dict)]
+    for number, test in enumerate(tests):
+        for label in (test.get("name"), str(number)):
+            if isinstance(label, str) and rest.startswith(label + "."):
+                return "test", number, *rest[len(label) + 1 :].split(".")
+    known = [str(test.get("name", number)) for number, test in enumerate(tests)]
+    raise LookupError(f"no such test; write test.NAME.KEY{nearest(rest.split('.')[0], known)}")
+
+
+def _put(tree: Any, key: Key, value: Any) -> None:
+    *tables, last = key
+    for n, step in enumerate(tables):
+        if isinstance(tree, list) and not isinstance(step, int):
+            raise LookupError(f"{'.'.join(map(str, tables[:n]))} is a list, not a table; check the key")
+        inner = tree[step] if isinstance(tree, list) else tree.setdefault(step, {})
+        if isinstance(inner, int | float) and tables[:2] == ["material", "parameters"]:
+            raise LookupError(f"{step} is a fixed number; set {'.'.join(map(str, tables))}={{start=..., min=..., max=...}}")
+        if not isinstance(inner, dict | list):
+            raise LookupError(f"{'.'.join(map(str, tables[: n + 1]))} is not a table; check the key")
+        tree = inner
+    if not isinstance(tree, dict):
+        raise LookupError("write test.NAME.KEY=VALUE")
+    tree[last] = value
+
+
+def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
+    """Take away the key of the file that an override replaces: size by elements, a disc's diameter by a block."""
+    *tables, last = key
+    try:
+        table: Any = functools.reduce(lambda inner, step: inner[step], tables, tree)  # type: ignore[index]
+    except (LookupError, TypeError):
+        return  # another override has replaced the whole table
+    if not isinstance(table, dict) or last not in table:
+        return
+    for rival in _rivals(str(tables[0]) if tables else "", str(last), table):
+        if (*tables, rival) not in given:
+            table.pop(rival, None)
+
+
+def _rivals(section: str, key: str, table: Tree) -> set[str]:
+    """The keys that do not go together with this one."""
+    needed = {"sample": SHAPES_OF_SAMPLE, "indenter": SHAPES_OF_INDENTER}.get(section)
+    shape = table[key]
+    if not needed or key != "shape" or not isinstance(shape, str) or shape not in needed:
+        return RIVALS.get(section, {}).get(key, set())
+    rivals = set[str]().union(*needed.values()) - needed[shape]
+    return rivals | ({"edge_radius"} if shape == "sphere" else set())

@@ -1,0 +1,102 @@
+"""Types of the numbers and texts in a case file: each converts, checks and describes one kind of value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, WithJsonSchema
+from pydantic_core import PydanticCustomError, core_schema
+
+from indentfit.units import number_in
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Marks a number with its unit: a string with another unit, such as "3300 um", is turned into that unit."""
+
+    unit: str
+
+    def __get_pydantic_core_schema__(self, source: Any, inner: Callable[[Any], Any]) -> Any:
+        return core_schema.no_info_before_validator_function(self._number, inner(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, inner: Callable[[Any], Any]) -> dict[str, Any]:
+        return {"anyOf": [inner(schema), {"type": "string", "description": f"a number with a unit that turns into {self.unit}"}]}
+
+    def _number(self, value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        try:
+            return number_in(self.unit, value)
+        except ValueError as error:
+            raise refusal(str(error)) from None
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Marks a plain number with its unit, for the reference; nothing is converted."""
+
+    unit: str
+
+
+def refusal(text: str, kind: str = "fault") -> PydanticCustomError:
+    """The error by which a validator refuses a value: what is wrong and what to do."""
+    return PydanticCustomError(kind, "{text}", {"text": text})  # type: ignore[arg-type]  # pydantic asks for a literal
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number, and not true or false."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _friction(value: Any) -> float | str:
+    if isinstance(value, str) and value == "stick":
+        return value
+    if not is_number(value) or not 0 <= value <= 10:
+        raise refusal('must be a coefficient from 0 to 10, or "stick" for no slip at all')
+    return float(value)
+
+
+def _not_bool(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise refusal("must be 0 or 90, the degrees between the fibres and the indenter's long side")
+    return value
+
+
+def _one_line(text: str) -> str:
+    if not text.strip() or not text.isprintable():
+        raise refusal("must be printable text on one line")
+    return text
+
+
+def as_tuple(value: Any) -> Any:
+    """A list as a tuple, anything else as it is."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _odds(value: Any) -> Any:
+    """Even odds for true, none for false."""
+    return {True: 0.5, False: None}[value] if isinstance(value, bool) else value
+
+
+STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"const": "stick"}]}
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
+Length = Annotated[Positive, Quantity("mm")]
+Radius = Annotated[NotNegative, Quantity("mm")]
+Pressure = Annotated[Positive, Quantity("kPa")]
+Rate = Annotated[Positive, Quantity("Hz")]
+Friction = Annotated[float | Literal["stick"], PlainValidator(_friction), WithJsonSchema(STICK)]
+Angle = Annotated[Literal[0, 90], BeforeValidator(_not_bool), Unit("degrees")]
+Odds = Annotated[Share | None, BeforeValidator(_odds)]
+Line = Annotated[str, AfterValidator(_one_line)]

@@ -1,0 +1,317 @@
+"""A case file into a `Case`: TOML, overrides, units, and every fault at once.
+
+Quantities are plain numbers in the unit that the reference of keys states, or strings with a unit ("3.3 mm"). Reading runs no code
+that a case names: whoever wants the material's class and curves out of raw records passes `Openers` in (experiment.measured does).
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Protocol, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from indentfit.case.faults import Parts, faults_across, faults_of_parameters, faults_of_stiffness, labels
+from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable, short, unknown, wording
+from indentfit.case.overrides import Tree, override, table_of, tests_of
+from indentfit.case.recording import Record
+from indentfit.case.search import Fit
+from indentfit.case.section import Section
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver, Test
+from indentfit.case.whole import Case
+from indentfit.curve import Curve, read_curve
+from indentfit.errors import CaseError, CurveError, MaterialError, RecordError
+from indentfit.material import Material
+from indentfit.units import number_in
+
+SECTIONS: dict[str, type[Section]] = {
+    "sample": Sample,
+    "indenter": Indenter,
+    "mesh": Mesh,
+    "material": MaterialChoice,
+    "fit": Fit,
+    "solver": Solver,
+    "record": Record,
+}
+KEYS = ("title", *SECTIONS, "test")
+NEEDED = ("sample", "indenter", "material")
+Table = TypeVar("Table", bound=Section)
+
+
+class Openers(Protocol):
+    """Opens what a case only names: the class of its material, and raw records."""
+
+    def law(self, model: str | None, energy: str | None, names: Sequence[str], folder: Path) -> type[Material]:
+        """The class of a material; raises MaterialError or OSError."""
+
+    def curve(self, file: Path, record: Record) -> Curve:
+        """The loading curve of a raw record, read as the table [record] says; raises RecordError."""
+
+
+def read_case_file(path: str | Path, overrides: Sequence[str] = (), openers: Openers | None = None) -> Case:
+    """The `Case` of a TOML file, with `overrides` in place of its keys.
+
+    Parameters
+    ----------
+    path : the case file; names of other files in it are relative to its folder
+    overrides : "KEY=VALUE", such as "indenter.friction=0.2"
+    openers : Openers, or None: no plugin and no raw record is opened then. The parameters are not compared with the material's
+        and must be plain numbers, and the curve of a test with a raw record is None.
+
+    Raises
+    ------
+    CaseError
+        With one line for each fault: file, key, value, what is wrong and what to do.
+    """
+    path = Path(path)
+    tree = _tree(path)
+    given, faults = override(tree, overrides)
+    parts = _parts(tree, path.parent, openers, faults)
+    faults += faults_across(parts)
+    if faults:
+        named = dict(enumerate(labels(_names(tests_of(tree)))))
+        given = {tuple(named[step] if isinstance(step, int) else step for step in key) for key in given}
+        raise CaseError(list(dict.fromkeys(line(path, fault, given) for fault in faults)))
+    return Case.of_parts(parts, path, overrides)
+
+
+def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) -> Record:
+    """The [record] table of a TOML file, a case or one that holds just that; `path` None: of the overrides alone.
+
+    Raises
+    ------
+    CaseError
+        With one line for each fault.
+    """
+    tree = _tree(Path(path)) if path is not None else {}
+    tree = {"record": tree.get("record", {})}
+    given, faults = override(tree, overrides)
+    faults += [Fault((key,), tree[key], "only keys of [record] can be set here") for key in tree if key != "record"]
+    table = _section(Record, ("record",), tree["record"], faults)
+    if faults or table is None:
+        raise CaseError([line(path or "options", fault, given) for fault in faults])
+    return table
+
+
+# TOML
+
+
+def _tree(path: Path) -> Tree:
+    """The tables of a TOML file, or CaseError with the line that is not TOML."""
+    text = _text(path)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise CaseError(f"{path}: nested too deep; a case file has tables and numbers only") from None
+    except ValueError as error:
+        number, content = _place(str(error), text)
+        reason = str(error).split(" (at ")[0]
+        wrong = f"not TOML ({short(reason)}); correct it"
+        if re.match(r"Cannot (overwrite|declare|mutate)|Duplicate", reason):
+            wrong = "this key or table is given twice; keep one of them"
+        raise CaseError(printable(f"{path}: line {number}: {content}: {wrong}")) from None
+
+
+def _text(path: Path) -> str:
+    try:
+        _require_file(path)
+        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        number = error.object[: error.start].count(b"\n") + 1
+        raise CaseError(f"{path}: line {number}: not UTF-8 text; save the file as UTF-8") from None
+    except (OSError, ValueError) as error:
+        raise CaseError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+
+
+def _require_file(path: Path) -> None:
+    if path.is_dir():
+        inside = path / "case.toml"
+        raise CaseError(f"{path}: a folder; name the case file in it" + (f", {inside}" if inside.exists() else ""))
+    if not path.exists():
+        raise CaseError(f"{path}: no such file; `indentfit init DIR` writes a case to start from")
+    if not path.is_file():
+        raise CaseError(f"{path}: not a file; name a case file")
+
+
+def _place(message: str, text: str) -> tuple[int, str]:
+    """Number and text of the line that a message of tomllib is about."""
+    rows = text.split("\n")
+    at = re.search(r"at line (\d+)", message)
+    number = int(at[1]) if at else max(n for n, row in enumerate(rows, 1) if row.strip() or n == 1)
+    return number, short(rows[number - 1].strip())
+
+
+# Tables
+
+
+def _parts(tree: Tree, folder: Path, openers: Openers | None, faults: list[Fault]) -> Parts:
+    """What can be read of a case; appends to `faults` what cannot."""
+    faults += [Fault((key,), tree[key], unknown(key, KEYS, sections=SECTIONS)) for key in tree if key not in KEYS]
+    title = _title(tree, faults)
+    law = _law(table_of(tree, "material"), folder, openers, faults)
+    _convert_parameters(tree, law, faults)
+    sections = {name: _section(model, (name,), _keys(tree, name), faults) for name, model in SECTIONS.items()}
+    parts = Parts(title, **sections)  # type: ignore[arg-type]
+    faults += _faults_of_material(parts.material, law, faults)
+    parts = _with_shape_of_records(parts)
+    return parts.with_tests(*_tests_and_curves(tree, folder, parts.record, openers, faults))
+
+
+def _keys(tree: Tree, name: str) -> Any:
+    return tree.get(name, MISSING if name in NEEDED else {})
+
+
+def _title(tree: Tree, faults: list[Fault]) -> str:
+    title = tree.get("title", "")
+    if not isinstance(title, str) or len(title) > 200 or (title and not title.isprintable()):
+        faults.append(Fault(("title",), title, "must be text on one line of at most 200 characters"))
+    return title
+
+
+def _with_shape_of_records(parts: Parts) -> Parts:
+    """The parts, where raw records take the end of the indenter from [indenter]."""
+    record, indenter = parts.record, parts.indenter
+    if record is None or record.indenter is not None or indenter is None or indenter.shape != "sphere":
+        return parts
+    return parts.with_record(record.model_copy(update={"indenter": "sphere"}))
+
+
+def _section(model: type[Table], place: Key, keys: Any, faults: list[Fault]) -> Table | None:
+    """One table as its model; where it has faults, what of it is right, the rest None."""
+    if keys is MISSING:
+        faults.append(Fault(place, MISSING, f"missing; add a table [{place[0]}]"))
+        return None
+    if not isinstance(keys, dict):
+        faults.append(Fault(place, keys, f"must be a table; write [{place[0]}]"))
+        return None
+    try:
+        return model.model_validate(keys)
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)
+    known = {fault.key for fault in faults}
+    for found in wrong:
+        inner = key_of(found)
+        value = found["input"] if inner[-1] in _inmost(keys, inner) else MISSING
+        if (*place, *inner) not in known:
+            faults.append(Fault((*place, *inner), value, wording(model, found, SECTIONS)))
+    part = _what_is_right(model, keys, {str(found["loc"][0]) for found in wrong})
+    if not any(found["type"] == "disagreement" and len(found["loc"]) == 1 for found in wrong):
+        faults += [Fault((*place, key), keys.get(key, MISSING), text) for key, text in part.disagreements()]
+    return part
+
+
+def _inmost(keys: Any, steps: Key) -> dict[Any, Any]:
+    """The table that holds the last step."""
+    for step in steps[:-1]:
+        keys = keys.get(step, {}) if isinstance(keys, dict) else {}
+    return keys if isinstance(keys, dict) else {}
+
+
+def _what_is_right(model: type[Table], keys: Tree, wrong: set[str]) -> Table:
+    """The keys that are right alone, in a model that was not checked as a whole."""
+    values: dict[str, Any] = dict.fromkeys(model.model_fields)
+    for key, field in model.model_fields.items():
+        if key in wrong:
+            continue
+        if key in keys:
+            kind: Any = Annotated[(field.annotation, key, *field.metadata)]  # the key only fills an empty list
+            values[key] = TypeAdapter(kind).validate_python(keys[key])
+        elif not field.is_required():
+            values[key] = field.get_default(call_default_factory=True)
+    return model.model_construct(_fields_set=set(keys), **values)
+
+
+# The material
+
+
+def _law(keys: Tree, folder: Path, openers: Openers | None, faults: list[Fault]) -> type[Material] | None:
+    """The class that a [material] table asks for; None where nobody opens it or it cannot be opened, which is a fault."""
+    model, energy, parameters = keys.get("model"), keys.get("energy"), keys.get("parameters")
+    if openers is None or (model is None) == (energy is None):
+        return None
+    key, named = ("model", model) if energy is None else ("energy", energy)
+    if not isinstance(named, str) or not named.strip() or not named.isprintable():
+        return None
+    try:
+        return openers.law(model, energy, tuple(parameters) if isinstance(parameters, dict) else (), folder)
+    except (MaterialError, OSError) as error:
+        faults.append(Fault(("material", key), named, str(error)))
+        return None
+
+
+def _convert_parameters(tree: Tree, law: type[Material] | None, faults: list[Fault]) -> None:
+    """Turn strings with a unit among the parameters into numbers in the law's unit."""
+    parameters = table_of(tree, "material").get("parameters")
+    if not isinstance(parameters, dict):
+        return
+    for name, value in parameters.items():
+        unit = law.parameters[name].unit or "kPa" if law and name in law.parameters else None
+        table, keys = (value, tuple(value)) if isinstance(value, dict) else (parameters, (name,))
+        for key in keys:
+            if not isinstance(table[key], str):
+                continue
+            try:
+                table[key] = _number(unit, table[key])
+            except ValueError as error:
+                place = ("material", "parameters", name) + ((key,) if table is value else ())
+                faults.append(Fault(place, table[key], str(error)))
+                table[key] = MISSING
+
+
+def _number(unit: str | None, text: str) -> float:
+    """The number of a parameter; without its law nobody knows its unit, and only the law's own name could be wrong then."""
+    if unit is None:
+        raise ValueError("has a unit, but the material that could tell the parameter's own unit is not opened; give a plain number")
+    return number_in(unit, text)
+
+
+def _faults_of_material(choice: MaterialChoice | None, law: type[Material] | None, known: Iterable[Fault]) -> list[Fault]:
+    """What is wrong with the parameters, or else with the stiffness that they give."""
+    if law is None or choice is None:
+        return []
+    faults = list(faults_of_parameters(choice, law))
+    if faults or any(fault.key[0] == "material" for fault in known):
+        return faults
+    return list(faults_of_stiffness(choice, law))
+
+
+# Tests and curves
+
+
+def _tests_and_curves(
+    tree: Tree, folder: Path, record: Record | None, openers: Openers | None, faults: list[Fault]
+) -> tuple[list[Test | None], list[Curve | None]]:
+    tables = tree.get("test", MISSING)
+    if tables is MISSING or tables == []:
+        faults.append(Fault(("test",), MISSING, "missing; add a table [[test]] for each indentation"))
+        return [], []
+    if not isinstance(tables, list):
+        faults.append(Fault(("test",), tables, "must be a list of tables; write [[test]] in double brackets"))
+        return [], []
+    tests, curves = [], []
+    for label, keys in zip(labels(_names(tables)), tables, strict=True):
+        test = _section(Test, ("test", label), keys, faults)
+        tests.append(test)
+        curves.append(_curve(test, label, folder, record, openers, faults) if test else None)
+    return tests, curves
+
+
+def _names(tables: Sequence[Any]) -> list[Any]:
+    return [keys.get("name") if isinstance(keys, dict) else None for keys in tables]
+
+
+def _curve(
+    test: Test, label: str, folder: Path, record: Record | None, openers: Openers | None, faults: list[Fault]
+) -> Curve | None:
+    """The curve of a test, where it names one, or a raw record, and that can be read."""
+    try:
+        if test.record and record and not any(fault.key[0] == "record" for fault in faults):
+            return openers.curve(folder / test.record, record) if openers else None
+        return read_curve(folder / test.curve) if isinstance(test.curve, str) else None
+    except (RecordError, CurveError) as error:
+        key = "record" if isinstance(error, RecordError) else "curve"
+        faults.append(Fault(("test", label, key), getattr(test, key), str(error)))
+        return None

@@ -1,0 +1,86 @@
+"""The tables of a fit: how parameters are searched for, and which inputs are known with some error only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, WrapValidator
+
+from indentfit.case.quantities import Finite, Odds, Positive, Quantity, Share, Unit, is_number, refusal
+from indentfit.case.section import Section
+from indentfit.case.tables import Range
+
+LEAST_INPUT = {"friction": 0.0, "bulk_ratio": 1.0, "thickness": 1e-3}
+
+
+def _spread_or_range(value: Any, _: Any) -> float | Range:
+    if isinstance(value, Range):
+        return value
+    if isinstance(value, dict):
+        return Range.model_validate(value)
+    if not is_number(value) or value <= 0:
+        raise refusal("must be a standard deviation above 0, or {start = ..., min = ..., max = ...} to be fitted")
+    return float(value)
+
+
+Spread = Annotated[float | Range, WrapValidator(_spread_or_range)]
+SpreadOfLength = Annotated[float | Range, WrapValidator(_spread_or_range), Quantity("mm")]
+
+
+class Uncertain(Section):
+    """Inputs that are known with some error only: a standard deviation, whose share in the parameters' errors is reported,
+    or a range, in which the input is fitted together with the parameters."""
+
+    place = "fit.uncertain"
+
+    friction: Spread | None = Field(default=None, description="standard deviation, or range, of the friction coefficient")
+    bulk_ratio: Spread | None = Field(default=None, description="standard deviation, or range, of bulk over shear modulus")
+    thickness: SpreadOfLength | None = Field(default=None, description="standard deviation, or range, of the thickness, mm")
+    offset: SpreadOfLength | None = Field(
+        default=None, description="standard deviation, or range, of the contact point, mm: F(d - offset)"
+    )
+    base: Odds = Field(default=None, description="probability that the base is the other of sliding and bonded; true for even odds")
+    mesh: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
+        default=1.0, description="standard deviation of the forces by the mesh, in units of Richardson's estimate from half of it"
+    )
+    force: Share | None = Field(default=None, description="standard deviation of each test's forces as a whole: calibration")
+
+    @property
+    def given(self) -> dict[str, float]:
+        """name -> standard deviation (of the base: probability) of the inputs that have one."""
+        return {name: value for name, value in self if isinstance(value, float) and value}
+
+    @property
+    def fitted(self) -> dict[str, Range]:
+        """name -> Range of the inputs that are fitted."""
+        return {name: value for name, value in self if isinstance(value, Range)}
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        for name, low in LEAST_INPUT.items():
+            value = getattr(self, name)
+            if isinstance(value, Range) and value.min < low:
+                yield name, f"its min must be at least {low:g}; raise it"
+
+
+class Fit(Section):
+    """How the parameters are searched for."""
+
+    place = "fit"
+
+    method: Literal["ga", "least_squares", "differential_evolution", "cma"] = Field(
+        default="ga", description="method of the search"
+    )
+    direct: bool = Field(default=False, description="search on the forward model itself, without a surrogate")
+    seed: int = Field(default=0, ge=0, lt=2**32, description="seed of the random numbers")
+    population: int | None = Field(default=None, ge=4, le=10_000, description="individuals of a generation")
+    generations: int | None = Field(default=None, ge=1, le=10_000, description="generations at most")
+    starts: int | None = Field(default=None, ge=1, le=1000, description="local searches of least_squares, at different starts")
+    workers: int | None = Field(default=None, ge=1, le=1024, description="processes; by default one for each core")
+    time_limit: Annotated[Positive, Unit("s")] = Field(
+        default=600.0, description="seconds that one solve of one test may take before it counts as failed"
+    )
+    tolerance: Share = Field(default=1e-6, description="relative change of the objective below which the search ends")
+    profiles: bool = Field(default=True, description="profile likelihoods, where the search had a surrogate")
+    published: dict[str, Finite] = Field(default_factory=dict, description="published parameters to compare with")
+    uncertain: Uncertain = Field(default=Uncertain(), description="inputs known with some error, or fitted")

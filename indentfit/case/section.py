@@ -1,0 +1,75 @@
+"""What every table of a case is: a frozen value with strict types, no unknown keys, and keys that agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import InitErrorDetails
+
+from indentfit.case.messages import Key, lines
+from indentfit.case.quantities import refusal
+from indentfit.errors import CaseError
+
+
+class Section(BaseModel):
+    """One table of the case. Made by hand, it raises CaseError with a line for each fault.
+
+    place: name of the table in the file.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    place: ClassVar[str] = ""
+
+    def __init__(self, /, **keys: Any) -> None:
+        try:
+            super().__init__(**keys)
+        except ValidationError as error:
+            raise CaseError(lines(type(self), error, tuple(self.place.split(".")) if self.place else ())) from None
+
+    # Inside of another table pydantic makes this one without __init__: the faults of all tables come as one error then.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        """(key, what is wrong) for keys that are right alone but not together; a key that is not right alone is None."""
+        yield from ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_numbers(cls, keys: Any) -> Any:
+        """Numbers of NumPy as numbers of Python."""
+        if not isinstance(keys, dict):
+            return keys
+        return {key: value.item() if isinstance(value, np.generic) else value for key, value in keys.items()}
+
+    @model_validator(mode="after")
+    def _agree(self) -> Section:
+        raise_disagreements(type(self), [((key,), getattr(self, key), text) for key, text in self.disagreements()])
+        return self
+
+    def of_shape(self, shape: str | None, needed: dict[str, set[str]]) -> Iterator[tuple[str, str]]:
+        """Disagreements where keys of another shape are given, or those of this shape are missing; needed: shape -> keys."""
+        if shape not in needed:
+            return
+        for key in sorted(set().union(*needed.values())):
+            if key in needed[shape] and key not in self.model_fields_set:
+                yield key, f"missing; a {shape} needs it: {type(self).model_fields[key].description}"
+            elif key not in needed[shape] and key in self.model_fields_set:
+                yield key, f"does not belong to a {shape}; remove it"
+
+
+def raise_disagreements(model: type[BaseModel], faults: Sequence[tuple[Key, Any, str]]) -> None:
+    """Raise pydantic's ValidationError with each (key, value, what is wrong), where there are any."""
+    details = [
+        InitErrorDetails(type=refusal(text, "disagreement"), loc=tuple(key), input=value)  # type: ignore[typeddict-item]
+        for key, value, text in faults
+    ]
+    if details:
+        raise ValidationError.from_exception_data(model.__name__, details)
+
+
+def known(*values: object) -> bool:
+    """Whether every value is right alone (one that is not is None)."""
+    return all(value is not None for value in values)

@@ -1,0 +1,220 @@
+"""The tables of a case file as frozen values: sample, indenter, mesh, material, tests and solver, in mm, mN and kPa.
+
+The unit, default, choices and meaning of each key are written here, in `search` and in `recording`, and nowhere else: the template
+that `init` writes, the reference page and the JSON schema are generated from these fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, model_validator
+
+from indentfit.case.quantities import (
+    Angle,
+    Finite,
+    Friction,
+    Length,
+    Line,
+    NotNegative,
+    Positive,
+    Pressure,
+    Radius,
+    is_number,
+    refusal,
+)
+from indentfit.case.section import Section, known
+from indentfit.curve import Curve
+
+DEFAULT_BULK_RATIO = 1000.0
+SHAPES_OF_SAMPLE = {"disc": {"diameter"}, "block": {"length", "width"}}
+SHAPES_OF_INDENTER = {"strip": {"width", "length"}, "cylinder": {"diameter"}, "sphere": {"diameter"}}
+
+
+class Sample(Section):
+    """The piece of tissue; y is the axis of indentation, x and z lie in its plane."""
+
+    place = "sample"
+
+    shape: Literal["disc", "block"] = Field(description="shape of the sample")
+    diameter: Length | None = Field(default=None, description="diameter of the disc, mm")
+    length: Length | None = Field(default=None, description="size of the block along x, mm")
+    width: Length | None = Field(default=None, description="size of the block along z, mm")
+    thickness: Length = Field(description="thickness of the sample along y, mm")
+    base: Literal["sliding", "bonded"] = Field(description="whether the sample slides on its support or is glued to it")
+
+    @property
+    def extent(self) -> tuple[float | None, float | None]:
+        """Full size along x and along z, mm; None where a key is not right."""
+        return (self.diameter, self.diameter) if self.shape == "disc" else (self.length, self.width)
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        yield from self.of_shape(self.shape, SHAPES_OF_SAMPLE)
+
+
+class Indenter(Section):
+    """The rigid indenter, centred on the sample; a strip's long side lies along x."""
+
+    place = "indenter"
+
+    shape: Literal["strip", "cylinder", "sphere"] = Field(description="shape of the indenter")
+    width: Length | None = Field(default=None, description="size of the strip along z, mm")
+    length: Length | None = Field(default=None, description="size of the strip along x, mm; it may overhang the sample")
+    diameter: Length | None = Field(default=None, description="diameter of the flat cylinder or of the sphere, mm")
+    edge_radius: Radius = Field(default=0.0, description="radius of the edge, mm; 0 is sharp")
+    friction: Friction = Field(description='friction coefficient, or "stick"')
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of a strip, the radius of a cylinder or of a sphere, mm."""
+        width = self.width if self.shape == "strip" else self.diameter
+        assert width is not None  # `disagreements` has seen to that
+        return width / 2
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        yield from self.of_shape(self.shape, SHAPES_OF_INDENTER)
+        if self.shape == "sphere" and self.edge_radius:
+            yield "edge_radius", "a sphere has no edge; remove it"
+        width = self.width if self.shape == "strip" else self.diameter
+        if self.shape in ("strip", "cylinder") and known(width, self.edge_radius) and 2 * self.edge_radius > width:  # type: ignore[operator]
+            yield "edge_radius", f"must not exceed half of the indenter's {width:g} mm"
+
+
+class Mesh(Section):
+    """The mesh of the quarter sample; without either key, the default mesh."""
+
+    place = "mesh"
+
+    size: Length | None = Field(default=None, description="size of the elements, mm: they are smaller at the indenter's edge")
+    elements: int | None = Field(default=None, ge=20, le=2_000_000, description="about how many elements")
+
+    @property
+    def default(self) -> bool:
+        """Whether the case asks for no particular mesh."""
+        return self.size is None and self.elements is None
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        if {"size", "elements"} <= self.model_fields_set:
+            yield "elements", "mesh.size is given too; keep one of them"
+
+
+class Range(Section):
+    """A free parameter of the material: where a search starts, and its bounds, in the parameter's unit."""
+
+    start: Finite = Field(description="value to start from")
+    min: Finite = Field(description="lower bound")
+    max: Finite = Field(description="upper bound")
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        if known(self.min, self.max) and self.min >= self.max:
+            yield "min", f"must be below max = {self.max:g}; for a fixed parameter give just the number"
+        elif known(self.start, self.min) and self.start < self.min:
+            yield "start", f"is below min = {self.min:g}; start between the bounds"
+        elif known(self.start, self.max) and self.start > self.max:
+            yield "start", f"is above max = {self.max:g}; start between the bounds"
+
+
+def _fixed_or_range(value: Any, _: Any) -> float | Range:
+    if isinstance(value, Range):
+        return value
+    if isinstance(value, dict):
+        return Range.model_validate(value)
+    if not is_number(value):
+        raise refusal("must be a finite number, or {start = ..., min = ..., max = ...} to be fitted")
+    return float(value)
+
+
+class MaterialChoice(Section):
+    """The material: an installed model, `file.py:Class`, or a typed energy, with its parameters."""
+
+    place = "material"
+
+    model: Line | None = Field(default=None, description="name of an installed material, or file.py:Class")
+    energy: Line | None = Field(default=None, description="energy as a formula in I1, I2, I4, I5 and the parameters, kPa")
+    parameters: dict[str, Annotated[float | Range, WrapValidator(_fixed_or_range)]] = Field(
+        default_factory=dict, description="parameters, each a number, or {start, min, max} to be fitted"
+    )
+    bulk_ratio: Positive | None = Field(default=None, description="bulk modulus over shear modulus")
+    kappa: Pressure | None = Field(default=None, description="bulk modulus, kPa")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nearly_incompressible(cls, keys: Any) -> Any:
+        if isinstance(keys, dict) and not {"bulk_ratio", "kappa"} & set(keys):
+            return {**keys, "bulk_ratio": DEFAULT_BULK_RATIO}
+        return keys
+
+    def bulk_modulus(self, shear_modulus: float) -> float:
+        """kappa in kPa, for a material of this shear modulus, kPa."""
+        if self.kappa is not None:
+            return self.kappa
+        assert self.bulk_ratio is not None  # one of the two is always there
+        return self.bulk_ratio * shear_modulus
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        given = self.model_fields_set
+        if {"model", "energy"} <= given:
+            yield "energy", "material.model is given too; keep one of them"
+        if not {"model", "energy"} & given:
+            yield "model", f"missing; give {type(self).model_fields['model'].description}, or material.energy"
+        if {"bulk_ratio", "kappa"} <= given:
+            yield "kappa", "material.bulk_ratio is given too; keep one of them"
+
+
+def _file_or_curve(value: Any) -> str | Curve | None:
+    if value is None or isinstance(value, Curve):
+        return value
+    if not isinstance(value, str):
+        raise refusal("must be text in quotes; give the CSV file of the measured curve, relative to the case file")
+    if not value.strip() or not value.isprintable():
+        raise refusal("must be printable text on one line")
+    return value
+
+
+class Test(Section):
+    """One indentation: its direction, and the measured curve, the raw record of it, or just a depth to simulate."""
+
+    __test__ = False  # not a test of pytest's
+
+    place = "test"
+
+    name: Annotated[Line, Field(max_length=60)] = Field(description="name of the test")
+    angle: Angle = Field(description="degrees between the fibres and x, the indenter's long side: 0 or 90")
+    curve: Annotated[
+        str | Curve | None, PlainValidator(_file_or_curve), WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]})
+    ] = Field(default=None, description="CSV file of the measured curve, relative to the case file")
+    record: Line | None = Field(default=None, description="raw record of the rig, relative to the case file; see [record]")
+    depth: Length | None = Field(default=None, description="depth to simulate, mm, where there is no curve")
+    points: int = Field(default=25, ge=1, le=10_000, description="number of points to simulate, where there is no curve")
+    weight: NotNegative | None = Field(default=None, description="weight in the objective; by default 1 / number of tests")
+
+    def __init__(self, name: str | None = None, /, **keys: Any) -> None:
+        super().__init__(**({} if name is None else {"name": name}), **keys)
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # see Section
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        given = self.model_fields_set
+        sources = [key for key in ("curve", "record", "depth") if key in given]
+        if len(sources) > 1:
+            yield sources[-1], f"a {sources[0]} is given too; keep one of them"
+        if not sources:
+            yield "curve", "missing; give the file of the measured curve, or of its raw record (record), or depth (mm)"
+        if {"curve", "record"} & given and "points" in given:
+            yield "points", "belongs to a test with a depth; the points of a curve are those of its file"
+
+
+class Solver(Section):
+    """How the mechanics are solved; the defaults suit every case known so far."""
+
+    place = "solver"
+
+    assembly: Literal["compiled", "forms"] = Field(default="compiled", description="element loop, or the readable forms")
+    linear: Literal["auto", "pardiso", "superlu", "pyamg"] = Field(default="auto", description="linear solver")
+    element: Literal["q1p0", "q2p1"] = Field(default="q2p1", description="finite element")
+    tolerance: Annotated[float, Field(gt=0, le=0.01, allow_inf_nan=False)] = Field(
+        default=1e-6, description="relative residual at equilibrium"
+    )
+    penalty: Positive = Field(default=1.0, description="factor on the contact stiffness")
+    max_step: Length | None = Field(default=None, description="largest step of the indenter, mm")

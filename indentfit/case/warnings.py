@@ -1,0 +1,59 @@
+"""What a case is allowed to say but deserves a second look."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from indentfit.case.faults import depth_of
+from indentfit.errors import MaterialError
+
+if TYPE_CHECKING:
+    from indentfit.case.whole import Case
+
+MOST_CORNERS = 5  # free parameters whose bounds are combined to look for an unstable material
+NEARLY_INCOMPRESSIBLE = 10  # bulk modulus over the largest small-strain modulus
+DEEP = 0.2  # of the thickness: beyond it equilibrium may not be found
+
+
+def warnings_of(case: Case) -> Iterator[str]:
+    """One line for each thing that deserves a second look."""
+    yield from _unstable(case)
+    yield from _compressible(case)
+    for test, curve in zip(case.tests, case.curves, strict=True):
+        depth = depth_of(test, curve) or 0.0
+        if depth > DEEP * case.sample.thickness:
+            share = depth / case.sample.thickness
+            yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {DEEP * 100:g} % equilibrium may not be found"
+    if len(case.free) > 1 and len({test.angle for test in case.tests}) == 1:
+        yield f"every test has angle {case.tests[0].angle}: one direction alone cannot tell the fibre terms apart"
+
+
+def _compressible(case: Case) -> Iterator[str]:
+    """A warning where the bulk modulus is not far above every small-strain modulus."""
+    material = case.law(**case.start_values())
+    stiffest = max(material.moduli().values())
+    kappa = case.material.bulk_modulus(material.shear_modulus)
+    if kappa < NEARLY_INCOMPRESSIBLE * stiffest:
+        yield (
+            f"kappa = {kappa:g} kPa is below {NEARLY_INCOMPRESSIBLE} x the largest small-strain modulus ({stiffest:g} kPa) at the "
+            "start values: the tissue is not nearly incompressible; raise material.bulk_ratio unless that is meant"
+        )
+
+
+def _unstable(case: Case) -> Iterator[str]:
+    """A warning where the small-strain moduli are not positive, at the start values or at a corner of the bounds."""
+    free = list(case.free.items())[:MOST_CORNERS]
+    corners = itertools.product(*((bounds.start, bounds.min, bounds.max) for _, bounds in free))
+    law, start = case.law, case.start_values()
+    for values in itertools.islice(corners, 3**MOST_CORNERS):
+        at = start | dict(zip((name for name, _ in free), values, strict=True))
+        with contextlib.suppress(MaterialError), np.errstate(all="ignore"):
+            if wrong := law(**at).unstable:
+                where = ", ".join(f"{name} = {value:g}" for name, value in at.items())
+                yield f"material.parameters: not stable at small strain at {where} ({wrong}); change the values or the bounds"
+                return

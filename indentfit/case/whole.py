@@ -1,0 +1,188 @@
+"""The whole case: its tables, its measured curves, and what follows from them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, field_validator, model_validator
+
+from indentfit.arrays import Array
+from indentfit.case.curves import curve_files
+from indentfit.case.faults import Parts, faults_across, faults_of_fit, faults_of_parameters, labels, start_values
+from indentfit.case.laws import open_law, plugin_file
+from indentfit.case.messages import MISSING, Fault, line, lines
+from indentfit.case.recording import Record
+from indentfit.case.search import Fit
+from indentfit.case.section import raise_disagreements
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
+from indentfit.case.warnings import warnings_of
+from indentfit.curve import Curve, require_loading
+from indentfit.errors import CaseError, CurveError, MaterialError
+from indentfit.material import Material
+
+
+class Case(BaseModel):
+    """A whole case: everything that a result depends on.
+
+    Tables may be given as values or as plain dictionaries, tests and curves as lists or tuples.
+
+    Attributes
+    ----------
+    tests, curves : `tests[i]` was measured as `curves[i]`, which is None where the test gives only a depth.
+    path : where the case was read, None for a case that was made from values.
+    overrides : KEY=VALUE that replaced keys of the file.
+
+    Raises
+    ------
+    CaseError
+        With one line for each fault.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
+
+    title: Annotated[str, Field(max_length=200)] = Field(default="", description="title of the case")
+    sample: Sample
+    indenter: Indenter
+    mesh: Mesh = Mesh()
+    material: MaterialChoice
+    tests: tuple[Test, ...] = Field(alias="test", min_length=1)
+    fit: Fit = Fit()
+    solver: Solver = Solver()
+    record: Record = Record()
+    path: Path | None = Field(default=None, description="where the case was read; not a key of the file")
+    overrides: tuple[str, ...] = Field(default=(), description="KEY=VALUE that replaced keys of the file")
+    curves: tuple[InstanceOf[Curve] | None, ...] = ()
+
+    def __init__(self, /, **keys: Any) -> None:
+        try:
+            super().__init__(**keys)
+        except ValidationError as error:
+            raise CaseError(lines(type(self), error)) from None
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # see Section
+
+    @classmethod
+    def of_parts(cls, parts: Parts, path: Path, overrides: Sequence[str]) -> Case:
+        """The case of parts that were checked already."""
+        values = {name: getattr(parts, name) for name in cls.model_fields if name not in ("path", "overrides")}
+        values["tests"] = _weighted(values["tests"])
+        return cls.model_construct(_fields_set=None, **values, path=path, overrides=tuple(overrides))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _curves_of_tests(cls, keys: Any) -> Any:
+        """Curves in memory move from the tests into `curves`; a test keeps the name of the file that `case_toml` gives it."""
+        if not isinstance(keys, dict) or keys.get("curves"):
+            return keys
+        tests = keys.get("tests", keys.get("test", ()))
+        if not isinstance(tests, list | tuple):
+            return keys
+        tests, curves = curve_files(tests)
+        return {name: value for name, value in keys.items() if name != "test"} | {"tests": tests, "curves": curves}
+
+    @field_validator("tests")
+    @classmethod
+    def _share_the_weight(cls, tests: tuple[Test, ...]) -> tuple[Test, ...]:
+        return _weighted(tests)
+
+    @model_validator(mode="after")
+    def _agree(self) -> Case:
+        faults = [*faults_across(self._parts()), *faults_of_parameters(self.material, self._law_or_fault())]
+        faults += self._faults_of_curves()
+        raise_disagreements(type(self), faults)
+        return self
+
+    def _parts(self) -> Parts:
+        return Parts(**{name: getattr(self, name) for name in Parts.__dataclass_fields__})
+
+    def _faults_of_curves(self) -> list[Fault]:
+        faults = []
+        for label, test, curve in zip(labels([test.name for test in self.tests]), self.tests, self.curves, strict=True):
+            key = ("test", label, "curve")
+            if (test.curve is None and test.record is None) != (curve is None):
+                text = "is the name of a file; read the case with read_case, or give a Curve"
+                faults.append(Fault(key, test.curve or test.record or MISSING, text))
+            elif curve is not None:
+                try:
+                    require_loading(curve)
+                except CurveError as error:
+                    faults.append(Fault(key, MISSING, str(error)))
+        return faults
+
+    def _law_or_fault(self) -> type[Material]:
+        try:
+            return self.law
+        except MaterialError as error:
+            key = "model" if self.material.energy is None else "energy"
+            raise_disagreements(type(self), [Fault(("material", key), getattr(self.material, key), str(error))])
+            raise
+
+    @property
+    def law(self) -> type[Material]:
+        """The class of the material; where the case names a file of it, that is run. Raises MaterialError."""
+        return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
+
+    @property
+    def folder(self) -> Path:
+        """The folder that file names in the case are relative to."""
+        return self.path.parent if self.path is not None else Path()
+
+    @property
+    def free(self) -> dict[str, Range]:
+        """The parameters to be fitted, in the order of the law."""
+        values = {name: self.material.parameters[name] for name in self.law.parameters}
+        return {name: value for name, value in values.items() if isinstance(value, Range)}
+
+    @property
+    def fitted(self) -> dict[str, Range]:
+        """What a fit searches for: the free parameters, then the uncertain inputs that are to be fitted."""
+        return {**self.free, **self.fit.uncertain.fitted}
+
+    def start_values(self) -> dict[str, float]:
+        """Every parameter in the order of the law: the fixed number, or where its search starts."""
+        return start_values(self.material, self.law)
+
+    def outputs(self, test: Test) -> Array:
+        """Displacements at which the force of `test` is asked for, mm, shape (n,)."""
+        curve = self.curves[self.tests.index(test)]
+        if curve is not None:
+            return curve.displacement
+        assert test.depth is not None  # a test without a curve has a depth
+        return test.depth * np.arange(1, test.points + 1) / test.points
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of everything that a result depends on; not of titles, comments, paths and the number of workers."""
+        facts = self.model_dump(
+            mode="json",
+            exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
+        )
+        for test, curve in zip(facts["tests"], self.curves, strict=True):
+            del test["record"]  # what counts is the curve that it was turned into
+            test["curve"] = curve and [curve.displacement.tolist(), curve.force.tolist()]
+        if plugin := plugin_file(self.material.model, self.folder):  # what the file says, not where it lies
+            code = hashlib.sha256(plugin.read_bytes()).hexdigest()
+            facts["material"]["model"] = facts["material"]["model"].rpartition(":")[2] + " " + code
+        return hashlib.sha256(json.dumps(facts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def warnings(self) -> list[str]:
+        """What is allowed but deserves a second look, one line each."""
+        return list(warnings_of(self))
+
+
+def require_fittable(case: Case) -> None:
+    """Raise CaseError unless the case has a free parameter and each test a curve, with some weight among them."""
+    faults = list(faults_of_fit(case.free, case.tests, case.curves))
+    if faults:
+        raise CaseError([line(case.path, fault) for fault in faults])
+
+
+def _weighted(tests: tuple[Test, ...]) -> tuple[Test, ...]:
+    """The tests, each with its weight: by default 1 / number of tests."""
+    share = 1 / len(tests)
+    return tuple(test if test.weight is not None else test.model_copy(update={"weight": share}) for test in tests)

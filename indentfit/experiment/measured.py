@@ -1,0 +1,40 @@
+"""A case with all that it names opened: the class of its material, its curves, and its raw records as curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from indentfit.case import Case, Openers, Record, read_case_file
+from indentfit.case.laws import open_law
+from indentfit.curve import Curve
+from indentfit.material import Material
+
+
+def read_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
+    """The `Case` of a TOML file, with what it names opened and `overrides` in place of its keys.
+
+    Parameters
+    ----------
+    path : the case file; the files that it names are relative to its folder
+    overrides : "KEY=VALUE", such as "indenter.friction=0.2"
+
+    Raises
+    ------
+    CaseError
+        With one line for each fault: file, key, value, what is wrong and what to do.
+    """
+    return read_case_file(path, overrides, Opened())
+
+
+class Opened(Openers):
+    """Opens materials, which may run a file that the case names, and raw records."""
+
+    def law(self, model: str | None, energy: str | None, names: Sequence[str], folder: Path) -> type[Material]:
+        return open_law(model, energy, names, folder)
+
+    def curve(self, file: Path, record: Record) -> Curve:
+        from indentfit.experiment.process import process  # SciPy's signals are slow to import, and few cases have records
+        from indentfit.experiment.reading import read_record
+
+        return process(read_record(file, record), table=record).curve
