@@ -22,7 +22,8 @@ from indentfit.inference.noise import correlations, errors
 from indentfit.inverse import genetic
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import least_squares, polish
-from indentfit.inverse.problem import Problem, Target, problem_of
+from indentfit.inverse.objective import Target
+from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.surrogate import learn, linearised
 from indentfit.runs.forward import simulate
 from indentfit.runs.pool import Evaluation, Pool
@@ -87,7 +88,7 @@ class Line(Formula):
 def line(noise, low=-40.0, high=60.0):
     free = {name: Range(start=1, min=low, max=high) for name in "ab"}
     curve = Curve(D, 30 * D + 20 * D**2 + noise)
-    return Problem((Target("t", curve, 1.0),), {"a": 1.0, "b": 1.0}, free, None)
+    return InverseProblem((Target("t", curve, 1.0),), {"a": 1.0, "b": 1.0}, free, None)
 
 
 def solved(whole, pool):
@@ -147,7 +148,7 @@ def test_a_run_that_fails_at_an_end_is_told_with_its_cause():
 def explored():
     whole, pool = problem(bent(1, 0.05)), Watched(Formula())
     exploration = explore(whole, pool, Fit(), genetic.search, lambda share, note: None)
-    end = polish(whole, pool, exploration.found.best, surrogate=exploration.surrogate)
+    end = polish(whole, pool, exploration.search.best, surrogate=exploration.surrogate)
     known = identifiability(whole, end.best, end.derivatives, equation_one=True)
     return whole, pool, learn(whole, pool.known), end.best, known
 
@@ -299,8 +300,8 @@ def coarse_white_matter(uncertain, *more):
 
 
 def at_its_start(case, pool):
-    """Problem of a case on the curves that it makes itself at its start values, and the Candidate there."""
-    whole = problem_of(case)
+    """InverseProblem of a case on the curves that it makes itself at its start values, and the Candidate there."""
+    whole = inverse_problem(case)
     forces = pool.evaluate([whole.at_reference(whole.start)])[0].forces
     whole = whole.measured(whole.scaled(whole.start, forces))
     return whole, whole.judge(whole.start, forces)
@@ -382,7 +383,7 @@ def test_friction_can_be_fitted_too(tmp_path):
     """One test across the fibres, made by the model itself with friction 0.3; only it and mu are free."""
     made = white_matter("mesh.elements=40", "solver.element=q1p0", "indenter.friction=0.3")
     keys = ["mesh.elements=40", "solver.element=q1p0", "fit.workers=1", "fit.uncertain.friction={start=0.5,min=0.1,max=0.8}"]
-    whole = problem_of(white_matter(*keys, "material.mu={start=1,min=0.1,max=10}"))
+    whole = inverse_problem(white_matter(*keys, "material.mu={start=1,min=0.1,max=10}"))
     forces = [test.force for test in simulate(made).tests]
     assert list(whole.free) == ["mu", "friction"]
     with Pool(white_matter(*keys), 1) as pool:

@@ -20,17 +20,8 @@ from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability, verdict
 from indentfit.inverse import genetic
 from indentfit.inverse.least_squares import least_squares, polish
-from indentfit.inverse.problem import (
-    Candidate,
-    Problem,
-    Target,
-    best_scale,
-    equation_one,
-    misfit,
-    problem_of,
-    rmse,
-    sum_of_squares,
-)
+from indentfit.inverse.objective import Target, best_scale, equation_one, misfit, rmse, sum_of_squares
+from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.runs import bench
 from indentfit.runs.forward import presses_of, simulate
 from indentfit.runs.points import setup_of
@@ -75,7 +66,7 @@ def problem(forces=None, scale="mu", free=FREE, weights=(0.5, 0.5)):
     forces = forces or formula(**TRUTH)
     tests = tuple(Target(n, Curve(DEPTH, f), w) for n, f, w in zip(names, forces, weights, strict=True))
     start = {name: free[name].start if name in free else value for name, value in TRUTH.items()}
-    return Problem(tests, start, free, scale)
+    return InverseProblem(tests, start, free, scale)
 
 
 def bent(seed=0, noise=0.3):
@@ -241,7 +232,7 @@ def test_errors_and_correlation_are_those_of_linear_regression():
     theta, squares = np.linalg.lstsq(design, force, rcond=None)[:2]
     covar = np.linalg.inv(design.T @ design) * squares[0] / 18
     free = {"a": Range(start=1, min=-50, max=50), "b": Range(start=1, min=-50, max=50)}
-    whole = Problem((Target("t", Curve(d, force), 0.3),), {"a": 1, "b": 1}, free, None)
+    whole = InverseProblem((Target("t", Curve(d, force), 0.3),), {"a": 1, "b": 1}, free, None)
     best = whole.judge(dict(zip("ab", theta.tolist(), strict=True)), (design @ theta,))
     known = identifiability(whole, best, (design * 100,))
     np.testing.assert_allclose(known.covar, covar, rtol=1e-9)
@@ -265,7 +256,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
 def test_a_parameter_that_the_curves_do_not_see_is_not_determined_and_harms_no_other():
     d = np.linspace(0.1, 1, 20)
     free = {"a": Range(start=1, min=0, max=50), "b": Range(start=1, min=0, max=50)}
-    whole = Problem((Target("t", Curve(d, 3 * d + 0.01 * np.cos(40 * d)), 1.0),), {"a": 1, "b": 1}, free, None)
+    whole = InverseProblem((Target("t", Curve(d, 3 * d + 0.01 * np.cos(40 * d)), 1.0),), {"a": 1, "b": 1}, free, None)
     best = whole.judge({"a": 3.0, "b": 7.0}, (3 * d,))
     known = identifiability(whole, best, (np.column_stack([50 * d, 0 * d]),))
     assert known.verdicts[0].startswith("determined")
@@ -373,7 +364,7 @@ def test_a_small_genetic_search_lands_near_too(case):
 
 def test_forces_are_proportional_to_the_scale(case):
     """The search without mu rests on it: f(mu, zeta, phi) = mu f(1, zeta, phi), to the solver's tolerance."""
-    whole, model = problem_of(case()), Model(setup_of(case()))
+    whole, model = inverse_problem(case()), Model(setup_of(case()))
     assert (whole.scale, whole.searched) == ("mu", ["zeta", "phi"])
     kind = case().law
     one, two = (model.simulate(presses_of(case(), kind(mu=mu, zeta=4, phi=0.7))).tests for mu in (1.0, 3.7))
@@ -383,7 +374,7 @@ def test_forces_are_proportional_to_the_scale(case):
 
 @pytest.mark.parametrize("overrides", [["material.kappa=1000"], ["material.mu=1.5"]])
 def test_nothing_is_dropped_where_the_force_is_not_proportional(case, overrides):
-    assert problem_of(case(*overrides)).scale is None
+    assert inverse_problem(case(*overrides)).scale is None
 
 
 def test_any_number_of_workers_gives_the_same_forces_bit_by_bit(case):

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from indentfit.case import Range
 from indentfit.curve import Curve
-from indentfit.inverse.problem import Problem, Target, best_scale, differences_of, problem_of, scale_of
+from indentfit.inverse.objective import Target, best_scale
+from indentfit.inverse.problem import InverseProblem, differences_of, inverse_problem, scale_of
 
 D = np.array([0.1, 0.2, 0.4])
 ONE, TWO = np.array([1.0, 2.0, 4.0]), np.array([1.0, 3.0, 9.0])
@@ -22,7 +23,7 @@ def target(force, weight=0.5, name="a"):
 
 
 def problem(scale="mu", reference=2.0):
-    return Problem((target(ONE, 0.75), target(TWO, 0.25, "b")), START, FREE, scale, reference)
+    return InverseProblem((target(ONE, 0.75), target(TWO, 0.25, "b")), START, FREE, scale, reference)
 
 
 # Units of the ranges
@@ -158,7 +159,7 @@ def test_only_the_thickness_has_no_sensitivity_unless_kappa_stays():
 def test_a_case_is_a_problem_of_its_measured_tests_and_all_that_is_free():
     keys = ["material.mu={start=2,min=0.5,max=8}", "fit.uncertain.friction={start=0.4,min=0.1,max=0.8}"]
     case = white_matter(*keys)
-    whole = problem_of(case)
+    whole = inverse_problem(case)
     assert [(test.name, test.weight) for test in whole.tests] == [(test.name, test.weight) for test in case.tests]
     assert_array_equal(whole.tests[1].curve.force, case.curves[1].force)
     assert whole.start == {"mu": 2.0, "zeta": 4.68, "phi": 0.68, "friction": 0.4}

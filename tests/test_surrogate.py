@@ -11,8 +11,9 @@ from indentfit.inference import fit
 from indentfit.inverse import evolution, genetic, surrogate
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import least_squares, multi_start, polish
-from indentfit.inverse.problem import Problem, Target, equation_one
-from indentfit.inverse.surrogate import Predicted, design, learn
+from indentfit.inverse.objective import Target, equation_one
+from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.surrogate import Predicted, design_points, learn
 from indentfit.runs.pool import Evaluation
 
 SEARCHES = {"ga": genetic.search, "differential_evolution": evolution.differential_evolution, "cma": evolution.cma}
@@ -29,7 +30,7 @@ def smooth(zeta, phi):
 
 def one_test(curve, *names):
     free = {name: FREE[name] for name in names}
-    return Problem((Target("t", Curve(DEPTH, curve), 1.0),), {name: TRUTH[name] for name in names}, free, None)
+    return InverseProblem((Target("t", Curve(DEPTH, curve), 1.0),), {name: TRUTH[name] for name in names}, free, None)
 
 
 def runs(function, places, slopes=False):
@@ -56,14 +57,14 @@ def test_a_polynomial_is_met_exactly():
     def cubic(zeta, phi):
         return DEPTH * (1 + zeta + 0.1 * zeta * phi - 0.02 * phi**2 * zeta + 0.001 * zeta**3)
 
-    found = learn(one_test(cubic(4.0, 0.7), "zeta", "phi"), runs(cubic, design(2, False, 0)))
+    found = learn(one_test(cubic(4.0, 0.7), "zeta", "phi"), runs(cubic, design_points(2, False, 0)))
     assert found.degree == 3
     assert error(found, cubic) < 1e-9 * cubic(20.0, 5.0).max()
     assert found.error < 1e-6
 
 
 def test_its_slopes_are_the_differences_of_its_curves():
-    found = learn(one_test(smooth(4.0, 0.7), "zeta", "phi"), runs(smooth, design(2, False, 0)))
+    found = learn(one_test(smooth(4.0, 0.7), "zeta", "phi"), runs(smooth, design_points(2, False, 0)))
     places, h = np.random.default_rng(1).random((5, 2)) * 0.9 + 0.05, 1e-6
     for k in range(2):
         step = h * np.eye(2)[k]
@@ -76,7 +77,7 @@ def test_the_error_it_states_is_that_of_leaving_each_run_out(slopes, monkeypatch
     """The oracle fits again without each run."""
     monkeypatch.setattr(surrogate, "SPARE", 1.0)
     whole = one_test(smooth(4.0, 0.7), "zeta", "phi")
-    found = learn(whole, runs(smooth, design(2, slopes, 0, 3), slopes))
+    found = learn(whole, runs(smooth, design_points(2, slopes, 0, 3), slopes))
     errors = []
     for n, left in enumerate(found.samples):
         rest = found.samples[:n] + found.samples[n + 1 :]
@@ -90,8 +91,8 @@ def test_the_error_it_states_is_that_of_leaving_each_run_out(slopes, monkeypatch
 def test_sensitivities_save_runs():
     """With them, fewer runs are as good: on the same places they make the error less than half."""
     whole = one_test(smooth(4.0, 0.7), "zeta", "phi")
-    places = design(2, True, 0)
-    assert len(places) < 0.75 * len(design(2, False, 0))
+    places = design_points(2, True, 0)
+    assert len(places) < 0.75 * len(design_points(2, False, 0))
     plain, enhanced = (learn(whole, runs(smooth, places, slopes)) for slopes in (False, True))
     assert error(enhanced, smooth) < 0.5 * error(plain, smooth)
 
@@ -101,14 +102,14 @@ def test_the_first_runs_determine_a_polynomial_better_than_random_ones():
         A = surrogate._values(places, np.full(2, surrogate.USUAL_BETA), 3)
         return np.linalg.slogdet(A.T @ A)[1]
 
-    chosen = design(2, False, 0)
+    chosen = design_points(2, False, 0)
     random = [np.random.default_rng(seed).random(chosen.shape) for seed in range(50)]
     assert determinant(chosen) > max(determinant(places) for places in random) + 3
 
 
 def test_where_the_nearest_run_failed_it_says_nothing():
     whole = one_test(smooth(4.0, 0.7), "zeta", "phi")
-    places = design(2, False, 0)
+    places = design_points(2, False, 0)
     evaluations = runs(smooth, places)
     broken = [Evaluation({"zeta": 20.0, "phi": phi}, None, "broken", 0.0, ()) for phi in (0.0, 2.5, 5.0)]
     good = [one for one in evaluations if one.parameters["zeta"] < 19]
@@ -123,7 +124,7 @@ def test_a_search_on_the_surrogate_ends_at_the_true_optimum(method):
     """The oracle is Nelder-Mead on equation (1) of the true curves; at most 25 sets of parameters are run."""
     whole, pool = problem(bent(1, 0.3)), Watched(Formula())
     explored = explore(whole, pool, Fit(), SEARCHES[method], quiet)
-    end = polish(whole, pool, explored.found.best, surrogate=explored.surrogate)
+    end = polish(whole, pool, explored.search.best, surrogate=explored.surrogate)
     oracle = minimize(
         lambda x: equation_one(whole.tests, formula(*x)) if min(x) >= 0 else 1e9,
         [1.5, 4.0, 0.7], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000},
@@ -165,7 +166,7 @@ def test_regions_that_fail_do_not_stop_it_and_are_never_its_result():
     pool = Watched(Formula(broken=lambda parameters: parameters["zeta"] > 9 and parameters["phi"] < 2))
     explored = explore(problem(), pool, Fit(), genetic.search, quiet)
     assert pool.failures
-    assert explored.found.best.parameters["zeta"] == pytest.approx(4.0, rel=0.05)
+    assert explored.search.best.parameters["zeta"] == pytest.approx(4.0, rel=0.05)
     assert explored.facts["failed"] == len({(e.parameters["zeta"], e.parameters["phi"]) for e in pool.failures})
 
 
@@ -179,7 +180,7 @@ def test_many_parameters_are_searched_without_a_surrogate_and_it_is_said():
             return Evaluation(point, (np.array([point[name] for name in names]) @ powers,), None, 0.0, ({},))
 
     free = {name: Range(start=1.0, min=0.0, max=5.0) for name in names}
-    whole = Problem((Target("t", Curve(DEPTH, truth @ powers), 1.0),), dict.fromkeys(names, 1.0), free, None)
+    whole = InverseProblem((Target("t", Curve(DEPTH, truth @ powers), 1.0),), dict.fromkeys(names, 1.0), free, None)
     optimum, _, said = fit._global(whole, Watched(Linear()), Fit(), quiet)
     assert "5 free parameters are many for a surrogate: least squares" in said
     for name, value in zip(names, truth, strict=True):
@@ -194,7 +195,7 @@ def test_several_starts_leave_a_local_optimum_that_one_start_is_caught_in():
 
     free = {"zeta": Range(start=2.5, min=0.0, max=20.0)}
     target = DEPTH * (30 + 10 * np.cos(1.2 * 15.8) + 15.8)
-    whole = Problem((Target("t", Curve(DEPTH, target), 1.0),), {"zeta": 2.5}, free, None)
+    whole = InverseProblem((Target("t", Curve(DEPTH, target), 1.0),), {"zeta": 2.5}, free, None)
     caught = least_squares(whole, Wavy(), whole.start)
     starts = [{"zeta": zeta} for zeta in (2.5, 7.0, 12.0, 16.5)]
     found = multi_start(whole, Wavy(), starts, 2)

@@ -4,7 +4,7 @@ import numpy as np
 
 from indentfit.inference import inputs, profiles
 from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict, widened
-from indentfit.inverse.derivatives import derivatives, evaluate
+from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
 from indentfit.inverse.exploration import MANY, facts_of
 from indentfit.inverse.surrogate import learn, linearised
 
@@ -76,7 +76,7 @@ def coverage(problem, surrogate, truth, sigma, draws, seed=0):
 
     Curves are the surrogate's at the truth (name -> value) with white noise of sigma mN in each test.
     """
-    exact = problem.scaled(truth, evaluate(problem, surrogate, [truth])[0].forces)
+    exact = problem.scaled(truth, evaluate_at_reference(problem, surrogate, [truth])[0].forces)
     rng, x, inside = np.random.default_rng(seed), problem.units(truth), []
     for _ in range(draws):
         forces = [force + s * rng.standard_normal(force.size) for force, s in zip(exact, sigma, strict=True)]
@@ -88,8 +88,8 @@ def holds(problem, surrogate, truth, x):
     """Whether each profile interval of a fit on the surrogate, started at x in units of the ranges, holds the truth."""
     weights = [test.weight / test.curve.force.size for test in problem.tests]
     parameters = problem.parameters(profiles.estimate(problem, surrogate, weights, x)[0])
-    best = problem.judge(parameters, evaluate(problem, surrogate, [parameters])[0].forces)
-    known = identifiability(problem, best, derivatives(problem, surrogate, problem.units(parameters)))
+    best = problem.judge(parameters, evaluate_at_reference(problem, surrogate, [parameters])[0].forces)
+    known = identifiability(problem, best, curve_derivatives(problem, surrogate, problem.units(parameters)))
     return [
         profiles.chi2_at(problem, surrogate, best, known, name, truth[name]) <= known.quantile[n] ** 2
         for n, name in enumerate(problem.free)
@@ -180,7 +180,7 @@ def _published(case, problem, pool, best, parameters):
     if not case.fit.published:
         return None
     point = {**best.parameters, **case.fit.published}
-    run = evaluate(problem, pool, [point])[0]
+    run = evaluate_at_reference(problem, pool, [point])[0]
     judged = problem.judge(point, run.forces) if run.forces else None
     inside = {
         name: bool(parameters[name]["interval"][0] <= value <= parameters[name]["interval"][1])

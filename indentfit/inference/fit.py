@@ -16,7 +16,8 @@ from indentfit.inverse import evolution, genetic
 from indentfit.inverse.exploration import MANY, Exploration, Watched, explore
 from indentfit.inverse.generations import Search, parameters_of
 from indentfit.inverse.least_squares import Optimum, multi_start, polish
-from indentfit.inverse.problem import problem_of, rmse
+from indentfit.inverse.objective import rmse
+from indentfit.inverse.problem import inverse_problem
 from indentfit.runs.points import UNITS, setup_of
 from indentfit.runs.pool import Pool
 
@@ -100,7 +101,7 @@ def fit(case, progress=None, ledger=None, cluster=None, stop=None):
     False. Scripts need `if __name__ == "__main__":`, see `workers`.
     """
     require_fittable(case)
-    started, problem = time.perf_counter(), problem_of(case)
+    started, problem = time.perf_counter(), inverse_problem(case)
     model = Model(setup_of(case))  # refuses a mesh that cannot be, before any worker is started
     with Pool(case, ledger=ledger, cluster=cluster, stop=stop) as workers:
         pool = Watched(workers)
@@ -129,7 +130,7 @@ def _global(problem, pool, options, progress):
         exploration = explore(problem, pool, options, search, most)
     else:
         exploration = Exploration(None, search(problem, pool, _small(options), most))
-    found = exploration.found
+    found = exploration.search
     said = f"{name}: {found.message}"
     if found.best is None:
         message = f"the mechanics failed at every point tried{_cause(pool)}"

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import t as student
 
-from indentfit.inference.noise import Errors, Noise, errors
+from indentfit.inference.noise import CurveNoise, Errors, errors
 from indentfit.inverse.least_squares import stacked
-from indentfit.inverse.problem import rmse, sum_of_squares
+from indentfit.inverse.objective import rmse, sum_of_squares
 
 NOTE = "errors and intervals take the residuals for noise; where the model misfits the curves, they are not"
 MISFIT = "the residuals are smooth: mostly misfit of the model and not noise; few points count as independent, intervals are wide"
@@ -45,13 +45,13 @@ class Identifiability:
     at_bound: tuple[str, ...]
     verdicts: tuple[str, ...]
     quantile: np.ndarray = field(repr=False)
-    noise: Noise = field(repr=False)
+    noise: CurveNoise = field(repr=False)
     weights: tuple[float, ...] = field(repr=False)
     errors: Errors = field(repr=False)
 
 
 def identifiability(problem, candidate, slopes, equation_one=False):
-    """Identifiability of a Problem at a Candidate, from the derivatives of its curves, mN per range of a parameter.
+    """Identifiability of an InverseProblem at a Candidate, from the derivatives of its curves, mN per range of a parameter.
 
     equation_one: whether the candidate minimises that, or the sum of squares; near an optimum of equation (1) the squares
     of each test weigh in inverse proportion to its RMSE.

@@ -16,7 +16,7 @@ SINGULAR = 1e-8  # of the largest singular value
 
 
 @dataclass(frozen=True)
-class Noise:
+class CurveNoise:
     """Of each test that counts: sigma, mN, autocorrelation of neighbours, effective number of points, number of points."""
 
     sigma: tuple[float, ...]
@@ -46,7 +46,7 @@ class Errors:
 
 
 def errors(slopes, residuals, weights):
-    """(Noise, Errors) of an estimate that minimises sum w |r|^2 over the tests.
+    """(CurveNoise, Errors) of an estimate that minimises sum w |r|^2 over the tests.
 
     slopes: (n, p) for each test, mN per unit of each parameter; residuals: (n,), mN; weights: one number each, above 0.
     The covariance is that of this estimator under the noise found, not of the best one (a "sandwich").
@@ -71,7 +71,7 @@ def errors(slopes, residuals, weights):
     total = sum(freedom)
     welch = np.where(np.isfinite(welch), np.minimum(welch, total), total)
     effective = [len(r) / _inflation(len(r), one) for r, one in zip(residuals, rho, strict=True)]
-    noise = Noise(tuple(np.sqrt(variance).tolist()), tuple(rho), tuple(effective), tuple(len(r) for r in residuals))
+    noise = CurveNoise(tuple(np.sqrt(variance).tolist()), tuple(rho), tuple(effective), tuple(len(r) for r in residuals))
     return noise, Errors(covar, plain, typical, welch, tuple(B))
 
 

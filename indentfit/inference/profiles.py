@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 
 from indentfit.inference.identifiability import identifiability, verdict, widened
-from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
+from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
 from indentfit.inverse.exploration import scanned
 from indentfit.inverse.generations import judged, parameters_of
 from indentfit.inverse.least_squares import polish
@@ -67,7 +67,7 @@ def prove(problem, pool, surrogate, found, known, candidate, report=None, most=N
         if all(np.any(np.abs(x - other) > SAME_RUN * widths) for other in points):
             points.append(x)
     points = _farthest(problem, surrogate, points)[:most]
-    runs = evaluate(problem, pool, [problem.parameters(x) for x in points], report)
+    runs = evaluate_at_reference(problem, pool, [problem.parameters(x) for x in points], report)
     least = min(_squares(problem, candidate.forces, known.weights), *_least(problem, surrogate, known, candidate))
     rows: dict = {}
     for n, (name, pair) in enumerate(ends.items()):
@@ -78,7 +78,7 @@ def prove(problem, pool, surrogate, found, known, candidate, report=None, most=N
             if np.any(np.abs(x - points[nearest]) > SAME_RUN * widths):
                 continue
             parameters, run = problem.parameters(points[nearest]), runs[nearest]
-            predicted = problem.scaled(parameters, evaluate(problem, surrogate, [parameters])[0].forces or ())
+            predicted = problem.scaled(parameters, evaluate_at_reference(problem, surrogate, [parameters])[0].forces or ())
             row = {"value": parameters[name], "parameters": {key: parameters[key] for key in problem.free}}
             if run.forces is None:
                 rows[name].append({**row, "chi2": None, "predicted": None, "cause": run.cause})
@@ -94,7 +94,7 @@ def bootstrap(problem, surrogate, candidate, known, seed, draws=DRAWS):
     """Parametric bootstrap on the surrogate: name -> stderr and 95 % interval (percentiles) of estimates from curves at
     the Candidate with new draws of the noise found."""
     x = problem.units(candidate.parameters)
-    there = problem.scaled(candidate.parameters, evaluate(problem, surrogate, [candidate.parameters])[0].forces)
+    there = problem.scaled(candidate.parameters, evaluate_at_reference(problem, surrogate, [candidate.parameters])[0].forces)
     rng, heavy = np.random.default_rng(seed), [n for n, weight in enumerate(known.weights) if weight]
     found = []
     for _ in range(draws):
@@ -119,7 +119,7 @@ def alone(problem, pool, surrogate, seed, forces=0.0):
         best = best_on(single, surrogate, seed)
         run = judged(single, pool, [best.parameters])[0]
         try:
-            slopes = derivatives(single, surrogate, single.units(best.parameters))
+            slopes = curve_derivatives(single, surrogate, single.units(best.parameters))
         except Underivable:
             continue
         known = identifiability(single, best, slopes)

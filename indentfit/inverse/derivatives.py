@@ -15,7 +15,7 @@ class Underivable(Exception):
     """No derivatives: runs near the point failed. Holds the cause."""
 
 
-def evaluate(problem, pool, points, report=None):
+def evaluate_at_reference(problem, pool, points, report=None):
     """Evaluations of points (name -> value) at the problem's reference scale, asked to bring their sensitivities.
 
     Whoever needs a derivative afterwards finds it there: `sensitivities` is a tuple over the tests of name -> (n,),
@@ -38,11 +38,11 @@ def may_bring_sensitivities(problem, pool):
 
 def brings_sensitivities(problem, pool, x):
     """Whether derivatives at x (units of the ranges) come with the run there."""
-    here = evaluate(problem, pool, [problem.parameters(x)])[0]
+    here = evaluate_at_reference(problem, pool, [problem.parameters(x)])[0]
     return len(given_by(problem, here)) == len(problem.searched)
 
 
-def derivatives(problem, pool, x, report=None):
+def curve_derivatives(problem, pool, x, report=None):
     """Derivatives of the curves at x (units of the ranges, (n_free,)): an array (n, n_free) for each test, mN per range.
 
     Raises Underivable where neither sensitivities nor differences can be had.
@@ -52,7 +52,7 @@ def derivatives(problem, pool, x, report=None):
 
 def derivatives_of(problem, pool, point, report=None):
     """Derivatives as above, and the curves, at a point (name -> value), which may name keys of the case too (see `setting`)."""
-    here = evaluate(problem, pool, [point])[0]
+    here = evaluate_at_reference(problem, pool, [point])[0]
     if here.forces is None:
         raise Underivable(f"no derivative where the mechanics failed: {here.cause}")
     forces = problem.scaled(point, here.forces)

@@ -6,16 +6,16 @@ import numpy as np
 from scipy.optimize import differential_evolution as scipys
 from scipy.stats import qmc
 
-from indentfit.inverse.generations import Population, only_scale, start_row
+from indentfit.inverse.generations import Generations, only_scale, start_row
 
 FIRST_STEP = 0.3  # of the ranges, CMA-ES
 
 
 def differential_evolution(problem, pool, options, progress=None):
-    """Search of a Problem's parameters by differential evolution, a whole generation at once; options as of `genetic`."""
+    """Search of an InverseProblem's parameters by differential evolution, a whole generation at once; options as of `genetic`."""
     if not problem.searched:
         return only_scale(problem, pool)
-    people = Population(problem, pool, options.generations, "differential_evolution", progress)
+    people = Generations(problem, pool, options.generations, "differential_evolution", progress)
     n, message = len(problem.searched), f"all {options.generations} generations done"
     size = max(options.population, 5)  # scipy needs five
     first = qmc.LatinHypercube(n, seed=options.seed).random(size)
@@ -39,10 +39,10 @@ def differential_evolution(problem, pool, options, progress=None):
 
 
 def cma(problem, pool, options, progress=None):
-    """Search of a Problem's parameters by CMA-ES from its start values, within the bounds; options as of `genetic`."""
+    """Search of an InverseProblem's parameters by CMA-ES from its start values, within the bounds; options as of `genetic`."""
     if not problem.searched:
         return only_scale(problem, pool)
-    people = Population(problem, pool, options.generations, "cma", progress)
+    people = Generations(problem, pool, options.generations, "cma", progress)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # pycma speaks of optional plots
         import cma as pycma

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import qmc
 
-from indentfit.inverse.derivatives import asked, evaluate, given_by, may_bring_sensitivities
+from indentfit.inverse.derivatives import asked, evaluate_at_reference, given_by, may_bring_sensitivities
 from indentfit.inverse.generations import Search, judged, parameters_of
 from indentfit.inverse.least_squares import polish
 from indentfit.inverse.problem import Candidate
-from indentfit.inverse.surrogate import Surrogate, design, learn
+from indentfit.inverse.surrogate import Surrogate, design_points, learn
 
 MANY = 4  # free parameters up to which a surrogate is worth its runs
 ERROR = 0.02  # of the misfit: what the surrogate may be wrong by at a run that it has not seen
@@ -29,12 +29,12 @@ SHARE_OF_DESIGN = 0.6  # of the progress
 
 @dataclass(frozen=True)
 class Exploration:
-    """surrogate (None where the search was on the model itself, or too few runs succeeded); found: the Search, its best run on
+    """surrogate (None where the search was on the model itself, or too few runs succeeded); search: the Search, its best run on
     the true model; rivals: other optima, run; facts: of the surrogate, for the result; equation_one: what the search made
     least, else the sum of squares."""
 
     surrogate: Surrogate | None
-    found: Search
+    search: Search
     rivals: tuple[Candidate, ...] = ()
     facts: dict = field(default_factory=dict)
     equation_one: bool = True
@@ -56,7 +56,7 @@ class Watched:
 
 
 def explore(problem, pool, options, search, progress):
-    """Exploration of a Problem; search: of `genetic` or `evolution`; pool: Watched. progress: called with (share, note)."""
+    """Exploration of an InverseProblem; search: of `genetic` or `evolution`; pool: Watched. progress: called with (share, note)."""
     _first_runs(problem, pool, options, progress)
     surrogate = learn(problem, pool.known)
     if surrogate is None:
@@ -110,13 +110,13 @@ def _first_runs(problem, pool, options, progress):
     """The start values and the design, which is smaller where runs can bring sensitivities; where none did, the larger one too."""
     report = lambda done, total: progress(SHARE_OF_DESIGN * done / total, f"{total} first runs")  # noqa: E731
     d, hoped = len(problem.searched), may_bring_sensitivities(problem, pool)
-    found = evaluate(problem, pool, [problem.start, *_designed(problem, hoped, options)], report)
+    found = evaluate_at_reference(problem, pool, [problem.start, *_designed(problem, hoped, options)], report)
     if hoped and not any(len(given_by(problem, one)) == d for one in found):
-        evaluate(problem, pool, _designed(problem, False, options), report)
+        evaluate_at_reference(problem, pool, _designed(problem, False, options), report)
 
 
 def _designed(problem, slopes, options):
-    return [parameters_of(problem, place) for place in design(len(problem.searched), slopes, options.seed)]
+    return [parameters_of(problem, place) for place in design_points(len(problem.searched), slopes, options.seed)]
 
 
 def _worth_proving(problem, surrogate, options):
@@ -139,8 +139,8 @@ def _worth_proving(problem, surrogate, options):
 
 def _prove(problem, pool, surrogate, points):
     """Run what the surrogate predicts: of each point its error there, mN, rms over all points, and what is allowed."""
-    predicted = evaluate(problem, surrogate, points)
-    ran = evaluate(problem, pool, points)
+    predicted = evaluate_at_reference(problem, surrogate, points)
+    ran = evaluate_at_reference(problem, pool, points)
     return [_proof(problem, *one) for one in zip(points, predicted, ran, strict=True)]
 
 

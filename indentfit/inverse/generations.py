@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from indentfit.inverse.derivatives import evaluate
+from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.problem import Candidate
 
 PENALTY = 1e3  # a failed point counts as this times the worst that succeeded, inside the algorithms only
@@ -22,7 +22,7 @@ class Search:
     last: tuple[Candidate, ...] = ()
 
 
-class Population:
+class Generations:
     """Judges generations of one search, and keeps its best and its history; pool: a Pool or a Surrogate."""
 
     def __init__(self, problem, pool, generations, phase, progress=None):
@@ -83,7 +83,7 @@ def parameters_of(problem, row):
 
 def judged(problem, pool, points, report=None):
     """The Candidate of each point with its best scale, None where the mechanics failed."""
-    evaluations = evaluate(problem, pool, points, report)
+    evaluations = evaluate_at_reference(problem, pool, points, report)
     return [problem.judge_best_scale(e.parameters, e.forces) if e.forces else None for e in evaluations]
 
 

@@ -10,18 +10,18 @@ from pymoo.operators.crossover.sbx import SBX
 from pymoo.operators.mutation.pm import PM
 from scipy.stats import qmc
 
-from indentfit.inverse.generations import Population, only_scale, start_row
+from indentfit.inverse.generations import Generations, only_scale, start_row
 
 
 def search(problem, pool, options, progress=None):
-    """Search of a Problem's parameters by genetic algorithm, on a Pool or on a Surrogate.
+    """Search of an InverseProblem's parameters by genetic algorithm, on a Pool or on a Surrogate.
 
     options: seed, population, generations and tolerance as in the case's [fit]. progress: called with (share, note).
     """
     if not problem.searched:
         return only_scale(problem, pool)
     algorithm = _algorithm(problem, options)
-    people = Population(problem, pool, options.generations, "ga", progress)
+    people = Generations(problem, pool, options.generations, "ga", progress)
     for generation in range(1, options.generations + 1):
         offspring = algorithm.ask()
         algorithm.tell(infills=offspring.set("F", people.judge(offspring.get("X"))[:, None]))

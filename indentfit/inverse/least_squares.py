@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.optimize
 
-from indentfit.inverse.derivatives import Underivable, brings_sensitivities, derivatives, evaluate, last_cause
-from indentfit.inverse.problem import Candidate, equation_one, misfit, sum_of_squares
+from indentfit.inverse.derivatives import Underivable, brings_sensitivities, curve_derivatives, evaluate_at_reference, last_cause
+from indentfit.inverse.objective import equation_one, misfit, sum_of_squares
+from indentfit.inverse.problem import Candidate
 
 RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
 EVALUATIONS = 40  # at most, of the curves; their derivatives not counted
@@ -66,7 +67,7 @@ def multi_start(problem, pool, starts, searches, tolerance=1e-6, progress=None):
 
     Every start is run once, at its best scale; the searches begin where the sum of squares was least.
     """
-    tried = evaluate(problem, pool, starts, progress and (lambda done, total: progress(0.2 * done / total, "starts")))
+    tried = evaluate_at_reference(problem, pool, starts, progress and (lambda done, total: progress(0.2 * done / total, "starts")))
     candidates = [problem.judge_best_scale(point, one.forces) for point, one in zip(starts, tried, strict=True) if one.forces]
     if not candidates:
         return Optimum(None, None, False, f"the mechanics failed at the start values: {last_cause(pool)}", [])
@@ -120,7 +121,7 @@ class _Course:
     def candidate(self, x):
         """The Candidate at x, shape (n_free,), or None where the mechanics failed."""
         parameters = self.problem.parameters(x)
-        evaluation = evaluate(self.problem, self.pool, [parameters], self.report)[0]
+        evaluation = evaluate_at_reference(self.problem, self.pool, [parameters], self.report)[0]
         if evaluation.forces is None:
             return None
         candidate = self.problem.judge(parameters, evaluation.forces)
@@ -134,8 +135,8 @@ class _Course:
     def derivatives(self, x, surrogate=None):
         """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test. Raises Underivable."""
         if surrogate is not None and not brings_sensitivities(self.problem, self.pool, x):
-            return derivatives(self.problem, surrogate, x)
-        return derivatives(self.problem, self.pool, x, self.report)
+            return curve_derivatives(self.problem, surrogate, x)
+        return curve_derivatives(self.problem, self.pool, x, self.report)
 
     def _share(self):
         return 1 - 0.7 ** (1 + len(self.history) / 2)  # how many steps it takes is not known beforehand

@@ -97,7 +97,7 @@ class Predicted(Evaluation):
 
 
 def learn(problem, evaluations):
-    """Surrogate of a Problem from Evaluations at its reference scale, failed ones among them; None where too few ran. Those
+    """Surrogate of an InverseProblem from Evaluations at its reference scale, failed ones among them; None where too few ran. Those
     of other settings (another mesh, another base) teach nothing."""
     evaluations = [one for one in evaluations if one.parameters.keys() == problem.start.keys()]
     good = {_key(problem, one): one for one in evaluations if one.forces is not None}
@@ -125,7 +125,7 @@ def linearised(problem, candidate, derivatives):
     return Surrogate(problem, (), np.zeros((0, d)), np.zeros(d), 1, np.array(by_powers) / factor, np.nan)
 
 
-def design(d, slopes, seed, degree=None):
+def design_points(d, slopes, seed, degree=None):
     """Places (n, d) of the first runs, in units of the ranges: those that determine a polynomial best (D-optimal)."""
     degree = degree or (4 if slopes and d < 3 else 3)
     wanted = _size(d, degree)

@@ -12,8 +12,9 @@ import numpy as np
 from indentfit.case import WIDEST_INDENTER, Test
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
-from indentfit.inverse.derivatives import Underivable, derivatives, evaluate
-from indentfit.inverse.problem import Problem, Target, differences_of, scale_of
+from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
+from indentfit.inverse.objective import Target
+from indentfit.inverse.problem import InverseProblem, differences_of, scale_of
 from indentfit.runs.pool import Pool
 
 NOISE = 0.01  # of the largest force, where no noise is given
@@ -114,7 +115,7 @@ def _own(case, parameters):
     with Pool(case) as pool:
         problem = _problem(case, parameters)
         slopes = _slopes(problem, pool, parameters)
-        evaluation = evaluate(problem, pool, [parameters])[0]
+        evaluation = evaluate_at_reference(problem, pool, [parameters])[0]
         return slopes, problem.scaled(parameters, evaluation.forces), pool.runs
 
 
@@ -152,16 +153,16 @@ def _slopes(problem, pool, parameters):
     """dF/dtheta of every test, (n, n_free), mN per unit of a parameter. Raises DesignError."""
     ranges = np.array([problem.range(name) for name in problem.free])
     try:
-        return [J / ranges for J in derivatives(problem, pool, problem.units(parameters))]
+        return [J / ranges for J in curve_derivatives(problem, pool, problem.units(parameters))]
     except Underivable as failure:
         raise DesignError(f"no design without derivatives: {failure}") from failure
 
 
 def _problem(case, parameters):
-    """A Problem whose tests have only displacements: enough for derivatives."""
+    """An InverseProblem whose tests have only displacements: enough for derivatives."""
     tests = tuple(Target(test.name, Curve(case.outputs(test), case.outputs(test)), 1.0) for test in case.tests)
     scale, reference = scale_of(case)
-    return Problem(tests, dict(parameters), case.free, scale, reference, differences_of(case))
+    return InverseProblem(tests, dict(parameters), case.free, scale, reference, differences_of(case))
 
 
 def _stderr(names, information):

@@ -18,7 +18,7 @@ from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshEr
 from indentfit.experiment.measured import read_case
 from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
-from indentfit.inverse.problem import Target, equation_one, rmse
+from indentfit.inverse.objective import Target, equation_one, rmse
 from indentfit.runs.forward import presses_of
 from indentfit.runs.points import press_of, setup_of
 from indentfit.runs.run import Run

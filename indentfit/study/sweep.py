@@ -14,7 +14,7 @@ from indentfit.case import Case, Range
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
-from indentfit.inverse.problem import rmse
+from indentfit.inverse.objective import rmse
 from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import evaluate
 

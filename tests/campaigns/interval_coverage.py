@@ -30,7 +30,7 @@ from indentfit.inference.identifiability import identifiability
 from indentfit.inverse import genetic
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import polish
-from indentfit.inverse.problem import problem_of
+from indentfit.inverse.problem import inverse_problem
 from indentfit.inverse.surrogate import learn
 from indentfit.runs.forward import simulate
 from indentfit.runs.pool import Pool
@@ -56,7 +56,7 @@ def noisy(forces, rng):
 def inside(problem, pool, case, truth):
     """Whether each profile interval of a whole fit holds the truth, and the fit's values."""
     exploration = explore(problem, pool, case.fit, genetic.search, lambda share, note: None)
-    end = polish(problem, pool, exploration.found.best, surrogate=exploration.surrogate)
+    end = polish(problem, pool, exploration.search.best, surrogate=exploration.surrogate)
     known = identifiability(problem, end.best, end.derivatives, equation_one=True)
     if case.fit.uncertain.given:
         known, _ = with_inputs(case, problem, pool, end.best, known)
@@ -74,7 +74,7 @@ def main():
     asked = parser.parse_args()
     case = read_case(CASE, asked.set)
     other = read_case(CASE, [*asked.set, *asked.other])
-    base, rng, rows = problem_of(case), np.random.default_rng(0), []
+    base, rng, rows = inverse_problem(case), np.random.default_rng(0), []
     with Pool(case, asked.workers) as workers:
         pool = Watched(workers)
         for truth in truths(asked.truths):

@@ -68,10 +68,10 @@ def rate(case, search, workers, cluster):
     """Runs per second of a search on workers that have made their models already, and the share of their time in runs."""
     from indentfit.inverse import genetic
     from indentfit.inverse.exploration import explore
-    from indentfit.inverse.problem import problem_of
+    from indentfit.inverse.problem import inverse_problem
     from indentfit.runs.pool import Pool
 
-    problem = problem_of(case)
+    problem = inverse_problem(case)
     with Pool(case, workers, cluster=cluster) as running:
         pool = timed(running)
         start = problem.at_reference(case.start_values())
