@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from indentfit.errors import RecordError
-from indentfit.experiment.contact import METHODS, find_contact
+from indentfit.experiment.contact_point import METHODS, find_contact_point
 from indentfit.experiment.loading import constant_velocity, find_ramp
-from indentfit.experiment.process import process
-from indentfit.experiment.record import Record
+from indentfit.experiment.processed import process_record
+from indentfit.experiment.record import RawRecord
 from indentfit.experiment.rig import Noise, Rig
 
 _spec = importlib.util.spec_from_file_location("contact_point", Path(__file__).parent / "campaigns" / "contact_point.py")
@@ -57,8 +57,8 @@ def test_under_a_sphere_the_force_rises_by_hertz():
 
 def test_contact_does_not_depend_on_the_zeros_of_the_sensors():
     record, truth = Rig().run(study.sample_curve("along"), np.random.default_rng(3))
-    moved = Record(record.time, record.displacement - 17.0, record.force + 250.0)
-    here, there = find_contact(find_ramp(record)), find_contact(find_ramp(moved))
+    moved = RawRecord(record.time, record.displacement - 17.0, record.force + 250.0)
+    here, there = find_contact_point(find_ramp(record)), find_contact_point(find_ramp(moved))
     assert there.displacement + 17.0 == pytest.approx(here.displacement, abs=1e-5)
     assert there.uncertainty == pytest.approx(here.uncertainty, rel=1e-3)
     assert here.displacement == pytest.approx(truth, abs=0.01)
@@ -67,7 +67,7 @@ def test_contact_does_not_depend_on_the_zeros_of_the_sensors():
 def test_drift_of_the_load_cell_is_told_from_contact():
     """2 mN/s over a baseline of 2 s: twice the force at which contact would be guessed from a constant baseline."""
     record, truth = Rig(rest=2.0, noise=Noise(drift=2.0)).run(study.sample_curve("along"), np.random.default_rng(5))
-    contact = find_contact(find_ramp(record))
+    contact = find_contact_point(find_ramp(record))
     assert contact.displacement == pytest.approx(truth, abs=0.01)
     assert contact.drift == pytest.approx(2.0, abs=0.3)
 
@@ -80,8 +80,8 @@ def test_the_window_is_where_the_stage_moves_at_one_velocity():
     displacement = np.cumsum(speed) / rate
     force = 60 * np.maximum(displacement - 0.05, 0)
     noise = np.random.default_rng(0).standard_normal((2, time.size))
-    ramp = find_ramp(Record(time, displacement + 0.002 * noise[0], force + 0.02 * noise[1]))
-    contact = find_contact(ramp)
+    ramp = find_ramp(RawRecord(time, displacement + 0.002 * noise[0], force + 0.02 * noise[1]))
+    contact = find_contact_point(ramp)
     window, found = constant_velocity(ramp, contact.index)
     assert found == pytest.approx(velocity, rel=0.02)
     assert time[window.start] > 0.5
@@ -93,7 +93,7 @@ def test_the_window_is_where_the_stage_moves_at_one_velocity():
 def test_a_slow_approach_is_not_part_of_the_window():
     record, truth = Rig(approach_velocity=0.1, velocity=1.0).run(study.sample_curve("along"), np.random.default_rng(1))
     ramp = find_ramp(record)
-    window, velocity = constant_velocity(ramp, find_contact(ramp).index)
+    window, velocity = constant_velocity(ramp, find_contact_point(ramp).index)
     assert velocity == pytest.approx(1.0, rel=0.03)
     assert record.displacement[window.start] > truth
 
@@ -113,7 +113,7 @@ def test_loading_ends_where_the_stage_turns_or_the_record_stops(after):
     channels = [record.displacement, record.force]
     if after == "unloading":
         channels = [np.concatenate([channel, channel[::-1]]) for channel in channels]
-    done = process(Record(np.arange(channels[0].size) / 1000, *channels))
+    done = process_record(RawRecord(np.arange(channels[0].size) / 1000, *channels))
     assert done.relaxation is None
     assert done.contact.displacement == pytest.approx(truth, abs=0.01)
     assert done.depth == pytest.approx(0.33, abs=0.01)
@@ -123,6 +123,6 @@ def test_loading_ends_where_the_stage_turns_or_the_record_stops(after):
 def test_a_record_of_drift_alone_has_no_contact_point():
     time = np.arange(3000) / 1000
     noise = np.random.default_rng(0).standard_normal((2, time.size))
-    record = Record(time, 0.3 * time + 0.002 * noise[0], 2 * time + 0.02 * noise[1], name="drift.csv")
+    record = RawRecord(time, 0.3 * time + 0.002 * noise[0], 2 * time + 0.02 * noise[1], name="drift.csv")
     with pytest.raises(RecordError, match=r"drift\.csv: no contact point"):
-        find_contact(find_ramp(record))
+        find_contact_point(find_ramp(record))

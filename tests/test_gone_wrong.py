@@ -11,8 +11,8 @@ from conftest import CASES, white_matter
 from indentfit.curve import read_curve
 from indentfit.errors import CaseError, ConvergenceError, CurveError, RecordError
 from indentfit.experiment.measured import read_case
-from indentfit.experiment.process import process
-from indentfit.experiment.record import Record
+from indentfit.experiment.processed import process_record
+from indentfit.experiment.record import RawRecord
 from indentfit.fem import newton
 from indentfit.fem.element import Solid
 from indentfit.fem.setup import Press
@@ -120,7 +120,7 @@ def test_a_record_of_the_wrong_sign_or_without_contact_is_told_so(signs, said):
     f = 60 * np.clip(d - 0.1, 0, None)
     noise = 0.05 * np.random.default_rng(0).standard_normal(t.size)
     with pytest.raises(RecordError, match=f"rig.csv: .*{said}"):
-        process(Record(t, signs[0] * d, signs[1] * f + noise, "rig.csv"))
+        process_record(RawRecord(t, signs[0] * d, signs[1] * f + noise, "rig.csv"))
 
 
 def test_a_working_folder_that_is_gone_is_one_line(tmp_path):

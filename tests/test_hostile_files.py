@@ -14,7 +14,7 @@ from indentfit.errors import CaseError, CurveError, MaterialError, OutputError, 
 from indentfit.experiment.manifest import process_all, read_manifest
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.reading import read_record
-from indentfit.experiment.samples import read_samples
+from indentfit.experiment.specimens import read_specimens
 from indentfit.material import load
 from indentfit.report.html import write_report
 
@@ -125,7 +125,7 @@ def test_a_cell_of_two_lines_does_not_make_two_lines_of_a_problem(tmp_path):
 def test_a_thickness_in_the_table_of_samples_is_a_positive_number(tmp_path, thickness):
     path = tmp_path / "replicates.csv"
     path.write_text(f'sample,direction,curve,thickness_mm,diameter_mm\ns1,0,c.csv,"{thickness}",14\n')
-    assert "row 2: thickness_mm" in refused(RecordError, read_samples, path)
+    assert "row 2: thickness_mm" in refused(RecordError, read_specimens, path)
 
 
 # ---- results that are read again ---------------------------------------------------------------------------------

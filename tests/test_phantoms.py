@@ -7,7 +7,7 @@ from scipy.interpolate import PchipInterpolator
 
 from indentfit.case import Record, RecordChannel
 from indentfit.experiment.measured import read_case
-from indentfit.experiment.process import process
+from indentfit.experiment.processed import process_record
 from indentfit.experiment.reading import read_record
 from indentfit.inference.fit import fit
 
@@ -26,7 +26,7 @@ HAYES = PchipInterpolator([0.0, 0.2, 0.4, 0.6], [1.0, 1.281, 1.684, 2.213])  # b
 @pytest.fixture(scope="module", params=[1, 2])
 def phantom(request):
     record = read_record(RECORDS / f"phantom_{request.param}_raw.csv", LAYOUT)
-    return request.param, process(record, THICKNESS[request.param])
+    return request.param, process_record(record, THICKNESS[request.param])
 
 
 def test_a_phantom_has_its_slope_velocity_and_peak(phantom):
@@ -85,7 +85,7 @@ def test_mu_fitted_to_the_raw_record_is_that_of_hayes_factor(number, elements, t
     record = RECORDS / f"phantom_{number}_raw.csv"
     (tmp_path / "case.toml").write_text(CASE.format(thickness=THICKNESS[number], elements=elements, record=record))
     found = fit(read_case(tmp_path / "case.toml"))
-    done = process(read_record(record, LAYOUT))
+    done = process_record(read_record(record, LAYOUT))
     hayes = done.peak / done.depth * 0.5 / (4 * 1.0 * float(HAYES(1 / THICKNESS[number])))
     assert found.success
     assert found.parameters["mu"]["value"] == pytest.approx(hayes, rel=0.05)

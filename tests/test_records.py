@@ -9,9 +9,9 @@ import pytest
 from indentfit import case
 from indentfit.case import RecordChannel
 from indentfit.errors import RecordError
-from indentfit.experiment.process import process
+from indentfit.experiment.processed import process_record
 from indentfit.experiment.reading import read_record
-from indentfit.experiment.record import Record
+from indentfit.experiment.record import RawRecord
 from indentfit.experiment.rig import Noise, Rig
 from indentfit.experiment.tables import decoded
 
@@ -250,12 +250,12 @@ def broken():
 def test_a_record_that_shows_no_loading_is_refused_in_one_line(name):
     *channels, message = broken()[name]
     with pytest.raises(RecordError, match=message) as caught:
-        process(Record(*channels, name="run7.csv"))
+        process_record(RawRecord(*channels, name="run7.csv"))
     assert str(caught.value).startswith("run7.csv: ") and "\n" not in str(caught.value)
 
 
 def test_the_record_that_these_were_made_of_is_fine():
-    done = process(good(), thickness=3.3)
+    done = process_record(good(), thickness=3.3)
     assert done.line.slope == pytest.approx(80, rel=0.02)
     assert done.depth == pytest.approx(0.33, abs=0.005)
     assert done.notes == ()
@@ -264,5 +264,5 @@ def test_the_record_that_these_were_made_of_is_fine():
 def test_samples_missing_in_the_hold_are_only_noted():
     record = good()
     keep = without(record, slice(record.time.size - 200, record.time.size - 150))
-    done = process(Record(record.time[keep], record.displacement[keep], record.force[keep]))
+    done = process_record(RawRecord(record.time[keep], record.displacement[keep], record.force[keep]))
     assert any("samples are missing at 1 places, 0.05 s" in note for note in done.notes)

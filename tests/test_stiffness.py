@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 from indentfit.case import Record
 from indentfit.curve import Curve, read_curve, write_curve
-from indentfit.experiment.process import process
+from indentfit.experiment.processed import process_record
 from indentfit.experiment.relaxation import fit_prony
 from indentfit.experiment.rig import Noise, Rig
 from indentfit.experiment.stiffness import linear_fit, quadratic_fit, resampled
@@ -61,7 +61,7 @@ def test_a_curve_of_a_few_points_is_the_record_s_and_reads_back(tmp_path):
 def test_forces_at_strains_are_those_of_the_sample():
     d = np.linspace(0, 0.33, 60)[1:]
     record, _ = Rig(noise=STILL).run(Curve(d, (172 + 127 * d) * d), np.random.default_rng(0))
-    done = process(record, thickness=3.3, table=Record(strains=(0.02, 0.05, 0.2)))
+    done = process_record(record, thickness=3.3, table=Record(strains=(0.02, 0.05, 0.2)))
     assert set(done.forces) == {0.02, 0.05}  # 20 % was not reached
     for strain, force in done.forces.items():
         x = strain * 3.3
@@ -74,7 +74,7 @@ def test_a_prony_series_is_found_again_behind_a_ramp():
     d = np.linspace(0, 0.4, 60)[1:]
     rig = Rig(hold=100.0, noise=STILL)
     record, _ = rig.run(Curve(d, 60 * d), np.random.default_rng(0), relaxation=((0.06, 1.5), (0.1, 25.0)))
-    series = process(record).relaxation
+    series = process_record(record).relaxation
     assert series.shares == pytest.approx((0.06, 0.1), rel=0.02)
     assert series.times == pytest.approx((1.5, 25.0), rel=0.02)
     assert series.ratio == pytest.approx(0.84, abs=0.001)

@@ -105,12 +105,12 @@ def command(
 
 def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_json):
     """Fit each sample of the table beside the case; a result folder with a folder and a ledger for each of them."""
-    from ..experiment.samples import TABLE, read_samples
+    from ..experiment.specimens import TABLE, read_specimens
     from ..inference.per_sample import parameter_spread, sample_cases
     from ..report.per_sample import sample_facts, sample_lines, write_samples_table
     from ..report.vtu import file_names
 
-    cases = sample_cases(path, read_samples(Path(path).parent / TABLE), overrides)
+    cases = sample_cases(path, read_specimens(Path(path).parent / TABLE), overrides)
     output = output or f"{Path(path).resolve().parent.name or 'case'}-samples-result"
     target = refuse_existing(output, overwrite)
     _refuse_unfinished(output, resume, overwrite, samples=True)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import click
 
-from ..case import read_record_table
-from ..curve import write_curve
-from ..errors import RecordError
-from .progress import progress
+from indentfit.case import read_record_table
+from indentfit.cli.progress import progress
+from indentfit.curve import write_curve
+from indentfit.errors import RecordError
 
 SIDECAR = "record.toml"
 FORMAT = "indentfit.records/1"
@@ -34,8 +34,8 @@ def command(raw, manifest, table, overrides, thickness, output, overwrite, as_ca
 
     A record that cannot be used is named and left out; ends with 2 where none can be used.
     """
-    from ..experiment.manifest import process_all
-    from ..report.folder import json_text, refuse_existing
+    from indentfit.experiment.manifest import process_all
+    from indentfit.report.folder import json_text, refuse_existing
 
     if bool(raw) == bool(manifest):
         raise click.UsageError("give the records RAW, or --manifest FILE")
@@ -69,7 +69,7 @@ def _table_file(table, first):
 
 
 def _target(text):
-    from ..experiment.manifest import DIRECTIONS
+    from indentfit.experiment.manifest import DIRECTIONS
 
     direction, _, kind = text.partition("=")
     if direction not in DIRECTIONS or kind not in ("mean", "linear", "quadratic"):
@@ -78,7 +78,7 @@ def _target(text):
 
 
 def _base_text(base):
-    from .init import CASE
+    from indentfit.cli.init import CASE
 
     if base is None:
         return CASE
@@ -89,7 +89,7 @@ def _base_text(base):
 
 
 def _entries(raw, manifest, thickness):
-    from ..experiment.manifest import Entry, read_manifest
+    from indentfit.experiment.manifest import Entry, read_manifest
 
     if manifest:
         return read_manifest(manifest)
@@ -114,10 +114,10 @@ def _require_one(outcomes):
 
 def _write(path, overwrite, outcomes, settings, figures, case):
     """The result folder. Returns what its summary.json holds, and the result in words."""
-    from ..experiment.replicates import mean_curves, statistics
-    from ..report import records
-    from ..report.folder import result_folder, write_json
-    from ..report.record_case import write_case
+    from indentfit.experiment.replicates import mean_curves, statistics
+    from indentfit.report import records
+    from indentfit.report.folder import result_folder, write_json
+    from indentfit.report.record_case import write_case
 
     found = statistics(outcomes)
     means, outlying = mean_curves(outcomes, settings.points), records.outlier_names(found)
@@ -155,15 +155,15 @@ def _write_curves(folder, outcomes):
 
 
 def _file_names(outcomes):
-    from ..report.vtu import file_names
+    from indentfit.report.vtu import file_names
 
     return file_names([one.name.replace("°", "").replace(" ", "_") for one in outcomes])
 
 
 def _draw(folder, outcomes, found, means, outlying, words):
-    from ..report.plots import save
-    from ..report.record_figures import record_figure, replicate_figure
-    from ..report.record_page import write_page
+    from indentfit.report.plots import save
+    from indentfit.report.record_figures import record_figure, replicate_figure
+    from indentfit.report.record_page import write_page
 
     (folder / "figures").mkdir()
     good = [one for one in outcomes if one.processed]

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.signal import savgol_filter
 
-from ..errors import RecordError
-from .record import Record
+from indentfit.errors import RecordError
+from indentfit.experiment.record import RawRecord
 
 FILTER = 0.1  # length of the filter, as a share of the ramp's duration
 VELOCITY_FILTER = 0.2
@@ -27,7 +27,7 @@ class Ramp:
     `rest`, mN.
     """
 
-    record: Record
+    record: RawRecord
     low: int
     high: int
     stop: int
@@ -50,7 +50,7 @@ class Ramp:
 
 
 def find_ramp(record, filter_share=FILTER):
-    """The `Ramp` of a Record: where the force rises from 20 % to 80 %, to where the stage then stops or turns.
+    """The `Ramp` of a RawRecord: where the force rises from 20 % to 80 %, to where the stage then stops or turns.
 
     filter_share: length of the filter over the ramp's duration. Raises RecordError where the force does not rise, or the
     displacement falls while it does.

@@ -7,12 +7,11 @@ import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from indentfit.errors import RecordError
+from indentfit.experiment.processed import ProcessedRecord, process_record
+from indentfit.experiment.reading import read_record
+from indentfit.experiment.tables import decoded
 from indentfit.units import unit_factor
-
-from ..errors import RecordError
-from .process import Processed, process
-from .reading import read_record
-from .tables import decoded
 
 COLUMNS = ("sample", "direction", "file", "thickness", "diameter")
 NEEDED = ("sample", "direction", "file")
@@ -38,7 +37,7 @@ class Outcome:
     """An entry, and its record processed, or the problem that prevents it, one line."""
 
     entry: Entry
-    processed: Processed | None = None
+    processed: ProcessedRecord | None = None
     problem: str | None = None
 
     @property
@@ -83,7 +82,7 @@ def _outcome(entry, table):
     if entry.problem:
         return Outcome(entry, problem=entry.problem)
     try:
-        return Outcome(entry, process(read_record(entry.path, table), entry.thickness, table))
+        return Outcome(entry, process_record(read_record(entry.path, table), entry.thickness, table))
     except RecordError as error:
         return Outcome(entry, problem=str(error))
 

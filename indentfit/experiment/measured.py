@@ -34,7 +34,7 @@ class Opened(Openers):
         return open_law(model, energy, names, folder)
 
     def curve(self, file: Path, record: Record) -> Curve:
-        from indentfit.experiment.process import process  # SciPy's signals are slow to import, and few cases have records
+        from indentfit.experiment.processed import process_record  # SciPy's signals are slow to import, and few cases have records
         from indentfit.experiment.reading import read_record
 
-        return process(read_record(file, record), table=record).curve
+        return process_record(read_record(file, record), table=record).curve

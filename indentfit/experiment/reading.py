@@ -1,4 +1,4 @@
-"""A lab's file into a `Record`: the columns found, calibrated and turned into s, mm and mN."""
+"""A lab's file into a `RawRecord`: the columns found, calibrated and turned into s, mm and mN."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from indentfit.case.recording import Record as RecordTable
+from indentfit.case import Record
+from indentfit.errors import RecordError
+from indentfit.experiment.record import RawRecord
+from indentfit.experiment.tables import read_table
 from indentfit.units import unit_factor
-
-from ..errors import RecordError
-from .record import Record
-from .tables import read_table
 
 TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
 WORDS = {  # how vendors' headers begin
@@ -51,12 +50,12 @@ FEWEST = 50  # samples of a record
 
 
 def read_record(path, layout=None):
-    """The `Record` of a file: text in columns or a workbook, as `layout`, the [record] table of a case, says, in s, mm and mN.
+    """The `RawRecord` of a file: text in columns or a workbook, as `layout`, the [record] table of a case, says, in s, mm and mN.
 
     A column that the layout does not name is told by its header, and so is its unit. Rows without numbers are left out, with a
     note. Raises RecordError, one line with the file, what is wrong and the remedy.
     """
-    path, layout = Path(path), layout or RecordTable()
+    path, layout = Path(path), layout or Record()
     table = read_table(path, layout.skip_rows, layout.sheet, layout.encoding)
     places = {name: _column(path, table, name, getattr(layout, name)) for name in ("displacement", "force")}
     if places["displacement"] == places["force"]:
@@ -72,7 +71,7 @@ def read_record(path, layout=None):
     if np.any(np.diff(time) <= 0):
         n = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
         raise RecordError(f"{path}: row {table.first + n}: the time {time[n]:g} s comes after {time[n - 1]:g} s; check record.time")
-    return Record(time, displacement, force, str(path), notes)
+    return RawRecord(time, displacement, force, str(path), notes)
 
 
 def _column(path, table, name, channel):

@@ -12,7 +12,7 @@ CHANNELS = ("time", "displacement", "force")
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class RawRecord:
     """One run of the rig: `time` s, `displacement` mm (rising into the sample), `force` mN (rising in compression), each (n,).
 
     The zeros of displacement and force are those of the sensors; `notes` says what was left out or repaired on the way in.

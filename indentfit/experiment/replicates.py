@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ..curve import Curve
-from .stiffness import Line, Parabola, linear_fit, quadratic_fit
+from indentfit.curve import Curve
+from indentfit.experiment.stiffness import Line, Parabola, linear_fit, quadratic_fit
 
 CONFIDENCE = 0.95
 OUTLYING = 3.5  # modified z-score (Iglewicz and Hoaglin 1993, How to Detect and Handle Outliers)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
-from .record import Record
+from indentfit.experiment.record import RawRecord
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Rig:
     noise: Noise = field(default_factory=Noise)
 
     def run(self, curve, rng, relaxation=()):
-        """(Record, displacement at contact in it, mm) of a sample whose elastic `Curve` is known; rng: a NumPy Generator.
+        """(RawRecord, displacement at contact in it, mm) of a sample whose elastic `Curve` is known; rng: a NumPy Generator.
 
         relaxation: pairs (share of the instantaneous force, time constant in s) of a Prony series. Deeper than the curve it is
         not pressed.
@@ -68,7 +68,7 @@ class Rig:
         d = position + self.gap + self.zero[0] + noise.displacement * rng.standard_normal(time.size) + noise.vibration[1] * shake[1]
         f = force + self.zero[1] + noise.drift * time + noise.force * rng.standard_normal(time.size) + noise.vibration[0] * shake[0]
         d, f = (_steps(values, step) for values, step in zip((d, f), noise.resolution[::-1], strict=True))
-        return Record(time, d, f, name="simulated rig"), self.gap + self.zero[0]
+        return RawRecord(time, d, f, name="simulated rig"), self.gap + self.zero[0]
 
     def _motion(self, depth):
         """Time, position of the indenter (0 at contact, mm) and whether the stage moves, each (n,)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import RecordError
+from indentfit.errors import RecordError
 
 FEWEST = 50  # samples of a record
 STUCK = 0.04  # share of the ramp for which a channel may read exactly its largest value

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import isotonic_regression
 
-from ..curve import Curve
-from .noise import covariance, noise_in
+from indentfit.curve import Curve
+from indentfit.experiment.noise import covariance, noise_in
 
 
 @dataclass(frozen=True)

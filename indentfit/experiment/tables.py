@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import RecordError
-from .workbook import sheet_rows
+from indentfit.errors import RecordError
+from indentfit.experiment.workbook import sheet_rows
 
 WORKBOOKS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 MARKS = {

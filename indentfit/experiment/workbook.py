@@ -12,7 +12,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-from ..errors import RecordError
+from indentfit.errors import RecordError
 
 MEMORY, SECONDS, UNPACKED = 2 << 30, 60, 500_000_000
 PROCESSOR = 8  # seconds of the processor; 100,000 rows take a fifth of one

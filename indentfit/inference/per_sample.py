@@ -23,7 +23,7 @@ class SampleFit:
 
 
 def sample_cases(path, samples, overrides=()):
-    """(sample's name, Case) of each Sample: the case at `path` with its curves, thickness and diameter. Raises CaseError.
+    """(sample's name, Case) of each Specimen: the case at `path` with its curves, thickness and diameter. Raises CaseError.
 
     A test of the case whose direction a sample lacks is an error: it would be fitted to another sample's curve.
     """

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from ..curve import write_curve
-from ..errors import OutputError
-from ..experiment.samples import TABLE, write_samples
+from indentfit.curve import write_curve
+from indentfit.errors import OutputError
+from indentfit.experiment.specimens import TABLE, write_specimens
 
 NAMES = {0: "parallel", 90: "perpendicular"}
 HEAD = """\
@@ -44,7 +44,7 @@ def write_case(folder, base, text, outcomes, curves, means, targets):
     origin = f"everything else is that of {base}." if base else "everything else is `indentfit init`'s: SET IT TO YOUR EXPERIMENT."
     (folder / "case.toml").write_text(HEAD.format(n=len(good), origin=origin) + "\n" + tomli_w.dumps(tree), encoding="utf-8")
     rows = [(one.entry.sample, one.entry.direction, curves[one.name], one.entry.thickness, one.entry.diameter) for one in good]
-    write_samples(folder / TABLE, rows)
+    write_specimens(folder / TABLE, rows)
     return warnings
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from .style import COLOURS, COLUMN, STYLE
+from indentfit.report.style import COLOURS, COLUMN, STYLE
 
 MOST_POINTS = 3000  # of a line: more than a printed column resolves
 GREY = "0.6"

@@ -14,7 +14,7 @@ import numpy as np
 
 from indentfit.curve import Curve
 from indentfit.errors import RecordError
-from indentfit.experiment.contact import METHODS, find_contact
+from indentfit.experiment.contact_point import METHODS, find_contact_point
 from indentfit.experiment.loading import find_ramp
 from indentfit.experiment.rig import Noise, Rig
 
@@ -52,7 +52,7 @@ def trials(curve, rig, method, count, seed=0, indenter="flat"):
     for n in range(count):
         record, truth = rig.run(curve, np.random.default_rng([seed, n]))
         try:
-            contact = find_contact(find_ramp(record), method, indenter)
+            contact = find_contact_point(find_ramp(record), method, indenter)
         except RecordError:
             continue
         found[n] = contact.displacement - truth, contact.uncertainty

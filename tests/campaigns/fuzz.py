@@ -41,7 +41,7 @@ from indentfit import curve, material, units
 from indentfit.case import Record as Layout
 from indentfit.cli import validate
 from indentfit.errors import CaseError, IndentfitError
-from indentfit.experiment import manifest, process, reading, samples
+from indentfit.experiment import manifest, processed, reading, specimens
 from indentfit.experiment.measured import read_case
 from indentfit.report import html, html_fit, html_studies, page
 from indentfit.runs import ledger
@@ -282,12 +282,12 @@ class RecordFile:
     def read(self, given):
         text, layout = given
         self.path.write_bytes(text)
-        found = reading.read_record(self.path, layout)
-        require(np.isfinite([found.time, found.displacement, found.force]).all(), "a record that is not finite")
-        require((np.diff(found.time) > 0).all(), "times that do not rise")
+        raw_record = reading.read_record(self.path, layout)
+        require(np.isfinite([raw_record.time, raw_record.displacement, raw_record.force]).all(), "a record that is not finite")
+        require((np.diff(raw_record.time) > 0).all(), "times that do not rise")
         self.count += 1
         if self.count % 8 == 0:
-            done = process.process(found, 3.3)
+            done = processed.process_record(raw_record, 3.3)
             require(np.isfinite(done.curve.force).all(), "a processed curve that is not finite")
 
 
@@ -382,14 +382,14 @@ class Replicates:
 
     def text(self, length, changes, bits):
         rows = [
-            list(samples.COLUMNS),
+            list(specimens.COLUMNS),
             *([f"s{n // 2}", ("0", "90")[n % 2], f"curves/{n}.csv", "3.3", "14"] for n in range(length)),
         ]
         return bytes_changed("\n".join(",".join(row) for row in table_changed(rows, changes)).encode("utf-8", "replace"), bits)
 
     def read(self, text):
         self.path.write_bytes(text)
-        for one in samples.read_samples(self.path):
+        for one in specimens.read_specimens(self.path):
             require(one.name and one.curves, "a sample without name or curves")
             require(all(x is None or (x > 0 and math.isfinite(x)) for x in (one.thickness, one.diameter)), "a length that is none")
 

@@ -6,23 +6,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from indentfit.case.recording import Record as RecordTable
-
-from ..curve import Curve
-from ..errors import RecordError
-from .contact import Contact, find_contact
-from .loading import Ramp, constant_velocity, filtered, find_ramp
-from .record import Record
-from .relaxation import Prony, fit_prony
-from .soundness import require_channels, require_whole
-from .stiffness import Line, Parabola, linear_fit, quadratic_fit, resampled
+from indentfit.case import Record
+from indentfit.curve import Curve
+from indentfit.errors import RecordError
+from indentfit.experiment.contact_point import ContactPoint, find_contact_point
+from indentfit.experiment.loading import Ramp, constant_velocity, filtered, find_ramp
+from indentfit.experiment.record import RawRecord
+from indentfit.experiment.relaxation import Prony, fit_prony
+from indentfit.experiment.soundness import require_channels, require_whole
+from indentfit.experiment.stiffness import Line, Parabola, linear_fit, quadratic_fit, resampled
 
 SHORTEST_HOLD = 2.0  # durations of the ramp, for a relaxation to be fitted
 PEAK_FILTER = 0.05  # of the ramp's duration: shorter than for the curve, not to cut the peak off, but longer than the rig rings
 
 
 @dataclass(frozen=True, eq=False)
-class Processed:
+class ProcessedRecord:
     """A record and what it amounts to.
 
     window: samples of constant velocity; velocity mm/s; depth mm, to the end of loading; peak: largest force, mN; curve: from
@@ -31,9 +30,9 @@ class Processed:
     notes: what deserves a look.
     """
 
-    record: Record
+    record: RawRecord
     ramp: Ramp
-    contact: Contact
+    contact: ContactPoint
     window: slice
     velocity: float
     depth: float
@@ -53,16 +52,16 @@ class Processed:
         return self.velocity / self.thickness if self.thickness else None
 
 
-def process(record, thickness=None, table=None):
-    """`Processed` of a Record; thickness of the sample in mm, for strains; `table` is the [record] table of a case.
+def process_record(record, thickness=None, table=None):
+    """`ProcessedRecord` of a RawRecord; thickness of the sample in mm, for strains; `table` is the [record] table of a case.
 
     Raises RecordError, one line that names the record, what is wrong with it and the remedy.
     """
-    table = table or RecordTable()
+    table = table or Record()
     require_channels(record)
     ramp = find_ramp(record, table.filter)
     notes = record.notes + require_whole(ramp)
-    contact = find_contact(ramp, table.contact, table.indenter or "flat")
+    contact = find_contact_point(ramp, table.contact, table.indenter or "flat")
     window, velocity = constant_velocity(ramp, contact.index)
     unfiltered = record.force - contact.baseline - contact.drift * record.time
     force = ramp.force - contact.baseline - contact.drift * record.time
@@ -70,7 +69,7 @@ def process(record, thickness=None, table=None):
     loading = slice(contact.index, ramp.stop)
     depth = float(displacement[loading].max())
     _require_depth(record, depth, contact)
-    return Processed(
+    return ProcessedRecord(
         record=record,
         ramp=ramp,
         contact=contact,

@@ -18,9 +18,9 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from ..errors import RecordError
-from .loading import filtered, noise_of, odd
-from .noise import CorrelatedNoise, covariance, noise_in
+from indentfit.errors import RecordError
+from indentfit.experiment.loading import filtered, noise_of, odd
+from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 
 CONFIDENCE = 0.9  # of the interval that an uncertainty is half of
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5)}  # of the displacement beyond contact, for each kind of indenter
@@ -32,7 +32,7 @@ SIGMAS = 5.0  # threshold
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactPoint:
     """Where contact begins: `displacement` of the record, mm, at sample `index`, and half of its 90 % interval, `uncertainty`, mm.
 
     baseline (mN, at time 0 of the record) and drift (mN/s) are the force without contact; noise: standard deviation of the force
@@ -48,8 +48,8 @@ class Contact:
     method: str
 
 
-def find_contact(ramp, method="piecewise", indenter="flat"):
-    """The `Contact` of a Ramp by one of METHODS, under an indenter of POWERS. Raises RecordError where there is no contact."""
+def find_contact_point(ramp, method="piecewise", indenter="flat"):
+    """The `ContactPoint` of a Ramp by one of METHODS, under an indenter of POWERS. Raises RecordError where there is no contact."""
     stretch, powers = _stretch(ramp), POWERS[indenter]
     model = _fit(stretch, powers)
     _require_a_kink(ramp, stretch, model)
@@ -62,7 +62,7 @@ def find_contact(ramp, method="piecewise", indenter="flat"):
     behind = np.flatnonzero(ramp.displacement[: ramp.high] < place)
     index = int(behind[-1]) + 1 if behind.size else 0
     drift = float(model.coefficients[1]) if stretch.drifts else 0.0
-    return Contact(
+    return ContactPoint(
         float(place), float(uncertainty), index, float(model.coefficients[0]), drift, float(np.std(model.residual)), method
     )
 

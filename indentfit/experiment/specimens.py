@@ -7,14 +7,14 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..errors import RecordError
+from indentfit.errors import RecordError
 
 TABLE = "replicates.csv"
 COLUMNS = ("sample", "direction", "curve", "thickness_mm", "diameter_mm")
 
 
 @dataclass(frozen=True)
-class Sample:
+class Specimen:
     """One sample: its curves (direction -> CSV, relative to the table), thickness and diameter in mm or None."""
 
     name: str
@@ -23,7 +23,7 @@ class Sample:
     diameter: float | None = None
 
 
-def write_samples(path, rows):
+def write_specimens(path, rows):
     """Write rows of (sample, direction, curve, thickness, diameter)."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
@@ -32,8 +32,8 @@ def write_samples(path, rows):
             table.writerow([sample, direction, curve, *("" if length is None else f"{length:.10g}" for length in lengths)])
 
 
-def read_samples(path):
-    """The `Sample` of each name in a table, in its order. Raises RecordError, one line with the row and the remedy."""
+def read_specimens(path):
+    """The `Specimen` of each name in a table, in its order. Raises RecordError, one line with the row and the remedy."""
     path = Path(path)
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
@@ -42,7 +42,7 @@ def read_samples(path):
         raise RecordError(f"{path}: cannot be read ({reason}); `indentfit process --case` writes it") from None
     if not rows or set(COLUMNS) - set(rows[0]):
         raise RecordError(f"{path}: it needs the columns {', '.join(COLUMNS)} and a row for each curve")
-    samples: dict[str, Sample] = {}
+    samples: dict[str, Specimen] = {}
     for number, row in enumerate(rows, start=2):
         sample = _sample(f"{path}: row {number}", row)
         earlier = samples.setdefault(sample.name, sample)
@@ -64,7 +64,7 @@ def _sample(where, row):
             lengths[key] = math.nan
         if lengths[key] is not None and not 0 < lengths[key] < math.inf:
             raise RecordError(f"{where}: {key}_mm {text[:40]!r} must be a positive number; correct it")
-    return Sample(row["sample"], {int(row["direction"]): row["curve"]}, **lengths)
+    return Specimen(row["sample"], {int(row["direction"]): row["curve"]}, **lengths)
 
 
 def _require_one_sample(where, earlier, sample):
