@@ -1,6 +1,6 @@
 """Soft tissue with one family of dispersed collagen fibres that resist extension only."""
 
-from indentfit.material import Material, Parameter, exp, positive
+from indentfit.material import Material, Parameter, Term, exp, positive
 
 
 class Holzapfel(Material):
@@ -16,6 +16,6 @@ class Holzapfel(Material):
     k2 = Parameter("1", "growth of the fibre stiffness with stretch", min=1e-3)  # the formula is 0/0 at 0
     dispersion = Parameter("1", "spread of the fibre directions", min=0, max=1 / 3)
 
-    def energy(self, I1, I4):
+    def energy(self, I1: Term, I4: Term) -> Term:
         E = positive(self.dispersion * (I1 - 3) + (1 - 3 * self.dispersion) * (I4 - 1))
         return self.c / 2 * (I1 - 3) + self.k1 / (2 * self.k2) * (exp(self.k2 * E**2) - 1)

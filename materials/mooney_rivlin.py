@@ -1,6 +1,6 @@
 """Isotropic rubber-like tissue with two constants."""
 
-from indentfit.material import Material, Parameter
+from indentfit.material import Material, Parameter, Term
 
 
 class MooneyRivlin(Material):
@@ -12,5 +12,5 @@ class MooneyRivlin(Material):
     c10 = Parameter("kPa", "half the shear modulus from the first invariant", min=0)
     c01 = Parameter("kPa", "half the shear modulus from the second invariant", min=0)
 
-    def energy(self, I1, I2):
+    def energy(self, I1: Term, I2: Term) -> Term:
         return self.c10 * (I1 - 3) + self.c01 * (I2 - 3)

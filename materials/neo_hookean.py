@@ -1,6 +1,6 @@
 """Isotropic rubber-like tissue with one constant."""
 
-from indentfit.material import Material, Parameter
+from indentfit.material import Material, Parameter, Term
 
 
 class NeoHookean(Material):
@@ -8,5 +8,5 @@ class NeoHookean(Material):
 
     mu = Parameter("kPa", "shear modulus", min=0, scale=True)
 
-    def energy(self, I1):
+    def energy(self, I1: Term) -> Term:
         return self.mu / 2 * (I1 - 3)

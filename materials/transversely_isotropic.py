@@ -1,6 +1,6 @@
 """Soft tissue with one family of fibres, such as white matter."""
 
-from indentfit.material import Material, Parameter
+from indentfit.material import Material, Parameter, Term
 
 
 class TransverselyIsotropic(Material):
@@ -14,5 +14,5 @@ class TransverselyIsotropic(Material):
     zeta = Parameter("1", "fibre stretch stiffening", min=0)
     phi = Parameter("1", "fibre shear stiffening", min=0)
 
-    def energy(self, I1, I4, I5):
+    def energy(self, I1: Term, I4: Term, I5: Term) -> Term:
         return self.mu / 2 * ((I1 - 3) + self.zeta * (I4 - 1) ** 2 + self.phi * (I5 - I4**2))

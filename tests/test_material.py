@@ -1,5 +1,6 @@
 """Materials: mechanics against closed forms, the conformance kit, finding and loading."""
 
+import importlib.metadata
 import pickle
 import subprocess
 import sys
@@ -417,7 +418,7 @@ def test_a_broken_plugin_harms_only_itself(monkeypatch):
         Entry("number", "theirs:number", 3),
         Entry("neo_hookean", "indentfit.materials.neo_hookean:NeoHookean", NeoHookean),
     ]
-    monkeypatch.setattr(materials, "entry_points", lambda group: entries)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: entries)
     found = installed()
     assert found["neo_hookean"] is NeoHookean is load("neo_hookean")
     assert "RuntimeError: no licence" in str(found["broken"])

@@ -16,7 +16,7 @@ from indentfit.case.section import known
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
 from indentfit.curve import Curve
 from indentfit.errors import MaterialError
-from indentfit.material import Material, blamed
+from indentfit.material import Material, blamed, require_derivable, shipped
 
 WIDEST_INDENTER = 0.9  # of the sample: beyond it the free border is too narrow to mesh and to trust
 DEEPEST_INDENTATION = 0.5  # of the thickness
@@ -81,6 +81,8 @@ def faults_of_stiffness(choice: MaterialChoice, law: type[Material]) -> Iterator
     """A fault where the material has no positive stiffness at the start values."""
     try:
         with np.errstate(all="ignore"), blamed(law):
+            if not shipped(law):
+                require_derivable(law)  # what is wrong with a lab's own law is said here, before any solve
             moduli = law(**start_values(choice, law)).moduli()
         wrong = "" if all(map(math.isfinite, moduli.values())) else "the material has no finite stiffness"
     except ArithmeticError:

@@ -43,6 +43,7 @@ from indentfit.cli import validate
 from indentfit.errors import CaseError, IndentfitError
 from indentfit.experiment import manifest, processed, reading, specimens
 from indentfit.experiment.measured import read_case
+from indentfit.material.typed_energy import typed_class
 from indentfit.report import html, html_fit, html_studies, page
 from indentfit.runs import ledger
 from indentfit.runs.run import Run
@@ -652,7 +653,7 @@ def campaign(name, number, first_seed, folder):
             signature, text, smallest = found
             findings[signature] = smallest
             print(f"FINDING {name}: {signature}\n{text}\ninput: {repr(smallest)[:800]}\n", flush=True)
-        material._typed.cache_clear()
+        typed_class.cache_clear()
         units.unit_factor.cache_clear()
     return counts, findings
 

@@ -21,7 +21,10 @@ from pathlib import Path
 
 HOME = Path(__file__).parents[2]
 TESTS = {
-    "material.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
+    "material/model.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
+    "material/derive.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
+    "material/jets.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
+    "material/typed_energy.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
     "fem/contact.py": ["tests/test_contact.py"],
     "inverse/problem.py": [
         "tests/test_objective.py",

@@ -1,0 +1,49 @@
+"""What a material is: an energy in isochoric invariants; deriving, finding, loading, typing and checking one.
+
+    from indentfit.material import Material, Parameter, exp
+
+    class Demiray(Material):
+        "psi = mu/(2 b) (exp(b (I1 - 3)) - 1)"
+        mu = Parameter("kPa", "shear modulus", min=0, scale=True)
+        b = Parameter("1", "stiffening", min=0.01)
+
+        def energy(self, I1):
+            return self.mu / (2 * self.b) * (exp(self.b * (I1 - 3)) - 1)
+
+Files of laws, and the other rooms, import from here only.
+"""
+
+from indentfit.material.conformance import Check, check, isochoric_stress
+from indentfit.material.functions import FUNCTIONS, Term, exp, log, positive, sqrt
+from indentfit.material.kinematics import INVARIANTS, REST, invariant_gradients, invariants
+from indentfit.material.model import Material, require_derivable
+from indentfit.material.parameter import Parameter
+from indentfit.material.plugins import GROUP, blamed, derivatives, foreign_code, installed, load, shipped
+from indentfit.material.typed_energy import typed
+
+__all__ = [
+    "FUNCTIONS",
+    "GROUP",
+    "INVARIANTS",
+    "REST",
+    "Check",
+    "Material",
+    "Parameter",
+    "Term",
+    "blamed",
+    "check",
+    "derivatives",
+    "exp",
+    "foreign_code",
+    "installed",
+    "invariant_gradients",
+    "invariants",
+    "isochoric_stress",
+    "load",
+    "log",
+    "positive",
+    "require_derivable",
+    "shipped",
+    "sqrt",
+    "typed",
+]

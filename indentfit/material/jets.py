@@ -1,0 +1,179 @@
+"""Second-order Taylor arithmetic in the four invariants: derivatives of an energy at one state, without SymPy.
+
+A jet is the value of a term of an energy at one state, with its gradient and Hessian by the invariants. Sums, products, quotients,
+powers and functions of jets are jets, by the chain rule. An energy evaluated on jets therefore gives its own first and second
+derivatives, to round-off. SymPy derives the same derivatives at all states, but its import alone takes half a second.
+Source: Griewank, Walther 2008, Evaluating Derivatives, 2nd ed., chapter 13.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.material.kinematics import INVARIANTS, REST
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Jet:
+    """A term of an energy at one state: its value, gradient (4,) and Hessian (4, 4) by the invariants.
+
+    What the arithmetic cannot give is nan or inf, and an operation that it does not know raises TypeError.
+    """
+
+    value: np.float64
+    gradient: Array
+    hessian: Array
+
+    __array_ufunc__ = None  # a NumPy number leaves arithmetic with a jet to the jet
+
+    def chained(self, f: float, first: float, second: float) -> "Jet":
+        """A function of this jet: its value f, first and second derivative at this jet's value."""
+        outer = np.outer(self.gradient, self.gradient)
+        return Jet(np.float64(f), first * self.gradient, first * self.hessian + second * outer)
+
+    @property
+    def constant(self) -> bool:
+        """Whether the term depends on no invariant."""
+        return not (self.gradient.any() or self.hessian.any())
+
+    def __add__(self, other: Any) -> "Jet":
+        if isinstance(other, Jet):
+            return Jet(self.value + other.value, self.gradient + other.gradient, self.hessian + other.hessian)
+        if isinstance(other, Real):
+            return Jet(self.value + float(other), self.gradient, self.hessian)
+        return NotImplemented
+
+    def __mul__(self, other: Any) -> "Jet":
+        if isinstance(other, Jet):
+            mixed = np.outer(self.gradient, other.gradient)
+            hessian = self.value * other.hessian + other.value * self.hessian + mixed + mixed.T
+            return Jet(self.value * other.value, self.value * other.gradient + other.value * self.gradient, hessian)
+        if isinstance(other, Real):
+            factor = np.float64(other)
+            return Jet(factor * self.value, factor * self.gradient, factor * self.hessian)
+        return NotImplemented
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __neg__(self) -> "Jet":
+        return Jet(-self.value, -self.gradient, -self.hessian)
+
+    def __pos__(self) -> "Jet":
+        return self
+
+    def __abs__(self) -> "Jet":
+        return self.chained(abs(self.value), np.sign(self.value), 0.0)
+
+    def __sub__(self, other: Any) -> "Jet":
+        return self + -other if isinstance(other, (Jet, Real)) else NotImplemented
+
+    def __rsub__(self, other: Any) -> "Jet":
+        return -self + other
+
+    def __truediv__(self, other: Any) -> "Jet":
+        if isinstance(other, Jet):
+            return self * _reciprocal(other)
+        if isinstance(other, Real):
+            divisor = np.float64(other)
+            return Jet(self.value / divisor, self.gradient / divisor, self.hessian / divisor)
+        return NotImplemented
+
+    def __rtruediv__(self, other: Any) -> "Jet":
+        return _reciprocal(self) * other
+
+    def __pow__(self, other: Any) -> "Jet":
+        if isinstance(other, Jet):
+            return _power(self, other.value) if other.constant else exponential(other * logarithm(self))
+        return _number_power(self, np.float64(other)) if isinstance(other, Real) else NotImplemented
+
+    def __rpow__(self, other: Any) -> "Jet":
+        return exponential(self * np.log(np.float64(other))) if isinstance(other, Real) else NotImplemented
+
+
+def _reciprocal(x: Jet) -> Jet:
+    return x.chained(1 / x.value, -1 / x.value**2, 2 / x.value**3)
+
+
+def _power(x: Jet, n: np.float64) -> Jet:
+    """x to a power that is a parameter, as SymPy differentiates it: the derivatives are nan at x = 0."""
+    f = x.value**n
+    return x.chained(f, n * f / x.value, n * (n - 1) * f / x.value**2)
+
+
+def _number_power(x: Jet, n: np.float64) -> Jet:
+    """x to a power that the energy gives as a number."""
+    first = n * x.value ** (n - 1) if n else 0.0
+    second = n * (n - 1) * x.value ** (n - 2) if n * (n - 1) else 0.0  # 0 at x = 0 too, where 0 * inf would be nan
+    return x.chained(x.value**n, first, second)
+
+
+def exponential(x: Jet) -> Jet:
+    """exp(x)."""
+    f = np.exp(x.value)
+    return x.chained(f, f, f)
+
+
+def logarithm(x: Jet) -> Jet:
+    """log(x)."""
+    return x.chained(np.log(x.value), 1 / x.value, -1 / x.value**2)
+
+
+def square_root(x: Jet) -> Jet:
+    """sqrt(x)."""
+    f = np.sqrt(x.value)
+    return x.chained(f, 1 / (2 * f), -1 / (4 * f * x.value))
+
+
+def hyperbolic_sine(x: Jet) -> Jet:
+    """sinh(x)."""
+    return x.chained(np.sinh(x.value), np.cosh(x.value), np.sinh(x.value))
+
+
+def hyperbolic_cosine(x: Jet) -> Jet:
+    """cosh(x)."""
+    return x.chained(np.cosh(x.value), np.sinh(x.value), np.cosh(x.value))
+
+
+def hyperbolic_tangent(x: Jet) -> Jet:
+    """tanh(x)."""
+    f = np.tanh(x.value)
+    return x.chained(f, 1 - f**2, -2 * f * (1 - f**2))
+
+
+def positive_part(x: Jet) -> Jet:
+    """max(x, 0), with the derivative 1 for x > 0, else 0."""
+    return x.chained(max(x.value, np.float64(0)), float(x.value > 0), 0.0)
+
+
+def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], parameters: Mapping[str, float]) -> Jet | None:
+    """The energy and its derivatives by the invariants in the undeformed state.
+
+    Parameters
+    ----------
+    energy : function
+        psi, kPa, of the parameters' values by name and the invariants by name.
+    parameters : mapping
+        Values of the parameters, in their units.
+
+    Returns
+    -------
+    Jet or None
+        None where jets cannot tell: the energy raised an exception, uses an operation that they do not know, or is not finite.
+        SymPy has the last word there.
+    """
+    theta = {name: Jet(np.float64(value), np.zeros(4), np.zeros((4, 4))) for name, value in parameters.items()}
+    rest = {name: Jet(x, unit, np.zeros((4, 4))) for name, x, unit in zip(INVARIANTS, REST, np.eye(4), strict=True)}
+    try:
+        with np.errstate(all="ignore"):
+            psi = energy(theta, rest)
+    except Exception:
+        return None
+    return psi if isinstance(psi, Jet) and _finite(psi) else None
+
+
+def _finite(psi: Jet) -> bool:
+    return bool(np.isfinite(psi.value) and np.isfinite(psi.gradient).all() and np.isfinite(psi.hessian).all())

@@ -1,0 +1,219 @@
+"""What a material is: named parameters and an energy in isochoric invariants.
+
+Units: kPa for energies (per reference volume), stresses and moduli. SymPy is imported when derivatives away from rest are first
+asked for, not with this module; moduli need none of it.
+"""
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+from numpy.typing import ArrayLike
+
+from indentfit.arrays import Array
+from indentfit.errors import MaterialError
+from indentfit.material.derive import Derived, Law, derive
+from indentfit.material.functions import Term
+from indentfit.material.jets import Jet, at_rest
+from indentfit.material.kinematics import INVARIANTS, REST
+from indentfit.material.parameter import Parameter
+from indentfit.material.words import nearest
+
+
+class Material:
+    """Base class of materials: the fields are `Parameter`s, the one method `energy` is psi in kPa.
+
+    `energy` names in its signature the invariants that it uses, some of `INVARIANTS`, and is written with + - * / **
+    and the functions of this package (exp, log, sqrt, positive). The derivatives are derived from the energy once per class.
+    Instances are frozen and can be pickled. Arrays of invariants have shape (4, ...), in the order of `INVARIANTS`.
+
+    Parameters
+    ----------
+    **values : float
+        Values of all parameters by name, in their units.
+
+    Raises
+    ------
+    MaterialError
+        A value is missing, unknown or not admissible.
+    """
+
+    parameters: ClassVar[dict[str, Parameter]] = {}
+    scale: ClassVar[str | None] = None
+    invariants: ClassVar[tuple[str, ...]] = ()
+    energy: ClassVar[Callable[..., Any]]
+    _derivatives: ClassVar[Derived]  # made by `require_derivable`
+    _source: ClassVar[tuple[Any, ...]]  # where a pickle finds a class that cannot be imported: a function and its arguments
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name, value in vars(cls).items():
+            if isinstance(value, Parameter) and hasattr(Material, name):
+                raise MaterialError(f"{cls.__name__}: a parameter cannot be called {name!r}, every material has that")
+        fields = {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
+        cls.parameters = {name: value for name, value in fields.items() if isinstance(value, Parameter)}
+        cls.scale = _claimed_scale(cls)
+        cls.invariants = _named_invariants(cls)
+
+    def __init__(self, **values: Any) -> None:
+        cls = type(self)
+        _refuse_wrong_names(cls, values)
+        self.__dict__.update({n: p.admitted(values[n], f"{cls.__name__}: {n}") for n, p in cls.parameters.items()})
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters' values by name, in the order of their definition."""
+        return {name: self.__dict__[name] for name in self.parameters}
+
+    def replace(self, **values: Any) -> Self:
+        """The same material with some values changed; raises MaterialError as the class does."""
+        return type(self)(**{**self.values, **values})
+
+    def psi(self, I: ArrayLike) -> Array:
+        """Energy, kPa, shape (...), at invariants of shape (4, ...). Wild states give inf or nan."""
+        return require_derivable(type(self)).psi(I, self.values.values())
+
+    def gradient(self, I: ArrayLike) -> Array:
+        """d psi/dI, kPa, shape (4, ...); zero for invariants that the energy does not use."""
+        return require_derivable(type(self)).gradient(I, self.values.values())
+
+    def hessian(self, I: ArrayLike) -> Array:
+        """d2 psi/dI dI, kPa, shape (4, 4, ...), symmetric."""
+        return require_derivable(type(self)).hessian(I, self.values.values())
+
+    def parameter_gradient(self, I: ArrayLike) -> Array:
+        """d2 psi/(dI dtheta), kPa per unit of the parameter, shape (n_parameters, 4, ...)."""
+        return require_derivable(type(self)).parameter_gradient(I, self.values.values())
+
+    @property
+    def shear_modulus(self) -> float:
+        """Small-strain shear modulus in the plane across the fibres, 2 (psi_1 + psi_2) at rest, kPa.
+
+        Raises MaterialError unless it is positive.
+        """
+        gradient = self._rest.gradient if self._rest else self.gradient(REST)
+        modulus = float(2 * gradient[:2].sum())
+        if not (modulus > 0 and math.isfinite(modulus)):
+            raise MaterialError(f"{self!r} has a shear modulus of {modulus:g} kPa at rest; it must be positive")
+        return modulus
+
+    def moduli(self) -> dict[str, float]:
+        """Small-strain moduli of the incompressible material, kPa: mu_across, mu_along, E_along, E_across.
+
+        mu_across: shear in the plane across the fibres; mu_along: shear along the fibres; E: Young's moduli.
+        F = exp(e) with tr e = 0 in the invariants gives, with psi_4 + 2 psi_5 = 0 (no stress at rest),
+        psi = m tr e^2 + A (a0.e a0)^2 + 4 psi_5 (|e a0|^2 - (a0.e a0)^2) to second order, where
+        m = mu_across and A = 4 psi_5 + 2 psi_44 + 8 psi_45 + 8 psi_55. A fibre that only resists extension is slack
+        here. Raises MaterialError unless mu_across is positive.
+        """
+        m, rest = self.shear_modulus, self._rest
+        psi_5, H = (rest.gradient[3], rest.hessian) if rest else (self.gradient(REST)[3], self.hessian(REST))
+        A = 4 * psi_5 + 2 * H[2, 2] + 8 * H[2, 3] + 8 * H[3, 3]
+        along, across = 3 * m + 2 * A, 4 * m - 2 * m**2 / (2 * m + A)  # across: free to strain along the fibre
+        return {"mu_across": m, "mu_along": float(m + 2 * psi_5), "E_along": float(along), "E_across": float(across)}
+
+    @property
+    def unstable(self) -> str:
+        """Which small-strain moduli are not positive, in words; nothing where the material is stable at small strain."""
+        try:
+            wrong = {name: value for name, value in self.moduli().items() if not value > 0}
+        except MaterialError as error:
+            return str(error)
+        return ", ".join(f"{name} = {value:.3g} kPa" for name, value in wrong.items())
+
+    @cached_property
+    def _rest(self) -> Jet | None:
+        """The energy's derivatives at rest; None where only `gradient` and `hessian` can tell.
+
+        They alone can tell where a subclass has its own, or where jets cannot evaluate the energy.
+        """
+        cls = type(self)
+        if (cls.gradient, cls.hessian) != (Material.gradient, Material.hessian) or not hasattr(cls, "energy"):
+            return None
+        return at_rest(law_of(cls).energy, self.values)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"a material is frozen: use replace({name}=...)")
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and isinstance(other, Material) and self.values == other.values
+
+    def __hash__(self) -> int:
+        return hash((type(self), *self.values.values()))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{n}={v:g}' for n, v in self.values.items())})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (vars(type(self)).get("_source", type(self)), self.values)
+
+
+def _rebuilt(source: Any, values: Mapping[str, float]) -> Material:
+    """A material unpickled: its class is importable, or (function that makes it, its arguments)."""
+    return (source if isinstance(source, type) else source[0](*source[1:]))(**values)
+
+
+def _claimed_scale(cls: type[Material]) -> str | None:
+    scales = [name for name, parameter in cls.parameters.items() if parameter.scale]
+    if len(scales) > 1:
+        raise MaterialError(f"{cls.__name__}: only one parameter can be the scale, not {', '.join(scales)}")
+    return scales[0] if scales else None
+
+
+def _named_invariants(cls: type[Material]) -> tuple[str, ...]:
+    if not hasattr(cls, "energy"):
+        return ()
+    names = tuple(inspect.signature(cls.energy).parameters)[1:]
+    for name in names:
+        if name not in INVARIANTS:
+            raise MaterialError(f"{cls.__name__}: its energy asks for {name!r}; invariants: {', '.join(INVARIANTS)}")
+    return names
+
+
+def _refuse_wrong_names(cls: type[Material], values: Mapping[str, Any]) -> None:
+    for name in values:
+        if name not in cls.parameters:
+            known = f"{', '.join(cls.parameters)}{nearest(name, cls.parameters)}"
+            raise MaterialError(f"{cls.__name__} has no parameter {name!r}; it has: {known}")
+    missing = [name for name in cls.parameters if name not in values]
+    if missing:
+        raise MaterialError(f"{cls.__name__}: no value for {', '.join(missing)}")
+
+
+def require_derivable(cls: type[Material]) -> Derived:
+    """The energy's compiled derivatives, derived and checked once per class.
+
+    Reading a case calls this function for laws that are not indentfit's own: what is wrong with one is then said before any solve.
+
+    Parameters
+    ----------
+    cls : class of Material
+
+    Returns
+    -------
+    Derived
+
+    Raises
+    ------
+    MaterialError
+        The class has no energy, or its energy cannot be used, as `derive` says.
+    """
+    if "_derivatives" not in vars(cls):  # a subclass has its own
+        if not hasattr(cls, "energy"):
+            raise MaterialError(f"{cls.__name__} has no method `energy`")
+        cls._derivatives = derive(law_of(cls))
+    return cls._derivatives
+
+
+def law_of(cls: type[Material]) -> Law:
+    """What `derive` needs to know of the class."""
+
+    def energy(values: Mapping[str, Term], named: Mapping[str, Term]) -> Term:
+        """psi of terms instead of numbers, which `__init__` would refuse."""
+        template = object.__new__(cls)
+        template.__dict__.update(values)
+        return template.energy(**{name: named[name] for name in cls.invariants})
+
+    return Law(cls.__name__, cls.parameters, cls.scale, cls.invariants, energy)

@@ -1,0 +1,35 @@
+"""Random admissible parameters and deformations, on which a law is tried out."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.material.parameter import Parameter
+
+
+def trial_values(parameters: Mapping[str, Parameter], rng: np.random.Generator) -> dict[str, float]:
+    """Random admissible values of parameters, by name, in their units."""
+    return {name: trial_value(parameter, rng) for name, parameter in parameters.items()}
+
+
+def trial_value(parameter: Parameter, rng: np.random.Generator) -> float:
+    """A random admissible value: within the two bounds, or over two decades from the only one."""
+    low, high, decade = parameter.min, parameter.max, 10 ** rng.uniform(-1, 1)
+    if low is not None and high is not None:
+        if low > 0 and high > 10 * low:
+            return float(low * (high / low) ** rng.uniform(0.05, 0.95))
+        return float(low + (high - low) * rng.uniform(0.05, 0.95))
+    if high is not None:
+        return float(high - decade)
+    return float(decade + (low or 0.0))
+
+
+def trial_states(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
+    """n random deformation gradients, shape (3, 3, n), det F in 0.5..2, and unit fibre directions, shape (3, n)."""
+    F: list[Array] = []
+    while len(F) < n:
+        trial = np.eye(3) + 0.2 * rng.standard_normal((3, 3))
+        F += [trial] if 0.5 < np.linalg.det(trial) < 2 else []
+    a0 = rng.standard_normal((3, n))
+    return np.moveaxis(np.array(F), 0, -1), a0 / np.linalg.norm(a0, axis=0)
