@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from indentfit.errors import ConvergenceError
 from indentfit.fem import sensitivity
 from indentfit.fem.deadline import NEVER, Deadline
-from indentfit.fem.linear import Tangent
+from indentfit.fem.linear.tangent import Tangent
 
 MAX_ITERATIONS = 15
 NEARLY_STILL, FEW = 0.1, 6  # damping below which Newton is tried from a relaxed state, and iterations that it is given there

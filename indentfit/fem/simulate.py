@@ -4,7 +4,7 @@ import contextlib
 import functools
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -12,10 +12,14 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.curve import Curve
 from indentfit.errors import ConvergenceError
-from indentfit.fem import linear, newton, sensitivity
+from indentfit.fem import newton, sensitivity
 from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.element import Solid
+from indentfit.fem.linear.choice import choice
+from indentfit.fem.linear.multigrid import rigid_body_modes
+from indentfit.fem.linear.pardiso import THREADS_PAY
+from indentfit.fem.linear.solver import LinearSolver
 from indentfit.fem.mesh import quarter
 from indentfit.fem.setup import Press, Setup
 from indentfit.material import blamed
@@ -101,9 +105,9 @@ class Model:
         self.body = _body(self.mesh, setup.solver)
         self.contact = Contact(self.body, setup.indenter, setup.sample.thickness)
         self.fixed = newton.Fixed(self.body, _held(self.body.basis, setup.sample.base))
-        kind = linear.choice(setup.solver.linear, self.body.n_dofs)
-        modes = self.fixed.freed(linear.rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None
-        self.solver = linear.LinearSolver(kind, modes, self.contact.surface)
+        kind = choice(setup.solver.linear, self.body.n_dofs)
+        modes = self.fixed.freed(rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None
+        self.solver = LinearSolver(kind, modes, self.contact.surface)
         self.setup_seconds = time.perf_counter() - started
 
     def simulate(self, presses: Sequence[Press], progress: Callable[[str, float], None] | None = None) -> Simulation:
@@ -151,8 +155,7 @@ class Model:
         started = time.perf_counter()
         material, kappa, angle, depths, name = press.material, press.kappa, press.angle, press.depths, press.name
         sensitivities = tuple(press.sensitivities)
-        work, counts = newton.Counts(), self.solver.counts
-        before = (counts.factorizations, counts.solves, counts.krylov_iterations)
+        work, before = newton.Counts(), self.solver.work
         springs = self._springs(material, angle).scaled(stiffer)
         bulk = self.solver.bulk(kappa, material.shear_modulus)
         load = newton.Load(material, kappa, bulk, FIBRES[angle], springs, self._directions(sensitivities, material, kappa, angle))
@@ -164,7 +167,6 @@ class Model:
             cause = error.cause + (unstable or "")
             raise ConvergenceError(_of_test(name, cause), error.displacement, error.step, error.iteration) from error
         _require_contact(path, name)
-        after = (counts.factorizations, counts.solves, counts.krylov_iterations)
         facts = {
             "tries": 1,
             "elements": int(self.mesh.nelements),
@@ -173,7 +175,7 @@ class Model:
             "newton_iterations": work.iterations,
             "loose_steps": work.loose_steps,
             "largest_residual": work.largest_residual,
-            **dict(zip(("factorizations", "solves", "krylov_iterations"), np.subtract(after, before).tolist(), strict=True)),
+            **asdict(self.solver.work.since(before)),
             "wall_seconds": time.perf_counter() - started,
             "penalty_error": path[-1].penalty_error / max(path[-1].force, 1e-300),
             "residual_error": max(abs(point.residual_error) / point.force for point in path[1:]),
@@ -270,7 +272,7 @@ def _threads(n_dofs):
     """Context in which libraries use as many threads as pay: one on small meshes, and on large ones all but those of NumPy's
     OpenBLAS. They wait for their next vector at full speed, in the way of the solver's threads: a path takes 1.5 times as long."""
     pools = ThreadpoolController()
-    return (pools if n_dofs < linear.THREADS_PAY else pools.select(internal_api="openblas")).limit(limits=1)
+    return (pools if n_dofs < THREADS_PAY else pools.select(internal_api="openblas")).limit(limits=1)
 
 
 def _require_contact(path, name):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from indentfit.case import Case, Test
-from indentfit.fem.linear import LinearSolver
+from indentfit.fem.linear.choice import choice
 from indentfit.runs import closure
 
 FORMAT = 1  # of the ledger's rows
@@ -33,7 +33,7 @@ class Inputs:
             "indenter": case.indenter.model_dump(mode="json"),
             "mesh": case.mesh.model_dump(mode="json"),
             "depth": max(float(case.outputs(test)[-1]) for test in case.tests),  # the mesh is made for it
-            "solver": {**case.solver.model_dump(mode="json"), "linear": LinearSolver(case.solver.linear).name},
+            "solver": {**case.solver.model_dump(mode="json"), "linear": choice(case.solver.linear)},
             "material": _material(case),
             "bulk_ratio": case.material.bulk_ratio,
             "kappa": case.material.kappa,

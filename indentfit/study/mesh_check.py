@@ -238,7 +238,7 @@ def _depth(case):
 
 def memory_of(dofs, element, linear="auto"):
     """Peak memory of a run, bytes."""
-    from indentfit.fem.linear import choice
+    from indentfit.fem.linear.choice import choice
 
     factor = PER_DOF_FACTOR[choice(linear, dofs)]
     return PROCESS + PER_DOF[element] * dofs + factor * dofs ** (4 / 3)

@@ -18,6 +18,7 @@ import statistics
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -180,7 +181,7 @@ def _case(size, settings, material):
 
 
 def _run(size, settings, angle, material):
-    from indentfit.fem import linear
+    from indentfit.fem.linear.solver import LinearSolver
     from indentfit.fem.simulate import Model
     from indentfit.runs.points import press_of, setup_of
 
@@ -192,10 +193,10 @@ def _run(size, settings, angle, material):
     phases["set-up"] = time.perf_counter() - started
     _watch(model, phases)
     if NEWTONS[1] in settings:
-        plain = linear.LinearSolver.solve
+        plain = LinearSolver.solve
         model.solver.solve = lambda *given, **named: (model.solver.forget(), plain(model.solver, *given, **named))[1]
     if NEWTONS[2] in settings:
-        model.solver.solve = _factorising(model.solver.counts, phases)
+        model.solver.solve = _factorising(model.solver, phases)
     law = case.law(**case.start_values())
     test = next(test for test in case.tests if test.angle == angle)
     result = model.run(press_of(case, test, law))
@@ -215,7 +216,7 @@ def _run(size, settings, angle, material):
     }
 
 
-def _factorising(counts, phases):
+def _factorising(solver, phases):
     """A solve(tangent, b) by PARDISO's unsymmetric factors of the tangent, which has the contact and the bulk stiffness in it."""
     import pypardiso
 
@@ -223,8 +224,7 @@ def _factorising(counts, phases):
 
     def solve(tangent, b, *_, **named):
         started = time.perf_counter()
-        counts.solves += 1
-        counts.factorizations += 1
+        solver.work = replace(solver.work, solves=solver.work.solves + 1, factorizations=solver.work.factorizations + 1)
         x = direct.solve(tangent.whole, b)
         phases["factorisation"] = phases.get("factorisation", 0.0) + time.perf_counter() - started
         return x
@@ -242,6 +242,7 @@ def _warm(case, angle):
 
 def _watch(model, phases):
     """Adds up the time of what a solve is made of, by wrapping it."""
+    from indentfit.fem.linear import direct, multigrid, pardiso
 
     def wrap(owner, name, phase):
         plain = getattr(owner, name)
@@ -259,21 +260,20 @@ def _watch(model, phases):
         wrap(model.body, name, phase)
     for name in ("touch", "add_tangent", "residual"):
         wrap(model.contact, name, "contact")
-    factor = model.solver._factor
-    wrap(factor, "factorize", "factorisation")
-    wrap(factor, "preconditioner", "contact's dense factor")
-    if hasattr(factor, "_call"):
-        wrap(factor, "_call", "PARDISO")
-        plain, names = factor._call, {11: "analysis", 22: "factorisation"}
+    wrap(model.solver._factoriser, "factorize", "factorisation")
+    wrap(direct.DirectFactor, "preconditioner", "contact's dense factor")
+    wrap(multigrid.MultigridFactor, "preconditioner", "contact's dense factor")
+    wrap(pardiso._Library, "call", "PARDISO")
+    plain, names = pardiso._Library.call, {pardiso.ANALYSIS: "analysis", pardiso.FACTOR: "factorisation"}
 
-        def by_phase(phase, *given):
-            before = dict(phases)
-            found = plain(phase, *given)
-            spent = phases.pop("PARDISO") - before.pop("PARDISO", 0.0)
-            phases[names.get(phase, "back-substitution")] = phases.get(names.get(phase, "back-substitution"), 0.0) + spent
-            return found
+    def by_phase(self, phase, *given):
+        before = dict(phases)
+        written = plain(self, phase, *given)
+        spent = phases.pop("PARDISO") - before.pop("PARDISO", 0.0)
+        phases[names.get(phase, "back-substitution")] = phases.get(names.get(phase, "back-substitution"), 0.0) + spent
+        return written
 
-        factor._call = by_phase
+    pardiso._Library.call = by_phase
     wrap(model.solver, "_krylov", "GMRES")
 
 

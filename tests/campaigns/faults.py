@@ -108,19 +108,19 @@ elif kind == "memory" and "spawn_main" in " ".join(sys.orig_argv) or kind == "me
     newton._step = step
 elif kind.startswith("garbage"):
     import numpy
-    from indentfit.fem import linear
+    from indentfit.fem.linear import direct
     share, rng = float(number), numpy.random.default_rng(0)
     def spoil(usual):
-        def solve(self, b):
-            x = usual(self, b)
+        def spoiled(b):
+            x = usual(b)
             if rng.random() > share:
                 return x
             noise = rng.standard_normal(x.size)
             return {"garbage noise": x * (1 + noise), "garbage small": x * (1 + 1e-3 * noise), "garbage zero": 0 * x,
                     "garbage NaN": x * numpy.nan, "garbage large": x * 1e12}[kind]
-        return solve
-    for kind_of in (linear._Pardiso, linear._SuperLU):
-        kind_of.solve = spoil(kind_of.solve)
+        return spoiled
+    plain = direct.DirectFactor.preconditioner
+    direct.DirectFactor.preconditioner = lambda self, tangent: spoil(plain(self, tangent))
 """
 
 

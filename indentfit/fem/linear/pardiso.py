@@ -1,0 +1,216 @@
+"""MKL PARDISO, with the Schur complement of the body on the contact's dofs.
+
+PARDISO factorises in single precision, half the memory to read at each use, for GMRES takes out what that leaves. It gives the
+body's Schur complement S on the dofs of the contact, and S + C is factorised, dense, at every iteration: points may stick, slip or
+lift off without a new factor.
+"""
+
+import contextlib
+import ctypes
+import functools
+import importlib
+import importlib.metadata
+import os
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg as dense
+import scipy.sparse as sp
+
+from indentfit.arrays import Array, Ints
+from indentfit.fem.linear.direct import DirectFactor, DirectFactoriser
+from indentfit.fem.linear.factor import Apply
+from indentfit.fem.linear.tangent import Tangent
+
+THREADS_PAY = 20_000  # dofs from which the library's threads gain more than they cost
+ANALYSIS, FACTOR, SOLVE, FORWARD, BACKWARD, RELEASE = 11, 22, 33, 331, 333, -1
+SYMMETRIC_INDEFINITE = -2
+
+
+def load() -> Any:
+    """pypardiso, told where pip has put MKL: it would start ldconfig, a compiler and a linker to find it.
+
+    Raises
+    ------
+    ImportError, OSError
+        Where pypardiso or MKL is not installed.
+    """
+    if "PYPARDISO_MKL_RT" not in os.environ and "pypardiso" not in sys.modules:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            for file in importlib.metadata.files("mkl") or ():
+                if "mkl_rt" in file.name:
+                    os.environ["PYPARDISO_MKL_RT"] = os.path.realpath(file.locate())
+    return importlib.import_module("pypardiso")
+
+
+class Pardiso(DirectFactoriser):
+    """Factors of bodies with one sparsity pattern: one symbolic analysis, then numerical factorisations only.
+
+    surface: dofs (n_s,) that the contact acts on; kind: precision of the factors, np.float32 or np.float64.
+    """
+
+    name = "pardiso"
+
+    def __init__(self, surface: Ints, kind: type = np.float32) -> None:
+        os.getcwd()  # raises where the working folder is gone: MKL, which loads its parts late, ends the process there
+        self._surface, self._kind = surface, kind
+        self._library: _Library | None = None
+
+    def sharper(self) -> "Pardiso | None":
+        """Double precision instead of single."""
+        return Pardiso(self._surface, np.float64) if self._kind is np.float32 else None
+
+    def factorize(self, tangent: Tangent) -> DirectFactor:
+        """Raises RuntimeError where the matrix is singular."""
+        if self._library is None:
+            self._library = _Library(_Pattern.of(tangent.factorised, self._surface), self._kind)
+        interface = _Interface(self._library.factorize(tangent.factorised))
+        return DirectFactor(tangent.kappa, tangent.dilatation, functools.partial(self._library.inverse, interface))
+
+
+@dataclass(frozen=True)
+class _Pattern:
+    """The upper half of a matrix (n, n) as PARDISO wants it, counted from one: places of its values in the CSR data, pattern, and
+    marks of the dofs of the surface."""
+
+    upper: Ints
+    indptr: Any
+    indices: Any
+    marks: Any
+    surface: Ints
+
+    @classmethod
+    def of(cls, matrix: sp.csr_matrix, surface: Ints) -> "_Pattern":
+        n = matrix.shape[0]
+        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(matrix.indptr))
+        upper = np.flatnonzero(matrix.indices >= rows)
+        lengths = np.bincount(rows[upper], minlength=n)
+        marks = np.zeros(n, dtype=np.int32)
+        marks[surface] = 1
+        indptr = (np.concatenate([[0], np.cumsum(lengths)]) + 1).astype(np.int32)
+        return cls(upper, indptr, matrix.indices[upper].astype(np.int32) + 1, marks, surface)
+
+
+class _Library:
+    """PARDISO at work on one pattern, symmetric indefinite; it holds the last matrix' factor and gives its memory back at the end.
+
+    pypardiso finds and loads the library; its classes have no Schur complement and copy the pattern at every call, so the routine
+    is called from here.
+    """
+
+    def __init__(self, pattern: _Pattern, kind: type) -> None:
+        self._pattern, self._kind, self._analysed = pattern, kind, False
+        self._values: Any = np.empty(0, dtype=kind)
+        self._routine = load().PyPardisoSolver()._mkl_pardiso
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._settings = np.zeros(64, dtype=np.int32)
+        # own values; METIS; perturb pivots below 1e-8; Bunch-Kaufman pivots
+        self._settings[[0, 1, 9, 20]] = 1, 2, 8, 1
+        self._settings[35] = 2 if pattern.surface.size else 0  # Schur complement together with the whole factor
+        self._settings[27] = kind is np.float32
+        self._settings[23] = pattern.marks.size >= THREADS_PAY  # two-level factors: threads share in their use, not only in making
+
+    def factorize(self, matrix: sp.csr_matrix) -> Array:
+        """The Schur complement (n_s, n_s) of a matrix, whose factor is held from now on."""
+        n_s = self._pattern.surface.size
+        self._values = matrix.data[self._pattern.upper].astype(self._kind)
+        if not self._analysed:
+            self.call(ANALYSIS)
+            self._analysed = True
+        return self.call(FACTOR)[: n_s**2].reshape(n_s, n_s).astype(float)
+
+    def inverse(self, interface: "_Interface", tangent: Tangent) -> Apply:
+        """r -> the inverse of the factorised body with the contact of a tangent."""
+        surface = self._pattern.surface
+        if tangent.contact is None or not surface.size:
+            return lambda r: self.call(SOLVE, r)[: r.size]
+        together = interface.inverse(tangent.contact)
+
+        def apply(r: Array) -> Array:
+            x = self.call(FORWARD, r)[: r.size]
+            x[surface] = together(x[surface])
+            return self.call(BACKWARD, x)[: r.size]
+
+        return apply
+
+    def call(self, phase: int, b: Array | None = None) -> Any:
+        """What PARDISO writes in one of its phases, in its own precision. Raises RuntimeError."""
+        pattern = self._pattern
+        n = pattern.marks.size
+        x = np.zeros(max(n, pattern.surface.size**2 if phase == FACTOR else 0), dtype=self._kind)
+        b = np.zeros(n, dtype=self._kind) if b is None else b.astype(self._kind)
+        error = ctypes.c_int32(0)
+        self._routine(
+            _place(self._handle, ctypes.c_int64), _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n),
+            _place(self._values), _place(pattern.indptr), _place(pattern.indices), _place(pattern.marks), _number(1),
+            _place(self._settings), _number(0), _place(b), _place(x), ctypes.byref(error),
+        )  # fmt: skip
+        if error.value:
+            raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
+        return x
+
+    def __del__(self) -> None:
+        if getattr(self, "_analysed", False):
+            with contextlib.suppress(Exception):
+                self.call(RELEASE)
+
+
+def _number(value: int) -> Any:
+    return ctypes.byref(ctypes.c_int32(value))
+
+
+def _place(array: Any, kind: Any = ctypes.c_int32) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(kind))
+
+
+class _Interface:
+    """The dense system S + C on the surface: factors at some C, and a correction on the dofs where C has changed since.
+
+    From one iteration to the next few points stick, slip or lift off
+    (Woodbury: (M + E D Eᵀ)⁻¹ = M⁻¹ - M⁻¹ E (1 + D Eᵀ M⁻¹ E)⁻¹ D Eᵀ M⁻¹).
+    """
+
+    UNCHANGED = 1e-3  # change of an entry, of the largest, that is left to GMRES
+    FEW = 0.15  # share of the dofs up to which the correction is cheaper than new factors
+
+    def __init__(self, S: Array) -> None:
+        self._S = S
+        self._factorised: tuple[Array, Any] | None = None  # C, and LU factors of S + C
+
+    def inverse(self, C: Array) -> Apply:
+        """r -> (S + C)⁻¹ r, up to small changes of C; infinities where it is singular, which the caller's residual shows."""
+        if self._factorised is None:
+            return self._factorize(C)
+        C0, lu = self._factorised
+        change = C - C0
+        dofs = np.flatnonzero(np.abs(change).max(axis=0) > self.UNCHANGED * np.abs(C).max(initial=0))
+        if dofs.size > self.FEW * C.shape[0]:
+            return self._factorize(C)
+        solved = functools.partial(_solved, lu)
+        return _corrected(solved, change[np.ix_(dofs, dofs)], dofs, C.shape[0]) if dofs.size else solved
+
+    def _factorize(self, C: Array) -> Apply:
+        factors = dense.lapack.dgetrf(self._S + C)[:2]
+        self._factorised = C, factors
+        return functools.partial(_solved, factors)
+
+
+def _corrected(solved: Apply, D: Array, dofs: Ints, n: int) -> Apply:
+    """The inverse on n dofs after a change D on some of them."""
+    unit = np.zeros((n, dofs.size))
+    unit[dofs, np.arange(dofs.size)] = 1
+    W = solved(unit)
+    small = dense.lapack.dgetrf(np.eye(dofs.size) + D @ W[dofs])[:2]
+
+    def corrected(r: Array) -> Array:
+        x = solved(r)
+        return x - W @ dense.lu_solve(small, D @ x[dofs], check_finite=False)
+
+    return corrected
+
+
+def _solved(factors: Any, r: Array) -> Array:
+    with np.errstate(all="ignore"):
+        return dense.lu_solve(factors, r, check_finite=False)

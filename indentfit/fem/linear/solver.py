@@ -1,0 +1,176 @@
+"""Solves with the tangents of one path: a factor is made, used by GMRES for as long as it serves, and made anew."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from indentfit.arrays import Array, Ints
+from indentfit.errors import ConvergenceError
+from indentfit.fem.deadline import NEVER, Deadline
+from indentfit.fem.linear import krylov
+from indentfit.fem.linear.choice import choice
+from indentfit.fem.linear.factor import Factor, Factoriser
+from indentfit.fem.linear.tangent import Tangent
+
+
+@dataclass(frozen=True)
+class LinearWork:
+    """How much work a solver did."""
+
+    factorizations: int = 0
+    solves: int = 0
+    krylov_iterations: int = 0
+
+    def since(self, before: "LinearWork") -> "LinearWork":
+        """The work that was done since an earlier count."""
+        return LinearWork(
+            self.factorizations - before.factorizations,
+            self.solves - before.solves,
+            self.krylov_iterations - before.krylov_iterations,
+        )
+
+
+class LinearSolver:
+    """Solves with tangents of one sparsity pattern.
+
+    `name` says which library is used, `work` how much was done.
+
+    Parameters
+    ----------
+    kind : "auto", "pardiso", "superlu" or "pyamg"
+    near_null : array (n, 6)
+        Rigid-body modes, for pyamg.
+    surface : dofs (n_s,)
+        Those that the contact acts on.
+    n_dofs : int
+        Size of the system, for the choice of "auto".
+
+    Raises
+    ------
+    InputError
+        For "pardiso" where it is not installed.
+    """
+
+    def __init__(
+        self, kind: str = "auto", near_null: Array | None = None, surface: Ints | Sequence[int] = (), n_dofs: int = 0
+    ) -> None:
+        self.work = LinearWork()
+        self._factoriser = _factoriser(choice(kind, n_dofs), near_null, np.asarray(surface, dtype=int))
+        self._factor: Factor | None = None
+        self._steps_when_new = 0
+
+    @property
+    def name(self) -> str:
+        return self._factoriser.name
+
+    def bulk(self, kappa: float, mu: float) -> float:
+        """The bulk modulus, kPa, that tangents should be assembled with."""
+        return self._factoriser.bulk(kappa, mu)
+
+    def forget(self) -> None:
+        """Factorise again at the next solve."""
+        self._factor = None
+
+    def sharpen(self) -> bool:
+        """Make more exact factors from now on; False where the library has none."""
+        sharper = self._factoriser.sharper()
+        if sharper is None:
+            return False
+        self._factoriser, self._factor = sharper, None
+        return True
+
+    def solve(
+        self, tangent: Tangent, b: Array, tolerance: float | None = None, enough: float = 0.0, deadline: Deadline = NEVER
+    ) -> Array:
+        """The solution of K x = b.
+
+        Parameters
+        ----------
+        tangent : Tangent
+        b : array (n,), mN
+        tolerance : float
+            Of the residual, relative to b; the default is what an iteration of Newton's needs.
+        enough : float, mN
+            Norm of K x - b that is small enough for Newton's own end; a library whose steps are dear stops there.
+        deadline : Deadline
+
+        Returns
+        -------
+        x (n,), mm, with |K x - b| <= tolerance |b|
+
+        Raises
+        ------
+        ConvergenceError
+            Where the matrix is singular or holds NaN.
+        OutOfTime
+        """
+        self._did(solves=1)
+        size = float(np.linalg.norm(b))
+        if size == 0:
+            return np.zeros_like(b)
+        wanted = tolerance or max(krylov.TOLERANCE, min(0.1, self._factoriser.dear * enough / size))
+        if not (np.isfinite(size) and np.isfinite(tangent.whole.data.sum())):
+            raise ConvergenceError("the tangent or the residual holds NaN or infinity")
+        x = self._with_old_factor(tangent, b, wanted, deadline.check)
+        return self._with_new_factor(tangent, b, wanted, deadline) if x is None else x
+
+    def _with_old_factor(self, tangent: Tangent, b: Array, tolerance: float, check: Callable[[], None]) -> Array | None:
+        """The solution by the factor at hand, or None where there is none or it has served its time."""
+        if self._factor is None or self._factor.outdated(tangent):
+            return None
+        limits = krylov.Limits(self._factoriser.stale_patience, self._factoriser.hopeless, check)
+        x, steps, solved = self._krylov(self._factor, tangent, b, tolerance, limits)
+        if steps > self._factoriser.weary(self._steps_when_new):
+            self._factor = None
+        return x if solved else None
+
+    def _with_new_factor(self, tangent: Tangent, b: Array, tolerance: float, deadline: Deadline) -> Array:
+        self._factor = None  # its memory is free for the next one
+        self._factor = self._factorised(tangent)
+        limits = krylov.Limits(self._factoriser.patience, self._factoriser.hopeless, deadline.check)
+        x, self._steps_when_new, solved = self._krylov(self._factor, tangent, b, tolerance, limits)
+        if solved:
+            return x
+        if self.sharpen():
+            return self.solve(tangent, b, tolerance, deadline=deadline)
+        raise ConvergenceError("the linear system could not be solved (singular tangent: lost support or instability)")
+
+    def _factorised(self, tangent: Tangent) -> Factor:
+        self._did(factorizations=1)
+        try:
+            return self._factoriser.factorize(tangent)
+        except (RuntimeError, ValueError, np.linalg.LinAlgError) as error:
+            raise ConvergenceError(f"{self.name} could not factorise the tangent ({error})") from error
+
+    def _krylov(
+        self, factor: Factor, tangent: Tangent, b: Array, tolerance: float, limits: krylov.Limits
+    ) -> tuple[Array, int, bool]:
+        """x, the steps that GMRES took, and whether x is a solution."""
+        x, steps, solved = krylov.gmres(krylov.form_of(tangent), factor.preconditioner(tangent), b, tolerance, limits)
+        self._did(krylov_iterations=steps)
+        return x, steps, solved
+
+    def _did(self, factorizations: int = 0, solves: int = 0, krylov_iterations: int = 0) -> None:
+        work = self.work
+        self.work = replace(
+            work,
+            factorizations=work.factorizations + factorizations,
+            solves=work.solves + solves,
+            krylov_iterations=work.krylov_iterations + krylov_iterations,
+        )
+
+
+def _factoriser(name: str, near_null: Array | None, surface: Ints) -> Factoriser:
+    """The library of a name; each is loaded where it is used only."""
+    if name == "pardiso":
+        from indentfit.fem.linear.pardiso import Pardiso
+
+        return Pardiso(surface)
+    if name == "pyamg":
+        from indentfit.fem.linear.multigrid import Multigrid
+
+        return Multigrid(near_null, surface)
+    from indentfit.fem.linear.superlu import SuperLU
+
+    return SuperLU()
