@@ -45,15 +45,25 @@ def line(source: object, fault: Fault, overridden: Iterable[Key] = ()) -> str:
     return printable(("" if source is None else f"{source}{by_option}: ") + f"{key}{value}: {fault.text}")
 
 
-def lines(model: type[BaseModel], error: ValidationError, place: Key = (), source: object = None) -> list[str]:
-    """A line for each fault that pydantic found in a value of `model`, which is the table at `place`."""
-    faults = [Fault((*place, *key_of(found)), _given(found), wording(model, found)) for found in error.errors(include_url=False)]
-    return list(dict.fromkeys(line(source, fault) for fault in faults))
+def lines(model: type[BaseModel], error: ValidationError, place: Key = ()) -> list[str]:
+    """A line for each fault that pydantic found in a value of `model` that was made by hand: the table at `place` of a case."""
+    wrong = error.errors(include_url=False)
+    faults = [
+        Fault((*place, *key_of(found)), _given(found), wording(model, found)) for found in wrong if not _follows(found, wrong)
+    ]
+    return list(dict.fromkeys(line(None, fault) for fault in faults))
 
 
 def key_of(found: ErrorDetails) -> Key:
-    """The path of the key that one of pydantic's errors is about."""
-    return tuple(found["loc"])
+    """The path of the key that one of pydantic's errors is about, as a case file has it."""
+    first, *rest = found["loc"] or ("",)
+    return ("test" if first == "tests" else first), *rest
+
+
+def _follows(found: ErrorDetails, wrong: list[ErrorDetails]) -> bool:
+    """Whether an error says only that nothing of a list was right, where others say what is wrong with its items."""
+    others = [other["loc"] for other in wrong if other is not found]
+    return found["type"] == "too_short" and any(loc[: len(found["loc"])] == found["loc"] for loc in others)
 
 
 def wording(model: type[BaseModel], found: ErrorDetails, sections: Mapping[str, type[BaseModel]] | None = None) -> str:
@@ -69,7 +79,7 @@ def wording(model: type[BaseModel], found: ErrorDetails, sections: Mapping[str, 
         return f"must be {context['expected']}{nearest(found['input'], choices)}"
     if isinstance(found["input"], float) and math.isnan(found["input"]):
         kind = "finite_number"  # not greater and not less than anything: say what it is
-    field = model.model_fields.get(key)
+    field = model.model_fields.get("tests" if key == "test" else key)
     wanted = f"give the {field.description}" if field and field.description else "correct it"
     template = WORDS.get(kind)
     said = template.format(**{name: _plain(value) for name, value in context.items()}) if template else _first_small(found["msg"])
@@ -91,6 +101,7 @@ WORDS = {
     "dict_type": "must be a table",
     "model_type": "must be a table",
     "tuple_type": "must be a list",
+    "too_short": "missing",
 }
 
 

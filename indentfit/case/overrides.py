@@ -93,7 +93,7 @@ def _put(tree: Any, key: Key, value: Any) -> None:
     for n, step in enumerate(tables):
         if isinstance(tree, list) and not isinstance(step, int):
             raise LookupError(f"{'.'.join(map(str, tables[:n]))} is a list, not a table; check the key")
-        inner = tree[step] if isinstance(tree, list) else tree.setdefault(step, {})
+        inner = tree.setdefault(step, {}) if isinstance(tree, dict) else tree[step]
         if isinstance(inner, int | float) and tables[:2] == ["material", "parameters"]:
             raise LookupError(f"{step} is a fixed number; set {'.'.join(map(str, tables))}={{start=..., min=..., max=...}}")
         if not isinstance(inner, dict | list):

@@ -76,6 +76,12 @@ def _one_line(text: str) -> str:
     return text
 
 
+def _printable(text: str) -> str:
+    if text and not text.isprintable():
+        raise refusal("must be text on one line of at most 200 characters")
+    return text
+
+
 def as_tuple(value: Any) -> Any:
     """A list as a tuple, anything else as it is."""
     return tuple(value) if isinstance(value, list) else value
@@ -100,3 +106,4 @@ Friction = Annotated[float | Literal["stick"], PlainValidator(_friction), WithJs
 Angle = Annotated[Literal[0, 90], BeforeValidator(_not_bool), Unit("degrees")]
 Odds = Annotated[Share | None, BeforeValidator(_odds)]
 Line = Annotated[str, AfterValidator(_one_line)]
+Title = Annotated[str, AfterValidator(_printable), Field(max_length=200)]

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
 
@@ -22,6 +23,7 @@ from indentfit.case.search import Fit
 from indentfit.case.section import Section
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver, Test
 from indentfit.case.whole import Case
+from indentfit.case.write import case_tree
 from indentfit.curve import Curve, read_curve
 from indentfit.errors import CaseError, CurveError, MaterialError, RecordError
 from indentfit.material import Material
@@ -69,13 +71,46 @@ def read_case_file(path: str | Path, overrides: Sequence[str] = (), openers: Ope
     path = Path(path)
     tree = _tree(path)
     given, faults = override(tree, overrides)
-    parts = _parts(tree, path.parent, openers, faults)
-    faults += faults_across(parts)
-    if faults:
-        named = dict(enumerate(labels(_names(tests_of(tree)))))
-        given = {tuple(named[step] if isinstance(step, int) else step for step in key) for key in given}
-        raise CaseError(list(dict.fromkeys(line(path, fault, given) for fault in faults)))
+    parts = _parts(tree, Sources(path.parent, openers), faults)
+    _raise(faults, path, tree, given)
     return Case.of_parts(parts, path, overrides)
+
+
+def override_case(case: Case, overrides: Sequence[str], openers: Openers | None = None) -> Case:
+    """The case with `overrides` in place of its keys.
+
+    Parameters
+    ----------
+    case : read from a file, which is read again with the case's own overrides and these; or made from values, whose curves are kept
+    overrides, openers : as of `read_case_file`
+
+    Raises
+    ------
+    CaseError
+        With one line for each fault.
+    """
+    if case.path is not None:
+        return read_case_file(case.path, (*case.overrides, *overrides), openers)
+    tree = case_tree(case)
+    curves = {
+        test.curve: curve for test, curve in zip(case.tests, case.curves, strict=True) if isinstance(test.curve, str) and curve
+    }
+    given, faults = override(tree, overrides)
+    parts = _parts(tree, Sources(case.folder, openers, curves), faults)
+    _raise(faults, None, tree, given)
+    return Case.of_parts(parts, None, ())
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where a case finds what it only names: folder of its files; openers of materials and records; curves held in memory."""
+
+    folder: Path
+    openers: Openers | None = None
+    curves: Mapping[str, Curve] = field(default_factory=dict)
+
+    def curve(self, name: str) -> Curve:
+        return self.curves[name] if name in self.curves else read_curve(self.folder / name)
 
 
 def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) -> Record:
@@ -94,6 +129,15 @@ def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) ->
     if faults or table is None:
         raise CaseError([line(path or "options", fault, given) for fault in faults])
     return table
+
+
+def _raise(faults: list[Fault], path: Path | None, tree: Tree, given: set[Key]) -> None:
+    """Raise a CaseError with a line for each fault, where there are any."""
+    if not faults:
+        return
+    named = dict(enumerate(labels(_names(tests_of(tree)))))
+    given = {tuple(named[step] if isinstance(step, int) else step for step in key) for key in given}
+    raise CaseError(list(dict.fromkeys(line(path, fault, given) for fault in faults)))
 
 
 # TOML
@@ -147,17 +191,19 @@ def _place(message: str, text: str) -> tuple[int, str]:
 # Tables
 
 
-def _parts(tree: Tree, folder: Path, openers: Openers | None, faults: list[Fault]) -> Parts:
+def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     """What can be read of a case; appends to `faults` what cannot."""
     faults += [Fault((key,), tree[key], unknown(key, KEYS, sections=SECTIONS)) for key in tree if key not in KEYS]
     title = _title(tree, faults)
-    law = _law(table_of(tree, "material"), folder, openers, faults)
+    law = _law(table_of(tree, "material"), sources, faults)
     _convert_parameters(tree, law, faults)
     sections = {name: _section(model, (name,), _keys(tree, name), faults) for name, model in SECTIONS.items()}
     parts = Parts(title, **sections)  # type: ignore[arg-type]
     faults += _faults_of_material(parts.material, law, faults)
     parts = _with_shape_of_records(parts)
-    return parts.with_tests(*_tests_and_curves(tree, folder, parts.record, openers, faults))
+    parts = parts.with_tests(*_tests_and_curves(tree, sources, parts.record, faults))
+    faults += faults_across(parts)
+    return parts
 
 
 def _keys(tree: Tree, name: str) -> Any:
@@ -213,30 +259,30 @@ def _inmost(keys: Any, steps: Key) -> dict[Any, Any]:
 def _what_is_right(model: type[Table], keys: Tree, wrong: set[str]) -> Table:
     """The keys that are right alone, in a model that was not checked as a whole."""
     values: dict[str, Any] = dict.fromkeys(model.model_fields)
-    for key, field in model.model_fields.items():
+    for key, info in model.model_fields.items():
         if key in wrong:
             continue
         if key in keys:
-            kind: Any = Annotated[(field.annotation, key, *field.metadata)]  # the key only fills an empty list
+            kind: Any = Annotated[(info.annotation, key, *info.metadata)]  # the key only fills an empty list
             values[key] = TypeAdapter(kind).validate_python(keys[key])
-        elif not field.is_required():
-            values[key] = field.get_default(call_default_factory=True)
+        elif not info.is_required():
+            values[key] = info.get_default(call_default_factory=True)
     return model.model_construct(_fields_set=set(keys), **values)
 
 
 # The material
 
 
-def _law(keys: Tree, folder: Path, openers: Openers | None, faults: list[Fault]) -> type[Material] | None:
+def _law(keys: Tree, sources: Sources, faults: list[Fault]) -> type[Material] | None:
     """The class that a [material] table asks for; None where nobody opens it or it cannot be opened, which is a fault."""
     model, energy, parameters = keys.get("model"), keys.get("energy"), keys.get("parameters")
-    if openers is None or (model is None) == (energy is None):
+    if sources.openers is None or (model is None) == (energy is None):
         return None
     key, named = ("model", model) if energy is None else ("energy", energy)
     if not isinstance(named, str) or not named.strip() or not named.isprintable():
         return None
     try:
-        return openers.law(model, energy, tuple(parameters) if isinstance(parameters, dict) else (), folder)
+        return sources.openers.law(model, energy, tuple(parameters) if isinstance(parameters, dict) else (), sources.folder)
     except (MaterialError, OSError) as error:
         faults.append(Fault(("material", key), named, str(error)))
         return None
@@ -282,7 +328,7 @@ def _faults_of_material(choice: MaterialChoice | None, law: type[Material] | Non
 
 
 def _tests_and_curves(
-    tree: Tree, folder: Path, record: Record | None, openers: Openers | None, faults: list[Fault]
+    tree: Tree, sources: Sources, record: Record | None, faults: list[Fault]
 ) -> tuple[list[Test | None], list[Curve | None]]:
     tables = tree.get("test", MISSING)
     if tables is MISSING or tables == []:
@@ -295,7 +341,7 @@ def _tests_and_curves(
     for label, keys in zip(labels(_names(tables)), tables, strict=True):
         test = _section(Test, ("test", label), keys, faults)
         tests.append(test)
-        curves.append(_curve(test, label, folder, record, openers, faults) if test else None)
+        curves.append(_curve(test, label, record, sources, faults) if test else None)
     return tests, curves
 
 
@@ -303,14 +349,12 @@ def _names(tables: Sequence[Any]) -> list[Any]:
     return [keys.get("name") if isinstance(keys, dict) else None for keys in tables]
 
 
-def _curve(
-    test: Test, label: str, folder: Path, record: Record | None, openers: Openers | None, faults: list[Fault]
-) -> Curve | None:
+def _curve(test: Test, label: str, record: Record | None, sources: Sources, faults: list[Fault]) -> Curve | None:
     """The curve of a test, where it names one, or a raw record, and that can be read."""
     try:
         if test.record and record and not any(fault.key[0] == "record" for fault in faults):
-            return openers.curve(folder / test.record, record) if openers else None
-        return read_curve(folder / test.curve) if isinstance(test.curve, str) else None
+            return sources.openers.curve(sources.folder / test.record, record) if sources.openers else None
+        return sources.curve(test.curve) if isinstance(test.curve, str) else None
     except (RecordError, CurveError) as error:
         key = "record" if isinstance(error, RecordError) else "curve"
         faults.append(Fault(("test", label, key), getattr(test, key), str(error)))

@@ -166,7 +166,9 @@ def _file_or_curve(value: Any) -> str | Curve | None:
     if value is None or isinstance(value, Curve):
         return value
     if not isinstance(value, str):
-        raise refusal("must be text in quotes; give the CSV file of the measured curve, relative to the case file")
+        raise refusal(
+            "must be text in quotes; give the CSV file of the measured curve, relative to the case file, or in Python a Curve"
+        )
     if not value.strip() or not value.isprintable():
         raise refusal("must be printable text on one line")
     return value

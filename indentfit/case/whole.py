@@ -6,16 +6,25 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, field_validator, model_validator
 
 from indentfit.arrays import Array
 from indentfit.case.curves import curve_files
-from indentfit.case.faults import Parts, faults_across, faults_of_fit, faults_of_parameters, labels, start_values
+from indentfit.case.faults import (
+    Parts,
+    faults_across,
+    faults_of_fit,
+    faults_of_parameters,
+    faults_of_stiffness,
+    labels,
+    start_values,
+)
 from indentfit.case.laws import open_law, plugin_file
 from indentfit.case.messages import MISSING, Fault, line, lines
+from indentfit.case.quantities import Title
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
 from indentfit.case.section import raise_disagreements
@@ -45,15 +54,15 @@ class Case(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
 
-    title: Annotated[str, Field(max_length=200)] = Field(default="", description="title of the case")
-    sample: Sample
-    indenter: Indenter
-    mesh: Mesh = Mesh()
-    material: MaterialChoice
-    tests: tuple[Test, ...] = Field(alias="test", min_length=1)
-    fit: Fit = Fit()
-    solver: Solver = Solver()
-    record: Record = Record()
+    title: Title = Field(default="", description="title of the case")
+    sample: Sample = Field(description="table of the sample")
+    indenter: Indenter = Field(description="table of the indenter")
+    mesh: Mesh = Field(default=Mesh(), description="table of the mesh")
+    material: MaterialChoice = Field(description="table of the material")
+    tests: tuple[Test, ...] = Field(alias="test", min_length=1, description="list of tests, one for each indentation")
+    fit: Fit = Field(default=Fit(), description="table of the search")
+    solver: Solver = Field(default=Solver(), description="table of the solver")
+    record: Record = Field(default=Record(), description="table of how raw records are read")
     path: Path | None = Field(default=None, description="where the case was read; not a key of the file")
     overrides: tuple[str, ...] = Field(default=(), description="KEY=VALUE that replaced keys of the file")
     curves: tuple[InstanceOf[Curve] | None, ...] = ()
@@ -67,7 +76,7 @@ class Case(BaseModel):
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # see Section
 
     @classmethod
-    def of_parts(cls, parts: Parts, path: Path, overrides: Sequence[str]) -> Case:
+    def of_parts(cls, parts: Parts, path: Path | None, overrides: Sequence[str]) -> Case:
         """The case of parts that were checked already."""
         values = {name: getattr(parts, name) for name in cls.model_fields if name not in ("path", "overrides")}
         values["tests"] = _weighted(values["tests"])
@@ -92,8 +101,9 @@ class Case(BaseModel):
 
     @model_validator(mode="after")
     def _agree(self) -> Case:
-        faults = [*faults_across(self._parts()), *faults_of_parameters(self.material, self._law_or_fault())]
-        faults += self._faults_of_curves()
+        law = self._law_or_fault()
+        faults = list(faults_of_parameters(self.material, law)) or list(faults_of_stiffness(self.material, law))
+        faults += [*faults_across(self._parts()), *self._faults_of_curves()]
         raise_disagreements(type(self), faults)
         return self
 

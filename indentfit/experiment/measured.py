@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from indentfit.case import Case, Openers, Record, read_case_file
+from indentfit.case import Case, Openers, Record, override_case, read_case_file
 from indentfit.case.laws import open_law
 from indentfit.curve import Curve
 from indentfit.material import Material
@@ -25,6 +25,17 @@ def read_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
         With one line for each fault: file, key, value, what is wrong and what to do.
     """
     return read_case_file(path, overrides, Opened())
+
+
+def changed_case(case: Case, overrides: Sequence[str]) -> Case:
+    """The case with `overrides` in place of its keys, whether it was read from a file or made from values.
+
+    Raises
+    ------
+    CaseError
+        With one line for each fault.
+    """
+    return override_case(case, overrides, Opened())
 
 
 class Opened(Openers):

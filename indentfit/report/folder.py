@@ -14,6 +14,8 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
+from indentfit.case import write_case
+
 from ..errors import OutputError
 
 # what tells a result folder from any other
@@ -159,9 +161,12 @@ def copy_case(case, folder):
 
     A file that the case names by a path inside of its own folder keeps that path; one from elsewhere goes to curves/ or
     plugins/. Returns the overrides (KEY=VALUE) with which the copy is the case that was run: those of this run, then
-    the new places of such files. Where there are any, run_again.txt says so.
+    the new places of such files. Where there are any, run_again.txt says so. A case that was made from values is written instead.
     """
     folder = Path(folder)
+    if case.path is None:
+        write_case(case, folder)
+        return ()
     places = _places([name for _, name, _, _ in _files_named(case)])
     moved = []
     for key, name, room, ending in _files_named(case):

@@ -15,7 +15,7 @@ import numpy as np
 from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshError
-from indentfit.experiment.measured import read_case
+from indentfit.experiment.measured import changed_case
 from indentfit.fem import mesh as meshes
 from indentfit.fem.simulate import Model
 from indentfit.inverse.objective import Target, equation_one, rmse
@@ -166,8 +166,8 @@ def plan(case, family, checks=None):
 
     Raises CaseError, and MeshError for a mesh that cannot be or that does not fit into memory, with the estimate.
     """
-    cases = [(asked, read_case(case.path, (*case.overrides, asked))) for asked in family]
-    others = [(k, v, read_case(case.path, (*case.overrides, f"{k}={v:.10g}"))) for k, vs in (checks or {}).items() for v in vs]
+    cases = [(asked, changed_case(case, [asked])) for asked in family]
+    others = [(k, v, changed_case(case, [f"{k}={v:.10g}"])) for k, vs in (checks or {}).items() for v in vs]
     for asked, one in cases:
         _refuse_too_large(one, asked)
     return Plan(case, tuple(sorted(cases, key=lambda pair: estimate(pair[1])[0])), tuple(others))

@@ -13,7 +13,7 @@ import numpy as np
 from indentfit.case import Case, Range
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
-from indentfit.experiment.measured import read_case
+from indentfit.experiment.measured import changed_case
 from indentfit.inverse.objective import rmse
 from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import evaluate
@@ -250,7 +250,7 @@ def _cases(case, combinations):
     cases, problems = [], []
     for values in combinations:
         try:
-            cases.append(read_case(case.path, (*case.overrides, *(f"{key}={value}" for key, value in values.items()))))
+            cases.append(changed_case(case, [f"{key}={value}" for key, value in values.items()]))
         except CaseError as error:
             problems += error.faults
     if problems:

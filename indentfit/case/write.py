@@ -1,0 +1,67 @@
+"""A case that was made from values as files: case.toml, its curves, and the file of its material."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from indentfit.case.laws import plugin_file
+from indentfit.case.whole import Case
+from indentfit.curve import write_curve
+from indentfit.errors import OutputError
+
+
+def case_toml(case: Case) -> str:
+    """The text of a case file that says what a case says; its curves are named, and not part of it.
+
+    Parameters
+    ----------
+    case : Case
+        Read from a file, with its overrides, or made from values.
+    """
+    return tomli_w.dumps(case_tree(case))
+
+
+def case_tree(case: Case) -> dict[str, Any]:
+    """The tables of a case as a file holds them: no key that has its default value."""
+    tree = case.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude={"path", "overrides", "curves"})
+    return {name: table for name, table in _without_none(tree).items() if table != {}}
+
+
+def write_case(case: Case, folder: str | Path) -> Path:
+    """Write case.toml, the curves it names, and the file of its material, into a folder; reading it gives a case of the same hash.
+
+    Returns
+    -------
+    Path
+        Of case.toml.
+
+    Raises
+    ------
+    OutputError
+    """
+    folder, tree = Path(folder), case_tree(case)
+    try:
+        for test, curve in zip(tree["test"], case.curves, strict=True):
+            if curve is not None:
+                test["curve"] = test.get("curve") or f"curves/{Path(test.pop('record')).stem}.csv"
+                (folder / test["curve"]).parent.mkdir(parents=True, exist_ok=True)
+                write_curve(folder / test["curve"], curve)
+        if plugin := plugin_file(case.material.model, case.folder):
+            (folder / "plugins").mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(plugin, folder / "plugins" / plugin.name)
+            tree["material"]["model"] = f"plugins/{plugin.name}:{tree['material']['model'].rpartition(':')[2]}"
+        (folder / "case.toml").write_text(tomli_w.dumps(tree), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
+    return folder / "case.toml"
+
+
+def _without_none(value: Any) -> Any:
+    """Tables without the keys that say nothing."""
+    if isinstance(value, dict):
+        return {key: _without_none(inner) for key, inner in value.items() if inner is not None}
+    return [_without_none(inner) for inner in value] if isinstance(value, list) else value
