@@ -24,14 +24,14 @@ def curve_files(tests: Sequence[Any]) -> tuple[list[Any], list[Curve | None]]:
         curve = test.curve if isinstance(test, Test) else test.get("curve") if isinstance(test, dict) else None
         curves.append(curve if isinstance(curve, Curve) else None)
         if isinstance(curve, Curve):
-            place = _file(test.name if isinstance(test, Test) else test.get("name"), taken)
+            place = file_for(test.name if isinstance(test, Test) else test.get("name"), taken)
             test = test.model_copy(update={"curve": place}) if isinstance(test, Test) else {**test, "curve": place}
         found.append(test)
     return found, curves
 
 
-def _file(name: object, taken: set[str]) -> str:
-    """A file name for a test, safe on every system and not yet taken."""
+def file_for(name: object, taken: set[str]) -> str:
+    """The file for the curve of a test: a name that is safe on every system and not yet taken, and is taken now."""
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", str(name)).strip("-.") or "test"
     if stem.split(".")[0].lower() in RESERVED:
         stem = f"test-{stem}"

@@ -8,6 +8,7 @@ from typing import Any
 
 import tomli_w
 
+from indentfit.case.curves import file_for
 from indentfit.case.laws import plugin_file
 from indentfit.case.whole import Case
 from indentfit.curve import write_curve
@@ -43,11 +44,13 @@ def write_case(case: Case, folder: str | Path) -> Path:
     ------
     OutputError
     """
-    folder, tree = Path(folder), case_tree(case)
+    folder, tree, taken = Path(folder), case_tree(case), set[str]()
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for test, curve in zip(tree["test"], case.curves, strict=True):
             if curve is not None:
-                test["curve"] = test.get("curve") or f"curves/{Path(test.pop('record')).stem}.csv"
+                test.pop("record", None)  # what it was turned into is written
+                test["curve"] = file_for(test["name"], taken)
                 (folder / test["curve"]).parent.mkdir(parents=True, exist_ok=True)
                 write_curve(folder / test["curve"], curve)
         if plugin := plugin_file(case.material.model, case.folder):
