@@ -9,11 +9,11 @@ import pytest
 from indentfit import case
 from indentfit.case import RecordChannel
 from indentfit.errors import RecordError
+from indentfit.experiment.formats.encodings import decoded
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.rig import Noise, Rig
-from indentfit.experiment.tables import decoded
 
 N = 60
 D = np.round(np.linspace(0.0, 0.59, N), 2)  # mm
@@ -114,7 +114,7 @@ def test_a_workbook_holds_the_same_record(tmp_path):
         np.testing.assert_allclose(record.displacement, D, atol=1e-12)
         np.testing.assert_allclose(record.force, F, atol=1e-9)
         np.testing.assert_allclose(record.time, np.arange(N) / 500, atol=1e-12)
-    for wrong, text in (("run 3", "no such sheet; it has Sheet, run 2"), (5, "2 sheets"), (None, "no row of numbers")):
+    for wrong, text in (("run 3", "no such sheet; the workbook has Sheet, run 2"), (5, "2 sheets"), (None, "no row of numbers")):
         with pytest.raises(RecordError, match=text):
             read_record(tmp_path / "record.xlsx", case.Record(sheet=wrong))
     (tmp_path / "broken.xlsx").write_text("no workbook")

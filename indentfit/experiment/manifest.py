@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from indentfit.errors import RecordError
+from indentfit.experiment.formats.encodings import decoded
 from indentfit.experiment.processed import ProcessedRecord, process_record
 from indentfit.experiment.reading import read_record
-from indentfit.experiment.tables import decoded
 from indentfit.units import unit_factor
 
 COLUMNS = ("sample", "direction", "file", "thickness", "diameter")

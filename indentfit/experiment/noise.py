@@ -1,6 +1,6 @@
 """Noise that is neither white nor of one size, as of a load cell that rings on a moving stage.
 
-Least squares that take such noise for white state errors that are far too small.
+Least squares that take such noise for white state standard errors that are far too small.
 """
 
 from __future__ import annotations
@@ -12,35 +12,46 @@ from scipy.linalg import matmul_toeplitz, solve_toeplitz
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
+from indentfit.arrays import Array
+
 ORDER = 12  # of the autoregressive process, at most
 LOCAL = 101  # samples over which the size of the noise is taken
 
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedNoise:
-    """scale: local standard deviation (n,); correlation: with the k-th next sample (n,); weights: autoregression (order,)."""
+    """Noise whose size changes along the record and whose samples are correlated.
 
-    scale: np.ndarray
-    correlation: np.ndarray
-    weights: np.ndarray
+    Attributes
+    ----------
+    scale : array (n,)
+        Local standard deviation.
+    correlation : array (n,)
+        Correlation with the k-th next sample.
+    weights : array (order,)
+        Coefficients of the autoregression.
+    """
+
+    scale: Array
+    correlation: Array
+    weights: Array
 
 
-def noise_in(residual):
-    """The `CorrelatedNoise` of a residual (n,): an autoregression by the Yule-Walker equations, its order by Akaike's criterion."""
+def noise_in(residual: Array) -> CorrelatedNoise:
+    """The noise in a residual (n,): an autoregression by the Yule-Walker equations, its order by Akaike's criterion."""
     n = residual.size
     scale = np.sqrt(uniform_filter1d(residual**2, min(LOCAL, n), mode="nearest"))
     unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
     power = np.abs(np.fft.rfft(unit, 2 * n)) ** 2
     moments = np.fft.irfft(power)[: ORDER + 1] / n
-    tried = (_autoregression(moments, order, n) for order in range(min(ORDER, n // 10) + 1))
-    weights = min(tried, key=lambda one: one[0])[1]
+    weights = min((_autoregression(moments, order, n) for order in range(min(ORDER, n // 10) + 1)), key=_criterion)[1]
     response = lfilter([1.0], np.append(1.0, -weights), np.eye(1, 2 * n)[0])
     correlation = np.fft.irfft(np.abs(np.fft.rfft(response, 4 * n)) ** 2)[:n]
     return CorrelatedNoise(scale, correlation / correlation[0], weights)
 
 
-def covariance(jacobian, noise):
-    """Covariance (p, p) of least-squares values with a Jacobian (n, p), by the sandwich of their scores."""
+def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
+    """Covariance (p, p) of least-squares values with a Jacobian (n, p): by the sandwich of their scores."""
     n, p = jacobian.shape
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     sized = jacobian * noise.scale[:, None]
@@ -48,8 +59,12 @@ def covariance(jacobian, noise):
     return bread @ meat @ bread * n / max(n - p, 1)
 
 
-def _autoregression(moments, order, n):
-    """Akaike's criterion, and the coefficients."""
+def _autoregression(moments: Array, order: int, n: int) -> tuple[float, Array]:
+    """Akaike's criterion, and the coefficients (order,)."""
     weights = solve_toeplitz(moments[:order], moments[1 : order + 1]) if order else np.zeros(0)
     variance = moments[0] - weights @ moments[1 : order + 1]
     return n * np.log(max(variance, 1e-300)) + 2 * (order + 1), weights
+
+
+def _criterion(autoregression: tuple[float, Array]) -> float:
+    return autoregression[0]

@@ -1,4 +1,4 @@
-"""What a rig recorded: displacement and force over time."""
+"""The raw record of a rig: displacement and force over time, as the sensors gave them."""
 
 from __future__ import annotations
 
@@ -6,26 +6,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from indentfit.arrays import Array
 from indentfit.errors import RecordError
 
 CHANNELS = ("time", "displacement", "force")
+FEWEST = 50  # samples of a record
 
 
 @dataclass(frozen=True, eq=False)
 class RawRecord:
-    """One run of the rig: `time` s, `displacement` mm (rising into the sample), `force` mN (rising in compression), each (n,).
+    """What a rig recorded in one run. The zeros of displacement and force are those of the sensors.
 
-    The zeros of displacement and force are those of the sensors; `notes` says what was left out or repaired on the way in.
-    Raises RecordError where the three do not have one length.
+    Parameters
+    ----------
+    time : array (n,), s
+    displacement : array (n,), mm
+        Rises while the indenter moves into the sample.
+    force : array (n,), mN
+        Rises in compression.
+    name : str
+        The file, or another name, for messages.
+    notes : tuple of str
+        What was left out or repaired when the file was read.
+
+    Raises
+    ------
+    RecordError
+        The three arrays differ in length.
     """
 
-    time: np.ndarray
-    displacement: np.ndarray
-    force: np.ndarray
+    time: Array
+    displacement: Array
+    force: Array
     name: str = ""
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for channel in CHANNELS:
             values = np.array(getattr(self, channel), dtype=float)
             values.flags.writeable = False
@@ -34,7 +50,10 @@ class RawRecord:
             shapes = ", ".join(str(getattr(self, channel).shape) for channel in CHANNELS)
             raise RecordError(f"{self.name}: time, displacement and force must have one length; their shapes are {shapes}")
 
+    def __repr__(self) -> str:
+        return f"RawRecord({self.name!r}, {self.time.size} samples)"
+
     @property
-    def interval(self):
+    def interval(self) -> float:
         """Time between two samples, s: the median."""
         return float(np.median(np.diff(self.time)))

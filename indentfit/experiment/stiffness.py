@@ -1,4 +1,4 @@
-"""What one loading curve amounts to: its straight line and its parabola, forces at strains, and a curve of a few points."""
+"""What one loading curve amounts to: a straight line, a parabola, and a curve of a few points."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import isotonic_regression
 
+from indentfit.arrays import Array
 from indentfit.curve import Curve
 from indentfit.experiment.noise import covariance, noise_in
 
 
 @dataclass(frozen=True)
 class Line:
-    """force = slope * displacement + intercept: slope (mN/mm), its standard error, intercept (mN), R2, number of samples n."""
+    """force = slope * displacement + intercept.
+
+    slope in mN/mm with its standard error `stderr`, intercept in mN, r_squared: R2, n: number of samples.
+    """
 
     slope: float
     stderr: float
@@ -24,7 +28,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Parabola:
-    """force = curvature * displacement^2 + slope * displacement, mN/mm^2 and mN/mm, with standard errors, and R2."""
+    """force = curvature * displacement^2 + slope * displacement, in mN/mm^2 and mN/mm, with standard errors, and R2."""
 
     curvature: float
     slope: float
@@ -33,8 +37,19 @@ class Parabola:
     r_squared: float
 
 
-def linear_fit(displacement, force):
-    """The `Line` of least squares through samples (n,), mm and mN; its standard error takes the noise as correlated."""
+def linear_fit(displacement: Array, force: Array) -> Line:
+    """The `Line` of least squares through samples.
+
+    Parameters
+    ----------
+    displacement : array (n,), mm
+    force : array (n,), mN
+
+    Returns
+    -------
+    Line
+        With a standard error that takes the noise as correlated.
+    """
     x = displacement - displacement.mean()
     slope = x @ force / (x @ x)
     intercept = force.mean() - slope * displacement.mean()
@@ -43,20 +58,35 @@ def linear_fit(displacement, force):
     return Line(float(slope), float(stderr), float(intercept), _r_squared(force, residual), x.size)
 
 
-def quadratic_fit(displacement, force):
-    """The `Parabola` through the contact point, of least squares, of samples (n,), mm and mN."""
+def quadratic_fit(displacement: Array, force: Array) -> Parabola:
+    """The `Parabola` of least squares through the contact point, of samples.
+
+    Parameters
+    ----------
+    displacement : array (n,), mm
+    force : array (n,), mN
+    """
     terms = np.column_stack([displacement**2, displacement])
     coefficients = np.linalg.lstsq(terms, force, rcond=None)[0]
     residual = force - terms @ coefficients
-    curvature, slope = (float(one) for one in coefficients)
+    curvature, slope = coefficients.tolist()
     errors = _errors(terms, residual)
     return Parabola(curvature, slope, float(errors[0]), float(errors[1]), _r_squared(force, residual))
 
 
-def resampled(displacement, force, points, depth=None):
-    """`Curve` of n points at equal steps of displacement, from samples (n,) from contact on; depth: of the last one, mm.
+def resampled(displacement: Array, force: Array, points: int, depth: float | None = None) -> Curve:
+    """The `Curve` of a few points at equal steps of displacement.
 
-    The displacements are made to rise, by isotonic regression; forces between samples are interpolated.
+    Isotonic regression makes the displacements rise; forces between samples are interpolated.
+
+    Parameters
+    ----------
+    displacement, force : array (n,), mm and mN
+        Samples from contact on.
+    points : int
+        Number of points.
+    depth : float, mm
+        Displacement of the last point; by default that of the deepest sample.
     """
     rising = isotonic_regression(displacement).x
     place, first = np.unique(rising, return_index=True)
@@ -69,13 +99,13 @@ def resampled(displacement, force, points, depth=None):
     return Curve(at, np.interp(at, place, mean))
 
 
-def _errors(terms, residual):
+def _errors(terms: Array, residual: Array) -> Array:
     """Standard errors (p,) of least-squares coefficients of columns (n, p)."""
     if np.ptp(residual) <= 1e-12 * max(1.0, np.abs(terms).max()):
         return np.zeros(terms.shape[1])
     return np.sqrt(np.maximum(np.diag(covariance(terms, noise_in(residual))), 0.0))
 
 
-def _r_squared(force, residual):
+def _r_squared(force: Array, residual: Array) -> float:
     about = force - force.mean()
     return float(1 - (residual @ residual) / (about @ about)) if about.any() else float("nan")

@@ -1,0 +1,56 @@
+"""Text of a file's bytes, in the encodings that instruments' programs write."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from pathlib import Path
+
+from indentfit.errors import RecordError
+
+BYTE_ORDER_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+
+
+def decoded(raw: bytes, encoding: str | None = None, path: str | Path = "text") -> str:
+    """Text of a file's bytes: by byte-order mark, as UTF-16 without one, as UTF-8, as GBK, or else as Latin-1.
+
+    GBK writes each foreign letter as two bytes above 127; in Latin-1 such a byte stands alone.
+
+    Parameters
+    ----------
+    encoding : str or None
+        The encoding, where it is known.
+    path : path
+        The file, for messages.
+
+    Raises
+    ------
+    RecordError
+        The given encoding is unknown, or does not fit.
+    """
+    marked = next((name for mark, name in BYTE_ORDER_MARKS.items() if raw.startswith(mark)), None)
+    for name in [encoding] if encoding else [marked] if marked else _likely(raw):
+        try:
+            return raw.decode(name)
+        except LookupError:
+            raise RecordError(
+                f"{path}: record.encoding = {encoding!r} is not an encoding; try utf-8, utf-16, gbk or latin-1"
+            ) from None
+        except UnicodeDecodeError:
+            continue
+    raise RecordError(f"{path}: not text in {encoding or marked}; give record.encoding (utf-8, utf-16, gbk, latin-1)")
+
+
+def _likely(raw: bytes) -> list[str]:
+    """Encodings to try on bytes without a byte-order mark, in this order."""
+    start = raw[:4000]
+    if start and start.count(0) > 0.2 * len(start):
+        return ["utf-16-le" if start[1:200:2].count(0) > start[0:200:2].count(0) else "utf-16-be"]
+    pairs = all(len(run) % 2 == 0 for run in re.findall(rb"[\x81-\xfe]+", raw))
+    return ["utf-8", *(["gb18030"] if pairs else []), "latin-1"]
