@@ -1,4 +1,7 @@
-"""Random admissible parameters and deformations, on which a law is tried out."""
+"""Random admissible parameters and deformations, on which a law is tried out.
+
+Annotations of random generators are text, because `numpy.random` takes 20 ms to import and moduli need none of it.
+"""
 
 from collections.abc import Mapping
 
@@ -8,12 +11,12 @@ from indentfit.arrays import Array
 from indentfit.material.parameter import Parameter
 
 
-def trial_values(parameters: Mapping[str, Parameter], rng: np.random.Generator) -> dict[str, float]:
+def trial_values(parameters: Mapping[str, Parameter], rng: "np.random.Generator") -> dict[str, float]:
     """Random admissible values of parameters, by name, in their units."""
     return {name: trial_value(parameter, rng) for name, parameter in parameters.items()}
 
 
-def trial_value(parameter: Parameter, rng: np.random.Generator) -> float:
+def trial_value(parameter: Parameter, rng: "np.random.Generator") -> float:
     """A random admissible value: within the two bounds, or over two decades from the only one."""
     low, high, decade = parameter.min, parameter.max, 10 ** rng.uniform(-1, 1)
     if low is not None and high is not None:
@@ -25,7 +28,7 @@ def trial_value(parameter: Parameter, rng: np.random.Generator) -> float:
     return float(decade + (low or 0.0))
 
 
-def trial_states(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
+def trial_states(rng: "np.random.Generator", n: int) -> tuple[Array, Array]:
     """n random deformation gradients, shape (3, 3, n), det F in 0.5..2, and unit fibre directions, shape (3, n)."""
     F: list[Array] = []
     while len(F) < n:
