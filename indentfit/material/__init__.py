@@ -16,9 +16,9 @@ Files of laws, and the other rooms, import from here only.
 from indentfit.material.conformance import Check, check, isochoric_stress
 from indentfit.material.functions import FUNCTIONS, Term, exp, log, positive, sqrt
 from indentfit.material.kinematics import INVARIANTS, REST, invariant_gradients, invariants
-from indentfit.material.model import Material, require_derivable
+from indentfit.material.model import GROUP, Material, require_derivable, shipped
 from indentfit.material.parameter import Parameter
-from indentfit.material.plugins import GROUP, blamed, derivatives, foreign_code, installed, load, shipped
+from indentfit.material.plugins import blamed, derivatives, foreign_code, installed, load
 from indentfit.material.typed_energy import typed
 
 __all__ = [

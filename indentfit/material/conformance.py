@@ -7,8 +7,9 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.errors import MaterialError
-from indentfit.material.kinematics import invariant_gradients, invariants
-from indentfit.material.model import Material, require_derivable
+from indentfit.material.jets import at_rest
+from indentfit.material.kinematics import REST, invariant_gradients, invariants
+from indentfit.material.model import Material, law_of, require_derivable
 from indentfit.material.trials import trial_states, trial_value, trial_values
 from indentfit.material.words import one_line
 
@@ -38,7 +39,7 @@ def check(material_class: type[Material], seed: int = 0) -> list[Check]:
     """Check a class of material at random parameters, fibre directions and deformations (det F != 1).
 
     The checks are independent of the symbolic derivatives: stress, tangent and parameter derivatives are held against central
-    differences of the energy.
+    differences of the energy, and the derivatives at rest against Taylor arithmetic.
 
     Parameters
     ----------
@@ -96,6 +97,16 @@ def _stress_at_rest(material: Material, F: Array, a0: Array) -> float:
     return np.max(np.abs(isochoric_stress(material, swollen, a0))) / material.shear_modulus
 
 
+def _derivatives_at_rest(material: Material, F: Array, a0: Array) -> float:
+    """Gradient and Hessian at rest against jets, which share nothing with SymPy; nothing where jets cannot evaluate the energy."""
+    jet = at_rest(law_of(type(material)).energy, material.values)
+    if jet is None:
+        return 0.0
+    size = max(np.max(np.abs(jet.gradient)), np.max(np.abs(jet.hessian)))
+    gradient, hessian = material.gradient(REST), material.hessian(REST)
+    return max(_relative(gradient, jet.gradient, size), _relative(hessian, jet.hessian, size))
+
+
 def _objectivity(material: Material, F: Array, a0: Array) -> float:
     Q = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
     Q = Q * np.sign(np.linalg.det(Q))
@@ -151,6 +162,7 @@ def _moduli_not_positive(material: Material, F: Array, a0: Array) -> float:
 
 CHECKS: tuple[tuple[str, Measure, float], ...] = (
     ("zero stress at rest", _stress_at_rest, 1e-12),
+    ("derivatives at rest are those of Taylor arithmetic", _derivatives_at_rest, 1e-10),
     ("objectivity", _objectivity, 1e-10),
     ("stress is the derivative of the energy", _stress, 1e-7),
     ("tangent is the derivative of the stress", _tangent, 1e-6),

@@ -14,14 +14,11 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.errors import IndentfitError, MaterialError
-from indentfit.material.model import Material
+from indentfit.material.model import GROUP, Material
 from indentfit.material.words import nearest, one_line
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
-
-GROUP = "indentfit.materials"
-"""Entry-point group that packages register their materials in."""
 
 # Finding and loading -------------------------------------------------------------------------------------------------
 
@@ -95,11 +92,6 @@ def load(name: str) -> type[Material]:
             return _from_entry(entry)
     known = sorted({entry.name for entry in entries})
     raise MaterialError(f"no material {name[:60]!r}; installed: {', '.join(known) or 'none'}{nearest(name, known)}")
-
-
-def shipped(cls: type[Material]) -> bool:
-    """Whether the material is one that indentfit ships, whose derivation the tests have seen."""
-    return cls.__module__.startswith(f"{GROUP}.")
 
 
 def _entries() -> list["EntryPoint"]:
