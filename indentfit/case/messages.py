@@ -12,6 +12,8 @@ from typing import Any, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from indentfit.case.quantities import meaning
+
 Key = tuple[str | int, ...]
 
 
@@ -80,7 +82,7 @@ def wording(model: type[BaseModel], found: ErrorDetails, sections: Mapping[str, 
     if isinstance(found["input"], float) and math.isnan(found["input"]):
         kind = "finite_number"  # not greater and not less than anything: say what it is
     field = model.model_fields.get("tests" if key == "test" else key)
-    wanted = f"give the {field.description}" if field and field.description else "correct it"
+    wanted = f"give the {meaning(field)}" if field and field.description else "correct it"
     template = WORDS.get(kind)
     said = template.format(**{name: _plain(value) for name, value in context.items()}) if template else _first_small(found["msg"])
     return f"{said}; {wanted}"

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, WithJsonSchema
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
 
 from indentfit.units import number_in
@@ -39,6 +40,22 @@ class Unit:
     """Marks a plain number with its unit, for the reference; nothing is converted."""
 
     unit: str
+
+
+def unit_of(*annotations: Any) -> str:
+    """The unit that marks a number, empty where it has none."""
+    for part in annotations:
+        if isinstance(part, Quantity | Unit):
+            return part.unit
+        if inner := unit_of(*getattr(part, "__metadata__", ()), *(() if isinstance(part, str) else get_args(part))):
+            return inner
+    return ""
+
+
+def meaning(field: FieldInfo) -> str:
+    """What a key says, with its unit."""
+    unit, (head, semicolon, tail) = unit_of(*field.metadata, field.annotation), (field.description or "").partition(";")
+    return f"{head}{f', {unit}' if unit else ''}{semicolon}{tail}"
 
 
 def refusal(text: str, kind: str = "fault") -> PydanticCustomError:
@@ -92,6 +109,7 @@ def _odds(value: Any) -> Any:
     return {True: 0.5, False: None}[value] if isinstance(value, bool) else value
 
 
+ODDS = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, {"type": "boolean"}]}
 STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"const": "stick"}]}
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -104,6 +122,6 @@ Pressure = Annotated[Positive, Quantity("kPa")]
 Rate = Annotated[Positive, Quantity("Hz")]
 Friction = Annotated[float | Literal["stick"], PlainValidator(_friction), WithJsonSchema(STICK)]
 Angle = Annotated[Literal[0, 90], BeforeValidator(_not_bool), Unit("degrees")]
-Odds = Annotated[Share | None, BeforeValidator(_odds)]
+Odds = Annotated[Share | None, BeforeValidator(_odds), WithJsonSchema(ODDS)]
 Line = Annotated[str, AfterValidator(_one_line)]
 Title = Annotated[str, AfterValidator(_printable), Field(max_length=200)]

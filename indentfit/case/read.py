@@ -16,12 +16,12 @@ from typing import Annotated, Any, Protocol, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from indentfit.case.faults import Parts, faults_across, faults_of_parameters, faults_of_stiffness, labels
+from indentfit.case.keys import SECTIONS
 from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable, short, unknown, wording
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
-from indentfit.case.search import Fit
 from indentfit.case.section import Section
-from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver, Test
+from indentfit.case.tables import MaterialChoice, Test
 from indentfit.case.whole import Case
 from indentfit.case.write import case_tree
 from indentfit.curve import Curve, read_curve
@@ -29,15 +29,6 @@ from indentfit.errors import CaseError, CurveError, MaterialError, RecordError
 from indentfit.material import Material
 from indentfit.units import number_in
 
-SECTIONS: dict[str, type[Section]] = {
-    "sample": Sample,
-    "indenter": Indenter,
-    "mesh": Mesh,
-    "material": MaterialChoice,
-    "fit": Fit,
-    "solver": Solver,
-    "record": Record,
-}
 KEYS = ("title", *SECTIONS, "test")
 NEEDED = ("sample", "indenter", "material")
 Table = TypeVar("Table", bound=Section)

@@ -34,17 +34,30 @@ class Uncertain(Section):
 
     place = "fit.uncertain"
 
-    friction: Spread | None = Field(default=None, description="standard deviation, or range, of the friction coefficient")
-    bulk_ratio: Spread | None = Field(default=None, description="standard deviation, or range, of bulk over shear modulus")
-    thickness: SpreadOfLength | None = Field(default=None, description="standard deviation, or range, of the thickness, mm")
+    friction: Spread | None = Field(
+        default=None, examples=[0.1], description="standard deviation, or range, of the friction coefficient"
+    )
+    bulk_ratio: Spread | None = Field(
+        default=None, examples=[200.0], description="standard deviation, or range, of bulk over shear modulus"
+    )
+    thickness: SpreadOfLength | None = Field(
+        default=None, examples=[0.05], description="standard deviation, or range, of the thickness"
+    )
     offset: SpreadOfLength | None = Field(
-        default=None, description="standard deviation, or range, of the contact point, mm: F(d - offset)"
+        default=None, examples=[0.005], description="standard deviation, or range, of the contact point: F(d - offset)"
     )
-    base: Odds = Field(default=None, description="probability that the base is the other of sliding and bonded; true for even odds")
+    base: Odds = Field(
+        default=None, examples=[0.3], description="probability that the base is the other of sliding and bonded; true for even odds"
+    )
     mesh: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
-        default=1.0, description="standard deviation of the forces by the mesh, in units of Richardson's estimate from half of it"
+        default=1.0,
+        description="standard deviation of the forces by the mesh, in units of the change by halving the elements; 0 leaves it out",
     )
-    force: Share | None = Field(default=None, description="standard deviation of each test's forces as a whole: calibration")
+    force: Share | None = Field(
+        default=None,
+        examples=[0.01],
+        description="relative standard deviation that all forces of a test share: calibration of the load cell",
+    )
 
     @property
     def given(self) -> dict[str, float]:
@@ -69,18 +82,24 @@ class Fit(Section):
     place = "fit"
 
     method: Literal["ga", "least_squares", "differential_evolution", "cma"] = Field(
-        default="ga", description="method of the search"
+        default="ga", description="method of the search; ga is the genetic algorithm"
     )
-    direct: bool = Field(default=False, description="search on the forward model itself, without a surrogate")
+    direct: bool = Field(default=False, description="search on the forward model itself, without a surrogate: hundreds of runs")
     seed: int = Field(default=0, ge=0, lt=2**32, description="seed of the random numbers")
-    population: int | None = Field(default=None, ge=4, le=10_000, description="individuals of a generation")
-    generations: int | None = Field(default=None, ge=1, le=10_000, description="generations at most")
-    starts: int | None = Field(default=None, ge=1, le=1000, description="local searches of least_squares, at different starts")
-    workers: int | None = Field(default=None, ge=1, le=1024, description="processes; by default one for each core")
+    population: int | None = Field(default=None, ge=4, le=10_000, examples=[80], description="individuals of a generation")
+    generations: int | None = Field(default=None, ge=1, le=10_000, examples=[60], description="generations at most")
+    starts: int | None = Field(
+        default=None, ge=1, le=1000, examples=[5], description="local searches of least_squares, at different starts"
+    )
+    workers: int | None = Field(default=None, ge=1, le=1024, examples=[2], description="processes; by default one for each core")
     time_limit: Annotated[Positive, Unit("s")] = Field(
-        default=600.0, description="seconds that one solve of one test may take before it counts as failed"
+        default=600.0, description="time that one solve of one test may take before it counts as failed"
     )
     tolerance: Share = Field(default=1e-6, description="relative change of the objective below which the search ends")
-    profiles: bool = Field(default=True, description="profile likelihoods, where the search had a surrogate")
-    published: dict[str, Finite] = Field(default_factory=dict, description="published parameters to compare with")
+    profiles: bool = Field(default=True, description="whether profile likelihoods are computed, where the search had a surrogate")
+    published: dict[str, Finite] = Field(
+        default_factory=dict,
+        examples=[{"mu": 1.49}],
+        description="published parameters to compare the result with, such as mu = 1.49",
+    )
     uncertain: Uncertain = Field(default=Uncertain(), description="inputs known with some error, or fitted")

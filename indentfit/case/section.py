@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import InitErrorDetails
 
 from indentfit.case.messages import Key, lines
-from indentfit.case.quantities import refusal
+from indentfit.case.quantities import meaning, refusal
 from indentfit.errors import CaseError
 
 
@@ -55,7 +55,7 @@ class Section(BaseModel):
             return
         for key in sorted(set().union(*needed.values())):
             if key in needed[shape] and key not in self.model_fields_set:
-                yield key, f"missing; a {shape} needs it: {type(self).model_fields[key].description}"
+                yield key, f"missing; a {shape} needs it: {meaning(type(self).model_fields[key])}"
             elif key not in needed[shape] and key in self.model_fields_set:
                 yield key, f"does not belong to a {shape}; remove it"
 

@@ -28,6 +28,10 @@ from indentfit.case.section import Section, known
 from indentfit.curve import Curve
 
 DEFAULT_BULK_RATIO = 1000.0
+SIZE = (  # the factors are those of fem.mesh.FAMILIES
+    "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
+    "size wide and quadratic ones (q2p1) up to 3 sizes, at its edge 0.15 and 0.126 sizes, or less where it is narrow"
+)
 SHAPES_OF_SAMPLE = {"disc": {"diameter"}, "block": {"length", "width"}}
 SHAPES_OF_INDENTER = {"strip": {"width", "length"}, "cylinder": {"diameter"}, "sphere": {"diameter"}}
 
@@ -38,11 +42,13 @@ class Sample(Section):
     place = "sample"
 
     shape: Literal["disc", "block"] = Field(description="shape of the sample")
-    diameter: Length | None = Field(default=None, description="diameter of the disc, mm")
-    length: Length | None = Field(default=None, description="size of the block along x, mm")
-    width: Length | None = Field(default=None, description="size of the block along z, mm")
-    thickness: Length = Field(description="thickness of the sample along y, mm")
-    base: Literal["sliding", "bonded"] = Field(description="whether the sample slides on its support or is glued to it")
+    diameter: Length | None = Field(default=None, examples=[14.0], description="diameter of the disc")
+    length: Length | None = Field(default=None, examples=[14.0], description="size of the block along x")
+    width: Length | None = Field(default=None, examples=[14.0], description="size of the block along z")
+    thickness: Length = Field(description="thickness of the sample along y, the axis of indentation")
+    base: Literal["sliding", "bonded"] = Field(
+        description="support of the sample: it slides there, or is bonded to it; the force changes by half, so find out"
+    )
 
     @property
     def extent(self) -> tuple[float | None, float | None]:
@@ -59,11 +65,13 @@ class Indenter(Section):
     place = "indenter"
 
     shape: Literal["strip", "cylinder", "sphere"] = Field(description="shape of the indenter")
-    width: Length | None = Field(default=None, description="size of the strip along z, mm")
-    length: Length | None = Field(default=None, description="size of the strip along x, mm; it may overhang the sample")
-    diameter: Length | None = Field(default=None, description="diameter of the flat cylinder or of the sphere, mm")
-    edge_radius: Radius = Field(default=0.0, description="radius of the edge, mm; 0 is sharp")
-    friction: Friction = Field(description='friction coefficient, or "stick"')
+    width: Length | None = Field(default=None, examples=[2.0], description="size of the strip along z")
+    length: Length | None = Field(
+        default=None, examples=[20.0], description="size of the strip along x; it may overhang the sample"
+    )
+    diameter: Length | None = Field(default=None, examples=[2.0], description="diameter of the flat cylinder or of the sphere")
+    edge_radius: Radius = Field(default=0.0, description="radius of the edge; 0 is sharp")
+    friction: Friction = Field(description='friction coefficient, or "stick" for no slip at all')
 
     @property
     def half_width(self) -> float:
@@ -86,8 +94,14 @@ class Mesh(Section):
 
     place = "mesh"
 
-    size: Length | None = Field(default=None, description="size of the elements, mm: they are smaller at the indenter's edge")
-    elements: int | None = Field(default=None, ge=20, le=2_000_000, description="about how many elements")
+    size: Length | None = Field(default=None, examples=[0.4], description=SIZE)
+    elements: int | None = Field(
+        default=None,
+        ge=20,
+        le=2_000_000,
+        examples=[3000],
+        description="number of elements, about; without size and elements, the default mesh",
+    )
 
     @property
     def default(self) -> bool:
@@ -130,13 +144,25 @@ class MaterialChoice(Section):
 
     place = "material"
 
-    model: Line | None = Field(default=None, description="name of an installed material, or file.py:Class")
-    energy: Line | None = Field(default=None, description="energy as a formula in I1, I2, I4, I5 and the parameters, kPa")
-    parameters: dict[str, Annotated[float | Range, WrapValidator(_fixed_or_range)]] = Field(
-        default_factory=dict, description="parameters, each a number, or {start, min, max} to be fitted"
+    model: Line | None = Field(
+        default=None,
+        examples=["transversely_isotropic"],
+        description="name of an installed material (`indentfit materials` lists them), or file.py:Class, which runs that file",
     )
-    bulk_ratio: Positive | None = Field(default=None, description="bulk modulus over shear modulus")
-    kappa: Pressure | None = Field(default=None, description="bulk modulus, kPa")
+    energy: Line | None = Field(
+        default=None,
+        examples=["mu/2*(I1 - 3)"],
+        description="energy instead of a model, a formula in I1, I2, I4, I5 and the parameters",
+    )
+    parameters: dict[str, Annotated[float | Range, WrapValidator(_fixed_or_range)]] = Field(
+        default_factory=dict, description="parameters of the material, each a number, or {start, min, max} to be fitted"
+    )
+    bulk_ratio: Positive | None = Field(
+        default=None,
+        examples=[DEFAULT_BULK_RATIO],
+        description="bulk modulus over shear modulus; without kappa it is 1000 by default",
+    )
+    kappa: Pressure | None = Field(default=None, examples=[1490.0], description="bulk modulus, instead of bulk_ratio")
 
     @model_validator(mode="before")
     @classmethod
@@ -157,7 +183,7 @@ class MaterialChoice(Section):
         if {"model", "energy"} <= given:
             yield "energy", "material.model is given too; keep one of them"
         if not {"model", "energy"} & given:
-            yield "model", f"missing; give {type(self).model_fields['model'].description}, or material.energy"
+            yield "model", f"missing; give the {type(self).model_fields['model'].description}; or give material.energy"
         if {"bulk_ratio", "kappa"} <= given:
             yield "kappa", "material.bulk_ratio is given too; keep one of them"
 
@@ -181,15 +207,25 @@ class Test(Section):
 
     place = "test"
 
-    name: Annotated[Line, Field(max_length=60)] = Field(description="name of the test")
-    angle: Angle = Field(description="degrees between the fibres and x, the indenter's long side: 0 or 90")
+    name: Annotated[Line, Field(max_length=60)] = Field(examples=["parallel"], description="name of the test")
+    angle: Angle = Field(examples=[0], description="angle between the fibres and x, the indenter's long side")
     curve: Annotated[
         str | Curve | None, PlainValidator(_file_or_curve), WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]})
-    ] = Field(default=None, description="CSV file of the measured curve, relative to the case file")
-    record: Line | None = Field(default=None, description="raw record of the rig, relative to the case file; see [record]")
-    depth: Length | None = Field(default=None, description="depth to simulate, mm, where there is no curve")
-    points: int = Field(default=25, ge=1, le=10_000, description="number of points to simulate, where there is no curve")
-    weight: NotNegative | None = Field(default=None, description="weight in the objective; by default 1 / number of tests")
+    ] = Field(
+        default=None,
+        examples=["curves/parallel.csv"],
+        description="CSV file of the measured curve, relative to the case file; its header is displacement_mm,force_mN",
+    )
+    record: Line | None = Field(
+        default=None,
+        examples=["records/parallel.csv"],
+        description="raw record of the rig, instead of a curve, read as [record] says; relative to the case file",
+    )
+    depth: Length | None = Field(default=None, examples=[0.33], description="depth to simulate, instead of a curve")
+    points: int = Field(default=25, ge=1, le=10_000, description="number of points to simulate, with a depth")
+    weight: NotNegative | None = Field(
+        default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
+    )
 
     def __init__(self, name: str | None = None, /, **keys: Any) -> None:
         super().__init__(**({} if name is None else {"name": name}), **keys)
@@ -212,11 +248,15 @@ class Solver(Section):
 
     place = "solver"
 
-    assembly: Literal["compiled", "forms"] = Field(default="compiled", description="element loop, or the readable forms")
+    assembly: Literal["compiled", "forms"] = Field(
+        default="compiled", description="element loop: compiled, or the readable and slow forms"
+    )
     linear: Literal["auto", "pardiso", "superlu", "pyamg"] = Field(default="auto", description="linear solver")
-    element: Literal["q1p0", "q2p1"] = Field(default="q2p1", description="finite element")
+    element: Literal["q1p0", "q2p1"] = Field(
+        default="q2p1", description="finite element: eight-node bricks (q1p0) or quadratic ones (q2p1)"
+    )
     tolerance: Annotated[float, Field(gt=0, le=0.01, allow_inf_nan=False)] = Field(
         default=1e-6, description="relative residual at equilibrium"
     )
     penalty: Positive = Field(default=1.0, description="factor on the contact stiffness")
-    max_step: Length | None = Field(default=None, description="largest step of the indenter, mm")
+    max_step: Length | None = Field(default=None, examples=[0.05], description="largest step of the indenter")

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from indentfit.case import require_fittable
+from indentfit.case.keys import choices
 from indentfit.experiment.measured import read_case
 
 from ..errors import ConvergenceError, FitError, OutputError
@@ -33,13 +34,11 @@ from .ledgers import opened, saying_what_is_kept
 from .progress import progress
 from .stopping import stopping
 
-METHODS = ("ga", "least_squares", "differential_evolution", "cma")
-
 
 @click.command(short_help="Find the parameters that its curves ask for.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
-@click.option("--method", type=click.Choice(METHODS), help="The same as --set fit.method=...")
+@click.option("--method", type=click.Choice(choices("fit.method")), help="The same as --set fit.method=...")
 @click.option("--direct", is_flag=True, help="Search on the forward model itself, without a surrogate.")
 @click.option("--workers", type=int, metavar="N", help="Processes; the same as --set fit.workers=N")
 @click.option("--seed", type=int, metavar="N", help="The same as --set fit.seed=N")

@@ -78,10 +78,10 @@ def _target(text):
 
 
 def _base_text(base):
-    from indentfit.cli.init import CASE
+    from indentfit.case.template import template
 
     if base is None:
-        return CASE
+        return template()
     try:
         return Path(base).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:

@@ -1,20 +1,21 @@
 """`indentfit validate`: every input error at once, before any solve, or else what the case says."""
 
 import json
+from collections.abc import Iterator
+from typing import Any
 
 import click
 
-from indentfit.case import Range
+from indentfit.case import Case, Mesh, Range
+from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
-
-from ..errors import CaseError
 
 
 @click.command(short_help="Show every error of a case, or what it says.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def command(case, overrides, as_json):
+def command(case: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check the case file CASE and the curves it names.
 
     Prints what it says; with errors, prints each of them on a line and ends with 2.
@@ -23,7 +24,7 @@ def command(case, overrides, as_json):
         read = read_case(case, overrides)
     except CaseError as error:
         if as_json:
-            click.echo(json.dumps({"case": case, "valid": False, "problems": error.faults}, indent=2))
+            click.echo(json.dumps({"case": case, "valid": False, "faults": error.faults}, indent=2))
         raise
     if as_json:
         click.echo(json.dumps({"case": case, "valid": True, **_facts(read)}, indent=2))
@@ -33,14 +34,14 @@ def command(case, overrides, as_json):
         click.echo(f"warning: {warning}", err=True)
 
 
-def _facts(case):
+def _facts(case: Case) -> dict[str, Any]:
     """The case as JSON holds it."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests"})
     tests = [{**test.model_dump(mode="json"), "n": len(case.outputs(test))} for test in case.tests]
     return {"hash": case.hash, **sections, "tests": tests, "free": list(case.free), "warnings": case.warnings()}
 
 
-def _summary(case):
+def _summary(case: Case) -> Iterator[str]:
     """The case in words, line by line."""
     sample, indenter = case.sample, case.indenter
     yield f"{case.path}: valid" + (f", {case.title}" if case.title else "")
@@ -68,13 +69,13 @@ def _summary(case):
     yield f"  fit       {case.fit.method}, seed {case.fit.seed}; free parameters: {free}"
 
 
-def _mesh(mesh):
+def _mesh(mesh: Mesh) -> str:
     if mesh.default:
         return "default"
     return f"elements of {mesh.size:g} mm" if mesh.size else f"about {mesh.elements} elements"
 
 
-def _value(value, unit):
+def _value(value: float | Range, unit: str) -> str:
     unit = f" {unit}" if unit not in ("", "1") else ""
     if isinstance(value, Range):
         return f"{value.min:g} to {value.max:g}{unit}, from {value.start:g}"
