@@ -367,14 +367,14 @@ def test_a_fit_says_in_words_what_its_curves_determine(tmp_path):
     case = coarse(tmp_path, "fit.method=ga", "fit.published={mu=3.0,zeta=4.0}", "fit.seed=1", "fit.uncertain.mesh=0")
     result = fit(case)
     assert result.success
-    assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.005)
-    assert result.parameters["zeta"]["value"] == pytest.approx(4.0, rel=0.02)
+    assert result.parameters["mu"].value == pytest.approx(1.5, rel=0.005)
+    assert result.parameters["zeta"].value == pytest.approx(4.0, rel=0.02)
     assert result.nfev <= 40
-    assert any(sentence.startswith("determined by these two curves") and "mu" in sentence for sentence in result.summary)
-    assert result.published["inside"]["mu"] is False
+    assert any(sentence.startswith("determined by these two curves") and "mu" in sentence for sentence in result.conclusions)
+    assert result.published.inside["mu"] is False
     assert set(result.profiles) == {"mu", "zeta", "phi"}
     assert set(result.tests_alone) == {"parallel", "perpendicular"}
-    both, one = (found["parameters"]["zeta"]["interval"] for found in (vars(result), result.tests_alone["parallel"]))
+    both, one = (found.parameters["zeta"].interval for found in (result, result.tests_alone["parallel"]))
     assert np.ptp(one) > 5 * np.ptp(both)  # along the fibres, zeta hardly shows
     assert read_case(case.path, case.overrides).hash == result.case_hash
 

@@ -16,6 +16,7 @@ from indentfit.errors import ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
+from indentfit.inference.result import WeightsFit
 from indentfit.report.text import weights_lines
 
 CASE = """
@@ -83,12 +84,12 @@ def test_the_json_on_stdout_is_the_one_in_the_folder_and_keeps_its_keys(case, tm
     result = json.loads(done.stdout)
     assert result == json.loads((tmp_path / "r" / "result.json").read_text())
     keys = (
-        "format_version method seed success message parameters free objective sum_of_squares rmse redchi covar "
+        "format method seed success message parameters free objective sum_of_squares rmse redchi covar "
         "correlation singular_values directions nfev runs reused seconds history failures notes solver mesh case_hash title "
         "versions overrides noise profiles bootstrap tests_alone weights_scan uncertain rivals surrogate published summary case"
     )
     assert set(result) == set(keys.split())
-    assert result["format_version"] == 1
+    assert result["format"] == "indentfit.fit/2"
     assert result["case_hash"] == read_case(case).hash
     # Equation (1) of the curves in curves.csv, by hand: one test of weight 1.
     rows = [line.split(",") for line in (tmp_path / "r" / "curves.csv").read_text().splitlines()]
@@ -119,7 +120,7 @@ def test_errors_are_told_apart_and_weights_are_shown_where_asked(case):
 
 
 def test_a_scan_of_weights_is_a_table_of_fits():
-    rows = [{"weights": [w, 1 - w], "parameters": {"mu": 1 + w}, "rmse": {"a": 1 - w, "b": w}} for w in (0.25, 0.5)]
+    rows = [WeightsFit((w, 1 - w), {"mu": 1 + w}, {"a": 1 - w, "b": w}) for w in (0.25, 0.5)]
     lines = list(weights_lines(SimpleNamespace(weights_scan=rows, free=["mu"])))
     assert [" ".join(line.split()) for line in lines[1:]] == ["0.25 : 0.75 1.25 0.75 0.25", "0.5 : 0.5 1.5 0.5 0.5"]
     assert "RMSE b, mN" in lines[0]
@@ -178,7 +179,7 @@ def test_warnings_go_to_stderr(case):
 
 def test_a_script_can_fit_without_the_command_line(case):
     result = fit(read_case(case))
-    assert result.free == ["mu"]
+    assert result.free == ("mu",)
     assert result.curves["parallel"].force.shape == (5,)
 
 

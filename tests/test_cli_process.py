@@ -226,7 +226,7 @@ def test_a_fit_starts_from_the_rig_s_files_and_its_folder_can_be_run_again():
     found = json.loads(result.stdout)["parameters"]["mu"]["value"]
     copy = read_case("out/case.toml", keys)
     assert copy.hash == read_case(CASE / "case.toml", keys).hash
-    assert fit(copy).parameters["mu"]["value"] == pytest.approx(found, rel=1e-9)
+    assert fit(copy).parameters["mu"].value == pytest.approx(found, rel=1e-9)
 
 
 BASE = """
@@ -293,7 +293,7 @@ def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
     assert written["spread"]["mu"]["mean"] == pytest.approx(np.mean(mu))
     assert written["spread"]["mu"]["sd"] == pytest.approx(np.std(mu, ddof=1))
     alone = [*keys, 'test.parallel.curve="curves/S2_0.csv"', 'test.perpendicular.curve="curves/S2_90.csv"', "sample.thickness=3.2"]
-    assert fit(read_case(made, alone)).parameters["mu"]["value"] == pytest.approx(mu[2], rel=1e-9)
+    assert fit(read_case(made, alone)).parameters["mu"].value == pytest.approx(mu[2], rel=1e-9)
     rows = list(csv.DictReader(Path("each/per_sample.csv").read_text().splitlines()))
     assert [float(row["mu"]) for row in rows] == pytest.approx(mu)
     assert Path("each/S1/result.json").is_file() and Path("each/S1/fit.svg").is_file()

@@ -342,13 +342,13 @@ def case(folder):
 def test_a_fit_comes_back_to_the_parameters_that_made_the_curves(case):
     result = fit(case())
     assert result.success
-    assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.002)
-    assert result.parameters["zeta"]["value"] == pytest.approx(4.0, rel=0.02)
-    assert result.parameters["phi"]["value"] == pytest.approx(0.7, rel=0.1)
+    assert result.parameters["mu"].value == pytest.approx(1.5, rel=0.002)
+    assert result.parameters["zeta"].value == pytest.approx(4.0, rel=0.02)
+    assert result.parameters["phi"].value == pytest.approx(0.7, rel=0.1)
     assert result.objective < 0.01
     assert result.nfev <= 40
-    assert result.solver["penalty_error"] < 0.005
-    assert result.mesh["elements"] > 30
+    assert result.solver.penalty_error < 0.005
+    assert result.mesh.elements > 30
     assert result.case_hash == case().hash
     assert not result.failures
 
@@ -356,9 +356,9 @@ def test_a_fit_comes_back_to_the_parameters_that_made_the_curves(case):
 def test_a_small_genetic_search_lands_near_too(case):
     result = fit(case("fit.method=ga", "fit.population=6", "fit.generations=3"))
     assert result.success
-    assert result.parameters["mu"]["value"] == pytest.approx(1.5, rel=0.01)
-    assert result.parameters["zeta"]["value"] == pytest.approx(4.0, rel=0.1)
-    phases = [row["phase"] for row in result.history]
+    assert result.parameters["mu"].value == pytest.approx(1.5, rel=0.01)
+    assert result.parameters["zeta"].value == pytest.approx(4.0, rel=0.1)
+    phases = [step.phase for step in result.history]
     assert phases[:3] == ["ga"] * 3 and set(phases[3:]) <= {"polish"}  # none where the search ended at the optimum
 
 
@@ -436,8 +436,8 @@ def test_a_fit_that_fails_everywhere_is_a_result_without_numbers(case, monkeypat
         assert not result.success
         assert "the fibres buckle" in result.message
         assert result.objective is None
-        assert result.parameters["mu"]["stderr"] is None
-        assert all("the fibres buckle" in failure["cause"] for failure in result.failures)
+        assert result.parameters["mu"].stderr is None
+        assert all("the fibres buckle" in failure.cause for failure in result.failures)
 
 
 def test_a_candidate_keeps_its_parameters():

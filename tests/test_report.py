@@ -23,6 +23,7 @@ from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import QUARTERS, Model
 from indentfit.inference.per_sample import SampleFit, parameter_spread
+from indentfit.inference.result import ParameterEstimate
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
 from indentfit.report.mirror import whole
 from indentfit.report.per_sample import sample_lines
@@ -415,8 +416,8 @@ def test_fits_of_samples_are_a_table_and_the_spread_of_those_that_converged():
     """mu of 1 and 2 kPa: mean 1.5, standard deviation sqrt(1/2); the third did not converge, the fourth has no fit at all."""
 
     def fitted(mu, success=True, stderr=0.1):
-        one = {"value": mu, "stderr": stderr, "unit": "kPa"}
-        return SimpleNamespace(free=["mu"], parameters={"mu": one}, objective=0.25, success=success)
+        known = ParameterEstimate(mu, "kPa", stderr=stderr)
+        return SimpleNamespace(free=["mu"], parameters={"mu": known}, objective=0.25, success=success)
 
     fits = [
         SampleFit("a", None, fitted(1.0)), SampleFit("b", None, fitted(2.0, stderr=None)),

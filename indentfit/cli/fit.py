@@ -8,27 +8,20 @@ from indentfit.case import require_fittable
 from indentfit.case.keys import choices
 from indentfit.experiment.measured import read_case
 
-from ..errors import ConvergenceError, FitError, OutputError
-from ..fem.simulate import Model
+from ..errors import FitError, OutputError
 from ..inference.fit import fit
 from ..report.folder import (
     LEDGER,
-    case_facts,
     clear,
     clear_all_but,
-    copy_case,
     json_text,
     lasting_folder,
     ledgers,
     refuse_existing,
     unfinished,
-    write_curves,
     write_json,
 )
-from ..report.text import certainty_lines, weights_lines
-from ..runs.forward import presses_of
 from ..runs.ledger import refuse_in_use
-from ..runs.points import setting, setup_of
 from . import clusters
 from .ledgers import opened, saying_what_is_kept
 from .progress import progress
@@ -96,8 +89,8 @@ def command(
         clear(folder)
         with saying_what_is_kept(ledger), progress("fit", total=1) as step:
             result = fit(read, step, ledger=ledger, cluster=where, stop=stop)
-        written = _write(folder, read, result, not no_fields)
-    click.echo(json_text(written) if as_json else "\n".join([*_lines(read, result, scan_weights), f"written   {output}"]))
+        written = _fill(folder, result, not no_fields)
+    click.echo(json_text(written) if as_json else f"{result.summary(scan_weights)}\nwritten   {output}")
     if not result.success:
         raise FitError(f"the fit did not converge: {result.message}; its result is in {output}")
 
@@ -146,7 +139,7 @@ def _fits(folder, named, resume, target, reuse, cluster, stop):
                 with saying_what_is_kept(ledger):
                     fits.append(fit_sample(sample, case, of_sample, ledger, cluster, stop))
             if fits[-1].result:
-                _write(place, case, fits[-1].result, False)
+                _fill(place, fits[-1].result, False)
     return fits
 
 
@@ -166,85 +159,8 @@ def _refuse_unfinished(output, resume, overwrite, samples):
             raise OutputError(f"{output}: the unfinished fit in {place} is of {kind}; {remedy}, or choose another folder")
 
 
-def _write(folder, case, result, fields):
+def _fill(folder, result, fields):
     """Fill the result folder; returns what its result.json holds."""
-    from ..report.html import write_report
-    from ..report.plots import correlations, force_displacement, profiles  # matplotlib is slow to import
+    from indentfit.report.fit_folder import fill_fit  # matplotlib is slow to import
 
-    measured = {test.name: curve for test, curve in zip(case.tests, case.curves, strict=True)}
-    again = copy_case(case, folder)
-    written = {**result.as_json(), "overrides": list(again), "case": case_facts(case)}
-    write_json(folder / "result.json", written)
-    write_curves(folder / "curves.csv", result.curves, measured)
-    force_displacement(list(measured.items()), list(result.curves.items()), Path(folder) / "fit")
-    if result.profiles:
-        profiles(result.profiles, result.parameters, Path(folder) / "profiles")
-    if result.correlation and len(result.free) > 1:
-        correlations(result.free, result.correlation, Path(folder) / "correlation")
-    if fields and result.objective is not None:
-        _write_fields(Path(folder) / "fields", case, result)
-    write_report(folder)
-    return written
-
-
-def _write_fields(folder, case, result):
-    """The stresses at the optimum, by one more run; a fit does not fail for want of them."""
-    from ..report.fields import write_fields
-
-    at = setting(case, {name: one["value"] for name, one in result.parameters.items()})
-    case, material = at.case, case.law(**at.parameters)
-    model = Model(setup_of(case))
-    try:
-        simulation = model.simulate(presses_of(case, material))
-    except ConvergenceError as error:
-        click.echo(f"warning: no stress pictures: {error}", err=True)
-        return
-    write_fields(folder, model, material, case.material.bulk_modulus(material.shear_modulus), simulation.tests)
-
-
-def _lines(case, result, scan_weights):
-    """The result in words, line by line."""
-    yield from _table(result.parameters)
-    yield ""
-    if result.objective is not None:
-        parts = ", ".join(f"{name} {value:.4g}" for name, value in result.rmse.items())
-        yield f"objective {result.objective:.5g} mN, equation (1): weighted sum of the tests' RMSEs ({parts} mN)"
-        yield f"squares   {result.sum_of_squares:.5g} mN^2: weighted sum of the squared RMSEs"
-    if result.singular_values and len(result.free) > 1:
-        values = " : ".join(f"{value:.3g}" for value in result.singular_values)
-        weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
-        yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
-    yield from certainty_lines(result)
-    yield from weights_lines(result) if scan_weights else ()
-    yield f"search    {result.message}"
-    failed = f", {len(result.failures)} of them failed" if result.failures else ""
-    yield (
-        f"work      {result.nfev} sets of parameters{failed}, {result.runs} runs{_reused(result)}, "
-        f"{result.solver['workers']} workers, {result.seconds:.1f} s"
-    )
-    mesh, penalty = result.mesh, result.solver["penalty_error"]
-    exact = f"; contact penalty takes {penalty:.2%} of the force" if penalty is not None else ""
-    yield f"mesh      {mesh['elements']:,} elements, {mesh['dofs']:,} degrees of freedom{exact}"
-    for note in result.notes:
-        yield f"note      {note}"
-
-
-def _reused(result):
-    return f" ({result.reused} of them from the ledger)" if result.reused else ""
-
-
-def _table(parameters):
-    """A row for each parameter; noise: its standard error by the residuals; total: with the mesh and uncertain inputs."""
-    rows = [["parameter", "value", "noise", "total", "95 % interval", "", "verdict"]]
-    for name, one in parameters.items():
-        unit = "" if one["unit"] in ("", "1") else one["unit"]
-        if one["fixed"]:
-            rows.append([name, f"{one['value']:.6g}", "", "", "", unit, "fixed"])
-            continue
-        errors = [one["stderr"], one.get("stderr_total", one["stderr"])]
-        interval = "unknown" if one["interval"] is None else " to ".join(f"{x:.4g}" for x in one["interval"])
-        said = ["unknown" if error is None else f"{error:.2g}" for error in errors]
-        rows.append([name, f"{one['value']:.6g}", *said, interval, unit, one["verdict"]])
-    widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
-    for row in rows:
-        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+    return fill_fit(folder, result, fields, lambda said: click.echo(f"warning: {said}", err=True))

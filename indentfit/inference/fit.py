@@ -3,7 +3,7 @@
 import importlib.metadata
 import platform
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import qmc
@@ -12,6 +12,7 @@ from indentfit.case import require_fittable
 from indentfit.curve import Curve
 from indentfit.fem.simulate import Model, said_of_tries
 from indentfit.inference.certainty import certainty
+from indentfit.inference.result import FitResult
 from indentfit.inverse import evolution, genetic
 from indentfit.inverse.exploration import MANY, Exploration, Watched, explore
 from indentfit.inverse.generations import Search, parameters_of
@@ -21,7 +22,6 @@ from indentfit.inverse.problem import inverse_problem
 from indentfit.runs.points import UNITS, setup_of
 from indentfit.runs.pool import Pool
 
-FORMAT = 1
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
 SHARE_OF_FIT = 0.75  # of the progress; the rest is what follows from it
@@ -29,68 +29,6 @@ SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
 PEOPLE, GENERATIONS = 8, 4  # of a search on the forward model itself, where the case does not say
 STARTS_TRIED = 3  # besides the start values, least squares
 SEARCHES_OF_MANY = 3  # local searches where the parameters are many
-
-
-@dataclass(frozen=True)
-class FitResult:
-    """What `fit` found, as plain numbers, lists and dictionaries; None stands for what is not known.
-
-    parameters: name -> value, stderr, min, max, unit, interval (95 %), at_bound, verdict, and for fixed ones value and
-    unit; `free` gives the order of covar, correlation, singular_values (mN) and directions (a row for each of them).
-    objective: equation (1), mN; sum_of_squares: sum of w RMSE^2, mN^2; rmse: test -> mN; redchi: mN^2. nfev: different
-    sets of parameters run; runs: solves of one test; reused: those of them that were in the ledger.
-    failures: parameters and cause of each failed evaluation.
-    noise: test -> sigma (mN), autocorrelation, effective_points. profiles: parameter -> values, chi2 (1 at one standard
-    error), limit, interval, confirmed (runs: value, chi2, predicted); bootstrap: parameter -> stderr, interval. tests_alone:
-    test -> rmse, parameters; weights_scan: rows of weights, parameters, rmse; uncertain: inputs, the mesh among them -> effect
-    and share of each variance, noise -> share, stderr_total (stderr is the noise's alone, interval holds all); rivals: other
-    optima; surrogate: its runs, degree and errors; published: as `certainty` has it; summary: sentences. Empty where they were not
-    asked for or not to be had.
-    curves: test -> fitted Curve (not part of the JSON). Units: mm, mN, kPa, s.
-    """
-
-    method: str
-    seed: int
-    success: bool
-    message: str
-    parameters: dict[str, dict]
-    free: list[str]
-    objective: float | None
-    sum_of_squares: float | None
-    rmse: dict[str, float]
-    redchi: float | None
-    covar: list | None
-    correlation: list | None
-    singular_values: list | None
-    directions: list | None
-    nfev: int
-    runs: int
-    reused: int
-    seconds: float
-    history: list[dict]
-    failures: list[dict]
-    notes: list[str]
-    solver: dict
-    mesh: dict
-    case_hash: str
-    title: str
-    versions: dict[str, str]
-    format_version: int = FORMAT
-    noise: dict = field(default_factory=dict)
-    profiles: dict = field(default_factory=dict)
-    bootstrap: dict = field(default_factory=dict)
-    tests_alone: dict = field(default_factory=dict)
-    weights_scan: list = field(default_factory=list)
-    uncertain: dict = field(default_factory=dict)
-    rivals: list = field(default_factory=list)
-    surrogate: dict | None = None
-    published: dict | None = None
-    summary: list = field(default_factory=list)
-    curves: dict[str, Curve] = field(default_factory=dict, repr=False)
-
-    def as_json(self):
-        """The stable keys of result.json."""
-        return {key: value for key, value in asdict(self).items() if key != "curves"}
 
 
 def fit(case, progress=None, ledger=None, cluster=None, stop=None):
@@ -202,7 +140,7 @@ def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, tries
     best, tests = optimum.best, problem.tests
     found, known = conclusions
     more = {key: value for key, value in found.items() if key not in ("parameters", "notes")}
-    return FitResult(
+    known_keys = dict(
         method=case.fit.method,
         seed=case.fit.seed,
         success=optimum.success,
@@ -229,9 +167,10 @@ def _result(case, problem, optimum, said, conclusions, pool, solver, mesh, tries
         case_hash=case.hash,
         title=case.title,
         versions={name: importlib.metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
-        curves=_curves(tests, best),
-        **more,
+        **{{"summary": "conclusions"}.get(key, key): value for key, value in more.items()},
     )
+    known_keys["summary"] = known_keys.pop("conclusions", [])
+    return replace(FitResult.from_json(known_keys), curves=_curves(tests, best), case=case)
 
 
 def _parameters(case, values, known, certain):

@@ -59,10 +59,10 @@ def parameter_spread(fits):
         return {}
     found = {}
     for name in good[0].free:
-        values = np.array([result.parameters[name]["value"] for result in good])
+        values = np.array([result.parameters[name].value for result in good])
         sd = float(values.std(ddof=1)) if values.size > 1 else None
         found[name] = {
-            "unit": good[0].parameters[name]["unit"],
+            "unit": good[0].parameters[name].unit,
             "n": values.size,
             "mean": float(values.mean()),
             "sd": sd,

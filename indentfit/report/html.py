@@ -15,7 +15,8 @@ from .page import Page, render
 
 RESULT_FILES = ("result.json", "simulation.json")
 KINDS = {
-    "fit": html_fit.fit_page,
+    "fit": html_fit.fit_page,  # of version 0.1
+    "indentfit.fit/2": html_fit.fit_page,
     "indentfit.simulation/1": html_fit.simulation_page,
     "indentfit.sweep/1": html_studies.sweep_page,
     "indentfit.mesh-check/1": html_studies.mesh_check_page,

@@ -5,6 +5,8 @@ import json
 
 import numpy as np
 
+from indentfit.inference.result import FitResult
+
 from ..curve import Curve
 from . import plots, study_plots
 from .html_case import again_section, case_words, number, percent, tests_table
@@ -264,7 +266,7 @@ def _between(interval):
 
 def _uncertain(result):
     """What makes the errors: the noise, the mesh, and inputs that are not known exactly, where a result has them."""
-    uncertain, free = result.get("uncertain") or {}, result["free"]
+    uncertain, free = FitResult.from_json(result).uncertain, result["free"]
     rows = tuple((words, *shares) for words, shares in share_rows(uncertain, free))
     if not rows:
         return []

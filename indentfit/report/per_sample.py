@@ -12,7 +12,7 @@ def sample_facts(one, folder):
         "sample": one.sample,
         "folder": folder,
         "success": result.success,
-        "parameters": result.parameters,
+        "parameters": result.as_json()["parameters"],
         "objective": result.objective,
         "thickness_mm": one.case.sample.thickness,
         "diameter_mm": one.case.sample.diameter,
@@ -27,7 +27,7 @@ def _rows(fits):
         if one.result is None:
             yield [one.sample, *[""] * (2 * len(free) + 1), one.problem]
             continue
-        values = [cell for name in free for cell in (one.result.parameters[name][key] for key in ("value", "stderr"))]
+        values = [cell for name in free for cell in (one.result.parameters[name].value, one.result.parameters[name].stderr)]
         yield [one.sample, *values, one.result.objective, one.result.success]
 
 

@@ -1,8 +1,11 @@
 """Results as text for a terminal."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from indentfit.fem.simulate import said_of_tries
+from indentfit.inference.result import FitResult
 
 
 def simulation_lines(simulation, case, material):
@@ -89,17 +92,64 @@ def _count(number, what):
     return f"{number:,} {what}{'' if number == 1 else 's'}"
 
 
+def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
+    """A FitResult in words, line by line; scan_weights: with fits under other weights of the tests."""
+    yield from _parameter_lines(result)
+    yield ""
+    if result.objective is not None:
+        parts = ", ".join(f"{name} {value:.4g}" for name, value in result.rmse.items())
+        yield f"objective {result.objective:.5g} mN, equation (1): weighted sum of the tests' RMSEs ({parts} mN)"
+        yield f"squares   {result.sum_of_squares:.5g} mN^2: weighted sum of the squared RMSEs"
+    if result.singular_values and result.directions and len(result.free) > 1:
+        values = " : ".join(f"{value:.3g}" for value in result.singular_values)
+        weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
+        yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
+    yield from certainty_lines(result)
+    yield from weights_lines(result) if scan_weights else ()
+    yield from _work_lines(result)
+    for note in result.notes:
+        yield f"note      {note}"
+
+
+def _parameter_lines(result: FitResult) -> Iterator[str]:
+    """A row for each parameter; noise: its standard error by the residuals; total: with the mesh and uncertain inputs."""
+    rows = [["parameter", "value", "noise", "total", "95 % interval", "", "verdict"]]
+    for name, known in result.parameters.items():
+        unit = "" if known.unit in ("", "1") else known.unit
+        if known.fixed:
+            rows.append([name, f"{known.value:.6g}", "", "", "", unit, "fixed"])
+            continue
+        interval = "unknown" if known.interval is None else " to ".join(f"{x:.4g}" for x in known.interval)
+        errors = ["unknown" if error is None else f"{error:.2g}" for error in (known.stderr, known.total)]
+        rows.append([name, f"{known.value:.6g}", *errors, interval, unit, known.verdict or ""])
+    widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
+    for row in rows:
+        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _work_lines(result: FitResult) -> Iterator[str]:
+    yield f"search    {result.message}"
+    failed = f", {len(result.failures)} of them failed" if result.failures else ""
+    reused = f" ({result.reused} of them from the ledger)" if result.reused else ""
+    workers = f", {result.solver.workers} workers" if result.solver else ""
+    yield f"work      {result.nfev} sets of parameters{failed}, {result.runs} runs{reused}{workers}, {result.seconds:.1f} s"
+    if result.mesh:
+        penalty = result.solver.penalty_error if result.solver else None
+        exact = f"; contact penalty takes {penalty:.2%} of the force" if penalty is not None else ""
+        yield f"mesh      {result.mesh.elements:,} elements, {result.mesh.dofs:,} degrees of freedom{exact}"
+
+
 def certainty_lines(result):
     """What a FitResult says about its own certainty, line by line, after its table of parameters."""
-    for sentence in result.summary:
+    for sentence in result.conclusions:
         yield f"summary   {sentence}"
     for name, test in result.tests_alone.items():
-        parts = ", ".join(f"{key} {_span(one['interval'])}" for key, one in test["parameters"].items())
-        yield f"alone     {name}: {parts}; RMSE {test['rmse']:.3g} mN"
+        parts = ", ".join(f"{key} {_span(one.interval)}" for key, one in test.parameters.items())
+        yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} mN"
     yield from _shares(result)
     for other in result.rivals:
-        values = ", ".join(f"{key} = {value:.4g}" for key, value in other["parameters"].items())
-        yield f"rival     {values}: objective {other['objective']:.5g} mN"
+        values = ", ".join(f"{key} = {value:.4g}" for key, value in other.parameters.items())
+        yield f"rival     {values}: objective {other.objective:.5g} mN"
     if result.surrogate:
         yield f"surrogate {_of_surrogate(result.surrogate)}"
 
@@ -109,33 +159,33 @@ def weights_lines(result):
     if not result.weights_scan:
         yield "weights   no scan: it takes two tests, and a surrogate of all that the search went over (`ga`)"
         return
-    tests = list(result.weights_scan[0]["rmse"])
+    tests = list(result.weights_scan[0].rmse)
     rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, mN" for name in tests)])]
     for one in result.weights_scan:
-        found, sizes = one["parameters"], one["rmse"]
+        found, sizes = one.parameters, one.rmse
         cells = [*(f"{found[name]:.4g}" for name in result.free), *(f"{sizes[name]:.3g}" for name in tests)]
-        rows.append((" : ".join(f"{weight:g}" for weight in one["weights"]), cells))
+        rows.append((" : ".join(f"{weight:g}" for weight in one.weights), cells))
     yield from _columns("weights", rows)
 
 
 def share_rows(uncertain, free):
     """What makes the errors of a fit's parameters: (in words, share of each free parameter's variance, in percent); none where
     only the noise is known. uncertain: as in `FitResult`."""
-    if not uncertain.get("inputs"):
+    if not uncertain.inputs:
         return
-    if "noise" in uncertain:
-        yield "noise (residuals)", _percents(uncertain["noise"], free)
-    for name, one in uncertain["inputs"].items():
+    if uncertain.noise:
+        yield "noise (residuals)", _percents(uncertain.noise, free)
+    for name, one in uncertain.inputs.items():
         yield _of_input(name, one), _percents(one, free)
 
 
 def effect_of_base(uncertain):
     """The sentence that says what the parameters would be on the other base, or None."""
-    one = uncertain.get("inputs", {}).get("base")
+    one = uncertain.inputs.get("base")
     if one is None:
         return None
-    changes = ", ".join(f"{key} {change:+.3g}" for key, change in one["effect"].items())
-    return f"on a {OTHER[one['value']]} base instead of a {one['value']} one the parameters would change by: {changes}"
+    changes = ", ".join(f"{key} {change:+.3g}" for key, change in one.effect.items())
+    return f"on a {OTHER[one.value]} base instead of a {one.value} one the parameters would change by: {changes}"
 
 
 OTHER = {"sliding": "bonded", "bonded": "sliding"}
@@ -143,16 +193,16 @@ OTHER = {"sliding": "bonded", "bonded": "sliding"}
 
 def _of_input(name, one):
     if name == "mesh":
-        return f"mesh (forces +- {one['sd']:.2%}, from one of about {one['elements']} elements)"
+        return f"mesh (forces +- {one.sd:.2%}, from one of about {one.elements} elements)"
     if name == "force":
-        return f"force (+- {one['sd']:.2%} of each test's)"
+        return f"force (+- {one.sd:.2%} of each test's)"
     if name == "base":
-        return f"base ({one['probability']:.0%} that it is {OTHER[one['value']]})"
-    return f"{name} ({one['value']:g} +- {one['sd']:g})"
+        return f"base ({one.probability:.0%} that it is {OTHER[one.value]})"
+    return f"{name} ({one.value:g} +- {one.sd:g})"
 
 
 def _percents(one, free):
-    return ["unknown" if one["share"][name] is None else f"{one['share'][name]:.1%}" for name in free]
+    return ["unknown" if one.share[name] is None else f"{one.share[name]:.1%}" for name in free]
 
 
 def _shares(result):
@@ -173,10 +223,10 @@ def _columns(label, rows):
 
 
 def _of_surrogate(surrogate):
-    last = [one for one in surrogate["held_out"] if one["error"] is not None][-1:]
-    right = "".join(f"; off by {one['error']:.2g} mN at a run not seen before (allowed {one['allowed']:.2g})" for one in last)
-    failed = f", {surrogate['failed']} failed" if surrogate["failed"] else ""
-    return f"degree {surrogate['degree']} on {surrogate['runs']} sets of parameters{failed}{right}"
+    last = [one for one in surrogate.held_out if one.error is not None][-1:]
+    right = "".join(f"; off by {one.error:.2g} mN at a run not seen before (allowed {one.allowed:.2g})" for one in last)
+    failed = f", {surrogate.failed} failed" if surrogate.failed else ""
+    return f"degree {surrogate.degree} on {surrogate.runs} sets of parameters{failed}{right}"
 
 
 def _span(interval):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from indentfit.case import require_fittable
 from indentfit.errors import IndentfitError, LedgerError, Stopped, WorkerError
 from indentfit.inference.fit import fit
+from indentfit.inference.result import ParameterEstimate
 
 
 @dataclass(frozen=True)
@@ -45,5 +46,9 @@ def _refit(label, case, report, ledger, cluster, stop):
         return Refit(label, {}, None, False, " ".join(str(error).split()))
     if result.objective is None:
         return Refit(label, {}, None, False, result.message)
-    parameters = {name: {key: result.parameters[name][key] for key in ("value", "stderr", "unit")} for name in result.free}
+    parameters = {name: _known(result.parameters[name]) for name in result.free}
     return Refit(label, parameters, result.objective, result.success, None)
+
+
+def _known(parameter: ParameterEstimate) -> dict:
+    return {"value": parameter.value, "stderr": parameter.stderr, "unit": parameter.unit}

@@ -1,0 +1,446 @@
+"""The result of a fit: parameters with their errors, and everything that these follow from, as frozen values.
+
+Units: mm, mN, kPa, s. None stands for what is not known.
+"""
+
+import html
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import InstanceOf, TypeAdapter
+
+from indentfit.case import Case
+from indentfit.curve import Curve
+from indentfit.inverse.course import HistoryStep, SurrogateFacts
+
+Interval = tuple[float, float]
+Numbers = tuple[float | None, ...]
+UNKNOWN = "not known: the fit stopped before its errors were found"
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """One parameter of the material, or one input that was fitted: its value and how well the curves determine it.
+
+    Parameters
+    ----------
+    value : float, in `unit`
+    unit : str
+        "1" where the parameter has none.
+    fixed : bool
+        The case gave the value; all fields below are None then.
+    start, min, max : float
+        Start value and bounds of the search.
+    stderr : float
+        Standard error by the noise of the curves alone.
+    stderr_total : float
+        Standard error by noise, uncertain inputs and the mesh together; None where only the noise is known.
+    interval : (low, high)
+        95 % interval: by the profile where there is one, else the linear one. It holds all stated errors.
+    interval_linear : (low, high)
+        95 % interval by linear theory.
+    at_bound : "lower", "upper" or None
+    verdict : str
+        How well the curves determine the parameter, in words.
+    """
+
+    value: float
+    unit: str
+    fixed: bool = False
+    start: float | None = None
+    min: float | None = None
+    max: float | None = None
+    stderr: float | None = None
+    at_bound: str | None = None
+    interval: Interval | None = None
+    interval_linear: Interval | None = None
+    verdict: str | None = None
+    stderr_total: float | None = None
+
+    @property
+    def total(self) -> float | None:
+        """The standard error by all that is known of: `stderr_total`, or `stderr` where only the noise is known."""
+        return self.stderr if self.stderr_total is None else self.stderr_total
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys of the parameter in result.json: those that say something."""
+        if self.fixed:
+            return {"value": self.value, "unit": self.unit, "fixed": True}
+        known = plain_fields(self)
+        dropped = [name for name in ("stderr_total", "interval_linear") if known[name] is None]
+        return {name: value for name, value in known.items() if name not in dropped}
+
+    def __str__(self) -> str:
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        between = "" if self.interval is None else f" ({self.interval[0]:.3g} to {self.interval[1]:.3g})"
+        return f"{self.value:.4g}{unit}{between}"
+
+
+@dataclass(frozen=True)
+class TestNoise:
+    """The noise of one test, as far as its residuals show it.
+
+    Parameters
+    ----------
+    sigma : float, mN
+    autocorrelation : float
+        Of neighbouring points, 0 where the residuals look independent.
+    effective_points, points : float, int
+        Number of independent points that would tell as much, and the number of points.
+    """
+
+    __test__: ClassVar[bool] = False
+
+    sigma: float | None
+    autocorrelation: float
+    effective_points: float
+    points: int
+
+
+@dataclass(frozen=True)
+class ConfirmedPoint:
+    """A run at the end of a profile: chi2 by the run, chi2 that the surrogate had predicted, or the cause of its failure."""
+
+    value: float
+    parameters: dict[str, float]
+    chi2: float | None
+    predicted: float | None
+    cause: str | None = None
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile likelihood of one parameter: the others are fitted again at each of its values.
+
+    Parameters
+    ----------
+    values : (m,), in the parameter's unit
+    chi2 : (m,)
+        Growth of the weighted squares, 1 at one standard error near the optimum.
+    limit : float or None
+        What chi2 may be within the 95 % interval; None where it has no bound.
+    interval : (low, high)
+    confirmed : tuple of ConfirmedPoint
+        Runs of the forward model at the ends of the interval.
+    """
+
+    values: tuple[float, ...]
+    chi2: tuple[float | None, ...]
+    limit: float | None
+    interval: Interval
+    confirmed: tuple[ConfirmedPoint, ...] = ()
+
+
+@dataclass(frozen=True)
+class BootstrapError:
+    """Standard error and 95 % interval (percentiles) of one parameter over a parametric bootstrap."""
+
+    stderr: float
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class AloneEstimate:
+    """One parameter by one test alone."""
+
+    value: float
+    interval: Interval
+    verdict: str = "–"
+
+
+@dataclass(frozen=True)
+class TestAlone:
+    """A fit with one test alone: its RMSE on the surrogate and by a run at its optimum, mN, and its parameters."""
+
+    __test__: ClassVar[bool] = False
+
+    rmse: float
+    confirmed_rmse: float | None
+    parameters: dict[str, AloneEstimate]
+
+
+@dataclass(frozen=True)
+class WeightsFit:
+    """A fit under other weights of the tests: its parameters, and the RMSE of each test, mN."""
+
+    weights: tuple[float, ...]
+    parameters: dict[str, float]
+    rmse: dict[str, float]
+
+
+@dataclass(frozen=True)
+class InputShare:
+    """What the uncertainty of one input does to the parameters.
+
+    Parameters
+    ----------
+    value : float or str
+        The input as the case has it.
+    sd : float or None
+        Its standard deviation; None for the base, which has a `probability` instead.
+    effect : dict of name -> change of the parameter
+        By one standard deviation of the input; for the base, by the other base.
+    share : dict of name -> share of the parameter's variance
+    elements : int or None
+        For the mesh: number of elements of the mesh that it was compared with.
+    probability : float or None
+        For the base: probability that the other base is the true one.
+    """
+
+    value: float | str
+    sd: float | None
+    effect: dict[str, float | None]
+    share: dict[str, float | None]
+    elements: int | None = None
+    probability: float | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys of the input in result.json: those that say something."""
+        return {name: value for name, value in plain_fields(self).items() if value is not None or name == "sd"}
+
+
+@dataclass(frozen=True)
+class NoiseShare:
+    """The share of each parameter's variance that the noise of the curves makes."""
+
+    share: dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class UncertainInputs:
+    """What makes the errors of the parameters: uncertain inputs (the mesh among them) and noise, with the total standard errors."""
+
+    inputs: dict[str, InputShare] = field(default_factory=dict)
+    noise: NoiseShare | None = None
+    stderr_total: dict[str, float | None] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys in result.json; empty where no input is uncertain."""
+        return {} if self.noise is None else plain_fields(self)
+
+
+@dataclass(frozen=True)
+class RivalOptimum:
+    """Another optimum that the search came to: the free parameters, and equation (1) there, mN."""
+
+    parameters: dict[str, float]
+    objective: float
+
+
+@dataclass(frozen=True)
+class PublishedComparison:
+    """Published parameters that the case names: their objective on these curves, mN, and whether each lies in its interval."""
+
+    parameters: dict[str, float]
+    objective: float | None
+    inside: dict[str, bool]
+
+
+@dataclass(frozen=True)
+class FitFailure:
+    """A point that the mechanics failed at, and why."""
+
+    parameters: dict[str, float | str]
+    cause: str
+
+
+@dataclass(frozen=True)
+class FitSolver:
+    """How the runs of a fit were solved.
+
+    Parameters
+    ----------
+    linear, assembly : str
+    workers : int
+    run_seconds : float
+        Duration of all runs.
+    loose_steps : int
+        Load steps left at a loose residual, at the optimum.
+    penalty_error : float or None
+        Share of the force that the contact penalty withholds at the optimum, worst test.
+    edge_slip : float or None
+        Slip across the sharp edge at the optimum, share of the half-width, worst test.
+    """
+
+    linear: str
+    assembly: str
+    workers: int
+    run_seconds: float
+    loose_steps: int = 0
+    penalty_error: float | None = None
+    edge_slip: float | None = None
+
+
+@dataclass(frozen=True)
+class MeshFacts:
+    """The mesh: elements of the quarter sample, degrees of freedom, kind of element, size of the smallest one, mm."""
+
+    elements: int
+    dofs: int
+    element: str = ""
+    smallest_mm: float | None = None
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class FitResult:
+    """What `fit` found.
+
+    Parameters
+    ----------
+    parameters : dict of name -> ParameterEstimate
+        In the order of the model; `free` gives the order of `covar`, `correlation`, `singular_values` and `directions`.
+    objective : float, mN
+        Equation (1), the weighted sum of the tests' RMSEs.
+    sum_of_squares : float, mN^2
+        Weighted sum of the squared RMSEs.
+    rmse : dict of test -> mN
+    redchi : float, mN^2
+        Residual variance of one point.
+    covar, correlation : (n_free, n_free)
+    singular_values : (n_free,), mN
+        Change of the misfit by a relative change of the parameters along each row of `directions`, falling.
+    nfev, runs, reused : int
+        Sets of parameters that were evaluated; solves of one test; those of them that came from the ledger.
+    noise, profiles, bootstrap, tests_alone, weights_scan, uncertain, rivals, surrogate, published
+        Empty or None where they were not asked for or could not be had.
+    conclusions : tuple of sentences
+        What these curves determine (the key `summary` of result.json).
+    curves : dict of test -> Curve
+        The fitted curves (not part of result.json).
+    case : Case or None
+        What was fitted; None for a result that was read from result.json.
+    """
+
+    FORMAT: ClassVar[str] = "indentfit.fit/2"
+
+    method: str
+    seed: int
+    success: bool
+    message: str
+    parameters: dict[str, ParameterEstimate]
+    free: tuple[str, ...]
+    objective: float | None
+    sum_of_squares: float | None
+    rmse: dict[str, float]
+    redchi: float | None = None
+    covar: tuple[Numbers, ...] | None = None
+    correlation: tuple[Numbers, ...] | None = None
+    singular_values: Numbers | None = None
+    directions: tuple[Numbers, ...] | None = None
+    nfev: int = 0
+    runs: int = 0
+    reused: int = 0
+    seconds: float = 0.0
+    history: tuple[HistoryStep, ...] = ()
+    failures: tuple[FitFailure, ...] = ()
+    notes: tuple[str, ...] = ()
+    solver: FitSolver | None = None
+    mesh: MeshFacts | None = None
+    case_hash: str = ""
+    title: str = ""
+    versions: dict[str, str] = field(default_factory=dict)
+    noise: dict[str, TestNoise] = field(default_factory=dict)
+    profiles: dict[str, Profile] = field(default_factory=dict)
+    bootstrap: dict[str, BootstrapError] = field(default_factory=dict)
+    tests_alone: dict[str, TestAlone] = field(default_factory=dict)
+    weights_scan: tuple[WeightsFit, ...] = ()
+    uncertain: UncertainInputs = field(default_factory=UncertainInputs)
+    rivals: tuple[RivalOptimum, ...] = ()
+    surrogate: SurrogateFacts | None = None
+    published: PublishedComparison | None = None
+    conclusions: tuple[str, ...] = ()
+    curves: dict[str, InstanceOf[Curve]] = field(default_factory=dict)
+    case: InstanceOf[Case] | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of result.json, under the tag `format`."""
+        known = {RENAMED.get(name, name): value for name, value in plain_fields(self).items() if name not in NOT_IN_JSON}
+        return {"format": self.FORMAT, **known}
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "FitResult":
+        """The result that result.json holds, in the form of this version or of 0.1; keys that 0.1 did not have are empty.
+
+        Raises
+        ------
+        ValueError
+            The value is no result of a fit.
+        """
+        known = {field.name: RENAMED.get(field.name, field.name) for field in fields(cls) if field.name not in NOT_IN_JSON}
+        empty: tuple[Any, ...] = (None, {}, [])
+        given = {name: value[key] for name, key in known.items() if key in value and (value[key] not in empty or name in NEEDED)}
+        return TypeAdapter(cls).validate_python(given)
+
+    def summary(self, scan_weights: bool = False) -> str:
+        """The result in words, as the command prints it; scan_weights: with fits under other weights of the tests."""
+        from indentfit.report.text import fit_lines
+
+        return "\n".join(fit_lines(self, scan_weights))
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """The matplotlib Figure of measured and fitted curves; saved as SVG and PNG where a path is given."""
+        from indentfit.report.plots import force_displacement
+
+        return force_displacement(list(self.measured.items()), list(self.curves.items()), path)
+
+    def write(self, folder: str | Path, fields: bool = True, overwrite: bool = False) -> None:
+        """Write the result folder; fields: with the stresses at the optimum, by one more run.
+
+        Raises
+        ------
+        OutputError
+            The folder exists already, or cannot be written.
+        """
+        from indentfit.report.fit_folder import write_fit
+
+        write_fit(self, folder, fields, overwrite)
+
+    @property
+    def measured(self) -> dict[str, Curve]:
+        """The measured curves by the names of their tests; empty where the case is not at hand."""
+        if self.case is None:
+            return {}
+        pairs = zip(self.case.tests, self.case.curves, strict=True)
+        return {test.name: curve for test, curve in pairs if curve is not None}
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name} = {self.parameters[name]}" for name in self.free)
+        end = "no objective" if self.objective is None else f"objective {self.objective:.3g} mN"
+        return f"FitResult({self.title!r}: {values}; {'' if self.success else 'not converged; '}{end})"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in self._rows())
+        end = "" if self.objective is None else f" objective {self.objective:.4g} mN"
+        caption = html.escape(f"{self.title or 'Fit'}:{'' if self.success else ' not converged;'}{end}")
+        heads = "".join(f"<th>{head}</th>" for head in ("parameter", "value", "unit", "standard error", "95 % interval", "verdict"))
+        return f"<table><caption>{caption}</caption><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+
+    def _rows(self) -> Iterator[tuple[str, ...]]:
+        for name, known in self.parameters.items():
+            unit = "" if known.unit in ("", "1") else known.unit
+            if known.fixed:
+                yield name, f"{known.value:.5g}", unit, "", "", "fixed"
+                continue
+            error = "unknown" if known.total is None else f"{known.total:.2g}"
+            between = "unknown" if known.interval is None else f"{known.interval[0]:.4g} to {known.interval[1]:.4g}"
+            yield name, f"{known.value:.5g}", unit, error, between, known.verdict or ""
+
+
+RENAMED = {"conclusions": "summary"}  # names of fields whose key in result.json is another
+NOT_IN_JSON = ("curves", "case")
+NEEDED = ("objective", "sum_of_squares", "rmse", "parameters", "free", "title")  # keys that may be None or empty
+
+
+def plain_fields(value: Any) -> dict[str, Any]:
+    """The fields of a dataclass as plain numbers, lists and dictionaries."""
+    return {known.name: _plain(getattr(value, known.name)) for known in fields(value) if known.name not in NOT_IN_JSON}
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return value.as_json() if hasattr(value, "as_json") else plain_fields(value)
+    if isinstance(value, dict):
+        return {name: _plain(inner) for name, inner in value.items()}
+    return [_plain(inner) for inner in value] if isinstance(value, tuple | list) else value

@@ -1,0 +1,74 @@
+"""What a search leaves behind for the result of a fit: its steps, and how far its surrogate could be trusted."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class HistoryStep:
+    """One step of a search.
+
+    Parameters
+    ----------
+    phase : str
+        Name of the search: "ga", "polish", "least_squares", ...
+    step : int
+        Number of the step in its phase, from 1.
+    objective : float or None
+        Equation (1) of the best point so far, mN; None before the first run that succeeded.
+    runs : int
+        Runs of the forward model until then.
+    """
+
+    phase: str
+    step: int
+    objective: float | None
+    runs: int
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A prediction of the surrogate at a point that it had not seen, judged by a run there.
+
+    Parameters
+    ----------
+    parameters : dict of name -> value
+    error : float or None
+        Root mean square difference between predicted and simulated forces of all tests, mN; None where the run failed.
+    allowed : float or None
+        The largest error with which the prediction counts as right, mN.
+    """
+
+    parameters: dict[str, float]
+    error: float | None
+    allowed: float | None
+
+    @property
+    def right(self) -> bool:
+        """Whether the run met the prediction."""
+        return self.error is not None and self.allowed is not None and self.error <= self.allowed
+
+
+@dataclass(frozen=True)
+class SurrogateFacts:
+    """What a result says of the surrogate that its search was made on.
+
+    Parameters
+    ----------
+    runs, failed : int
+        Sets of parameters that the surrogate was fitted to, and that failed.
+    degree : int
+        Total degree of its polynomials.
+    left_out_error : float
+        Root mean square error of each run predicted from all others, as a share of the run's misfit.
+    held_out : tuple of Proof
+        Predictions at points that the surrogate had not seen, in the order of their runs.
+    reached : bool
+        Whether one of these predictions was right.
+    """
+
+    runs: int
+    failed: int
+    degree: int
+    left_out_error: float | None
+    held_out: tuple[Proof, ...] = ()
+    reached: bool = False
