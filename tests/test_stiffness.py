@@ -61,7 +61,7 @@ def test_a_curve_of_a_few_points_is_the_record_s_and_reads_back(tmp_path):
 def test_forces_at_strains_are_those_of_the_sample():
     d = np.linspace(0, 0.33, 60)[1:]
     record, _ = Rig(noise=STILL).run(Curve(d, (172 + 127 * d) * d), np.random.default_rng(0))
-    done = process_record(record, thickness=3.3, table=Record(strains=(0.02, 0.05, 0.2)))
+    done = process_record(record, thickness=3.3, settings=Record(strains=(0.02, 0.05, 0.2)))
     assert set(done.forces) == {0.02, 0.05}  # 20 % was not reached
     for strain, force in done.forces.items():
         x = strain * 3.3

@@ -2,15 +2,16 @@
 
 `piecewise` (the default): baseline and a polynomial that leaves it at the contact point, by least squares (Rudoy et al. 2010, J R
 Stat Soc C 59:573; for a flat punch of degree 1, and 2 for the tissue's stiffening; for a sphere of degree 1.5, as Hertz has it,
-and 2.5). `threshold`: where the filtered force exceeds the baseline's mean by n standard deviations and stays there (Lin,
-Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such rules). `variance_ratio`: where the variance after a point most
-exceeds that before it (Gavara 2016, Sci Rep 6:21267). tests/campaigns/contact_point.py compares them on simulated records; by its
-evidence `piecewise` is the default. Its uncertainty takes the polynomial for granted: of a toe, as of a tilted or uneven sample,
-it knows nothing.
+and 2.5). `threshold`: the filtered force exceeds the mean of the baseline by n standard deviations there, and stays above (Lin,
+Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such rules). `variance_ratio`: the variance of the force after that point
+exceeds the variance before it the most (Gavara 2016, Sci Rep 6:21267). tests/campaigns/contact_point.py compares the methods on
+simulated records; on this evidence `piecewise` is the default. The stated uncertainty takes the polynomial for granted: it does not
+cover a toe region, as a tilted or uneven sample has.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,25 +19,39 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 from scipy.stats import norm
 
+from indentfit.arrays import Array
 from indentfit.errors import RecordError
-from indentfit.experiment.loading import filtered, noise_of, odd
+from indentfit.experiment.loading import Ramp, filtered, noise_of, odd
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 
-CONFIDENCE = 0.9  # of the interval that an uncertainty is half of
+CONFIDENCE = 0.9  # a stated uncertainty is half of this interval
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5)}  # of the displacement beyond contact, for each kind of indenter
 MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
-BASELINE = 3.0  # ramps' durations of baseline that are looked at
-GRID = 80  # contact points tried before the search
-TRIALS = 60  # simulated records behind the uncertainty of the methods without one of their own
-SIGMAS = 5.0  # threshold
+BASELINE = 3.0  # length of the baseline that is used, in durations of the ramp
+GRID = 80  # contact points that are tried before the search
+TRIALS = 60  # simulated records that give the uncertainty of the methods `threshold` and `variance_ratio`
+SIGMAS = 5.0  # standard deviations of the method `threshold`
 
 
 @dataclass(frozen=True)
 class ContactPoint:
-    """Where contact begins: `displacement` of the record, mm, at sample `index`, and half of its 90 % interval, `uncertainty`, mm.
+    """The begin of contact in a record.
 
-    baseline (mN, at time 0 of the record) and drift (mN/s) are the force without contact; noise: standard deviation of the force
-    about the model, mN.
+    Attributes
+    ----------
+    displacement : float, mm
+        Displacement of the record at contact.
+    uncertainty : float, mm
+        Half of the 90 % interval of the displacement.
+    index : int
+        First sample in contact.
+    baseline : float, mN
+        Force without contact at time 0 of the record.
+    drift : float, mN/s
+        Change of the force without contact.
+    noise : float, mN
+        Standard deviation of the force about the model.
+    method : str
     """
 
     displacement: float
@@ -48,17 +63,28 @@ class ContactPoint:
     method: str
 
 
-def find_contact_point(ramp, method="piecewise", indenter="flat"):
-    """The `ContactPoint` of a Ramp by one of METHODS, under an indenter of POWERS. Raises RecordError where there is no contact."""
+def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str = "flat") -> ContactPoint:
+    """The `ContactPoint` of a ramp.
+
+    Parameters
+    ----------
+    ramp : Ramp
+    method : str
+        One of METHODS.
+    indenter : str
+        One of POWERS: "flat" or "sphere".
+
+    Raises
+    ------
+    RecordError
+        There is no contact.
+    """
     stretch, powers = _stretch(ramp), POWERS[indenter]
     model = _fit(stretch, powers)
     _require_a_kink(ramp, stretch, model)
     rule = METHODS[method]
-    if rule is None:
-        place, uncertainty = model.contact, norm.ppf((1 + CONFIDENCE) / 2) * model.stderr
-    else:
-        place = rule(stretch, stretch.force)
-        uncertainty = _uncertainty(stretch, model, rule, place)
+    place = model.contact if rule is None else rule(stretch, stretch.force)
+    uncertainty = _reach(model) if rule is None else _uncertainty(stretch, model, rule, place)
     behind = np.flatnonzero(ramp.displacement[: ramp.high] < place)
     index = int(behind[-1]) + 1 if behind.size else 0
     drift = float(model.coefficients[1]) if stretch.drifts else 0.0
@@ -69,20 +95,24 @@ def find_contact_point(ramp, method="piecewise", indenter="flat"):
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """The part of a record that a contact point is looked for in: baseline and loading, thinned to a few thousand samples.
+    """The part of a record that the contact point is searched in: baseline and loading, thinned to a few thousand samples.
 
     time s, displacement (filtered) mm, force mN: (n,); half: sample with half of the force; length: of the filter, samples;
-    quiet: number of samples at the start that surely lie before contact; blur: standard error of the filtered displacement, mm.
+    quiet: number of samples at the start that surely lie before contact; blur: standard error of the filtered displacement, mm;
+    drifts: whether the baseline is long enough to tell drift from noise.
     """
 
-    time: np.ndarray
-    displacement: np.ndarray
-    force: np.ndarray
+    time: Array
+    displacement: Array
+    force: Array
     half: int
     length: int
     quiet: int
     blur: float
     drifts: bool
+
+
+Rule = Callable[[_Stretch, Array], float]  # the displacement at contact, by a stretch and forces (n,) in place of its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +122,12 @@ class _Model:
     powers: tuple[float, ...]
     contact: float
     stderr: float
-    coefficients: np.ndarray
-    residual: np.ndarray
+    coefficients: Array
+    residual: Array
     noise: CorrelatedNoise
 
 
-def _stretch(ramp):
+def _stretch(ramp: Ramp) -> _Stretch:
     record, samples = ramp.record, ramp.samples
     first = max(0, round(ramp.low - (BASELINE + 0.5) * samples))
     thin = max(1, -(-(ramp.stop - first) // MOST_SAMPLES))
@@ -108,52 +138,64 @@ def _stretch(ramp):
     low = (ramp.low - part.start) // thin
     risen = np.flatnonzero(filtered(ramp.force[part], ramp.length) - ramp.rest >= 0.5 * ramp.peak)
     half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
-    # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise; vibration it averages out
+    # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise, and averages vibration out
     blur = 1.5 * noise_of(record.displacement[part]) / np.sqrt(ramp.length)
-    # in a shorter baseline, drift cannot be told from noise, and in so short a time it does no harm
+    # a shorter baseline cannot tell drift from noise, and drift does no harm in so short a time
     drifts = low - 0.2 * samples / thin >= samples / thin
     return _Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts))
 
 
-def _fit(stretch, powers):
-    """The _Model of least squares: the contact point by search, everything else linear."""
+def _fit(stretch: _Stretch, powers: tuple[float, ...]) -> _Model:
+    """The _Model of least squares: the contact point by search, everything else by a linear solve."""
     x = stretch.displacement
-    places = np.linspace(x.min(), x[stretch.half], GRID)
-    misfits = [_misfit(place, stretch, powers) for place in places]
-    best = int(np.argmin(misfits))
-    bounds = places[max(best - 1, 0)], places[min(best + 1, GRID - 1)]
-    place = minimize_scalar(_misfit, bounds=bounds, args=(stretch, powers), method="bounded", options={"xatol": 1e-5}).x
+    place = _place(stretch, powers)
     terms = _terms(place, stretch, powers)
-    coefficients = np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
+    coefficients = np.asarray(np.linalg.lstsq(terms, stretch.force, rcond=None)[0], dtype=float)
     residual = stretch.force - terms @ coefficients
     noise = noise_in(residual)
-    beyond, touching = np.maximum(x - place, 0.0), np.heaviside(x - place, 0.0)
-    by_place = -touching * sum(m * c * beyond ** (m - 1) for m, c in zip(powers, coefficients[-len(powers) :], strict=True))
-    spread = np.maximum(np.diag(covariance(np.column_stack([terms, by_place]), noise)), 1e-300)
+    jacobian = np.column_stack([terms, _by_place(x - place, powers, coefficients)])
+    spread = np.maximum(np.diag(covariance(jacobian, noise)), 1e-300)
     return _Model(powers, float(place), float(np.hypot(np.sqrt(spread[-1]), stretch.blur)), coefficients, residual, noise)
 
 
-def _terms(place, stretch, powers):
-    """Columns of the linear part (n, .): baseline, its drift where there is any, powers of the displacement beyond contact."""
+def _place(stretch: _Stretch, powers: tuple[float, ...]) -> float:
+    """Displacement of least misfit, mm: the best of a grid, then a bounded search about it."""
+    x = stretch.displacement
+    places = np.linspace(x.min(), x[stretch.half], GRID)
+    best = int(np.argmin([_misfit(place, stretch, powers) for place in places]))
+    bounds = places[max(best - 1, 0)], places[min(best + 1, GRID - 1)]
+    return minimize_scalar(_misfit, bounds=bounds, args=(stretch, powers), method="bounded", options={"xatol": 1e-5}).x
+
+
+def _by_place(beyond: Array, powers: tuple[float, ...], coefficients: Array) -> Array:
+    """Derivative of the model's force (n,) by the contact point; beyond: displacement less that of contact (n,), mm."""
+    inside, touching = np.maximum(beyond, 0.0), np.heaviside(beyond, 0.0)
+    terms = [m * c * inside ** (m - 1) for m, c in zip(powers, coefficients[-len(powers) :], strict=True)]
+    return -touching * sum(terms)
+
+
+def _terms(place: float, stretch: _Stretch, powers: tuple[float, ...]) -> Array:
+    """Columns of the linear part (n, .): baseline, drift if the stretch drifts, powers of the displacement beyond contact."""
     beyond = np.maximum(stretch.displacement - place, 0.0)
     drift = [stretch.time] if stretch.drifts else []
     return np.column_stack([np.ones_like(beyond), *drift, *(beyond**m for m in powers)])
 
 
-def _misfit(place, stretch, powers):
+def _misfit(place: float, stretch: _Stretch, powers: tuple[float, ...]) -> float:
+    """Sum of squares, mN^2, with the contact point at `place`."""
     terms = _terms(place, stretch, powers)
     residual = stretch.force - terms @ np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
-    return residual @ residual
+    return float(residual @ residual)
 
 
-def _require_a_kink(ramp, stretch, model):
-    """Refuse a force that changes at one rate all along: drift, or a record that begins in contact."""
+def _require_a_kink(ramp: Ramp, stretch: _Stretch, model: _Model) -> None:
+    """Refuse a force that changes at one rate throughout: drift, or a record that begins in contact."""
     straight = np.column_stack([np.ones_like(stretch.time), stretch.time])
     rest = stretch.force - straight @ np.linalg.lstsq(straight, stretch.force, rcond=None)[0]
     if rest @ rest < 2 * (model.residual @ model.residual) and model.contact - stretch.displacement.min() < 3 * model.stderr:
         raise RecordError(
-            f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, as by drift or in "
-            "contact all along; start recording before contact, or remove the record"
+            f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, as drift does or an "
+            "indenter that is in contact throughout; start recording before contact, or remove the record"
         )
     powers = np.array(model.powers)
     if model.coefficients[-powers.size :] @ np.ptp(stretch.displacement) ** powers <= 0:
@@ -162,8 +204,8 @@ def _require_a_kink(ramp, stretch, model):
         )
 
 
-def _threshold(stretch, force):
-    """Displacement where the filtered force exceeds the baseline by 5 standard deviations, for a filter's length at least."""
+def _threshold(stretch: _Stretch, force: Array) -> float:
+    """Displacement where the filtered force exceeds the baseline by 5 standard deviations for a filter's length."""
     smooth = filtered(force, stretch.length)
     time, quiet = stretch.time, stretch.quiet
     line = np.polyfit(time[:quiet], smooth[:quiet], 1 if stretch.drifts else 0)
@@ -173,8 +215,8 @@ def _threshold(stretch, force):
     return stretch.displacement[int(np.argmax(held))] if held.any() else stretch.displacement[stretch.half]
 
 
-def _variance_ratio(stretch, force):
-    """Displacement where the variance of the force in a window after it, over that in one before it, is largest."""
+def _variance_ratio(stretch: _Stretch, force: Array) -> float:
+    """Displacement with the largest ratio of the variances of the force in a window after it and in a window before it."""
     width = max(5, min(2 * stretch.length, stretch.quiet))
     first, second = (np.concatenate([[0.0], np.cumsum((force - force[0]) ** power)]) for power in (1, 2))
     mean, square = ((total[width:] - total[:-width]) / width for total in (first, second))
@@ -184,17 +226,22 @@ def _variance_ratio(stretch, force):
     return stretch.displacement[width + int(np.argmax(ratio[: max(1, stretch.half - width)]))]
 
 
-def _uncertainty(stretch, model, method, place):
-    """Half of the 90 % interval of another method, mm: its error, bias and spread, on records simulated from the fitted model."""
+def _reach(model: _Model) -> float:
+    """Half of the 90 % interval of the fitted contact point, mm."""
+    return float(norm.ppf((1 + CONFIDENCE) / 2) * model.stderr)
+
+
+def _uncertainty(stretch: _Stretch, model: _Model, rule: Rule, place: float) -> float:
+    """Half of the 90 % interval of a rule, mm: bias and spread of the rule on records simulated from the fitted model."""
     scale, weights = model.noise.scale, model.noise.weights
     rng = np.random.default_rng(0)  # the same record gives the same answer
     smooth = stretch.force - model.residual
     white = rng.standard_normal((TRIALS, 200 + scale.size))
     noise = lfilter([1.0], np.append(1.0, -weights), white, axis=1)[:, 200:]
     noise *= scale / noise.std()
-    errors = [abs(method(stretch, smooth + one) - model.contact) for one in noise]
-    within = norm.ppf((1 + CONFIDENCE) / 2) * model.stderr
-    return max(float(np.quantile(errors, CONFIDENCE)), abs(place - model.contact)) + within
+    errors = [abs(rule(stretch, smooth + added) - model.contact) for added in noise]
+    return max(float(np.quantile(errors, CONFIDENCE)), abs(place - model.contact)) + _reach(model)
 
 
-METHODS = {"piecewise": None, "threshold": _threshold, "variance_ratio": _variance_ratio}  # None: the fit of the model itself
+# None: the fit of the model itself
+METHODS: dict[str, Rule | None] = {"piecewise": None, "threshold": _threshold, "variance_ratio": _variance_ratio}

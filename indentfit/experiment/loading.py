@@ -1,4 +1,4 @@
-"""The loading part of a record: where the ramp is, its velocity, the section of constant velocity."""
+"""The loading part of a record: where the ramp is, how fast it is, and where its velocity is constant."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.signal import savgol_filter
 
+from indentfit.arrays import Array, Bools
 from indentfit.errors import RecordError
 from indentfit.experiment.record import RawRecord
 
@@ -20,11 +21,23 @@ FEWEST = 20  # samples of a ramp that can be filtered at all
 
 @dataclass(frozen=True, eq=False)
 class Ramp:
-    """The loading of a record: samples before `stop`, of which `low` and `high` carry 20 % and 80 % of the force.
+    """The loading part of a record.
 
-    displacement, force: of the whole record (n,), Savitzky-Golay filtered, quadratic, zero phase, over `length` samples;
-    velocity: of the ramp, mm/s; rest: mean force of the first samples, mN; peak: largest filtered force until `stop`, less
-    `rest`, mN.
+    Attributes
+    ----------
+    record : RawRecord
+    low, high, stop : int
+        Samples with 20 % and 80 % of the force, and the first sample behind the loading.
+    length : int
+        Samples that the filter covers.
+    velocity : float, mm/s
+        Mean velocity between `low` and `high`.
+    displacement, force : array (n,), mm and mN
+        The whole record, filtered (Savitzky-Golay, quadratic, without shift in time).
+    rest : float, mN
+        Median force of the first samples.
+    peak : float, mN
+        Largest filtered force until `stop`, above `rest`.
     """
 
     record: RawRecord
@@ -33,27 +46,35 @@ class Ramp:
     stop: int
     length: int
     velocity: float
-    displacement: np.ndarray
-    force: np.ndarray
+    displacement: Array
+    force: Array
     rest: float
     peak: float
 
     @property
-    def samples(self):
-        """About how many samples the whole ramp has."""
+    def samples(self) -> float:
+        """Number of samples of the whole ramp, estimated from its duration."""
         return self.duration / self.record.interval
 
     @property
-    def duration(self):
-        """Of the whole ramp, s, from the time that the force needs from 20 % to 80 %."""
+    def duration(self) -> float:
+        """Duration of the whole ramp, s, estimated from the time in which the force rises from 20 % to 80 %."""
         return float(self.record.time[self.high] - self.record.time[self.low]) / 0.6
 
 
-def find_ramp(record, filter_share=FILTER):
-    """The `Ramp` of a RawRecord: where the force rises from 20 % to 80 %, to where the stage then stops or turns.
+def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
+    """The `Ramp` of a raw record: the force rises from 20 % to 80 % in it; the loading ends where the stage then stops or turns.
 
-    filter_share: length of the filter over the ramp's duration. Raises RecordError where the force does not rise, or the
-    displacement falls while it does.
+    Parameters
+    ----------
+    record : RawRecord
+    filter_share : float
+        Length of the filter over the duration of the ramp.
+
+    Raises
+    ------
+    RecordError
+        The force does not rise, or the displacement falls while the force rises.
     """
     force = median_filter(record.force, size=min(9, record.force.size), mode="nearest")
     rest = float(np.median(force[: max(10, min(50, force.size // 20))]))
@@ -73,10 +94,24 @@ def find_ramp(record, filter_share=FILTER):
     return Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, peak)
 
 
-def constant_velocity(ramp, start):
-    """Slice of the samples of the ramp, from index `start` on, where the velocity is constant within 15 %, and that velocity, mm/s.
+def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
+    """The longest section of a ramp in which the velocity is constant within 15 %.
 
-    The longest such section; RecordError where there is none worth the name.
+    Parameters
+    ----------
+    ramp : Ramp
+    start : int
+        First sample to look at: that of contact.
+
+    Returns
+    -------
+    slice, float
+        The samples of the section, and its velocity in mm/s.
+
+    Raises
+    ------
+    RecordError
+        No section of constant velocity covers a fifth of the ramp.
     """
     record = ramp.record
     length = min(odd(VELOCITY_FILTER * ramp.samples), len(record.time))
@@ -86,56 +121,61 @@ def constant_velocity(ramp, start):
     begin, end = _longest_run(steady)
     if end - begin < max(FEWEST / 2, 0.2 * ramp.samples):
         raise RecordError(
-            f"{record.name}: no section of constant velocity: the stage keeps within 15 % of {usual:.3g} mm/s for "
-            f"{end - begin} samples only; check the displacement channel"
+            f"{record.name}: no section of constant velocity: the stage keeps within 15 % of {usual:.3g} mm/s for only "
+            f"{end - begin} samples; check the displacement channel"
         )
     window = slice(start + begin, start + end)
     slope = np.polyfit(record.time[window] - record.time[window.start], record.displacement[window], 1)[0]
     return window, float(slope)
 
 
-def filtered(values, length):
-    """Savitzky-Golay filtered values (n,), quadratic, without shift in time, over about `length` samples."""
+def filtered(values: Array, length: float) -> Array:
+    """Values (n,) behind a Savitzky-Golay filter, quadratic and without shift in time, over about `length` samples."""
     length = min(odd(length), values.size - 1 + values.size % 2)
     return savgol_filter(values, length, 2)
 
 
-def odd(length):
-    """The odd number of samples next to a filter's length."""
+def odd(length: float) -> int:
+    """The odd number of samples that is nearest to the length of a filter."""
     return max(SHORTEST_FILTER, 2 * round((length - 1) / 2) + 1)
 
 
-def _rise(record, force):
-    """Samples where the force last passes 20 % and then first reaches 80 % of its largest value."""
-    noise = noise_of(record.force)
+def _rise(record: RawRecord, force: Array) -> tuple[int, int]:
+    """The samples where the force last passes 20 % of its largest value and then first reaches 80 %."""
+    _require_contact(record, force)
     peak = float(force.max())
-    if peak < 8 * noise or peak < 0.5 * -float(force.min()):
-        if -float(force.min()) > max(8 * noise, 2 * peak):
-            raise RecordError(
-                f"{record.name}: the force falls to {force.min():.3g} mN under load; compression is positive, "
-                "change record.force.sign"
-            )
-        raise RecordError(
-            f"{record.name}: no contact: the force never rises clearly above its noise "
-            f"(by {max(peak, 0):.3g} mN, noise {noise:.3g} mN); check the channel, or remove the record"
-        )
     high = int(np.argmax(force >= 0.8 * peak))
     below = np.flatnonzero(force[:high] < 0.2 * peak)
     if not below.size:
         raise RecordError(
-            f"{record.name}: no baseline: the force is there from the first sample on; start recording before contact"
+            f"{record.name}: no baseline: the indenter is in contact from the first sample on; start recording before contact"
         )
     return int(below[-1]), high
 
 
-def noise_of(values):
-    """Standard deviation of white noise in slowly changing values, from their second differences, robust against steps."""
+def _require_contact(record: RawRecord, force: Array) -> None:
+    """Refuse a force that does not rise clearly above its noise, or that falls instead."""
+    noise, peak, lowest = noise_of(record.force), float(force.max()), float(force.min())
+    if peak >= 8 * noise and peak >= 0.5 * -lowest:
+        return
+    if -lowest > max(8 * noise, 2 * peak):
+        raise RecordError(
+            f"{record.name}: the force falls to {lowest:.3g} mN under load; compression is positive, change record.force.sign"
+        )
+    raise RecordError(
+        f"{record.name}: no contact: the force never rises clearly above its noise "
+        f"(by {max(peak, 0):.3g} mN, noise {noise:.3g} mN); check the channel, or remove the record"
+    )
+
+
+def noise_of(values: Array) -> float:
+    """Standard deviation of white noise in slowly changing values (n,), from their second differences, robust against steps."""
     second = np.diff(values, 2)
     return float(np.median(np.abs(second - np.median(second))) / 0.6745 / np.sqrt(6)) if second.size else 0.0
 
 
-def _end(record, displacement, velocity, high, samples):
-    """Index behind the last sample of loading: where the stage, once it has slowed down behind `high`, is deepest."""
+def _end(record: RawRecord, displacement: Array, velocity: float, high: int, samples: float) -> int:
+    """Index behind the last sample of loading: the deepest place of the stage once it has slowed down behind `high`."""
     step = max(1, round(0.05 * samples))
     ahead = displacement[high + step :] - displacement[high : displacement.size - step]
     slow = np.flatnonzero(ahead < 0.3 * velocity * step * record.interval)
@@ -146,7 +186,8 @@ def _end(record, displacement, velocity, high, samples):
     return begin + int(np.argmax(near >= near.max() - 0.005 * velocity * samples * record.interval)) + 1
 
 
-def _longest_run(steady):
+def _longest_run(steady: Bools) -> tuple[int, int]:
+    """First sample of the longest run of True, and the one behind its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
     if not edges.size:
         return 0, 0

@@ -48,4 +48,4 @@ class Opened(Openers):
         from indentfit.experiment.processed import process_record  # SciPy's signals are slow to import, and few cases have records
         from indentfit.experiment.reading import read_record
 
-        return process_record(read_record(file, record), table=record).curve
+        return process_record(read_record(file, record), settings=record).curve

@@ -1,11 +1,13 @@
-"""One raw record to its loading curve, stiffness and facts."""
+"""One raw record to its loading curve, stiffness and relaxation."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from indentfit.arrays import Array
 from indentfit.case import Record
 from indentfit.curve import Curve
 from indentfit.errors import RecordError
@@ -16,18 +18,40 @@ from indentfit.experiment.relaxation import Prony, fit_prony
 from indentfit.experiment.soundness import require_channels, require_whole
 from indentfit.experiment.stiffness import Line, Parabola, linear_fit, quadratic_fit, resampled
 
-SHORTEST_HOLD = 2.0  # durations of the ramp, for a relaxation to be fitted
-PEAK_FILTER = 0.05  # of the ramp's duration: shorter than for the curve, not to cut the peak off, but longer than the rig rings
+SHORTEST_HOLD = 2.0  # durations of the ramp: a relaxation is fitted to longer holds
+PEAK_FILTER = 0.05  # of the duration of the ramp: short enough to keep the peak, and longer than a period of the rig's ringing
 
 
 @dataclass(frozen=True, eq=False)
 class ProcessedRecord:
-    """A record and what it amounts to.
+    """A raw record and what it amounts to. Displacements and forces are counted from the contact point.
 
-    window: samples of constant velocity; velocity mm/s; depth mm, to the end of loading; peak: largest force, mN; curve: from
-    contact, at equal steps; line and parabola: fits within the window; forces: strain -> mN; relaxation: of the hold, or None;
-    strain_rate 1/s. displacement, force: filtered samples from contact to the end of loading (n,), from contact, mm and mN.
-    notes: what deserves a look.
+    Attributes
+    ----------
+    record : RawRecord
+    ramp : Ramp
+    contact : ContactPoint
+    window : slice
+        Samples of constant velocity.
+    velocity : float, mm/s
+    depth : float, mm
+        Largest displacement until the end of loading.
+    peak : float, mN
+        Largest force.
+    displacement, force : array (n,), mm and mN
+        Filtered samples from contact to the end of loading.
+    curve : Curve
+        The loading at equal steps of displacement.
+    line, parabola : Line, Parabola
+        Fits within the window.
+    thickness : float or None, mm
+        Of the sample.
+    forces : dict
+        Strain (displacement over thickness) -> force, mN.
+    relaxation : Prony or None
+        Of the hold, where there is a hold long enough.
+    notes : tuple of str
+        What deserves a look.
     """
 
     record: RawRecord
@@ -37,8 +61,8 @@ class ProcessedRecord:
     velocity: float
     depth: float
     peak: float
-    displacement: np.ndarray
-    force: np.ndarray
+    displacement: Array
+    force: Array
     curve: Curve
     line: Line
     parabola: Parabola
@@ -48,26 +72,36 @@ class ProcessedRecord:
     notes: tuple[str, ...] = ()
 
     @property
-    def strain_rate(self):
+    def strain_rate(self) -> float | None:
+        """Velocity over thickness, 1/s."""
         return self.velocity / self.thickness if self.thickness else None
 
 
-def process_record(record, thickness=None, table=None):
-    """`ProcessedRecord` of a RawRecord; thickness of the sample in mm, for strains; `table` is the [record] table of a case.
+def process_record(record: RawRecord, thickness: float | None = None, settings: Record | None = None) -> ProcessedRecord:
+    """The loading curve, stiffness and relaxation of one raw record.
 
-    Raises RecordError, one line that names the record, what is wrong with it and the remedy.
+    Parameters
+    ----------
+    record : RawRecord
+    thickness : float, mm
+        Of the sample, for strains.
+    settings : Record
+        The [record] table: method of the contact point, filter, points of the curve, strains, terms of the Prony series.
+
+    Raises
+    ------
+    RecordError
+        One line with the name of the record, what is wrong and the remedy.
     """
-    table = table or Record()
+    settings = settings or Record()
     require_channels(record)
-    ramp = find_ramp(record, table.filter)
+    ramp = find_ramp(record, settings.filter)
     notes = record.notes + require_whole(ramp)
-    contact = find_contact_point(ramp, table.contact, table.indenter or "flat")
+    contact = find_contact_point(ramp, settings.contact, settings.indenter or "flat")
     window, velocity = constant_velocity(ramp, contact.index)
-    unfiltered = record.force - contact.baseline - contact.drift * record.time
-    force = ramp.force - contact.baseline - contact.drift * record.time
-    displacement = ramp.displacement - contact.displacement
-    loading = slice(contact.index, ramp.stop)
-    depth = float(displacement[loading].max())
+    zeroed, loading = _zeroed(ramp, contact), slice(contact.index, ramp.stop)
+    displacement, force = zeroed.displacement[loading], zeroed.force[loading]
+    depth = float(displacement.max())
     _require_depth(record, depth, contact)
     return ProcessedRecord(
         record=record,
@@ -76,34 +110,54 @@ def process_record(record, thickness=None, table=None):
         window=window,
         velocity=velocity,
         depth=depth,
-        peak=_peak(ramp, contact, unfiltered),
-        displacement=displacement[loading],
-        force=force[loading],
-        curve=resampled(displacement[loading], force[loading], table.points),
-        line=linear_fit(displacement[window], unfiltered[window]),
-        parabola=quadratic_fit(displacement[window], unfiltered[window]),
+        peak=_peak(ramp, contact, zeroed.unfiltered),
+        displacement=displacement,
+        force=force,
+        curve=resampled(displacement, force, settings.points),
+        line=linear_fit(zeroed.displacement[window], zeroed.unfiltered[window]),
+        parabola=quadratic_fit(zeroed.displacement[window], zeroed.unfiltered[window]),
         thickness=thickness,
-        forces=_forces(displacement[loading], force[loading], thickness, table.strains),
-        relaxation=_relaxation(ramp, unfiltered, contact, table.prony_terms),
+        forces=_forces(displacement, force, thickness, settings.strains),
+        relaxation=_relaxation(ramp, zeroed.unfiltered, contact, settings.prony_terms),
         notes=(*notes, *_notes(ramp, contact, depth, thickness)),
     )
 
 
-def _require_depth(record, depth, contact):
+@dataclass(frozen=True, eq=False)
+class _Zeroed:
+    """A whole record counted from the contact point: filtered displacement (n,), mm, and force (n,), filtered and not, mN."""
+
+    displacement: Array
+    force: Array
+    unfiltered: Array
+
+
+def _zeroed(ramp: Ramp, contact: ContactPoint) -> _Zeroed:
+    time = ramp.record.time
+    return _Zeroed(
+        displacement=ramp.displacement - contact.displacement,
+        force=ramp.force - contact.baseline - contact.drift * time,
+        unfiltered=ramp.record.force - contact.baseline - contact.drift * time,
+    )
+
+
+def _require_depth(record: RawRecord, depth: float, contact: ContactPoint) -> None:
+    """Refuse a record whose contact point is too uncertain for its depth."""
     if depth < 3 * contact.uncertainty:
         raise RecordError(
-            f"{record.name}: the contact point is known to {contact.uncertainty:.3g} mm only, where the sample is indented by "
-            f"{depth:.3g} mm; the record is too noisy: repeat it, or remove it"
+            f"{record.name}: the contact point is uncertain by {contact.uncertainty:.3g} mm, and the indentation is only "
+            f"{depth:.3g} mm deep; the record is too noisy: repeat or remove the record"
         )
 
 
-def _peak(ramp, contact, unfiltered):
-    """Largest force, mN, with the noise, but not the peak, filtered away."""
+def _peak(ramp: Ramp, contact: ContactPoint, unfiltered: Array) -> float:
+    """Largest force, mN, behind a filter that takes the noise away and keeps the peak."""
     stop = ramp.stop + round(0.5 * ramp.samples)
     return float(filtered(unfiltered[:stop], PEAK_FILTER * ramp.samples)[contact.index :].max())
 
 
-def _forces(displacement, force, thickness, strains):
+def _forces(displacement: Array, force: Array, thickness: float | None, strains: tuple[float, ...]) -> dict[float, float]:
+    """Strain -> force, mN, for the strains that the loading reaches."""
     if not thickness:
         return {}
     curve = resampled(displacement, force, 400)
@@ -114,8 +168,8 @@ def _forces(displacement, force, thickness, strains):
     }
 
 
-def _relaxation(ramp, unfiltered, contact, terms):
-    """The Prony series of the hold, where there is one that is long enough."""
+def _relaxation(ramp: Ramp, unfiltered: Array, contact: ContactPoint, terms: int | str) -> Prony | None:
+    """The Prony series of the hold, or None where there is no hold, or too short a one."""
     record = ramp.record
     held = record.time[-1] - record.time[ramp.stop - 1]
     if terms == 0 or held < SHORTEST_HOLD * ramp.duration or not _stays(ramp):
@@ -128,18 +182,18 @@ def _relaxation(ramp, unfiltered, contact, terms):
         return None
 
 
-def _stays(ramp):
-    """Whether the stage stays where the ramp ended: a hold, not an unloading."""
+def _stays(ramp: Ramp) -> bool:
+    """Whether the stage stays at the end of the ramp: a hold, not an unloading."""
     after = ramp.displacement[ramp.stop :]
     depth = ramp.displacement[ramp.stop - 1] - ramp.displacement[ramp.low]
     return bool(np.ptp(after) < 0.1 * depth)
 
 
-def _notes(ramp, contact, depth, thickness):
+def _notes(ramp: Ramp, contact: ContactPoint, depth: float, thickness: float | None) -> Iterator[str]:
     """What deserves a look, one line each."""
     if contact.index < ramp.length:
-        yield "contact begins with the record: there is little baseline before it"
+        yield "contact begins soon after the start of the record: the baseline is short"
     if contact.uncertainty > 0.05 * depth:
         yield f"the contact point is uncertain by {contact.uncertainty / depth:.0%} of the depth"
     if thickness and depth > 0.5 * thickness:
-        yield f"indented by {depth / thickness:.0%} of the thickness: check units and thickness"
+        yield f"the indentation is {depth / thickness:.0%} of the thickness deep: check units and thickness"

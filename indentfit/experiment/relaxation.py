@@ -1,28 +1,49 @@
-"""Stress relaxation: the force of a hold as a Prony series, the ramp before it taken into account.
+"""Stress relaxation: the force of a hold as a Prony series that takes the ramp before the hold into account.
 
 With the relaxation G(t) / G0 = 1 - sum g_i (1 - exp(-t / tau_i)) and a ramp of duration T at constant rate, the force at a time t
-after the ramp's end is F0 [1 - sum g_i (1 - (tau_i / T) (1 - exp(-T / tau_i)) exp(-t / tau_i))], F0 being the force that an
-infinitely fast ramp would have reached (Boltzmann's integral over the ramp). What relaxes within the ramp cannot be told from the
-hold after it, and gels relax over many decades of time: more terms find a higher G0, so `by_terms` gives the ratio for each number.
+after the ramp's end is F0 [1 - sum g_i (1 - (tau_i / T) (1 - exp(-T / tau_i)) exp(-t / tau_i))], where F0 is the force that an
+infinitely fast ramp would have reached (Boltzmann's integral over the ramp). A hold cannot tell what relaxed within the ramp before
+it, and gels relax over many decades of time: more terms find a higher G0. `by_terms` therefore gives the ratio for each number.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-BINS = 240  # times that a hold is averaged to, at equal steps of their logarithm
+from indentfit.arrays import Array
+
+BINS = 240  # averages of a hold, at equal steps of the logarithm of time
 MOST_TERMS = 3
-SETTLING = 0.5  # durations of the ramp after its end in which the rig rings: left out
+SETTLING = 0.5  # durations of the ramp after its end: the rig rings then, and these samples are left out
+Values = Sequence[float] | Array
 
 
 @dataclass(frozen=True)
 class Prony:
-    """instantaneous: F0 in mN; shares: g_i, of G0; times: tau_i in s; each with standard errors; ratio: Ginf / G0 and its error.
+    """A Prony series fitted to a hold, with standard errors.
 
-    rmse: of the averaged hold, mN; bic: Schwarz's criterion; ramp: its duration, s; by_terms: number of terms -> ratio.
+    Attributes
+    ----------
+    instantaneous : float, mN
+        F0.
+    shares : tuple of float
+        g_i, of G0.
+    times : tuple of float, s
+        tau_i, rising.
+    ratio : float
+        Ginf / G0.
+    rmse : float, mN
+        Of the averaged hold.
+    bic : float
+        Schwarz's criterion.
+    ramp : float, s
+        Duration of the ramp.
+    by_terms : dict
+        Number of terms -> ratio.
     """
 
     instantaneous: float
@@ -38,15 +59,28 @@ class Prony:
     ramp: float
     by_terms: dict[int, float] = field(default_factory=dict)
 
-    def force(self, time):
-        """Force at times (n,) s after the end of the ramp, mN."""
+    def force(self, time: Array) -> Array:
+        """Force (n,), mN, at times (n,), s, after the end of the ramp."""
         return _force(np.asarray(time, dtype=float), self.instantaneous, self.shares, self.times, self.ramp)
 
 
-def fit_prony(time, force, ramp, terms=2):
-    """`Prony` of a hold: time (n,) s from the end of the ramp, force (n,) mN, ramp: its duration, s.
+def fit_prony(time: Array, force: Array, ramp: float, terms: int | str = 2) -> Prony:
+    """The `Prony` series of a hold.
 
-    terms: 1 to 3, or "auto" for the number of least Bayesian information criterion. Raises ValueError where the hold is too short.
+    Parameters
+    ----------
+    time : array (n,), s
+        From the end of the ramp.
+    force : array (n,), mN
+    ramp : float, s
+        Duration of the ramp.
+    terms : int or "auto"
+        Number of terms, 1 to 3; "auto" takes the number of least Bayesian information criterion.
+
+    Raises
+    ------
+    ValueError
+        The hold is too short, or the number of terms is impossible.
     """
     if terms != "auto" and terms not in range(1, MOST_TERMS + 1):
         raise ValueError(f"a Prony series of {terms} terms; 1 to {MOST_TERMS} are possible")
@@ -56,23 +90,23 @@ def fit_prony(time, force, ramp, terms=2):
         raise ValueError(f"a hold of {time[-1]:.3g} s after a ramp of {ramp:.3g} s is too short for a Prony series")
     times, forces = _averaged(time[settled], force[settled])
     fits = {n: _fit(times, forces, ramp, n) for n in range(1, MOST_TERMS + 1)}
-    chosen = min(fits.values(), key=lambda fit: fit.bic) if terms == "auto" else fits[terms]
+    chosen = min(fits.values(), key=lambda fit: fit.bic) if isinstance(terms, str) else fits[terms]
     return replace(chosen, by_terms={n: fit.ratio for n, fit in fits.items()})
 
 
-def _averaged(time, force):
+def _averaged(time: Array, force: Array) -> tuple[Array, Array]:
     """Means of time and force (m,) in bins of equal ratio."""
     edges = np.unique(np.searchsorted(time, np.geomspace(time[0], time[-1], BINS)))
     counts = np.diff(np.append(edges, time.size))
     return np.add.reduceat(time, edges) / counts, np.add.reduceat(force, edges) / counts
 
 
-def _force(time, instantaneous, shares, times, ramp):
+def _force(time: Array, instantaneous: float, shares: Values, times: Values, ramp: float) -> Array:
     lost = sum(g * (1 - (tau / ramp) * -np.expm1(-ramp / tau) * np.exp(-time / tau)) for g, tau in zip(shares, times, strict=True))
     return instantaneous * (1 - lost)
 
 
-def _fit(time, force, ramp, terms):
+def _fit(time: Array, force: Array, ramp: float, terms: int) -> Prony:
     """Bounded least squares in F0, the shares and the logarithms of the times; equal weights in logarithmic time."""
     shortest, longest = ramp, 2 * time[-1]  # the ramp hides what is faster
     starts = np.geomspace(shortest, longest / 6, terms + 2)[1:-1]
@@ -80,16 +114,16 @@ def _fit(time, force, ramp, terms):
     low = np.concatenate([[0.1 * force.max()], np.zeros(terms), np.full(terms, np.log(shortest))])
     high = np.concatenate([[10 * force.max()], np.ones(terms), np.full(terms, np.log(longest))])
 
-    def residual(values):
+    def residual(values: Array) -> Array:
         return _force(time, values[0], values[1 : 1 + terms], np.exp(values[1 + terms :]), ramp) - force
 
-    found = least_squares(residual, np.clip(start, low + 1e-9, high - 1e-9), bounds=(low, high), x_scale="jac")
-    covariance = _covariance(found.jac, found.fun)
-    return _prony(found.x, covariance, found.fun, terms, ramp)
+    solution = least_squares(residual, np.clip(start, low + 1e-9, high - 1e-9), bounds=(low, high), x_scale="jac")
+    covariance = _covariance(solution.jac, solution.fun)
+    return _prony(solution.x, covariance, solution.fun, terms, ramp)
 
 
-def _covariance(jacobian, residual):
-    """Covariance of the values; neighbouring averages are correlated, so the sandwich with Bartlett weights over 12 of them."""
+def _covariance(jacobian: Array, residual: Array) -> Array:
+    """Covariance of the values: a sandwich with Bartlett weights over 12 averages, because neighbouring averages are correlated."""
     n, p = jacobian.shape
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     scores = jacobian * residual[:, None]
@@ -100,7 +134,8 @@ def _covariance(jacobian, residual):
     return bread @ meat @ bread * n / max(n - p, 1)
 
 
-def _prony(values, covariance, residual, terms, ramp):
+def _prony(values: Array, covariance: Array, residual: Array, terms: int, ramp: float) -> Prony:
+    """The series of fitted values: F0, shares, logarithms of times."""
     order = np.argsort(values[1 + terms :])
     shares, times = values[1 : 1 + terms][order], np.exp(values[1 + terms :][order])
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -115,8 +150,8 @@ def _prony(values, covariance, residual, terms, ramp):
         times=tuple(times.tolist()),
         times_stderr=tuple((times * errors[1 + terms :][order]).tolist()),
         ratio=float(1 - shares.sum()),
-        ratio_stderr=float(np.sqrt(max(sum_of_shares @ covariance @ sum_of_shares, 0.0))),
+        ratio_stderr=float(np.sqrt(np.maximum(sum_of_shares @ covariance @ sum_of_shares, 0.0))),
         rmse=float(np.sqrt(np.mean(residual**2))),
-        bic=float(n * np.log(max(np.mean(residual**2), 1e-300)) + values.size * np.log(n)),
+        bic=float(n * np.log(np.maximum(np.mean(residual**2), 1e-300)) + values.size * np.log(n)),
         ramp=float(ramp),
     )

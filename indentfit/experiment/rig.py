@@ -1,4 +1,4 @@
-"""A simulated rig: the raw record that a lab would have made of a known curve, for studies and examples whose truth is known.
+"""A simulated rig: the raw record that a lab would measure of a known curve, for studies and examples whose truth is known.
 
 Position: at rest before the sample, an approach, a ramp at constant velocity, a hold. Sensors: white noise, the stage's vibration
 while it moves, drift of the load cell, the converter's resolution. The noise of `PHANTOM` is that seen in gelatin records of a
@@ -7,18 +7,23 @@ rig like that of Feng et al. 2017 (0.02 mN at rest, 0.55 mN of 45 Hz vibration i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
+from indentfit.arrays import Array, Bools
+from indentfit.curve import Curve
 from indentfit.experiment.record import RawRecord
+
+Relaxation = Sequence[tuple[float, float]]  # pairs of a share of the instantaneous force and a time constant, s
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What the sensors add. Standard deviations in mN and mm; `resolution` of force (mN) and displacement (mm); drift in mN/s.
+    """Errors of the sensors. Standard deviations in mN and mm; `resolution` of force (mN) and displacement (mm); drift in mN/s.
 
     vibration: of force and displacement while the stage moves, at `frequency` Hz, correlated by `coherence` after one period.
     """
@@ -37,9 +42,9 @@ PHANTOM = Noise()
 
 @dataclass(frozen=True)
 class Rig:
-    """How the stage moves: rate Hz, lengths mm, times s, velocities mm/s; `zero`: what the sensors read at the start, mm and mN.
+    """Motion of the stage: rate Hz, lengths mm, times s, velocities mm/s; `zero`: readings of the sensors at the start, mm and mN.
 
-    The approach begins `gap` above the sample; at another `approach_velocity` it ends a hundredth of the depth inside of it.
+    The approach begins `gap` above the sample; an approach with a velocity of its own ends a hundredth of the depth inside of it.
     adhesion: pull of a wet sample on the indenter close to contact, mN, over `reach` mm.
     """
 
@@ -54,11 +59,20 @@ class Rig:
     zero: tuple[float, float] = (0.4, 1.7)
     noise: Noise = field(default_factory=Noise)
 
-    def run(self, curve, rng, relaxation=()):
-        """(RawRecord, displacement at contact in it, mm) of a sample whose elastic `Curve` is known; rng: a NumPy Generator.
+    def run(self, curve: Curve, rng: np.random.Generator, relaxation: Relaxation = ()) -> tuple[RawRecord, float]:
+        """One record of a sample whose elastic curve is known. The depth of the ramp is the last displacement of the curve.
 
-        relaxation: pairs (share of the instantaneous force, time constant in s) of a Prony series. Deeper than the curve it is
-        not pressed.
+        Parameters
+        ----------
+        curve : Curve
+        rng : numpy Generator
+        relaxation : pairs of floats
+            Share of the instantaneous force, and time constant in s, of each term of a Prony series.
+
+        Returns
+        -------
+        RawRecord, float
+            The record, and the displacement in it at contact, mm.
         """
         time, position, moving = self._motion(float(curve.displacement[-1]))
         force = _relaxing(_elastic(curve, position), relaxation, 1 / self.rate)
@@ -70,7 +84,7 @@ class Rig:
         d, f = (_steps(values, step) for values, step in zip((d, f), noise.resolution[::-1], strict=True))
         return RawRecord(time, d, f, name="simulated rig"), self.gap + self.zero[0]
 
-    def _motion(self, depth):
+    def _motion(self, depth: float) -> tuple[Array, Array, Bools]:
         """Time, position of the indenter (0 at contact, mm) and whether the stage moves, each (n,)."""
         slow = self.approach_velocity or self.velocity
         inside = min(0.01 * depth, depth) if self.approach_velocity else 0.0
@@ -81,13 +95,14 @@ class Rig:
         return time, position, (time >= corners[1]) & (time < corners[3])
 
 
-def _elastic(curve, position):
+def _elastic(curve: Curve, position: Array) -> Array:
+    """Force of the curve at positions (n,), mm; none above the sample."""
     d, F = np.append(0.0, curve.displacement), np.append(0.0, curve.force)
     d, F = (d[1:], F[1:]) if d[1] == 0 else (d, F)
     return PchipInterpolator(d, F)(np.clip(position, 0.0, d[-1]))
 
 
-def _relaxing(elastic, relaxation, interval):
+def _relaxing(elastic: Array, relaxation: Relaxation, interval: float) -> Array:
     """The force of quasi-linear viscoelasticity: the convolution of the elastic force's rate with the Prony series."""
     force = (1 - sum(share for share, _ in relaxation)) * elastic
     for share, tau in relaxation:
@@ -96,8 +111,8 @@ def _relaxing(elastic, relaxation, interval):
     return force
 
 
-def _vibration(moving, noise, rate, rng):
-    """Two unit vibrations (2, n) that last while the stage moves: a damped oscillation driven by white noise."""
+def _vibration(moving: Bools, noise: Noise, rate: float, rng: np.random.Generator) -> Array:
+    """Two unit vibrations (2, n) that last while the stage moves: white noise drives a damped oscillation."""
     pole = noise.coherence ** (noise.frequency / rate)
     a = [1, -2 * pole * np.cos(2 * np.pi * noise.frequency / rate), pole**2]
     n, settle = moving.size, 500
@@ -106,5 +121,6 @@ def _vibration(moving, noise, rate, rng):
     return shake / np.sqrt(np.sum(spread**2)) * moving
 
 
-def _steps(values, resolution):
+def _steps(values: Array, resolution: float) -> Array:
+    """Values in whole steps of the converter."""
     return np.round(values / resolution) * resolution if resolution else values

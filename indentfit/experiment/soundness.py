@@ -1,34 +1,42 @@
-"""Whether a record can be trusted: dead and saturated channels, samples that are missing."""
+"""Checks of a record: dead and saturated channels, missing samples."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from indentfit.arrays import Bools
 from indentfit.errors import RecordError
+from indentfit.experiment.loading import Ramp
+from indentfit.experiment.record import FEWEST, RawRecord
 
-FEWEST = 50  # samples of a record
 STUCK = 0.04  # share of the ramp for which a channel may read exactly its largest value
 JUMP = 0.05  # share of the ramp's duration, or of its depth, that a gap may hide
 
 
-def require_channels(record):
-    """Raise RecordError for a record of a few samples, or with a channel that never changes."""
+def require_channels(record: RawRecord) -> None:
+    """Raise RecordError for a record of too few samples, or with a channel that never changes."""
     if record.time.size < FEWEST:
         raise RecordError(f"{record.name}: {record.time.size} rows of numbers; a record needs at least {FEWEST}")
     for name in ("displacement", "force"):
         values = getattr(record, name)
         if np.ptp(values) == 0:
-            raise RecordError(f"{record.name}: the {name} is {values[0]:g} throughout: a dead channel, or another column; check it")
+            raise RecordError(f"{record.name}: the {name} is {values[0]:g} throughout; check the channel and its column")
 
 
-def require_whole(ramp):
-    """Notes on a record that can be used; RecordError where its loading lacks samples or runs into the end of a sensor's range."""
+def require_whole(ramp: Ramp) -> tuple[str, ...]:
+    """Notes on a record that can be used.
+
+    Raises
+    ------
+    RecordError
+        Samples of the loading are missing, or a sensor is at the end of its range.
+    """
     _require_unsaturated(ramp)
     return _require_no_gap(ramp)
 
 
-def _require_unsaturated(ramp):
-    """A channel that reads exactly one value, its largest, while the other one goes on, is at the end of its range."""
+def _require_unsaturated(ramp: Ramp) -> None:
+    """Refuse a channel that repeats exactly its largest value while the other channel goes on: the sensor's range ends there."""
     record, part = ramp.record, slice(ramp.low, ramp.stop)
     for name, other in (("force", "displacement"), ("displacement", "force")):
         values = getattr(record, name)
@@ -45,7 +53,8 @@ def _require_unsaturated(ramp):
             )
 
 
-def _longest_run(marks):
+def _longest_run(marks: Bools) -> tuple[int, int] | None:
+    """First sample of the longest run of True, and the one behind its last; None where nothing is True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(int), [0]])))
     if not edges.size:
         return None
@@ -53,8 +62,8 @@ def _longest_run(marks):
     return int(edges[::2][longest]), int(edges[1::2][longest])
 
 
-def _require_no_gap(ramp):
-    """Samples missing in time, or a jump of the displacement within the ramp that its velocity cannot explain."""
+def _require_no_gap(ramp: Ramp) -> tuple[str, ...]:
+    """Refuse a ramp in which samples are missing; note samples that are missing elsewhere."""
     record = ramp.record
     gaps = np.diff(record.time) - record.interval
     wide = gaps > 0.5 * record.interval
@@ -62,8 +71,8 @@ def _require_no_gap(ramp):
     if inside.size and (gaps[inside].max() > JUMP * ramp.duration or gaps[inside].sum() > 2 * JUMP * ramp.duration):
         worst = inside[np.argmax(gaps[inside])]
         raise RecordError(
-            f"{record.name}: samples are missing in the ramp: {gaps[inside].sum():.3g} s of {ramp.duration:.3g} s, the most after "
-            f"{record.time[worst]:.4g} s; repeat the record, or remove it"
+            f"{record.name}: samples are missing in the ramp: {gaps[inside].sum():.3g} s of {ramp.duration:.3g} s; the longest "
+            f"gap is after {record.time[worst]:.4g} s; repeat the record, or remove it"
         )
     _require_no_jump(ramp)
     if wide.any():
@@ -71,8 +80,8 @@ def _require_no_gap(ramp):
     return ()
 
 
-def _require_no_jump(ramp):
-    """Samples missing without a trace in time: the displacement leaps."""
+def _require_no_jump(ramp: Ramp) -> None:
+    """Refuse a displacement that jumps: samples are missing, and the times do not show it."""
     record, steps = ramp.record, 5
     begin = max(0, ramp.low - steps)
     part = record.displacement[begin : ramp.stop]

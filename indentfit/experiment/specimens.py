@@ -1,10 +1,11 @@
-"""The table of a set of samples, each with its own curves: what `fit --per-sample` fits one after the other."""
+"""The table of a set of specimens, each with its own curves, which `fit --per-sample` fits one after the other."""
 
 from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from indentfit.errors import RecordError
@@ -15,7 +16,10 @@ COLUMNS = ("sample", "direction", "curve", "thickness_mm", "diameter_mm")
 
 @dataclass(frozen=True)
 class Specimen:
-    """One sample: its curves (direction -> CSV, relative to the table), thickness and diameter in mm or None."""
+    """One piece of tissue.
+
+    curves: direction (degrees) -> CSV, relative to the table; thickness and diameter in mm, or None where the table has none.
+    """
 
     name: str
     curves: dict[int, str] = field(default_factory=dict)
@@ -23,8 +27,11 @@ class Specimen:
     diameter: float | None = None
 
 
-def write_specimens(path, rows):
-    """Write rows of (sample, direction, curve, thickness, diameter)."""
+Row = tuple[str, int, str, float | None, float | None]  # sample, direction, curve, thickness, diameter
+
+
+def write_specimens(path: str | Path, rows: Iterable[Row]) -> None:
+    """Write the table, one row for each curve."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
@@ -32,8 +39,14 @@ def write_specimens(path, rows):
             table.writerow([sample, direction, curve, *("" if length is None else f"{length:.10g}" for length in lengths)])
 
 
-def read_specimens(path):
-    """The `Specimen` of each name in a table, in its order. Raises RecordError, one line with the row and the remedy."""
+def read_specimens(path: str | Path) -> list[Specimen]:
+    """The specimens in a table, in its order.
+
+    Raises
+    ------
+    RecordError
+        One line with the row, what is wrong and the remedy.
+    """
     path = Path(path)
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
@@ -41,34 +54,40 @@ def read_specimens(path):
         reason = getattr(error, "strerror", None) or error
         raise RecordError(f"{path}: cannot be read ({reason}); `indentfit process --case` writes it") from None
     if not rows or set(COLUMNS) - set(rows[0]):
-        raise RecordError(f"{path}: it needs the columns {', '.join(COLUMNS)} and a row for each curve")
-    samples: dict[str, Specimen] = {}
+        raise RecordError(f"{path}: the table needs the columns {', '.join(COLUMNS)} and a row for each curve")
+    specimens: dict[str, Specimen] = {}
     for number, row in enumerate(rows, start=2):
-        sample = _sample(f"{path}: row {number}", row)
-        earlier = samples.setdefault(sample.name, sample)
-        if earlier is not sample:
-            _require_one_sample(f"{path}: row {number}", earlier, sample)
-            earlier.curves.update(sample.curves)
-    return list(samples.values())
+        specimen = _specimen(f"{path}: row {number}", row)
+        earlier = specimens.setdefault(specimen.name, specimen)
+        if earlier is not specimen:
+            _require_same_lengths(f"{path}: row {number}", earlier, specimen)
+            specimens[specimen.name] = replace(earlier, curves=earlier.curves | specimen.curves)
+    return list(specimens.values())
 
 
-def _sample(where, row):
+def _specimen(where: str, row: dict[str, str]) -> Specimen:
+    """The specimen with the one curve of a row."""
     if None in row or None in row.values() or not row["sample"] or not row["curve"] or row["direction"] not in ("0", "90"):
-        raise RecordError(f"{where}: it needs a sample, a direction of 0 or 90, and a curve")
-    lengths = {}
-    for key in ("thickness", "diameter"):
-        text = row[f"{key}_mm"]
-        try:
-            lengths[key] = float(text) if text else None
-        except ValueError:
-            lengths[key] = math.nan
-        if lengths[key] is not None and not 0 < lengths[key] < math.inf:
-            raise RecordError(f"{where}: {key}_mm {text[:40]!r} must be a positive number; correct it")
-    return Specimen(row["sample"], {int(row["direction"]): row["curve"]}, **lengths)
+        raise RecordError(f"{where}: the row needs a sample, a direction of 0 or 90, and a curve")
+    thickness, diameter = (_length(where, key, row[key]) for key in ("thickness_mm", "diameter_mm"))
+    return Specimen(row["sample"], {int(row["direction"]): row["curve"]}, thickness, diameter)
 
 
-def _require_one_sample(where, earlier, sample):
-    if set(earlier.curves) & set(sample.curves):
-        raise RecordError(f"{where}: a second curve of {sample.name} in direction {next(iter(sample.curves))}; remove one")
-    if (earlier.thickness, earlier.diameter) != (sample.thickness, sample.diameter):
-        raise RecordError(f"{where}: {sample.name} has another thickness or diameter than in the row before; correct one")
+def _length(where: str, key: str, text: str) -> float | None:
+    """A length, mm, or None where the cell is empty."""
+    if not text:
+        return None
+    try:
+        length = float(text)
+    except ValueError:
+        length = math.nan
+    if not 0 < length < math.inf:
+        raise RecordError(f"{where}: {key} {text[:40]!r} must be a positive number; correct it")
+    return length
+
+
+def _require_same_lengths(where: str, earlier: Specimen, specimen: Specimen) -> None:
+    if set(earlier.curves) & set(specimen.curves):
+        raise RecordError(f"{where}: a second curve of {specimen.name} in direction {next(iter(specimen.curves))}; remove one")
+    if (earlier.thickness, earlier.diameter) != (specimen.thickness, specimen.diameter):
+        raise RecordError(f"{where}: {specimen.name} has another thickness or diameter than in an earlier row; correct one")

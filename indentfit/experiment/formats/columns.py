@@ -57,7 +57,8 @@ def raw_record(path: Path, table: Table, settings: Record) -> RawRecord:
         raise RecordError(f"{path}: {np.count_nonzero(good)} rows of numbers; a record needs at least {FEWEST}")
     _require_rising_time(path, table, columns[0, good])
     left_out = () if good.all() else (f"{np.count_nonzero(~good):,} rows without numbers were left out",)
-    return RawRecord(*columns[:, good], name=str(path), notes=table.notes + left_out)
+    seconds, displacement, force = columns[:, good]
+    return RawRecord(seconds, displacement, force, str(path), table.notes + left_out)
 
 
 def _channels(settings: Record) -> dict[str, RecordChannel]:
