@@ -9,7 +9,8 @@ from conftest import white_matter
 from threadpoolctl import threadpool_info
 
 from indentfit.errors import ConvergenceError
-from indentfit.fem import newton
+from indentfit.fem import path
+from indentfit.fem.controls import Controls
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model, _threads, said_of_tries
 from indentfit.inference.fit import fit
@@ -69,14 +70,14 @@ def test_more_load_steps_change_the_curve_by_less_than_a_third_of_a_percent(run)
 
 def test_hard_steps_get_no_shorter_than_a_hundredth_of_the_depth(run, monkeypatch):
     """Else a path on which every step is hard would come nearer and nearer to a depth, and never there."""
-    usual = newton._step
+    usual = path._step
 
     def hard(*of_step):
-        return usual(*of_step)[0], newton.HARD
+        return usual(*of_step)[0], path.HARD
 
-    monkeypatch.setattr(newton, "_step", hard)
+    monkeypatch.setattr(path, "_step", hard)
     found = run("mesh.elements=20", angle=0, depths=DEPTHS)
-    assert found.facts["steps"] <= 1 / newton.SMALLEST_STEP
+    assert found.facts["steps"] <= 1 / path.SMALLEST_STEP
     assert found.path[-1].depth == DEPTHS[-1]
 
 
@@ -102,7 +103,7 @@ def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monke
     assert "a corner folds up" in said
     lines = list(simulation_lines(model.simulate(presses_of(case, material)), case, material))
     assert sum(line.startswith("note      test 'p") for line in lines) == 2
-    assert found.force == pytest.approx(usual(model, 1.0, press, newton.Controls(1e-6)).force, rel=0.05)
+    assert found.force == pytest.approx(usual(model, 1.0, press, Controls(1e-6)).force, rel=0.05)
 
 
 def test_a_fit_says_that_its_optimum_was_not_solved_at_the_first_try(monkeypatch):

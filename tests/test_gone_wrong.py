@@ -13,7 +13,7 @@ from indentfit.errors import CaseError, ConvergenceError, CurveError, RecordErro
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.record import RawRecord
-from indentfit.fem import newton
+from indentfit.fem import simulate
 from indentfit.fem.element import Solid
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
@@ -73,14 +73,14 @@ def test_an_element_that_turns_inside_out_is_said_to(model, monkeypatch):
 
 
 def test_an_indenter_that_never_touches_is_said_to(model, monkeypatch):
-    indent = newton.indent
+    indent = simulate.indent
 
     def apart(*words):
         path = indent(*words)
-        nowhere = replace(path[-1].touch, touching=np.zeros_like(path[-1].touch.touching))
-        return [*path[:-1], replace(path[-1], touch=nowhere, force=0.0)]
+        nowhere = replace(path[-1].contact, touching=np.zeros_like(path[-1].contact.touching))
+        return [*path[:-1], replace(path[-1], contact=nowhere, force=0.0)]
 
-    monkeypatch.setattr(newton, "indent", apart)
+    monkeypatch.setattr(simulate, "indent", apart)
     with pytest.raises(ConvergenceError, match=r"no equilibrium at 0.2 mm .*'a': the indenter has lost contact"):
         run(model, typed("mu/2*(I1-3)", ["mu"])(mu=1.0))
 

@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 
 from indentfit.case import Indenter, Mesh, Sample
 from indentfit.errors import ConvergenceError, InputError
+from indentfit.fem.constraints import Fixed
 from indentfit.fem.element import Solid
 from indentfit.fem.linear import pardiso
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.solver import LinearSolver
 from indentfit.fem.linear.tangent import Tangent
 from indentfit.fem.mesh import quarter
-from indentfit.fem.newton import Fixed
 from indentfit.material import load
 
 E1 = np.eye(3)[0]

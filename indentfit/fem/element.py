@@ -11,13 +11,13 @@ takes 0.12 s on one thread and 0.07 s on two, as form decorators 18 s (tests/ben
 """
 
 import functools
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
+from indentfit.fem.body import BodyState
 from indentfit.fem.compiled import THREADS, compiled, on_stack, on_threads
 from indentfit.material import derivatives
 
@@ -31,18 +31,6 @@ WORTH_THREADS = 200_000  # integration points times nodes of an element from whi
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
 _FAST = {"error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 _kernel, _inlined = compiled(**_FAST), compiled(inline="always", **_FAST)
-
-
-@dataclass(frozen=True)
-class State:
-    """What one evaluation of the solid at a displacement u knows.
-
-    I: invariants (4, n_el * n_q); theta: pressure modes of J (n_el, n_m); valid: J > 0 everywhere.
-    """
-
-    I: np.ndarray
-    theta: np.ndarray
-    valid: bool
 
 
 class Solid:
@@ -79,7 +67,7 @@ class Solid:
         """Invariants and dilatation at displacements u (n,) with the fibre direction (3,)."""
         I, theta = np.empty((4, self.weights.size)), np.zeros(self.means.shape)
         smallest = self._run(self._loop.kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
-        return State(I, theta, bool(min(smallest) > 0))
+        return BodyState(I, theta, bool(min(smallest) > 0))
 
     def pressure(self, state, kappa):
         """Pressure modes (n_el, n_m) that belong to a state, tension positive."""

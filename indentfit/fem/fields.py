@@ -45,7 +45,7 @@ def recover(model, result, material, kappa, equilibrium=None):
         nodal_stress=nodal_stress(body, stress),
         cell_stress=cell_stress(body, stress),
         volume_ratio=state.theta[:, 0] / body.means[:, 0],
-        contact_pressure=contact_pressure(body, model.contact, equilibrium.touch),
+        contact_pressure=contact_pressure(body, model.contact, equilibrium.contact),
     )
 
 

@@ -22,7 +22,8 @@ import scipy.sparse as sp
 from skfem import BilinearForm, Functional, LinearForm
 from skfem.helpers import ddot, det, grad, identity, inv, mul, prod, trace, transpose
 
-from indentfit.fem.element import Solid, State
+from indentfit.fem.body import BodyState
+from indentfit.fem.element import Solid
 from indentfit.material import invariant_gradients, invariants
 
 DEGREES = (2, 4, 2, 4)  # in F, of the invariants I1, I2, I4, I5
@@ -57,7 +58,7 @@ class FormSolid(Solid):
         J = det(F)
         theta = [mode_of_J.elemental(self.basis, q=q, J=J) for q in self._modes()]
         with np.errstate(all="ignore"):  # wild displacements: the state is not valid then
-            return State(invariants(F, fibre).reshape(4, -1), np.transpose(theta), bool(J.min() > 0))
+            return BodyState(invariants(F, fibre).reshape(4, -1), np.transpose(theta), bool(J.min() > 0))
 
     def forces(self, u, gradient, pressure, fibre):
         return internal_forces.assemble(self.basis, P=self._piola(u, gradient, pressure, fibre))

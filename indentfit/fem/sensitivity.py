@@ -10,148 +10,103 @@ rules (direct differentiation of a path-dependent problem: Michaleris, Tortorell
 discrete path: with the same steps, central differences tend to these derivatives.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from indentfit.errors import InputError
-from indentfit.fem.contact import UP, Change
-from indentfit.material import REST
+from indentfit.arrays import Array
+from indentfit.fem.body import BodyState
+from indentfit.fem.contact import UP, Change, History, Touch
+from indentfit.fem.deadline import Deadline
+from indentfit.fem.directions import Direction
+from indentfit.fem.equations import Linearisation
+from indentfit.fem.linear.solver import LinearSolver
 
 ACCURACY = 1e-9  # relative residual of the linear solves
-NUDGE = 1e-5  # relative step of the one numerical derivative, that of the springs' stiffness
 AT_REST = 1e-6  # mm per mm of depth: a motion so small that the body's forces are linear in it
-OFFSET = "offset"  # of the contact point, mm: F(d - offset)
 
 
-@dataclass(frozen=True)
-class Direction:
-    """One quantity that the path is differentiated by, and what changes with it per unit.
+@dataclass(frozen=True, eq=False)
+class PathDerivatives:
+    """Derivatives of an equilibrium by each Direction, which are the first axis.
 
-    gradient: I (4, n) -> change (4, n) of the energy's derivatives by the invariants, kPa, or None; kappa: of the bulk modulus;
-    springs: relative change of the contact springs; friction: of the coefficient of friction.
+    force: of the quarter (n_d,), mN; changes: of the contact's state; rates: of the rate of its traction (n_f, n_q, 3);
+    stiffness: (n_d,), mN/mm, at rest only.
     """
 
-    name: str
-    gradient: Callable | None = None
-    kappa: float = 0.0
-    springs: float = 0.0
-    friction: float = 0.0
-
-
-@dataclass(frozen=True)
-class Slopes:
-    """Derivatives of an equilibrium by each Direction, first axis: force (n_d,) of the quarter, mN; the touch's changes; the
-    changes of the traction's rate (n_f, n_q, 3); at rest also of the stiffness (n_d,), mN/mm."""
-
-    force: np.ndarray
+    force: Array
     changes: tuple[Change, ...] = field(repr=False)
-    rates: tuple[np.ndarray, ...] = field(repr=False)
-    stiffness: np.ndarray | None = None
+    rates: tuple[Array, ...] = field(repr=False)
+    stiffness: Array | None = None
 
-    def since(self, before, step):
-        """With the rates that belong to the secant from the slopes `before`, a step of the depth (mm) earlier."""
+    def since(self, before: "PathDerivatives", step: float) -> "PathDerivatives":
+        """With the rates that belong to the secant from the derivatives `before`, a step of the depth (mm) earlier."""
         pairs = zip(self.changes, before.changes, strict=True)
         return replace(self, rates=tuple((here.traction - there.traction) / step for here, there in pairs))
 
-    def advanced(self, touch, rate, step):
-        """Derivatives of `touch.advanced(rate, step)`: a History for each Direction."""
-        return tuple(change.advanced(touch, rate, rates, step) for change, rates in zip(self.changes, self.rates, strict=True))
+    def advanced(self, contact: Touch, rate: Array, step: float) -> tuple[History, ...]:
+        """Derivatives of `contact.advanced(rate, step)`: a History for each Direction."""
+        return tuple(change.advanced(contact, rate, rates, step) for change, rates in zip(self.changes, self.rates, strict=True))
 
 
-def directions(names, material, kappa, stiffness, friction):
-    """Directions of names: parameters of the material, "friction", "bulk_ratio" (kappa / mu), and "offset", which needs none.
-
-    stiffness: material -> stiffness of the contact springs, whose relative change is found by differences; friction: the
-    contact's coefficient. Raises InputError for other names.
-    """
-    found = []
-    for name in names:
-        if name in type(material).parameters:
-            found.append(_of_parameter(name, material, kappa, stiffness))
-        elif name == "bulk_ratio":
-            found.append(Direction(name, kappa=material.shear_modulus))
-        elif name == "friction" and np.isfinite(friction):
-            found.append(Direction(name, friction=1.0))
-        elif name != OFFSET:
-            known = ", ".join([*type(material).parameters, "friction", "bulk_ratio", OFFSET])
-            raise InputError(f"no sensitivity to {name!r} here; known: {known} (friction: where it is a number)")
-    return tuple(found)
-
-
-def _of_parameter(name, material, kappa, stiffness):
-    row = list(type(material).parameters).index(name)
-    at_rest = material.parameter_gradient(REST)[row]
-    relative = kappa / material.shear_modulus
-    return Direction(
-        name,
-        gradient=lambda I: material.parameter_gradient(I)[row],
-        kappa=relative * float(2 * at_rest[:2].sum()),
-        springs=_relative_change(name, material, stiffness),
-    )
-
-
-def _relative_change(name, material, stiffness):
-    """Relative change of the springs by a parameter, from differences that stay within its bounds."""
-    value, parameter = getattr(material, name), type(material).parameters[name]
-    step = NUDGE * max(abs(value), 1e-3)
-    low, high = value - step, value + step
-    low, high = (value if parameter.min is not None and low < parameter.min else low), high
-    if parameter.max is not None and high > parameter.max:
-        high = value
-    change = stiffness(material.replace(**{name: high})) - stiffness(material.replace(**{name: low}))
-    return change / (high - low) / stiffness(material)
-
-
-# ---- along the path ----------------------------------------------------------------------------------------------
-
-
-def at_equilibrium(system, u, solver, at_rest=None):
-    """Slopes of the equilibrium u of a system (newton._System) whose history changes by `system.changes`.
+def derivatives(there: Linearisation, solver: LinearSolver, deadline: Deadline, at_rest: Array | None = None) -> PathDerivatives:
+    """PathDerivatives of an equilibrium whose increment knows how its history changes.
 
     at_rest: du/dd (n,) of the untouched sample, where this is it: its rates are then those of its tangent.
     """
-    found = [_along(system, way, history, u, solver) for way, history in zip(system.load.directions, system.changes, strict=True)]
-    force = np.array([system.contact.total(change.traction) for change in found])
+    back = _Back(there, solver, deadline)
+    changes, ways = there.increment.changes or (), there.increment.loading.directions
+    along = tuple(_along(back, way, history) for way, history in zip(ways, changes, strict=True))
+    face = there.increment.equations.face
+    force = np.array([face.total(change.traction) for change in along])
     if at_rest is None:
-        return Slopes(force, tuple(found), tuple(np.zeros_like(change.traction) for change in found))  # `since` sets them
-    rates = tuple(_rate_at_rest(system, way, at_rest, solver) for way in system.load.directions)
-    return Slopes(force, tuple(found), rates, np.array([system.contact.total(rate) for rate in rates]))
+        return PathDerivatives(force, along, tuple(np.zeros_like(change.traction) for change in along))  # `since` sets them
+    rates = tuple(_rate_at_rest(back, way, at_rest) for way in ways)
+    return PathDerivatives(force, along, rates, np.array([face.total(rate) for rate in rates]))
 
 
-def _along(system, way, history, u, solver):
-    """Change of the touch at an equilibrium u along one Direction, the history changing with it."""
-    load, contact, touch = system.load, system.contact, system.touch
+@dataclass(frozen=True, eq=False)
+class _Back:
+    """Back-substitution with the tangent of a linearisation."""
 
-    def change(place):
-        return contact.change(touch, load.springs, load.springs.scaled(way.springs), way.friction, history, place)
+    there: Linearisation
+    solver: LinearSolver
+    deadline: Deadline
 
-    held = change(np.zeros_like(touch.place))
-    du = _solve(system, solver, _body_forces(system, way, u, system.state) + contact.spread(held.traction))
-    return change(contact.field(du))
+    def solve(self, forces: Array) -> Array:
+        """Displacements (n,) that balance a change of the forces (n,)."""
+        self.there.increment.equations.fixed.freed(forces)
+        return self.solver.solve(self.there.tangent, -forces, ACCURACY, deadline=self.deadline)
 
 
-def _body_forces(system, way, u, state):
+def _along(back: _Back, way: Direction, history: History) -> Change:
+    """Change of the contact at an equilibrium along one Direction, the history changing with it."""
+    there, increment = back.there, back.there.increment
+    face, springs, contact = increment.equations.face, increment.loading.springs, there.contact
+
+    def change(place: Array) -> Change:
+        return face.change(contact, springs, springs.scaled(way.springs), way.friction, history, place)
+
+    held = change(np.zeros_like(contact.place))
+    du = back.solve(_body_forces(there, way, there.at.u, there.state) + face.spread(held.traction))
+    return change(face.field(du))
+
+
+def _body_forces(there: Linearisation, way: Direction, u: Array, state: BodyState) -> Array:
     """Derivative (n,) of the body's internal forces at fixed u."""
-    load, body = system.load, system.body
+    body, fibre = there.increment.equations.body, there.increment.loading.fibre
     gradient = np.zeros_like(state.I) if way.gradient is None else way.gradient(state.I)
-    return body.forces(u, gradient, body.pressure(state, way.kappa), load.fibre)
+    return body.forces(u, gradient, body.pressure(state, way.kappa), fibre)
 
 
-def _rate_at_rest(system, way, direction, solver):
+def _rate_at_rest(back: _Back, way: Direction, motion: Array) -> Array:
     """Change of the traction's rate of the untouched sample, whose tangent is that of its rest."""
-    contact, touch = system.contact, system.touch
-    small = AT_REST * direction
-    springs = system.load.springs.scaled(way.springs)
-    D = contact.stiffness_change(touch, springs)
-    moved = contact.field(direction) + UP
-    load_vector = _body_forces(system, way, small, system.body.state(small, system.load.fibre)) / AT_REST
-    held = np.einsum("fqij,fqj->fqi", D, moved)
-    change = _solve(system, solver, load_vector + contact.spread(held))
-    return held + np.einsum("fqij,fqj->fqi", touch.D, contact.field(change))
-
-
-def _solve(system, solver, load_vector):
-    load_vector[system.fixed.dofs] = 0
-    return solver.solve(system.tangent, -load_vector, ACCURACY)
+    there, increment = back.there, back.there.increment
+    body, face, loading = increment.equations.body, increment.equations.face, increment.loading
+    assert there.contact.D is not None  # a linearisation has the contact's derivative
+    small = AT_REST * motion
+    D = face.stiffness_change(there.contact, loading.springs.scaled(way.springs))
+    held = np.einsum("fqij,fqj->fqi", D, face.field(motion) + UP)
+    forces = _body_forces(there, way, small, body.state(small, loading.fibre)) / AT_REST
+    change = back.solve(forces + face.spread(held))
+    return held + np.einsum("fqij,fqj->fqi", there.contact.D, face.field(change))

@@ -12,15 +12,20 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.curve import Curve
 from indentfit.errors import ConvergenceError
-from indentfit.fem import newton, sensitivity
+from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
+from indentfit.fem.controls import Controls, Work
 from indentfit.fem.deadline import NEVER, Deadline
+from indentfit.fem.directions import OFFSET, directions
 from indentfit.fem.element import Solid
+from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.pardiso import THREADS_PAY
 from indentfit.fem.linear.solver import LinearSolver
 from indentfit.fem.mesh import quarter
+from indentfit.fem.newton import Newton
+from indentfit.fem.path import indent, untouched
 from indentfit.fem.setup import Press, Setup
 from indentfit.material import blamed
 
@@ -104,10 +109,11 @@ class Model:
         self.mesh = quarter(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth, rim)
         self.body = _body(self.mesh, setup.solver)
         self.contact = Contact(self.body, setup.indenter, setup.sample.thickness)
-        self.fixed = newton.Fixed(self.body, _held(self.body.basis, setup.sample.base))
+        self.fixed = Fixed(self.body, _held(self.body.basis, setup.sample.base))
         kind = choice(setup.solver.linear, self.body.n_dofs)
         modes = self.fixed.freed(rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None
         self.solver = LinearSolver(kind, modes, self.contact.surface)
+        self.equations = Equations(self.body, self.contact, self.fixed)
         self.setup_seconds = time.perf_counter() - started
 
     def simulate(self, presses: Sequence[Press], progress: Callable[[str, float], None] | None = None) -> Simulation:
@@ -125,7 +131,7 @@ class Model:
         """
         press = replace(press, depths=np.asarray(press.depths, dtype=float))
         options = self.setup.solver
-        controls = newton.Controls(options.tolerance, options.max_step or np.inf, deadline or NEVER, progress)
+        controls = Controls(options.tolerance, options.max_step or np.inf, deadline or NEVER, progress)
         with _threads(self.body.n_dofs), blamed(type(press.material)):
             return self._tried(press, controls)
 
@@ -155,13 +161,14 @@ class Model:
         started = time.perf_counter()
         material, kappa, angle, depths, name = press.material, press.kappa, press.angle, press.depths, press.name
         sensitivities = tuple(press.sensitivities)
-        work, before = newton.Counts(), self.solver.work
+        work, before = Work(), self.solver.work
         springs = self._springs(material, angle).scaled(stiffer)
         bulk = self.solver.bulk(kappa, material.shear_modulus)
-        load = newton.Load(material, kappa, bulk, FIBRES[angle], springs, self._directions(sensitivities, material, kappa, angle))
+        ways = self._directions(sensitivities, material, kappa, angle)
+        loading = Loading(material, kappa, bulk, FIBRES[angle], springs, ways)
         self.solver.forget()
         try:
-            path = newton.indent(self.body, self.contact, self.fixed, load, self.solver, depths, controls, work)
+            path = indent(self.equations, loading, Newton(self.solver, controls, work), depths)
         except ConvergenceError as error:
             unstable = material.unstable and f"; the material is not stable at small strain ({material.unstable})"
             cause = error.cause + (unstable or "")
@@ -180,11 +187,11 @@ class Model:
             "penalty_error": path[-1].penalty_error / max(path[-1].force, 1e-300),
             "residual_error": max(abs(point.residual_error) / point.force for point in path[1:]),
             "edge_slip": self._edge_slip(path[-1]),
-            "touching": float(path[-1].touch.touching[self.contact.under].mean()),
-            "slipping": float(path[-1].touch.slipping[self.contact.under].mean()),
+            "touching": float(path[-1].contact.touching[self.contact.under].mean()),
+            "slipping": float(path[-1].contact.slipping[self.contact.under].mean()),
         }
         force = QUARTERS * interpolate(path, [point.force for point in path], depths)
-        slopes = self._sensitivities(sensitivities, load.directions, path, depths)
+        slopes = self._sensitivities(sensitivities, loading.directions, path, depths)
         return TestResult(name, angle, depths, force, facts, slopes, path[-1], tuple(path), self)
 
     def _directions(self, names, material, kappa, angle):
@@ -192,27 +199,28 @@ class Model:
             return self._springs(material, angle).normal
 
         friction = np.inf if self.contact.tied.any() else self.contact.friction
-        return sensitivity.directions(names, material, kappa, stiffness, friction)
+        return directions(names, material, kappa, stiffness, friction)
 
     def _sensitivities(self, names, directions, path, depths):
         """name -> (n,) of the names asked for, None where the path left the differentiable."""
         found = {}
         if directions:
-            if any(point.slopes is None for point in path):
+            if any(point.derivatives is None for point in path):
                 return None
-            rows = QUARTERS * interpolate(path, [point.slopes.force for point in path], depths).T
+            rows = QUARTERS * interpolate(path, [point.derivatives.force for point in path], depths).T
             found = dict(zip((way.name for way in directions), rows, strict=True))
-        if sensitivity.OFFSET in names:
+        if OFFSET in names:
             forces = [point.force for point in path]
-            found[sensitivity.OFFSET] = -QUARTERS * CubicSpline([point.depth for point in path], forces)(depths, 1)
+            found[OFFSET] = -QUARTERS * CubicSpline([point.depth for point in path], forces)(depths, 1)
         return {name: found[name] for name in names}
 
     def stiffness(self, material, kappa, angle):
         """Small-strain stiffness of the full sample, mN/mm, under a flat indenter that slips freely or sticks."""
         springs = self._springs(material, angle).scaled(RIGID)  # one linear solve: nothing can chatter
-        load = newton.Load(material, kappa, self.solver.bulk(kappa, material.shear_modulus), FIBRES[angle], springs)
+        loading = Loading(material, kappa, self.solver.bulk(kappa, material.shear_modulus), FIBRES[angle], springs)
+        newton = Newton(self.solver, Controls(self.setup.solver.tolerance), Work())
         self.solver.forget()
-        return QUARTERS * newton.untouched(self.body, self.contact, self.fixed, load, self.solver).stiffness
+        return QUARTERS * untouched(self.equations, loading, newton).stiffness
 
     def _springs(self, material, angle):
         """Contact springs in proportion to the sample's stiffness: under a sharp edge, where the traction is singular, SHARP times
@@ -278,7 +286,7 @@ def _threads(n_dofs):
 def _require_contact(path, name):
     """Raise ConvergenceError where no point of the indenter touches the sample although it was moved into it."""
     for step, point in enumerate(path[1:], start=1):
-        if not point.touch.touching.any():
+        if not point.contact.touching.any():
             cause = "the indenter has lost contact: no point of it touches the sample; check its shape, and the material's signs"
             raise ConvergenceError(_of_test(name, cause), point.depth, step)
 

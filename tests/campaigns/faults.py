@@ -98,14 +98,14 @@ if kind == "clock":
         return real() - float(number) * calls[0]
     time.time = back
 elif kind == "memory" and "spawn_main" in " ".join(sys.orig_argv) or kind == "memory here":
-    from indentfit.fem import newton
-    usual = newton._step
+    from indentfit.fem import path
+    usual = path._step
     def step(*words):
         import resource
         pages = int(open("/proc/self/statm").read().split()[0])
         resource.setrlimit(resource.RLIMIT_AS, (pages * 4096 + int(number) * 1024, resource.RLIM_INFINITY))
         return usual(*words)
-    newton._step = step
+    path._step = step
 elif kind.startswith("garbage"):
     import numpy
     from indentfit.fem.linear import direct

@@ -1,0 +1,99 @@
+"""What a deformable body is to the solver: the Protocol that bricks fulfil, and that a body in a meridian plane can fulfil."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import scipy.sparse as sp
+
+from indentfit.arrays import Array, Ints
+from indentfit.material import Material
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """What one evaluation of a body at its displacements knows.
+
+    I: isochoric invariants I1, I2, I4, I5 at the integration points (4, n_el * n_q); theta: pressure modes of J (n_el, n_m);
+    valid: J > 0 everywhere.
+    """
+
+    I: Array
+    theta: Array
+    valid: bool
+
+
+class Body(Protocol):
+    """A meshed body of a nearly incompressible hyperelastic solid: no material, no load, no state of its own.
+
+    The unknowns are displacements u (n,), mm, k of them at each node, and pressure modes (n_el, n_m) that are eliminated element
+    by element; tension is positive. All methods are pure: the same arguments give the same numbers, bit by bit.
+
+    n_dofs: n; dofs: those of each element (n_el, n_n, k); volume: of each element (n_el,), mm^3; means: pressure modes of the
+    constant 1 (n_el, n_m), in which theta is at rest; indptr, indices: CSR pattern of the tangent, sorted, its diagonal present.
+    """
+
+    dofs: Ints
+    volume: Array
+    means: Array
+    indptr: Ints
+    indices: Ints
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of displacements."""
+        ...
+
+    def state(self, u: Array, fibre: Array) -> BodyState:
+        """Invariants and dilatation at displacements u (n,), with the direction of the fibres (3,) at rest.
+
+        Displacements that turn an element inside out raise nothing: the state is then not valid.
+        """
+        ...
+
+    def pressure(self, state: BodyState, kappa: float) -> Array:
+        """Pressure modes (n_el, n_m) that belong to a state, kappa (theta - means), in kPa times the modes' own unit."""
+        ...
+
+    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+        """Internal forces (n,), mN, of a material at given pressure modes, which need not be those of the state."""
+        ...
+
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
+        """Internal forces (n,), mN, of an energy's derivatives by the invariants (4, n_el * n_q), kPa, and of pressure modes.
+
+        The forces are linear in both, so that derivatives by parameters come from the same function.
+        """
+        ...
+
+    def tangent(
+        self,
+        u: Array,
+        state: BodyState,
+        material: Material,
+        pressure: Array,
+        kappa: float,
+        fibre: Array,
+        bulk: float | None = None,
+    ) -> tuple[Array, Array]:
+        """Forces and tangent of one Newton iteration.
+
+        Parameters
+        ----------
+        pressure : array (n_el, n_m)
+            The iterated pressure modes, for the geometric part of the tangent.
+        bulk : float, kPa
+            Bulk modulus of the tangent, where it shall not be kappa (fem.linear.multigrid).
+
+        Returns
+        -------
+        forces (n,), mN, at the pressure modes that follow from u, and CSR values (nnz,) of the consistent tangent, mN/mm
+        """
+        ...
+
+    def dilatation_map(self, u: Array) -> Array:
+        """Derivative of the pressure modes of J by each element's displacements, (n_el, n_m, n_n, k)."""
+        ...
+
+    def matrix(self, values: Array) -> sp.csr_matrix:
+        """The CSR matrix (n, n) of values (nnz,), which shares the body's pattern."""
+        ...

@@ -1,0 +1,45 @@
+"""How a path is followed, and the count of the work that it took."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from indentfit.fem.deadline import NEVER, Deadline
+
+
+@dataclass(frozen=True)
+class Controls:
+    """How a path is followed.
+
+    Parameters
+    ----------
+    tolerance : float
+        Residual at equilibrium, relative to the contact forces.
+    max_step : float, mm
+        Largest step of the depth.
+    deadline : Deadline
+        Looked at once in every iteration.
+    progress : share -> None
+        Called after each step with the share of the last depth that is done.
+    """
+
+    tolerance: float
+    max_step: float = np.inf
+    deadline: Deadline = NEVER
+    progress: Callable[[float], None] | None = None
+
+
+@dataclass
+class Work:
+    """The work of one run, counted while it goes on.
+
+    steps, cutbacks: of the depth; iterations: Newton's; loose_steps: steps that were left at a residual above the tolerance;
+    largest_residual: the largest of theirs, of the contact forces.
+    """
+
+    steps: int = 0
+    cutbacks: int = 0
+    iterations: int = 0
+    loose_steps: int = 0
+    largest_residual: float = 0.0

@@ -1,0 +1,85 @@
+"""What a path can be differentiated by: parameters of the material, friction and the bulk ratio, each with what changes with it."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.errors import InputError
+from indentfit.material import REST, Material
+
+NUDGE = 1e-5  # relative step of the one numerical derivative, that of the springs' stiffness
+OFFSET = "offset"  # of the contact point, mm: F(d - offset)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One quantity that the path is differentiated by, and what changes with it per unit.
+
+    gradient: I (4, n) -> change (4, n) of the energy's derivatives by the invariants, kPa, or None; kappa: of the bulk modulus;
+    springs: relative change of the contact springs; friction: of the coefficient of friction.
+    """
+
+    name: str
+    gradient: Callable[[Array], Array] | None = None
+    kappa: float = 0.0
+    springs: float = 0.0
+    friction: float = 0.0
+
+
+def directions(
+    names: Iterable[str], material: Material, kappa: float, stiffness: Callable[[Material], float], friction: float
+) -> tuple[Direction, ...]:
+    """The Direction of each name.
+
+    Parameters
+    ----------
+    names
+        Parameters of the material, "friction", "bulk_ratio" (kappa over shear modulus), and "offset", which needs none.
+    kappa : float, kPa
+    stiffness : material -> stiffness of the contact springs
+        Its relative change is found by differences.
+    friction : float
+        The contact's coefficient; infinite where the contact sticks.
+
+    Raises
+    ------
+    InputError
+        For other names.
+    """
+    ways = []
+    for name in names:
+        if name in type(material).parameters:
+            ways.append(_of_parameter(name, material, kappa, stiffness))
+        elif name == "bulk_ratio":
+            ways.append(Direction(name, kappa=material.shear_modulus))
+        elif name == "friction" and np.isfinite(friction):
+            ways.append(Direction(name, friction=1.0))
+        elif name != OFFSET:
+            known = ", ".join([*type(material).parameters, "friction", "bulk_ratio", OFFSET])
+            raise InputError(f"no sensitivity to {name!r} here; known: {known} (friction: where it is a number)")
+    return tuple(ways)
+
+
+def _of_parameter(name: str, material: Material, kappa: float, stiffness: Callable[[Material], float]) -> Direction:
+    row = list(type(material).parameters).index(name)
+    at_rest = material.parameter_gradient(REST)[row]
+    relative = kappa / material.shear_modulus
+    return Direction(
+        name,
+        gradient=lambda I: material.parameter_gradient(I)[row],
+        kappa=relative * float(2 * at_rest[:2].sum()),
+        springs=_relative_change(name, material, stiffness),
+    )
+
+
+def _relative_change(name: str, material: Material, stiffness: Callable[[Material], float]) -> float:
+    """Relative change of the springs by a parameter, from differences that stay within its bounds."""
+    value, parameter = getattr(material, name), type(material).parameters[name]
+    step = NUDGE * max(abs(value), 1e-3)
+    low, high = value - step, value + step
+    low = value if parameter.min is not None and low < parameter.min else low
+    high = value if parameter.max is not None and high > parameter.max else high
+    change = stiffness(material.replace(**{name: high})) - stiffness(material.replace(**{name: low}))
+    return change / (high - low) / stiffness(material)

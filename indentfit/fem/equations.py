@@ -1,0 +1,234 @@
+"""The equations of one increment of the depth, and their linearisation at one iterate.
+
+The unknowns are the displacements u and the pressure modes p of the body. The residual at depth d is the body's internal forces
+plus those of the contact, which remembers a History. Everything here is a value: an iteration makes new ones.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.errors import ConvergenceError
+from indentfit.fem.body import Body, BodyState
+from indentfit.fem.constraints import Fixed
+from indentfit.fem.contact import Contact, History, Springs, Touch
+from indentfit.fem.directions import Direction
+from indentfit.fem.linear.tangent import Tangent
+from indentfit.material import Material
+
+SOFTER = 1 / 3  # what a cutback makes of the contact springs; their error is reported
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """What does not change along a path: the body, the face of the contact, and the dofs held at zero."""
+
+    body: Body
+    face: Contact
+    fixed: Fixed
+
+
+@dataclass(frozen=True, eq=False)
+class Loading:
+    """What one run of a model is made of.
+
+    Parameters
+    ----------
+    material : Material
+    kappa : float, kPa
+        Bulk modulus.
+    tangent_bulk : float, kPa
+        Bulk modulus to assemble tangents with (fem.linear).
+    fibre : array (3,)
+        Direction of the fibres at rest.
+    springs : Springs
+        Of the contact.
+    directions : Directions
+        What the path is differentiated by.
+    """
+
+    material: Material
+    kappa: float
+    tangent_bulk: float
+    fibre: Array
+    springs: Springs
+    directions: tuple[Direction, ...] = ()
+
+    def softened(self) -> "Loading":
+        """With softer springs, as after a cutback."""
+        return replace(self, springs=self.springs.scaled(SOFTER))
+
+    def stiffened(self, springs: Springs) -> "Loading":
+        """Back towards the springs that a softened loading began with."""
+        if self.springs.normal >= springs.normal * SOFTER:
+            return replace(self, springs=springs)
+        return replace(self, springs=self.springs.scaled(1 / SOFTER))
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """Displacements u (n,), mm, and pressure modes (n_el, n_m), which are iterated as unknowns of their own."""
+
+    u: Array
+    pressure: Array
+
+    def moved(self, share: float, by: "Iterate") -> "Iterate":
+        """This iterate moved by a share of another one."""
+        return Iterate(self.u + share * by.u, self.pressure + share * by.pressure)
+
+
+@dataclass(frozen=True, eq=False)
+class Dampers:
+    """Nodal dampers of one implicit step of time: their forces are coefficients (n,), mN/mm, times the motion from u0 (n,)."""
+
+    coefficients: Array
+    u0: Array
+
+    def forces(self, u: Array) -> Array:
+        """Forces (n,), mN."""
+        return self.coefficients * (u - self.u0)
+
+
+@dataclass(frozen=True, eq=False)
+class Increment:
+    """The equations at one depth after one history of the contact.
+
+    Parameters
+    ----------
+    equations : Equations
+    loading : Loading
+    depth : float, mm
+    history : History
+        What the contact remembers of the steps before.
+    changes : Histories
+        Derivatives of the history by the loading's directions; None where the path cannot be differentiated any more.
+    leash : float, mm
+        Largest motion of a point in one iteration.
+    """
+
+    equations: Equations
+    loading: Loading
+    depth: float
+    history: History
+    changes: tuple[History, ...] | None = ()
+    leash: float = np.inf
+
+    def after(self, history: History, changes: tuple[History, ...] | None = None) -> "Increment":
+        """The same depth after another history."""
+        return replace(self, history=history, changes=changes)
+
+    def contact(self, u: Array, derivative: bool = True) -> Touch:
+        """State of the contact at displacements u (n,)."""
+        return self.equations.face.touch(u, self.depth, self.history, self.loading.springs, derivative)
+
+    def linearised(self, at: Iterate) -> "Linearisation":
+        """Residual and tangent at an iterate."""
+        body, face, fixed, loading = self.equations.body, self.equations.face, self.equations.fixed, self.loading
+        state = body.state(at.u, loading.fibre)
+        residual, values = body.tangent(
+            at.u, state, loading.material, at.pressure, loading.kappa, loading.fibre, loading.tangent_bulk
+        )
+        contact = self.contact(at.u)
+        forces = face.residual(contact)
+        residual += forces
+        fixed.constrain(residual, values)
+        whole = values.copy()
+        dense = fixed.without(face.add_tangent(contact, whole), face.surface)
+        fixed.restore(whole, values)
+        dilatation = body.dilatation_map(at.u)
+        tangent = Tangent(
+            whole=body.matrix(whole),
+            body=body.matrix(values),
+            contact=dense,
+            dilatation=fixed.dilatation(dilatation),
+            kappa=loading.kappa,
+            bulk=loading.tangent_bulk,
+            mu=loading.material.shear_modulus,
+        )
+        return Linearisation(self, at, state, contact, dilatation, residual, _norm(residual), _norm(forces), tangent)
+
+    def merit(self, at: Iterate, dampers: Dampers | None = None) -> float:
+        """Norm of the residual, mN, at an iterate with the forces of dampers; infinite where an element is inside out."""
+        body, fibre = self.equations.body, self.loading.fibre
+        state = body.state(at.u, fibre)
+        if not state.valid:
+            return np.inf
+        with np.errstate(all="ignore"):
+            residual = body.residual(at.u, state, self.loading.material, at.pressure, fibre)
+        residual += self.equations.face.residual(self.contact(at.u, derivative=False))
+        if dampers is not None:
+            residual += dampers.forces(at.u)
+        residual[self.equations.fixed.dofs] = 0
+        size = float(np.linalg.norm(residual))
+        return size if np.isfinite(size) else np.inf
+
+    def linear_pressure(self, dilatation: Array, du: Array) -> Array:
+        """Change of the pressure modes along du (n,), linearised; dilatation: the body's dilatation_map."""
+        return self.loading.kappa * np.einsum("emni,eni->em", dilatation, du[self.equations.body.dofs])
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Residual and tangent of an increment at one iterate, and what they are made of.
+
+    Parameters
+    ----------
+    increment : Increment
+    at : Iterate
+    state : BodyState
+        Of the body.
+    contact : Touch
+        State of the contact.
+    dilatation : array (n_el, n_m, n_n, k)
+        Derivative of the pressure modes of J.
+    residual : array (n,), mN
+    unbalanced : float, mN
+        Norm of the residual.
+    contact_force : float, mN
+        Norm of the contact's nodal forces, which the residual is measured by.
+    tangent : Tangent
+    """
+
+    increment: Increment
+    at: Iterate
+    state: BodyState
+    contact: Touch
+    dilatation: Array = field(repr=False)
+    residual: Array = field(repr=False)
+    unbalanced: np.float64
+    contact_force: np.float64
+    tangent: Tangent = field(repr=False)
+
+    def balanced(self, tolerance: float) -> bool:
+        """Whether the residual is within a share of the contact force."""
+        return bool(self.unbalanced <= tolerance * self.contact_force)
+
+    @property
+    def pressure(self) -> Array:
+        """The pressure modes (n_el, n_m) that follow from the displacements."""
+        return self.increment.equations.body.pressure(self.state, self.increment.loading.kappa)
+
+    def change(self, du: Array) -> Iterate:
+        """Newton's change of the iterate: du (n,), and the change of the iterated pressures that goes with it."""
+        return Iterate(du, self.pressure - self.at.pressure + self.increment.linear_pressure(self.dilatation, du))
+
+    def damped(self, dampers: Dampers) -> Tangent:
+        """The tangent with dampers at the dofs."""
+        body, diagonal = self.increment.equations.body, self.increment.equations.fixed.diagonal
+        whole, factorised = self.tangent.whole.data.copy(), self.tangent.factorised.data.copy()
+        whole[diagonal] += dampers.coefficients
+        factorised[diagonal] += dampers.coefficients
+        return replace(self.tangent, whole=body.matrix(whole), body=body.matrix(factorised))
+
+    def failure(self, share: float, iteration: int, cause: str | None = None) -> ConvergenceError:
+        """The error of an iteration that ends with a residual of a share of the contact force; it tells what the contact did."""
+        touching, slipping = int(self.contact.touching.sum()), int(self.contact.slipping.sum())
+        state = f"{touching} of {self.contact.gap.size} contact points touch, {slipping} slip"
+        cause = cause or f"residual still {share:.1e} of the contact force after {iteration + 1} iterations"
+        text = f"{cause} ({state}); try a coarser mesh or an edge radius"
+        return ConvergenceError(text, self.increment.depth, iteration=iteration)
+
+
+def _norm(vector: Array) -> np.float64:
+    return np.float64(np.linalg.norm(vector))

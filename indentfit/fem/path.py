@@ -1,0 +1,124 @@
+"""Equilibria along the indentation: steps of depth with cutback and regrowth.
+
+A step starts from the tangent prediction u + du/dd * step (one solve with the factor at hand) and is repeated with half its
+length when Newton's iteration fails. The curve between the steps is a spline, so the outputs asked for do not decide how many are
+taken.
+"""
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.errors import ConvergenceError
+from indentfit.fem.equations import Equations, Increment, Iterate, Loading
+from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.newton import INVERTED, Newton
+from indentfit.fem.relaxation import relaxed
+
+WITHHELD, MAX_AUGMENTATIONS = 2e-3, 3  # share of the force that the springs may withhold
+LEASH = 0.03  # largest motion of a point in one iteration, of the last depth
+FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
+SMALLEST_STEP = 1e-2  # of the last depth; where this is not enough, other springs or another mesh are cheaper than more halvings
+SHORT = 0.6  # of the largest step, below which a step is one after a cutback: it may be relaxed, and its springs softened
+EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
+
+
+def indent(equations: Equations, loading: Loading, newton: Newton, depths: Array) -> list[Equilibrium]:
+    """Equilibria from zero to the last of the depths (n,), mm, rising; the first one is the untouched sample.
+
+    Raises
+    ------
+    ConvergenceError
+        Where no smaller step helps.
+    OutOfTime
+    """
+    last, springs = float(depths[-1]), loading.springs
+    largest = min(newton.controls.max_step, last / FIRST_STEPS)
+    step, path = largest, [untouched(equations, loading, newton)]
+    while path[-1].depth < last * (1 - 1e-12):
+        newton.controls.deadline.check()
+        here = path[-1]
+        step = min(step, largest, last - here.depth)
+        depth = last if here.depth + 1.01 * step > last else here.depth + step
+        short = depth - here.depth < SHORT * largest
+        try:
+            there, iterations = _step(newton, _increment(equations, loading, here, depth, LEASH * last), here, short)
+        except ConvergenceError as error:
+            step = (depth - here.depth) / 2
+            loading = loading.softened() if short else loading
+            _cut_back(newton, step < SMALLEST_STEP * last, depth, error)
+            continue
+        newton.work.steps += 1
+        loading = loading.stiffened(springs)
+        path.append(_augmented(equations, loading, newton, there, LEASH * last).since(here))
+        if newton.controls.progress is not None:
+            newton.controls.progress(depth / last)
+        step = _next_step(step, iterations, SMALLEST_STEP * last)
+    return path
+
+
+def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilibrium:
+    """The state before indentation, with the motion and stiffness in which it leaves."""
+    body, face = equations.body, equations.face
+    u = np.zeros(body.n_dofs)
+    at = Iterate(u, body.pressure(body.state(u, loading.fibre), loading.kappa))
+    increment = Increment(equations, loading, 0.0, face.rest(), tuple(face.no_change() for _ in loading.directions))
+    return newton.settled(increment.linearised(at), at_rest=True)
+
+
+def _increment(equations: Equations, loading: Loading, here: Equilibrium, depth: float, leash: float) -> Increment:
+    """The increment that leads from an equilibrium to a depth: its contact's multipliers follow their rates."""
+    step = depth - here.depth
+    history = here.contact.advanced(here.rate, step)
+    changes = None if here.derivatives is None else here.derivatives.advanced(here.contact, here.rate, step)
+    return Increment(equations, loading, depth, history, changes, leash)
+
+
+def _step(newton: Newton, increment: Increment, here: Equilibrium, relax: bool) -> tuple[Equilibrium, int]:
+    """The equilibrium of an increment from the tangent prediction, and how many iterations it took: by Newton, else relaxed."""
+    at = _predicted(increment, here)
+    try:
+        return newton.equilibrium(increment, at)
+    except ConvergenceError as first:
+        if not relax:
+            raise
+        newton.solver.forget()
+        try:
+            return relaxed(newton, increment, at)
+        except ConvergenceError as error:
+            raise (first if INVERTED in first.cause else error) from None  # what came first says more than the residual left
+
+
+def _predicted(increment: Increment, here: Equilibrium) -> Iterate:
+    """The iterate on the path's tangent, on a shorter piece of it where that would turn an element inside out."""
+    body, fibre = increment.equations.body, increment.loading.fibre
+    for share in (1.0, 0.5, 0.25, 0.0):
+        u = here.u + share * (increment.depth - here.depth) * here.motion
+        if body.state(u, fibre).valid:
+            return Iterate(u, here.pressure + increment.linear_pressure(body.dilatation_map(here.u), u - here.u))
+    raise ConvergenceError(INVERTED, increment.depth)
+
+
+def _cut_back(newton: Newton, too_short: bool, depth: float, error: ConvergenceError) -> None:
+    """Count a step that failed. Raises ConvergenceError where half of it would be too short."""
+    newton.work.cutbacks += 1
+    newton.solver.forget()
+    if too_short:
+        raise ConvergenceError(error.cause, depth, newton.work.steps + 1, error.iteration) from error
+
+
+def _augmented(equations: Equations, loading: Loading, newton: Newton, there: Equilibrium, leash: float) -> Equilibrium:
+    """The step solved again at its depth with its own multipliers while the springs withhold too much of the force."""
+    for _ in range(MAX_AUGMENTATIONS):
+        if abs(there.penalty_error) <= WITHHELD * abs(there.force):
+            break
+        try:
+            there, _ = _step(newton, _increment(equations, loading, there, there.depth, leash), there, relax=True)
+        except ConvergenceError:
+            break  # the larger penalty error is reported
+    return there
+
+
+def _next_step(step: float, iterations: int, smallest: float) -> float:
+    if iterations <= EASY:
+        return 1.5 * step
+    return max(step / 1.5, smallest) if iterations >= HARD else step

@@ -1,0 +1,141 @@
+"""Relaxation: an equilibrium reached by overdamped motion, where Newton's iteration finds none.
+
+Where the tangent loses definiteness (surface folding at the sample's rim, fibres buckling at the indenter's edge, points about
+to slip) a Newton step points anywhere. With dampers each step of time has a solution near the last one, and the motion ends
+in a stable equilibrium of the undamped body. The contact's history goes along with the motion, as in a slow experiment. The
+residual left after MAX_RELAXED iterations is accepted up to LOOSE, counted, and its share of the force reported: points of the contact may
+*chatter*, that is, change between stick and slip, or touch and gap, from one iteration to the next without end.
+"""
+
+import contextlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from indentfit.errors import ConvergenceError
+from indentfit.fem.equations import Dampers, Increment, Iterate, Linearisation
+from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.newton import MAX_ITERATIONS, Newton, line_search
+
+NEARLY_STILL, FEW = 0.1, 6  # damping below which Newton is tried from a relaxed state, and iterations that it is given there
+MAX_RELAXED, MAX_IMPLICIT = 120, 8  # iterations of a relaxation, and of one of its steps of time
+WARY = 2  # steps of time in which the dampers stay above those with which a step has just failed
+EASED = 1e-2  # reduction of the residual that ends a step of time
+CREEP = 1.2  # growth of the residual that an iteration of a step of time may end with
+STIFFEST_DAMPER = 1e6  # in units of shear modulus times size
+LOOSE = 5e-3  # residual, of the contact force, at which points that chatter may be left; counted and reported
+RELAXED = 9  # iterations that a relaxation counts as, one less than path.HARD: the snap is over, the next step may be as long
+
+
+def relaxed(newton: Newton, increment: Increment, at: Iterate) -> tuple[Equilibrium, int]:
+    """The Equilibrium reached from an iterate by overdamped motion, and the number of iterations that it counts as.
+
+    Raises
+    ------
+    ConvergenceError
+        Where the motion does not come to rest.
+    OutOfTime
+    """
+    start, first, damping = newton.work.iterations, increment, Damping()
+    best = _Rest(np.inf, increment, at)
+    while newton.work.iterations - start < MAX_RELAXED and damping.now < STIFFEST_DAMPER:
+        here = newton.linearised(increment, at)
+        if not np.isfinite(here.unbalanced):
+            break
+        best = best.or_better(here)
+        if here.balanced(newton.controls.tolerance):
+            return _settled(newton, first, here.increment, at), RELAXED
+        motion = _moved(newton, here, damping.now)
+        if motion is None:
+            damping = damping.failed()
+            continue
+        at, increment = motion.there.at, increment.after(motion.there.contact.advanced())
+        damping = damping.eased(motion.iterations)
+        if motion.iterations <= 2 and damping.now < NEARLY_STILL:  # what is left is the multipliers' own slow convergence
+            with contextlib.suppress(ConvergenceError):
+                return _settled(newton, first, increment, at), RELAXED
+    return _loose(newton, best, newton.work.iterations - start), MAX_ITERATIONS
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Coefficient of the dampers, in units of shear modulus times size, and the memory of the last one that failed."""
+
+    now: float = 1.0
+    last_failed: float = 0.0
+    wary: int = 0
+
+    def failed(self) -> "Damping":
+        """Stiffer dampers after a step of time that was not solved."""
+        return Damping(4 * self.now, self.now, WARY)
+
+    def eased(self, iterations: int) -> "Damping":
+        """Softer dampers, and so longer steps of time, the fewer iterations the last step took."""
+        softer = self.now / (4 if iterations <= 2 else 2 if iterations <= 3 else 1)
+        if not self.wary:
+            return replace(self, now=softer)
+        return replace(self, now=max(softer, 2 * self.last_failed), wary=self.wary - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """The iterate that was nearest to rest: its residual as a share of the contact force, and the increment that it belongs to."""
+
+    share: float
+    increment: Increment
+    at: Iterate
+
+    def or_better(self, here: Linearisation) -> "_Rest":
+        if here.unbalanced < self.share * here.contact_force:
+            return _Rest(here.unbalanced / here.contact_force, here.increment, here.at)
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """One implicit step of time: the linearisation where it ended, and its iterations."""
+
+    there: Linearisation
+    iterations: int
+
+
+def _moved(newton: Newton, here: Linearisation, damping: float) -> _Motion | None:
+    """One implicit step of the damped motion from a linearisation, or None where it fails."""
+    fixed, mu = here.increment.equations.fixed, here.increment.loading.material.shear_modulus
+    dampers = Dampers(damping * mu * fixed.sizes, here.at.u)
+    at, enough, eased = here.at, newton.controls.tolerance * here.contact_force, np.inf
+    for iteration in range(MAX_IMPLICIT):
+        if iteration:
+            here = newton.linearised(here.increment, at)
+        residual = fixed.freed(here.residual + dampers.forces(here.at.u))
+        size = float(np.linalg.norm(residual))
+        if iteration == 0:
+            eased = max(EASED * size, 0.1 * enough)
+        elif size <= eased:
+            return _Motion(here, iteration)
+        newton.work.iterations += 1
+        du = newton.solver.solve(here.damped(dampers), -residual, deadline=newton.controls.deadline)
+        try:
+            at, _ = line_search(here, du, 0, CREEP, dampers)
+        except ConvergenceError:
+            return None
+    return None
+
+
+def _settled(newton: Newton, first: Increment, relaxed: Increment, at: Iterate) -> Equilibrium:
+    """The equilibrium near a relaxed one that belongs to the history (and its changes) the step began with, where there is one:
+    it can be differentiated; else the relaxed history's. Raises ConvergenceError where Newton finds neither."""
+    try:
+        return newton.equilibrium(first, at, FEW)[0]
+    except ConvergenceError:
+        return newton.equilibrium(relaxed, at, FEW)[0]
+
+
+def _loose(newton: Newton, best: _Rest, iterations: int) -> Equilibrium:
+    """The best state of a motion that did not come to rest. Raises ConvergenceError where its residual is above LOOSE."""
+    here = best.increment.linearised(best.at)
+    if best.share > LOOSE:
+        raise here.failure(best.share, iterations)
+    newton.work.loose_steps += 1
+    newton.work.largest_residual = max(newton.work.largest_residual, best.share)
+    return newton.settled(here)
