@@ -424,7 +424,7 @@ def test_the_error_of_the_mesh_is_in_the_intervals_by_default():
     asked = inputs.another_mesh(case)
     fine, coarse = (simulate(white_matter(*keys, *more)).tests for more in ([], [f"mesh.elements={asked}"]))
     change = max(np.linalg.norm(b.force - a.force) / np.linalg.norm(a.force) for a, b in zip(fine, coarse, strict=True))
-    number = [simulate(white_matter(*keys, *more)).mesh["elements"] for more in ([], [f"mesh.elements={asked}"])]
+    number = [simulate(white_matter(*keys, *more)).mesh.elements for more in ([], [f"mesh.elements={asked}"])]
     share = change / (np.cbrt(number[0] / number[1]) - 1)
     with Pool(case, 1) as pool:
         whole, best = at_its_start(case, pool)

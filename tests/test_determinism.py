@@ -79,6 +79,6 @@ def test_pardiso_and_superlu_give_forces_within_a_millionth(element):
     for linear in ("pardiso", "superlu"):
         case = read_case(QUICK, ["mesh.elements=60", "solver.penalty=0.2", f"solver.element={element}", f"solver.linear={linear}"])
         found = simulate(case)
-        assert found.solver["linear"] == linear
+        assert found.solver.linear == linear
         forces[linear] = np.array([test.force for test in found.tests])
     assert np.abs(forces["superlu"] - forces["pardiso"]).max() <= 1e-6 * np.abs(forces["pardiso"]).max()

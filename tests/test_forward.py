@@ -11,8 +11,9 @@ from threadpoolctl import threadpool_info
 from indentfit.errors import ConvergenceError
 from indentfit.fem import path
 from indentfit.fem.controls import Controls
+from indentfit.fem.facts import SolveFacts, said_of_tries
 from indentfit.fem.setup import Press
-from indentfit.fem.simulate import Model, _threads, said_of_tries
+from indentfit.fem.simulate import USUAL, Model, _threads
 from indentfit.inference.fit import fit
 from indentfit.report.text import simulation_lines
 from indentfit.runs.forward import presses_of, simulate
@@ -59,12 +60,12 @@ def test_the_force_is_linear_in_the_scale_parameter(run):
 def test_softer_contact_springs_change_the_force_by_less_than_half_a_percent(run):
     usual, stiff = (run(*COARSE, f"solver.penalty={p}", angle=90, depths=DEPTHS) for p in (1, 10))
     assert usual.force == pytest.approx(stiff.force, rel=0.005)
-    assert abs(usual.facts["penalty_error"]) < 0.005
+    assert abs(usual.facts.penalty_error) < 0.005
 
 
 def test_more_load_steps_change_the_curve_by_less_than_a_third_of_a_percent(run):
     usual, many = (run(*COARSE, f"solver.max_step={step}", angle=90, depths=DEPTHS) for step in (1.0, 0.015))
-    assert many.facts["steps"] >= 22
+    assert many.facts.steps >= 22
     assert usual.force == pytest.approx(many.force, rel=0.003)
 
 
@@ -77,7 +78,7 @@ def test_hard_steps_get_no_shorter_than_a_hundredth_of_the_depth(run, monkeypatc
 
     monkeypatch.setattr(path, "_step", hard)
     found = run("mesh.elements=20", angle=0, depths=DEPTHS)
-    assert found.facts["steps"] <= 1 / path.SMALLEST_STEP
+    assert found.facts.steps <= 1 / path.SMALLEST_STEP
     assert found.path[-1].depth == DEPTHS[-1]
 
 
@@ -86,33 +87,33 @@ def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monke
     usual, model = Model._run, Model(setup_of(case))
     tried = []
 
-    def fails_but_on_coarser_meshes(self, stiffer, *of_run):
-        tried.append((stiffer, self.rim, self.mesh.nelements))
+    def fails_but_on_coarser_meshes(self, attempt, *of_run):
+        tried.append((attempt.springs, self.rim, self.mesh.nelements))
         if self.mesh.nelements > 0.7 * model.mesh.nelements:
             raise ConvergenceError("a corner folds up", 0.1)
-        return usual(self, stiffer, *of_run)
+        return usual(self, attempt, *of_run)
 
     monkeypatch.setattr(Model, "_run", fails_but_on_coarser_meshes)
     material = case.law(mu=1.49, zeta=4.68, phi=0.68)
     press = Press(material, 1490.0, 0, np.array([0.1]))
     found = model.run(press)
-    assert len(set(tried)) == len(tried) == found.facts["tries"] == 3
-    assert found.facts["elements"] == found.model.mesh.nelements < 0.7 * model.mesh.nelements
-    (said,) = said_of_tries([("parallel", found.facts), ("perpendicular", {"tries": 1})])
+    assert len(set(tried)) == len(tried) == found.facts.tries == 3
+    assert found.facts.elements == found.model.mesh.nelements < 0.7 * model.mesh.nelements
+    (said,) = said_of_tries([("parallel", found.facts), ("perpendicular", SolveFacts())])
     assert f"'parallel' was solved at try 3, on a mesh of {found.model.mesh.nelements} elements" in said
     assert "a corner folds up" in said
     lines = list(simulation_lines(model.simulate(presses_of(case, material)), case, material))
     assert sum(line.startswith("note      test 'p") for line in lines) == 2
-    assert found.force == pytest.approx(usual(model, 1.0, press, Controls(1e-6)).force, rel=0.05)
+    assert found.force == pytest.approx(usual(model, USUAL, press, Controls(1e-6)).force, rel=0.05)
 
 
 def test_a_fit_says_that_its_optimum_was_not_solved_at_the_first_try(monkeypatch):
     usual = Model._run
 
-    def fails_at_first(self, stiffer, *of_run):
+    def fails_at_first(self, attempt, *of_run):
         if self.rim == 1:
             raise ConvergenceError("a corner folds up", 0.1)
-        return usual(self, stiffer, *of_run)
+        return usual(self, attempt, *of_run)
 
     monkeypatch.setattr(Model, "_run", fails_at_first)
     keys = "fit.workers=1", "fit.method=least_squares", "fit.starts=1", "fit.profiles=false", "fit.uncertain.mesh=0"

@@ -30,7 +30,7 @@ def test_the_default_mesh_is_within_about_one_percent(run, file):
     """1.04 % in an isotropic sample, less than 1 % with fibres."""
     difference, _, result = error(run, file)
     assert difference < (0.011 if file.stem.startswith("iso") else 0.01)
-    assert abs(result.facts["penalty_error"]) < 0.005
+    assert abs(result.facts.penalty_error) < 0.005
 
 
 @pytest.mark.campaign

@@ -51,7 +51,7 @@ def test_sensitivities_are_those_of_central_differences(rig, angle, names):
     for name in names:
         step = 1e-4 * VALUES[name]
         above, below = (run(RIGS[rig], VALUES | {name: VALUES[name] + side * step}, (), angle, depths) for side in (1, -1))
-        assert above.facts["steps"] == below.facts["steps"]  # the differences are those of one discrete path
+        assert above.facts.steps == below.facts.steps  # the differences are those of one discrete path
         differences = (above.force - below.force) / (2 * step)
         assert np.abs(exact[name] - differences).max() < 1e-4 * np.abs(differences).max(), name
 

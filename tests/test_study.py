@@ -378,7 +378,7 @@ def test_the_estimate_of_the_size_is_near_the_mesh(element, elements):
     case = read_case(QUICK, [f"mesh.elements={elements}", f"solver.element={element}"])
     about, dofs, memory = estimate(case)
     facts = Model(setup_of(case)).mesh_facts()
-    assert about == facts["elements"] and dofs == pytest.approx(facts["dofs"], rel=0.15)
+    assert about == facts.elements and dofs == pytest.approx(facts.dofs, rel=0.15)
     assert 320e6 < memory < 2e9
 
 

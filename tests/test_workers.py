@@ -15,6 +15,7 @@ import pytest
 
 from indentfit.errors import Stopped, WorkerError
 from indentfit.experiment.measured import read_case
+from indentfit.fem.facts import SolveFacts
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.runs import bench
@@ -340,7 +341,7 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
     def run(self, press, progress=None, deadline=None):
         calls.append(press.sensitivities)
         given = {"zeta": np.full(5, 2.0 if press.angle else np.nan)} if press.sensitivities else None
-        return SimpleNamespace(force=np.arange(5.0) + press.angle, facts={}, sensitivities=given)
+        return SimpleNamespace(force=np.arange(5.0) + press.angle, facts=SolveFacts(), sensitivities=given)
 
     monkeypatch.setattr(Model, "run", run)
     with Ledger(tmp_path / "l", case()) as ledger:

@@ -3,8 +3,8 @@
 Where the tangent loses definiteness (surface folding at the sample's rim, fibres buckling at the indenter's edge, points about
 to slip) a Newton step points anywhere. With dampers each step of time has a solution near the last one, and the motion ends
 in a stable equilibrium of the undamped body. The contact's history goes along with the motion, as in a slow experiment. The
-residual left after MAX_RELAXED iterations is accepted up to LOOSE, counted, and its share of the force reported: points of the contact may
-*chatter*, that is, change between stick and slip, or touch and gap, from one iteration to the next without end.
+residual left after MAX_RELAXED iterations is accepted up to LOOSE, counted, and its share of the force reported: points of the
+contact may *chatter*, that is, change between stick and slip, or touch and gap, from one iteration to the next without end.
 """
 
 import contextlib

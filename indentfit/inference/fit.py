@@ -10,7 +10,8 @@ from scipy.stats import qmc
 
 from indentfit.case import require_fittable
 from indentfit.curve import Curve
-from indentfit.fem.simulate import Model, said_of_tries
+from indentfit.fem.facts import SolveFacts, said_of_tries
+from indentfit.fem.simulate import Model
 from indentfit.inference.certainty import certainty
 from indentfit.inference.result import FitResult
 from indentfit.inverse import evolution, genetic
@@ -51,7 +52,7 @@ def fit(case, progress=None, ledger=None, cluster=None, stop=None):
         facts = _facts_at(pool, problem, optimum)
     solver = _solver(model, case, pool, facts)
     tries = list(said_of_tries(zip([test.name for test in case.tests], facts, strict=False)))
-    return _result(case, problem, optimum, said, conclusions, pool, solver, model.mesh_facts(), tries, started)
+    return _result(case, problem, optimum, said, conclusions, pool, solver, model.mesh_facts().as_json(), tries, started)
 
 
 def _global(problem, pool, options, progress):
@@ -118,20 +119,21 @@ def _cause(pool):
 
 
 def _facts_at(pool, problem, optimum):
-    """The facts of the runs at the optimum, one dictionary for each test; these runs are known already."""
+    """The SolveFacts of the runs at the optimum, one for each test; these runs are known already."""
     if optimum.best is None:
         return ()
-    return pool.evaluate([problem.at_reference(optimum.best.parameters)])[0].facts
+    evaluation = pool.evaluate([problem.at_reference(optimum.best.parameters)])[0]
+    return tuple(SolveFacts.from_json(facts) for facts in evaluation.facts)
 
 
 def _solver(model, case, pool, facts):
-    worst = {key: max((abs(one[key]) for one in facts), default=None) for key in ("penalty_error", "edge_slip")}
+    worst = {key: max((abs(getattr(test, key)) for test in facts), default=None) for key in ("penalty_error", "edge_slip")}
     return {
         "linear": model.solver.name,
         "assembly": case.solver.assembly,
         "workers": pool.workers,
         "run_seconds": pool.seconds,
-        "loose_steps": sum(one.get("loose_steps", 0) for one in facts),
+        "loose_steps": sum(test.loose_steps for test in facts),
         **worst,
     }
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from indentfit.fem.simulate import said_of_tries
+from indentfit.fem.facts import said_of_tries
 from indentfit.inference.result import FitResult
 
 
@@ -60,20 +60,20 @@ def _table(tests):
 
 
 def _mesh(mesh):
-    kind = {"q1p0": "eight-node bricks", "q2p1": "27-node bricks"}.get(mesh["element"], mesh["element"])
+    kind = {"q1p0": "eight-node bricks", "q2p1": "27-node bricks"}.get(mesh.element, mesh.element)
     yield (
-        f"mesh      {mesh['elements']:,} {kind}, {mesh['dofs']:,} degrees of freedom, quarter sample; "
-        f"smallest element {mesh['smallest_mm']:.3g} mm"
+        f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, quarter sample; "
+        f"smallest element {mesh.smallest_mm:.3g} mm"
     )
 
 
 def _solver(solver):
-    loop = "" if solver["assembly"] == "compiled" else ", assembled by the readable forms"
+    loop = "" if solver.assembly == "compiled" else ", assembled by the readable forms"
     yield (
-        f"solver    {_count(solver['steps'], 'step')} ({_count(solver['cutbacks'], 'cutback')}), "
-        f"{_count(solver['newton_iterations'], 'Newton iteration')}, "
-        f"{_count(solver['factorizations'], 'factorization')} by {solver['linear']}{loop}; "
-        f"{solver['wall_seconds'] + solver['setup_seconds']:.1f} s"
+        f"solver    {_count(solver.steps, 'step')} ({_count(solver.cutbacks, 'cutback')}), "
+        f"{_count(solver.newton_iterations, 'Newton iteration')}, "
+        f"{_count(solver.factorizations, 'factorization')} by {solver.linear}{loop}; "
+        f"{solver.wall_seconds + solver.setup_seconds:.1f} s"
     )
 
 
@@ -81,10 +81,10 @@ def _contact(simulation):
     """How far the contact is from ideal, at the last displacement of each test."""
     for test in simulation.tests:
         facts = test.facts
-        edge = f"; edge slip {facts['edge_slip']:.2%} of the half-width" if facts["edge_slip"] else ""
+        edge = f"; edge slip {facts.edge_slip:.2%} of the half-width" if facts.edge_slip else ""
         yield (
-            f"contact   {test.name}: penalty error {facts['penalty_error']:.3%} of the force; "
-            f"{facts['touching']:.0%} of the points touch, {facts['slipping']:.0%} slide{edge}"
+            f"contact   {test.name}: penalty error {facts.penalty_error:.3%} of the force; "
+            f"{facts.touching:.0%} of the points touch, {facts.slipping:.0%} slide{edge}"
         )
 
 

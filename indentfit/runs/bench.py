@@ -100,7 +100,7 @@ def run(model, case, unit, names=()):
             kappa = at.case.material.bulk_modulus(material.shear_modulus)
         pressed = depths > 0  # before contact there is no force
         result = model.run(Press(material, kappa, test.angle, depths[pressed], sensitivities=tuple(names)))
-        force, facts = _where(pressed, result.force), result.facts
+        force, facts = _where(pressed, result.force), result.facts.as_json()
         sensitivities = _of_all(names, result, pressed) if names else None
         if not np.isfinite(force).all():
             force, sensitivities, cause = None, None, "its force is not a finite number"

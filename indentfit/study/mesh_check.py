@@ -312,15 +312,15 @@ def measure(case: Case):
     simulation = model.simulate(presses_of(case, case.law(**case.start_values())))
     solver = simulation.solver
     return {
-        "elements": simulation.mesh["elements"],
-        "dofs": simulation.mesh["dofs"],
+        "elements": simulation.mesh.elements,
+        "dofs": simulation.mesh.dofs,
         "h": float(meshes.size(case.sample, case.indenter, case.mesh, case.solver.element, _depth(case))),
         "forces": [test.force.tolist() for test in simulation.tests],
-        "newton_iterations": solver["newton_iterations"],
-        "factorizations": solver["factorizations"],
-        "loose_steps": solver["loose_steps"],
-        "tries": max(test.facts["tries"] for test in simulation.tests),
-        "penalty_error": solver["penalty_error"],
+        "newton_iterations": solver.newton_iterations,
+        "factorizations": solver.factorizations,
+        "loose_steps": solver.loose_steps,
+        "tries": max(test.facts.tries for test in simulation.tests),
+        "penalty_error": solver.penalty_error,
         "cpu_seconds": time.process_time() - ready,
         "setup_seconds": ready - started,
         "memory": peak_memory(),

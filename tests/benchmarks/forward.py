@@ -202,9 +202,9 @@ def _run(size, settings, angle, material):
     result = model.run(press_of(case, test, law))
     wall = time.perf_counter() - started
     wanted = ("steps", "newton_iterations", "factorizations", "solves", "krylov_iterations", "tries")
-    counts = {key: result.facts[key] for key in wanted}
+    counts = {key: getattr(result.facts, key) for key in wanted}
     return {
-        **model.mesh_facts(),
+        **model.mesh_facts().as_json(),
         "linear": model.solver.name,
         "angle": angle,
         "wall": wall,

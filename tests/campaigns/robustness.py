@@ -107,7 +107,7 @@ def run(job):
     started, cause, unforeseen, force, facts = time.perf_counter(), None, None, None, {}
     try:
         test = simulate(read_case(CASE, [*overrides(point), *extra])).tests[0]
-        force, facts = test.force.tolist(), test.facts
+        force, facts = test.force.tolist(), test.facts.as_json()
         if not all(map(math.isfinite, force)):
             force, cause = None, "its force is not a finite number"
     except IndentfitError as error:

@@ -1,0 +1,147 @@
+"""What is known of a solution besides its forces: the work that it took, how exact it is, and what the contact did."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+
+@dataclass(frozen=True)
+class SolveFacts:
+    """Facts of one test's solution.
+
+    Parameters
+    ----------
+    tries : int
+        1, or more where the usual contact and mesh did not converge; `first_failure` is then why.
+    elements : int
+    steps, cutbacks : int
+        Of the depth.
+    newton_iterations : int
+    loose_steps : int
+        Steps that were left at a residual above the tolerance.
+    largest_residual : float
+        The largest residual of theirs, of the contact forces.
+    factorizations, solves, krylov_iterations : int
+        Of the linear solver.
+    wall_seconds : float, s
+    penalty_error : float
+        Share of the last force that the contact springs take away because they give way.
+    residual_error : float
+        Largest share of the force that a step's unbalanced residual stands for.
+    edge_slip : float
+        Largest motion of the material under a sharp edge away from it, as a share of the indenter's half-width; 0 where the
+        edge is rounded.
+    touching, slipping : float
+        Shares of the points under the indenter that touch it, and that slip, at the last depth.
+    first_failure : str or None
+    """
+
+    tries: int = 1
+    elements: int = 0
+    steps: int = 0
+    cutbacks: int = 0
+    newton_iterations: int = 0
+    loose_steps: int = 0
+    largest_residual: float = 0.0
+    factorizations: int = 0
+    solves: int = 0
+    krylov_iterations: int = 0
+    wall_seconds: float = 0.0
+    penalty_error: float = 0.0
+    residual_error: float = 0.0
+    edge_slip: float = 0.0
+    touching: float = 0.0
+    slipping: float = 0.0
+    first_failure: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Stable keys, as in `simulate --json` and in the ledger; first_failure only where there was one."""
+        return {key: value for key, value in asdict(self).items() if key != "first_failure" or value is not None}
+
+    @classmethod
+    def from_json(cls, facts: Mapping[str, Any]) -> "SolveFacts":
+        """The facts that `as_json` wrote; keys of other versions are left out."""
+        return cls(**{field.name: facts[field.name] for field in fields(cls) if field.name in facts})
+
+
+@dataclass(frozen=True)
+class MeshFacts:
+    """Numbers of a mesh.
+
+    Parameters
+    ----------
+    elements, dofs : int
+    element : "q1p0" or "q2p1"
+    smallest_mm : float, mm
+        Cube root of the smallest element's volume.
+    """
+
+    elements: int
+    dofs: int
+    element: str
+    smallest_mm: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Stable keys."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class SolverFacts:
+    """Facts of all tests of a simulation together: sums of work and time, the largest errors; `SolveFacts` says what each is.
+
+    Parameters
+    ----------
+    linear, assembly : str
+        The linear solver's library, and how the body was assembled.
+    setup_seconds : float, s
+        Time that mesh, bases and pattern took.
+    """
+
+    linear: str
+    assembly: str
+    steps: int
+    cutbacks: int
+    loose_steps: int
+    newton_iterations: int
+    factorizations: int
+    solves: int
+    krylov_iterations: int
+    wall_seconds: float
+    setup_seconds: float
+    penalty_error: float
+    residual_error: float
+    edge_slip: float
+
+    @classmethod
+    def of(cls, tests: Iterable[SolveFacts], linear: str, assembly: str, setup_seconds: float) -> "SolverFacts":
+        """The facts of several tests on one model."""
+        tests = tuple(tests)
+        return cls(
+            linear=linear,
+            assembly=assembly,
+            steps=sum(facts.steps for facts in tests),
+            cutbacks=sum(facts.cutbacks for facts in tests),
+            loose_steps=sum(facts.loose_steps for facts in tests),
+            newton_iterations=sum(facts.newton_iterations for facts in tests),
+            factorizations=sum(facts.factorizations for facts in tests),
+            solves=sum(facts.solves for facts in tests),
+            krylov_iterations=sum(facts.krylov_iterations for facts in tests),
+            wall_seconds=sum(facts.wall_seconds for facts in tests),
+            setup_seconds=setup_seconds,
+            penalty_error=max(abs(facts.penalty_error) for facts in tests),
+            residual_error=max(facts.residual_error for facts in tests),
+            edge_slip=max(facts.edge_slip for facts in tests),
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Stable keys."""
+        return asdict(self)
+
+
+def said_of_tries(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
+    """A sentence for each of the tests, (name, facts), that was not solved at the first try."""
+    for name, facts in tests:
+        if facts.tries > 1:
+            mesh = f"a mesh of {facts.elements} elements"
+            yield f"test {name!r} was solved at try {facts.tries}, on {mesh}; the first one: {facts.first_failure}"

@@ -1,0 +1,82 @@
+"""What a simulation gives: each test's curve with the facts of its solution, and all tests of a case together."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from indentfit.arrays import Array
+from indentfit.curve import Curve
+from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+
+if TYPE_CHECKING:
+    from indentfit.fem.simulate import Model
+
+
+@dataclass(frozen=True, eq=False)
+class TestResult:
+    """One simulated test.
+
+    Parameters
+    ----------
+    name : str
+    angle : int, degrees
+        Of the fibres.
+    displacement : array (n,), mm
+        The depths that were asked for.
+    force : array (n,), mN
+        Force of the whole sample.
+    facts : SolveFacts
+    sensitivities : name -> array (n,), mN per unit
+        Derivatives of the force by the names asked for; None where the path could not be differentiated.
+    path : Equilibria
+        From the untouched sample to the last depth, for stresses and files (fem.fields).
+    model : Model
+        The one that they belong to: not the model that was asked, where a later try solved the test.
+    """
+
+    __test__ = False  # not a test of pytest's
+
+    name: str
+    angle: int
+    displacement: Array
+    force: Array
+    facts: SolveFacts = field(default_factory=SolveFacts)
+    sensitivities: dict[str, Array] | None = None
+    path: tuple[Equilibrium, ...] = field(default=(), repr=False)
+    model: "Model | None" = field(default=None, repr=False)
+
+    @property
+    def curve(self) -> Curve:
+        """Force over displacement."""
+        return Curve(self.displacement, self.force)
+
+    @property
+    def last(self) -> Equilibrium:
+        """The equilibrium at the last depth."""
+        return self.path[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """All tests of a case, its mesh and the facts of their solution."""
+
+    tests: tuple[TestResult, ...]
+    mesh: MeshFacts
+    solver: SolverFacts
+
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of `simulate --json`."""
+        return {
+            "tests": [
+                {
+                    "name": test.name,
+                    "angle": test.angle,
+                    "displacement_mm": test.displacement.tolist(),
+                    "force_mN": test.force.tolist(),
+                    "facts": test.facts.as_json(),
+                }
+                for test in self.tests
+            ],
+            "mesh": self.mesh.as_json(),
+            "solver": self.solver.as_json(),
+        }
