@@ -104,10 +104,10 @@ class ConfirmedPoint:
     """A run at the end of a profile: chi2 by the run, chi2 that the surrogate had predicted, or the cause of its failure."""
 
     value: float
-    parameters: dict[str, float]
     chi2: float | None
     predicted: float | None
     cause: str | None = None
+    parameters: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -191,8 +191,8 @@ class InputShare:
 
     value: float | str
     sd: float | None
-    effect: dict[str, float | None]
-    share: dict[str, float | None]
+    effect: dict[str, float | None] = field(default_factory=dict)
+    share: dict[str, float | None] = field(default_factory=dict)
     elements: int | None = None
     probability: float | None = None
 
