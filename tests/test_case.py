@@ -2,13 +2,15 @@
 
 import pickle
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from indentfit.case import Case, Indenter, MaterialChoice, Range, Sample, Test, require_fittable
+from indentfit.case import Case, Indenter, MaterialChoice, Range, Sample, Test, read_case_file, require_fittable
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 
@@ -423,3 +425,27 @@ def test_a_deep_test_and_a_single_direction_are_warned_of():
     assert "21%" in deep
     (single,) = read_case(PAPER, ["test.parallel.angle=90"]).warnings()
     assert "every test has angle 90" in single
+
+
+def test_the_numbers_of_a_case_are_read_without_running_its_code_or_its_records(copy):
+    (copy.parent / "mine.py").write_text("raise SystemExit('this code was run')\n")
+    overrides = ["material.model=mine.py:Mine", "material.parameters={mu={start=1,min=0.1,max=9}}", "test.parallel.record=raw.csv"]
+    case = read_case_file(copy, overrides)
+    assert (case.material.model, case.curves[0], len(case.curves[1].force)) == ("mine.py:Mine", None, 25)
+    with pytest.raises(CaseError, match="this code was run"):
+        read_case(copy, overrides)
+    with pytest.raises(CaseError, match="give a plain number"):
+        read_case_file(copy, [*overrides, "material.mu.start=1 kPa"])
+
+
+@pytest.mark.parametrize("name", ["white_matter_2017", "quickstart"])
+def test_validating_an_installed_law_loads_no_heavy_library(name):
+    heavy = "scipy", "sympy", "numba", "pint", "skfem", "pandas", "matplotlib", "indentfit.experiment.process", "indentfit.fem"
+    script = f"""
+import sys
+from indentfit.cli.validate import command
+command([{str(CASES / name / "case.toml")!r}], standalone_mode=False)
+print([name for name in {heavy} if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"

@@ -31,6 +31,7 @@ from indentfit.units import number_in
 
 KEYS = ("title", *SECTIONS, "test")
 NEEDED = ("sample", "indenter", "material")
+OPTIONAL = ("mesh", "fit", "solver", "record")
 Table = TypeVar("Table", bound=Section)
 
 
@@ -224,6 +225,8 @@ def _section(model: type[Table], place: Key, keys: Any, faults: list[Fault]) -> 
     if not isinstance(keys, dict):
         faults.append(Fault(place, keys, f"must be a table; write [{place[0]}]"))
         return None
+    if not keys and place[0] in OPTIONAL:
+        return model.untouched()
     try:
         return model.model_validate(keys)
     except ValidationError as error:

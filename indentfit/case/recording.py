@@ -32,17 +32,17 @@ class Record(Section):
     place = "record"
 
     displacement: RecordChannel = Field(
-        default=RecordChannel(),
+        default=RecordChannel.untouched(),
         examples=[{"column": "displacement_V", "gain": 6.0, "sign": -1, "unit": "mm"}],
         description="table of the displacement: column, gain, sign, offset and unit",
     )
     force: RecordChannel = Field(
-        default=RecordChannel(),
+        default=RecordChannel.untouched(),
         examples=[{"column": "force_V", "gain": 24.0, "sign": -1, "unit": "mN"}],
         description="table of the force: column, gain, sign, offset and unit",
     )
     time: RecordChannel = Field(
-        default=RecordChannel(), examples=[{"column": "time_s"}], description="table of the time, where there is no rate"
+        default=RecordChannel.untouched(), examples=[{"column": "time_s"}], description="table of the time, where there is no rate"
     )
     rate: Rate | None = Field(default=None, examples=[1000.0], description="sampling rate")
     skip_rows: int = Field(default=0, ge=0, description="rows before the table, beyond a header")

@@ -102,4 +102,4 @@ class Fit(Section):
         examples=[{"mu": 1.49}],
         description="published parameters to compare the result with, such as mu = 1.49",
     )
-    uncertain: Uncertain = Field(default=Uncertain(), description="inputs known with some error, or fitted")
+    uncertain: Uncertain = Field(default=Uncertain.untouched(), description="inputs known with some error, or fitted")

@@ -52,17 +52,17 @@ class Case(BaseModel):
         With one line for each fault.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True, defer_build=True)
 
     title: Title = Field(default="", description="title of the case")
     sample: Sample = Field(description="table of the sample")
     indenter: Indenter = Field(description="table of the indenter")
-    mesh: Mesh = Field(default=Mesh(), description="table of the mesh")
+    mesh: Mesh = Field(default=Mesh.untouched(), description="table of the mesh")
     material: MaterialChoice = Field(description="table of the material")
     tests: tuple[Test, ...] = Field(alias="test", min_length=1, description="list of tests, one for each indentation")
-    fit: Fit = Field(default=Fit(), description="table of the search")
-    solver: Solver = Field(default=Solver(), description="table of the solver")
-    record: Record = Field(default=Record(), description="table of how raw records are read")
+    fit: Fit = Field(default=Fit.untouched(), description="table of the search")
+    solver: Solver = Field(default=Solver.untouched(), description="table of the solver")
+    record: Record = Field(default=Record.untouched(), description="table of how raw records are read")
     path: Path | None = Field(default=None, description="where the case was read; not a key of the file")
     overrides: tuple[str, ...] = Field(default=(), description="KEY=VALUE that replaced keys of the file")
     curves: tuple[InstanceOf[Curve] | None, ...] = ()
