@@ -69,6 +69,28 @@ def test_only_reports_draw(path):
         assert not DRAWING & {name.partition(".")[0] for name in imports(path, package_of(path))}
 
 
+def test_other_rooms_know_of_materials_what_the_room_gives_out():
+    inner = {f"indentfit.material.{path.stem}" for path in (HOUSE / "material").glob("*.py")} - {"indentfit.material.__init__"}
+    outside = [path for path in MODULES + MATERIALS if (HOUSE / "material") not in path.parents]
+    for path in outside:
+        used = set(imports(path, package_of(path) if path in MODULES else "indentfit.materials"))
+        assert not [name for name in used if name in inner or name.rpartition(".")[0] in inner], path.name
+
+
+def test_no_module_of_materials_needs_itself():
+    """Each imports only from modules that can be read before it, so that no order of imports meets a half-read module."""
+    needs = {
+        f"indentfit.material.{path.stem}": {name.rpartition(".")[0] for name in imports(path, package_of(path))}
+        for path in (HOUSE / "material").glob("*.py")
+        if path.stem != "__init__"
+    }
+    while needs:
+        ready = {name for name, others in needs.items() if not others & needs.keys()}
+        assert ready, f"a circle among {sorted(needs)}"
+        assert all("indentfit.material" not in needs[name] for name in ready)  # the package itself is read last
+        needs = {name: others for name, others in needs.items() if name not in ready}
+
+
 @pytest.mark.parametrize("path", MATERIALS, ids=lambda path: path.name)
 def test_a_material_knows_nothing_but_what_a_material_is(path):
     ours = {name for name in imports(path, "indentfit.materials") if name.startswith("indentfit.")}

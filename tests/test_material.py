@@ -421,11 +421,11 @@ def test_a_broken_plugin_harms_only_itself(monkeypatch):
         Entry("neo_hookean", "indentfit.materials.neo_hookean:NeoHookean", NeoHookean),
     ]
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: entries)
-    found = installed()
-    assert found["neo_hookean"] is NeoHookean is load("neo_hookean")
-    assert "RuntimeError: no licence" in str(found["broken"])
-    assert "not a subclass" in str(found["number"])
-    assert "another material has that name" in str(found["neo_hookean (theirs:NeoHookean)"])
+    materials_by_name = installed()
+    assert materials_by_name["neo_hookean"] is NeoHookean is load("neo_hookean")
+    assert "RuntimeError: no licence" in str(materials_by_name["broken"])
+    assert "not a subclass" in str(materials_by_name["number"])
+    assert "another material has that name" in str(materials_by_name["neo_hookean (theirs:NeoHookean)"])
     with pytest.raises(MaterialError, match="no licence"):
         load("broken")
 

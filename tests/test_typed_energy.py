@@ -61,11 +61,11 @@ def test_a_typed_energy_has_the_numerical_derivatives_of_its_text(text, values, 
 
 def test_white_matter_typed_is_the_installed_white_matter(points):
     values = {"mu": 1.49, "zeta": 4.68, "phi": 0.68}
-    one, two = typed(WHITE_MATTER, list(values))(**values), load("transversely_isotropic")(**values)
+    written, shipped = typed(WHITE_MATTER, list(values))(**values), load("transversely_isotropic")(**values)
     for name in ("psi", "gradient", "hessian", "parameter_gradient"):
-        np.testing.assert_allclose(getattr(one, name)(points), getattr(two, name)(points), rtol=1e-13, atol=1e-13)
-    assert one.moduli() == pytest.approx(two.moduli(), rel=1e-13)
-    assert all(c.ok for c in check(type(one)))
+        np.testing.assert_allclose(getattr(written, name)(points), getattr(shipped, name)(points), rtol=1e-13, atol=1e-13)
+    assert written.moduli() == pytest.approx(shipped.moduli(), rel=1e-13)
+    assert all(c.ok for c in check(type(written)))
 
 
 def test_the_scale_of_a_typed_energy_is_found():

@@ -63,7 +63,18 @@ class Compiled:
     function: Callable[..., Any]
 
     def __call__(self, I: ArrayLike, theta: Iterable[float]) -> Array:
-        """The array, shape (*shape, ...), at invariants of shape (4, ...) and the parameters' values in their order."""
+        """The array of derivatives at invariants and values of the parameters.
+
+        Parameters
+        ----------
+        I : array (4, ...)
+        theta : numbers
+            Values of the parameters in their order, in their units.
+
+        Returns
+        -------
+        array (*shape, ...)
+        """
         I = np.asarray(I, float)
         if I.shape[:1] != (4,):
             raise ValueError(f"invariants have shape (4, ...), not {I.shape}")
@@ -99,7 +110,7 @@ def derive(law: Law) -> Derived:
     Raises
     ------
     MaterialError
-        The energy cannot be evaluated or differentiated twice, depends not on all parameters, is not finite or not free of
+        The energy cannot be evaluated or differentiated twice, does not depend on a parameter, is not finite or not free of
         stress at rest, or is not proportional to the parameter that claims to be its scale.
     """
     I, theta, psi = _symbolic(law)
@@ -181,6 +192,14 @@ def proportional(law: Law, derived: Derived, name: str) -> bool:
     """Whether the energy is proportional to a parameter: psi(3 s) = 3 psi(s) to round-off at random states.
 
     Numbers decide, because a symbolic test for zero fails on some true identities.
+
+    Parameters
+    ----------
+    law : Law
+    derived : Derived
+        The law's derivatives.
+    name : str
+        The parameter.
     """
     rng, compared = np.random.default_rng(1), False
     I = invariants(*trial_states(rng, 12))

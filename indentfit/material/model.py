@@ -75,26 +75,89 @@ class Material:
         return type(self)(**{**self.values, **values})
 
     def psi(self, I: ArrayLike) -> Array:
-        """Energy, kPa, shape (...), at invariants of shape (4, ...). Wild states give inf or nan."""
+        """Energy psi.
+
+        Parameters
+        ----------
+        I : array (4, ...)
+            Invariants. Wild states give inf or nan.
+
+        Returns
+        -------
+        array (...), kPa
+
+        Raises
+        ------
+        MaterialError
+            The energy cannot be used, as `require_derivable` says.
+        """
         return require_derivable(type(self)).psi(I, self.values.values())
 
     def gradient(self, I: ArrayLike) -> Array:
-        """d psi/dI, kPa, shape (4, ...); zero for invariants that the energy does not use."""
+        """First derivatives d psi/dI; zero for invariants that the energy does not use.
+
+        Parameters
+        ----------
+        I : array (4, ...)
+            Invariants.
+
+        Returns
+        -------
+        array (4, ...), kPa
+
+        Raises
+        ------
+        MaterialError
+            As `psi` does.
+        """
         return require_derivable(type(self)).gradient(I, self.values.values())
 
     def hessian(self, I: ArrayLike) -> Array:
-        """d2 psi/dI dI, kPa, shape (4, 4, ...), symmetric."""
+        """Second derivatives d2 psi/dI dI, symmetric.
+
+        Parameters
+        ----------
+        I : array (4, ...)
+            Invariants.
+
+        Returns
+        -------
+        array (4, 4, ...), kPa
+
+        Raises
+        ------
+        MaterialError
+            As `psi` does.
+        """
         return require_derivable(type(self)).hessian(I, self.values.values())
 
     def parameter_gradient(self, I: ArrayLike) -> Array:
-        """d2 psi/(dI dtheta), kPa per unit of the parameter, shape (n_parameters, 4, ...)."""
+        """Derivatives d2 psi/(dI dtheta) by invariants and parameters.
+
+        Parameters
+        ----------
+        I : array (4, ...)
+            Invariants.
+
+        Returns
+        -------
+        array (n_parameters, 4, ...), kPa per unit of the parameter
+
+        Raises
+        ------
+        MaterialError
+            As `psi` does.
+        """
         return require_derivable(type(self)).parameter_gradient(I, self.values.values())
 
     @property
     def shear_modulus(self) -> float:
         """Small-strain shear modulus in the plane across the fibres, 2 (psi_1 + psi_2) at rest, kPa.
 
-        Raises MaterialError unless it is positive.
+        Raises
+        ------
+        MaterialError
+            The modulus is not positive, or the energy cannot be used.
         """
         gradient = self._rest.gradient if self._rest else self.gradient(REST)
         modulus = float(2 * gradient[:2].sum())
@@ -103,13 +166,22 @@ class Material:
         return modulus
 
     def moduli(self) -> dict[str, float]:
-        """Small-strain moduli of the incompressible material, kPa: mu_across, mu_along, E_along, E_across.
+        """Small-strain moduli of the incompressible material.
 
-        mu_across: shear in the plane across the fibres; mu_along: shear along the fibres; E: Young's moduli.
         F = exp(e) with tr e = 0 in the invariants gives, with psi_4 + 2 psi_5 = 0 (no stress at rest),
         psi = m tr e^2 + A (a0.e a0)^2 + 4 psi_5 (|e a0|^2 - (a0.e a0)^2) to second order, where
         m = mu_across and A = 4 psi_5 + 2 psi_44 + 8 psi_45 + 8 psi_55. A fibre that only resists extension is slack
-        here. Raises MaterialError unless mu_across is positive.
+        here.
+
+        Returns
+        -------
+        dict of str to float, kPa
+            mu_across: shear in the plane across the fibres; mu_along: shear along the fibres; E_along, E_across: Young's moduli.
+
+        Raises
+        ------
+        MaterialError
+            mu_across is not positive, or the energy cannot be used.
         """
         m, rest = self.shear_modulus, self._rest
         psi_5, H = (rest.gradient[3], rest.hessian) if rest else (self.gradient(REST)[3], self.hessian(REST))

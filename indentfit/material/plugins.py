@@ -48,7 +48,13 @@ def foreign_code(permit: Callable[[str], None]) -> Iterator[None]:
 
 
 def installed() -> dict[str, type[Material] | MaterialError]:
-    """All installed materials by name, ours and third parties'; a broken one is given as its error."""
+    """All installed materials, ours and third parties'.
+
+    Returns
+    -------
+    dict of str to class of Material or MaterialError
+        By name; a material that cannot be loaded is given as its error.
+    """
     classes: dict[str, type[Material] | MaterialError] = {}
     for entry in _entries():
         name = entry.name
@@ -183,6 +189,15 @@ def blamed(kind: type[Material]) -> Iterator[None]:
     """Context in which an exception from the code of a material class becomes a MaterialError that names the class.
 
     Exceptions that indentfit raises on purpose, or that code of its own lets out, stay as they are.
+
+    Parameters
+    ----------
+    kind : class of Material
+
+    Raises
+    ------
+    MaterialError
+        The code of a class that is not indentfit's own raised an exception.
     """
     try:
         yield

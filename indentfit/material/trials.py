@@ -12,7 +12,17 @@ from indentfit.material.parameter import Parameter
 
 
 def trial_values(parameters: Mapping[str, Parameter], rng: "np.random.Generator") -> dict[str, float]:
-    """Random admissible values of parameters, by name, in their units."""
+    """Random admissible values of parameters.
+
+    Parameters
+    ----------
+    parameters : mapping of names to Parameter
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    dict of str to float, in the parameters' units
+    """
     return {name: trial_value(parameter, rng) for name, parameter in parameters.items()}
 
 
@@ -29,7 +39,21 @@ def trial_value(parameter: Parameter, rng: "np.random.Generator") -> float:
 
 
 def trial_states(rng: "np.random.Generator", n: int) -> tuple[Array, Array]:
-    """n random deformation gradients, shape (3, 3, n), det F in 0.5..2, and unit fibre directions, shape (3, n)."""
+    """Random states of deformation.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    n : int
+        Number of states.
+
+    Returns
+    -------
+    F : array (3, 3, n)
+        Deformation gradients, det F in 0.5 to 2.
+    a0 : array (3, n)
+        Unit fibre directions.
+    """
     F: list[Array] = []
     while len(F) < n:
         trial = np.eye(3) + 0.2 * rng.standard_normal((3, 3))

@@ -1,6 +1,6 @@
 """Mutation testing: small changes to the code, one at a time, that the tests should notice.
 
-    nice -n 19 python tests/campaigns/mutants.py [--number 25] [--seed 0] [--only material.py ...]
+    nice -n 19 python tests/campaigns/mutants.py [--number 25] [--seed 0] [--only material/model.py ...]
 
 From each file a sample of mutants is drawn: an operator, a comparison or a number changed, a condition turned round, a statement
 left out. Each is run against a fast part of the tests in a copy of the project, which is left alone. Prints each mutant that
@@ -23,7 +23,7 @@ HOME = Path(__file__).parents[2]
 TESTS = {
     "material/model.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
     "material/derive.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
-    "material/jets.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
+    "material/jets.py": ["tests/test_jets.py"],
     "material/typed_energy.py": ["tests/test_material.py", "tests/test_typed_energy.py"],
     "fem/contact.py": ["tests/test_contact.py"],
     "inverse/problem.py": [
