@@ -1,7 +1,7 @@
 """A force-displacement curve, and its CSV file in and out.
 
 The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT`, in any order;
-other columns are read over. Columns are separated by commas or tabs, or by semicolons, and only then may
+other columns are ignored. Columns are separated by commas or tabs, or by semicolons, and only then may
 numbers have a decimal comma. Lines that begin with `#` and empty lines are skipped. The force is that of the
 full sample, positive in compression; displacements are positive into the sample and rise from line to line.
 """
@@ -27,14 +27,30 @@ Column = tuple[int, float]  # its place, and the factor that turns its numbers i
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One indentation: `displacement` in mm and full-sample `force` in mN, both of shape (n,), read-only."""
+    """One indentation, read-only.
+
+    Attributes
+    ----------
+    displacement : array (n,), mm
+        Of the indenter into the sample, from the contact point. Lists and columns of a pandas frame will do.
+    force : array (n,), mN
+        Of the full sample, positive in compression.
+
+    Raises
+    ------
+    CurveError
+        Where the two are not numbers, or not as many.
+    """
 
     displacement: Array
     force: Array
 
     def __post_init__(self) -> None:
         for name in UNITS:
-            values = np.array(getattr(self, name), dtype=float)
+            try:
+                values = np.array(getattr(self, name), dtype=float)
+            except (TypeError, ValueError) as error:
+                raise CurveError(f"the {name} of a curve must be numbers ({error}); correct or remove what is none") from None
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         if self.displacement.ndim != 1 or self.displacement.shape != self.force.shape:
@@ -43,12 +59,19 @@ class Curve:
                 f"{self.displacement.shape} and {self.force.shape}"
             )
 
+    def __repr__(self) -> str:
+        last = f" to {self.displacement[-1]:.4g} mm and {self.force[-1]:.4g} mN" if self.displacement.size else ""
+        return f"Curve({self.displacement.size} points{last})"
+
 
 def read_curve(path: str | Path) -> Curve:
     """The `Curve` of a CSV file, in mm and mN.
 
-    Raises CurveError, one line with the file, the line number, the value and the remedy, where the file is
-    not such a table, holds fewer than 5 points, or its displacements do not rise.
+    Raises
+    ------
+    CurveError
+        One line with the file, the line number, the value and the remedy, where the file is not such a table, holds fewer than 5
+        points, or its displacements do not rise.
     """
     path = Path(path)
     lines = list(_lines(path))
@@ -64,7 +87,13 @@ def read_curve(path: str | Path) -> Curve:
 
 
 def require_loading(curve: Curve) -> None:
-    """Raise CurveError unless a curve in memory is the loading part of one indentation; the text names the point."""
+    """Refuse a curve in memory that is not the loading part of one indentation.
+
+    Raises
+    ------
+    CurveError
+        With the point that is at fault, counted from 0.
+    """
     displacement, force = curve.displacement, curve.force
     if len(displacement) < MIN_POINTS:
         raise CurveError(f"{len(displacement)} points; a curve needs at least {MIN_POINTS}")
@@ -75,7 +104,13 @@ def require_loading(curve: Curve) -> None:
 
 
 def write_curve(path: str | Path, curve: Curve) -> None:
-    """Write a `Curve` as CSV with the header displacement_mm,force_mN; the numbers read back exactly."""
+    """Write a `Curve` as CSV with the header displacement_mm,force_mN; the numbers read back exactly.
+
+    Raises
+    ------
+    CurveError
+        Where the file cannot be written.
+    """
     rows = [f"{d!r},{f!r}\n" for d, f in zip(curve.displacement.tolist(), curve.force.tolist(), strict=True)]
     try:
         Path(path).write_text("displacement_mm,force_mN\n" + "".join(rows), encoding="utf-8", newline="\n")

@@ -151,3 +151,15 @@ def test_a_long_record_is_read(curve_of):
 @pytest.mark.parametrize(("unit", "factor"), [("Pa", 1e-3), ("MPa", 1e3), ("N/m^2", 1e-3), ("kPa", 1.0)])
 def test_units_of_pressure_are_turned_into_kilopascals(unit, factor):
     assert unit_factor(unit, "kPa") == pytest.approx(factor, rel=1e-13)
+
+
+def test_a_curve_of_other_things_than_numbers_is_refused():
+    with pytest.raises(CurveError, match="the force of a curve must be numbers"):
+        Curve([1, 2], ["a", "b"])
+    with pytest.raises(CurveError, match="one force for each displacement"):
+        Curve([1, 2], [1])
+
+
+def test_a_curve_is_shown_in_one_line():
+    assert repr(Curve([0.1, 0.33], [1.0, 24.06])) == "Curve(2 points to 0.33 mm and 24.06 mN)"
+    assert repr(Curve([], [])) == "Curve(0 points)"

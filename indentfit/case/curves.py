@@ -17,17 +17,17 @@ def curve_files(tests: Sequence[Any]) -> tuple[list[Any], list[Curve | None]]:
 
     Parameters
     ----------
-    tests : values of Test or tables of one; anything else is left as it is, for others to refuse.
+    tests : tests, or their tables as dictionaries; anything else is left as it is, and is refused later
     """
-    found, curves, taken = [], [], set[str]()
+    named, curves, taken = [], [], set[str]()
     for test in tests:
         curve = test.curve if isinstance(test, Test) else test.get("curve") if isinstance(test, dict) else None
         curves.append(curve if isinstance(curve, Curve) else None)
         if isinstance(curve, Curve):
             place = file_for(test.name if isinstance(test, Test) else test.get("name"), taken)
             test = test.model_copy(update={"curve": place}) if isinstance(test, Test) else {**test, "curve": place}
-        found.append(test)
-    return found, curves
+        named.append(test)
+    return named, curves
 
 
 def file_for(name: object, taken: set[str]) -> str:

@@ -134,12 +134,12 @@ def _choices(annotation: Any) -> tuple[Any, ...]:
 
 def _limits(parts: list[Any]) -> str:
     """The bounds of a number."""
-    found: dict[str, str] = {}
+    limits: dict[str, str] = {}
     for part in parts:
         for name, sign in SIGNS.items():
             if (bound := getattr(part, name, None)) is not None and not isinstance(part, type):
-                found.setdefault(sign, f"{sign} {bound:g}" if abs(bound) < 1e4 else f"{sign} {bound:,}")
-    return ", ".join(found.values())
+                limits.setdefault(sign, f"{sign} {bound:g}" if abs(bound) < 1e4 else f"{sign} {bound:,}")
+    return ", ".join(limits.values())
 
 
 def _kind(annotation: Any) -> str:

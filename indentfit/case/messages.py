@@ -50,27 +50,25 @@ def line(source: object, fault: Fault, overridden: Iterable[Key] = ()) -> str:
 def lines(model: type[BaseModel], error: ValidationError, place: Key = ()) -> list[str]:
     """A line for each fault that pydantic found in a value of `model` that was made by hand: the table at `place` of a case."""
     wrong = error.errors(include_url=False)
-    faults = [
-        Fault((*place, *key_of(found)), _given(found), wording(model, found)) for found in wrong if not _follows(found, wrong)
-    ]
+    faults = [Fault((*place, *key_of(flaw)), _given(flaw), wording(model, flaw)) for flaw in wrong if not _follows(flaw, wrong)]
     return list(dict.fromkeys(line(None, fault) for fault in faults))
 
 
-def key_of(found: ErrorDetails) -> Key:
+def key_of(flaw: ErrorDetails) -> Key:
     """The path of the key that one of pydantic's errors is about, as a case file has it."""
-    first, *rest = found["loc"] or ("",)
+    first, *rest = flaw["loc"] or ("",)
     return ("test" if first == "tests" else first), *rest
 
 
-def _follows(found: ErrorDetails, wrong: list[ErrorDetails]) -> bool:
+def _follows(flaw: ErrorDetails, wrong: list[ErrorDetails]) -> bool:
     """Whether an error says only that nothing of a list was right, where others say what is wrong with its items."""
-    others = [other["loc"] for other in wrong if other is not found]
-    return found["type"] == "too_short" and any(loc[: len(found["loc"])] == found["loc"] for loc in others)
+    others = [other["loc"] for other in wrong if other is not flaw]
+    return flaw["type"] == "too_short" and any(loc[: len(flaw["loc"])] == flaw["loc"] for loc in others)
 
 
-def wording(model: type[BaseModel], found: ErrorDetails, sections: Mapping[str, type[BaseModel]] | None = None) -> str:
+def wording(model: type[BaseModel], flaw: ErrorDetails, sections: Mapping[str, type[BaseModel]] | None = None) -> str:
     """What is wrong and what to do, for one of pydantic's errors; sections: all tables, where a key may belong to another."""
-    kind, context, loc = found["type"], found.get("ctx", {}), found["loc"]
+    kind, context, loc = flaw["type"], flaw.get("ctx", {}), flaw["loc"]
     model, key = _innermost(model, loc), str(loc[-1]) if loc else ""
     if kind in ("fault", "disagreement"):
         return context["text"]
@@ -78,13 +76,13 @@ def wording(model: type[BaseModel], found: ErrorDetails, sections: Mapping[str, 
         return unknown(key, model.model_fields, sections=sections)
     if kind == "literal_error":
         choices = re.findall(r"'(.*?)'", context["expected"])
-        return f"must be {context['expected']}{nearest(found['input'], choices)}"
-    if isinstance(found["input"], float) and math.isnan(found["input"]):
+        return f"must be {context['expected']}{nearest(flaw['input'], choices)}"
+    if isinstance(flaw["input"], float) and math.isnan(flaw["input"]):
         kind = "finite_number"  # not greater and not less than anything: say what it is
     field = model.model_fields.get("tests" if key == "test" else key)
     wanted = f"give the {meaning(field)}" if field and field.description else "correct it"
     template = WORDS.get(kind)
-    said = template.format(**{name: _plain(value) for name, value in context.items()}) if template else _first_small(found["msg"])
+    said = template.format(**{name: _plain(value) for name, value in context.items()}) if template else _first_small(flaw["msg"])
     return f"{said}; {wanted}"
 
 
@@ -146,11 +144,11 @@ def _begins(key: Key, given: Key) -> bool:
     return tuple(map(str, key))[: len(given)] == tuple(map(str, given))
 
 
-def _given(found: ErrorDetails) -> object:
+def _given(flaw: ErrorDetails) -> object:
     """The value that is at fault; that of a missing key, which pydantic answers with the whole table, is MISSING."""
-    if found["type"] == "missing" or found["input"] is None or isinstance(found["input"], BaseModel):
+    if flaw["type"] == "missing" or flaw["input"] is None or isinstance(flaw["input"], BaseModel):
         return MISSING
-    return found["input"]
+    return flaw["input"]
 
 
 def _innermost(model: type[BaseModel], loc: Key) -> type[BaseModel]:

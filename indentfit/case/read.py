@@ -232,13 +232,13 @@ def _section(model: type[Table], place: Key, keys: Any, faults: list[Fault]) -> 
     except ValidationError as error:
         wrong = error.errors(include_url=False)
     known = {fault.key for fault in faults}
-    for found in wrong:
-        inner = key_of(found)
-        value = found["input"] if inner[-1] in _inmost(keys, inner) else MISSING
+    for flaw in wrong:
+        inner = key_of(flaw)
+        value = flaw["input"] if inner[-1] in _inmost(keys, inner) else MISSING
         if (*place, *inner) not in known:
-            faults.append(Fault((*place, *inner), value, wording(model, found, SECTIONS)))
-    part = _what_is_right(model, keys, {str(found["loc"][0]) for found in wrong})
-    if not any(found["type"] == "disagreement" and len(found["loc"]) == 1 for found in wrong):
+            faults.append(Fault((*place, *inner), value, wording(model, flaw, SECTIONS)))
+    part = _what_is_right(model, keys, {str(flaw["loc"][0]) for flaw in wrong})
+    if not any(flaw["type"] == "disagreement" and len(flaw["loc"]) == 1 for flaw in wrong):
         faults += [Fault((*place, key), keys.get(key, MISSING), text) for key, text in part.disagreements()]
     return part
 

@@ -29,7 +29,7 @@ class Section(BaseModel):
         except ValidationError as error:
             raise CaseError(lines(type(self), error, tuple(self.place.split(".")) if self.place else ())) from None
 
-    # Inside of another table pydantic makes this one without __init__: the faults of all tables come as one error then.
+    # Tells pydantic to make this table without __init__ where it is inside of another one, whose error then has the faults of all.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
