@@ -25,8 +25,8 @@ from indentfit.inverse.least_squares import least_squares, polish
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.surrogate import learn, linearised
-from indentfit.runs.forward import simulate
-from indentfit.runs.pool import Evaluation, Pool
+from indentfit.runs.forward import Evaluation, simulate
+from indentfit.runs.pool import RunPool
 
 D = np.linspace(0.1, 1, 25)
 DESIGN = np.column_stack([D, D**2])
@@ -311,7 +311,7 @@ def test_derivatives_by_inputs_have_the_sign_of_mechanics():
     """Across the fibres: more friction and less compressibility are stiffer; a contact later on and a thicker sample softer.
     The contact point's is the curve's own slope; all runs are the pool's."""
     case = coarse_white_matter({"friction": 0.1}, "material.mu={start=1.49,min=0.1,max=10}")
-    with Pool(case, 1) as pool:
+    with RunPool(case, 1) as pool:
         whole, best = at_its_start(case, pool)
         names = ("friction", "bulk_ratio", "thickness", "offset")
         by = {name: inputs.derivatives(case, whole, pool, best, name)[1] for name in names}
@@ -327,7 +327,7 @@ def test_on_another_base_the_parameters_would_be_what_a_fit_there_finds():
     """Forces are proportional to mu, the only free one: a bonded base that is stiffer by a factor would make mu smaller by it."""
     case = coarse_white_matter({"base": 0.3}, "material.mu={start=1.49,min=0.1,max=10}", "test.parallel.weight=0")
     bonded = simulate(case.model_copy(update={"sample": case.sample.model_copy(update={"base": "bonded"})})).tests[1].force
-    with Pool(case, 1) as pool:
+    with RunPool(case, 1) as pool:
         whole, best = at_its_start(case, pool)
         slopes = [whole.range("mu") / 1.49 * force[:, None] for force in best.forces]
         found = inputs.shares(case, whole, pool, best, identifiability(whole, best, slopes))
@@ -386,7 +386,7 @@ def test_friction_can_be_fitted_too(tmp_path):
     whole = inverse_problem(white_matter(*keys, "material.mu={start=1,min=0.1,max=10}"))
     forces = [test.force for test in simulate(made).tests]
     assert list(whole.free) == ["mu", "friction"]
-    with Pool(white_matter(*keys), 1) as pool:
+    with RunPool(white_matter(*keys), 1) as pool:
         found = least_squares(whole.measured(forces), pool, whole.start)
     assert found.best.parameters["friction"] == pytest.approx(0.3, abs=0.01)
     assert found.best.parameters["mu"] == pytest.approx(1.49, rel=0.002)
@@ -396,7 +396,7 @@ def test_an_offset_shifts_a_curve_along_its_displacements():
     """No force before contact; beyond it the curve is the other's, further left."""
     case = white_matter("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
     parameters, step = case.start_values(), case.outputs(case.tests[0])[1] - case.outputs(case.tests[0])[0]
-    with Pool(case, 1) as pool:
+    with RunPool(case, 1) as pool:
         plain, late = pool.evaluate([parameters, {**parameters, "offset": 2 * step}])
     assert np.all(late.forces[1][:2] == 0)
     np.testing.assert_allclose(late.forces[1][2:], plain.forces[1][:-2], rtol=2e-3)
@@ -426,7 +426,7 @@ def test_the_error_of_the_mesh_is_in_the_intervals_by_default():
     change = max(np.linalg.norm(b.force - a.force) / np.linalg.norm(a.force) for a, b in zip(fine, coarse, strict=True))
     number = [simulate(white_matter(*keys, *more)).mesh.elements for more in ([], [f"mesh.elements={asked}"])]
     share = change / (np.cbrt(number[0] / number[1]) - 1)
-    with Pool(case, 1) as pool:
+    with RunPool(case, 1) as pool:
         whole, best = at_its_start(case, pool)
         known = identifiability(whole, best, [whole.range("mu") / 1.49 * force[:, None] for force in best.forces])
         wider, found = certainty.with_inputs(case, whole, pool, best, known)

@@ -15,6 +15,7 @@ import pytest
 from indentfit.experiment.measured import read_case
 from indentfit.runs import closure
 from indentfit.runs.key import Inputs, versions
+from indentfit.runs.run import RunRequest
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
 QUICKSTART = HOUSE.parent / "cases" / "quickstart" / "case.toml"
@@ -122,7 +123,7 @@ def test_every_module_that_a_run_imports_is_in_the_closure(tmp_path, linear, ass
     """Asked of a fresh process that gets its case as a worker does."""
     keys = ["mesh.elements=30", f"solver.linear={linear}", f"solver.assembly={assembly}", "material.energy=mu/2*(I1-3)"]
     case = read_case(QUICKSTART, [*keys, "material.parameters={mu=1}"])
-    (tmp_path / "case").write_bytes(pickle.dumps((case, ((("mu", 1.0),), 0))))
+    (tmp_path / "case").write_bytes(pickle.dumps((case, RunRequest((("mu", 1.0),), 0))))
     done = subprocess.run([sys.executable, "-P", "-c", RAN, tmp_path / "case"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert set(done.stdout.split()) <= RUN.sources.keys()

@@ -34,15 +34,15 @@ sys.addaudithook(watch)
 
 import multiprocessing
 from indentfit.experiment.measured import read_case
-from indentfit.runs.pool import Pool
+from indentfit.runs.pool import RunPool
 
 if __name__ == "__main__":
     case = read_case(sys.argv[1], ["mesh.elements=30"])
-    with Pool(case, cluster=sys.argv[2]) as pool:
-        (found,) = pool.evaluate([case.start_values()])
-        seen["started"] |= {str(one) for one in multiprocessing.active_children()}
-    assert found.cause is None, found.cause
-    print(json.dumps({what: sorted(found) for what, found in seen.items()}))
+    with RunPool(case, cluster=sys.argv[2]) as pool:
+        (evaluation,) = pool.evaluate([case.start_values()])
+        seen["started"] |= {str(child) for child in multiprocessing.active_children()}
+    assert evaluation.cause is None, evaluation.cause
+    print(json.dumps({what: sorted(places) for what, places in seen.items()}))
 """
 
 

@@ -10,7 +10,7 @@ from conftest import CASES, white_matter
 from indentfit.cli import main
 from indentfit.errors import ConvergenceError, DesignError
 from indentfit.fem.simulate import Model
-from indentfit.runs.pool import Evaluation
+from indentfit.runs.forward import Evaluation
 from indentfit.study import design as module
 from indentfit.study.design import POINTS, design
 
@@ -41,7 +41,7 @@ class Springs:
 
 @pytest.fixture
 def springs(monkeypatch):
-    monkeypatch.setattr(module, "Pool", Springs)
+    monkeypatch.setattr(module, "RunPool", Springs)
     return white_matter(MU)
 
 
@@ -87,7 +87,7 @@ def test_what_does_not_converge_is_a_line_and_no_number(springs, monkeypatch):
                 return [Evaluation(point, None, "too wide", 0.0, ()) for point in points]
             return super().evaluate(points)
 
-    monkeypatch.setattr(module, "Pool", Wide)
+    monkeypatch.setattr(module, "RunPool", Wide)
     found = design(springs)
     failed = [one for one in found.candidates if one.stderr is None]
     assert {one.change for one in failed} == {"width 4 mm"}

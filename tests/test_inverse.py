@@ -23,9 +23,10 @@ from indentfit.inverse.least_squares import least_squares, polish
 from indentfit.inverse.objective import Target, best_scale, equation_one, misfit, rmse, sum_of_squares
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.runs import bench
-from indentfit.runs.forward import presses_of, simulate
+from indentfit.runs.forward import Evaluation, presses_of, simulate
 from indentfit.runs.points import setup_of
-from indentfit.runs.pool import Evaluation, Pool
+from indentfit.runs.pool import RunPool
+from indentfit.runs.run import RunRequest
 
 DEPTH = np.linspace(0.02, 0.3, 15)
 TRUTH = {"mu": 1.5, "zeta": 4.0, "phi": 0.7}
@@ -379,9 +380,9 @@ def test_nothing_is_dropped_where_the_force_is_not_proportional(case, overrides)
 
 def test_any_number_of_workers_gives_the_same_forces_bit_by_bit(case):
     points = [{"mu": 1.0, "zeta": zeta, "phi": phi} for zeta, phi in [(1.0, 0.2), (15.0, 3.0), (6.0, 0.9)]]
-    with Pool(case(), 1) as alone:
+    with RunPool(case(), 1) as alone:
         one = alone.evaluate(points)
-    with Pool(case(), 2) as pair:
+    with RunPool(case(), 2) as pair:
         two = pair.evaluate(points[::-1])[::-1]
         again = pair.evaluate(points)
         assert pair.runs == 6  # the second time they were known
@@ -393,7 +394,7 @@ def test_any_number_of_workers_gives_the_same_forces_bit_by_bit(case):
 
 def test_a_run_that_fails_is_recorded_with_its_cause_and_the_others_go_on(case):
     bad, good = {"mu": 1.0, "zeta": -3.0, "phi": 1.0}, {"mu": 1.0, "zeta": 3.0, "phi": 1.0}
-    with Pool(case(), 1) as pool:
+    with RunPool(case(), 1) as pool:
         failed, fine = pool.evaluate([bad, good])
     assert failed.forces is None
     assert "zeta = -3" in failed.cause
@@ -406,14 +407,14 @@ def test_no_equilibrium_is_a_cause_too(case, monkeypatch):
         raise ConvergenceError("the fibres buckle", 0.1, 3, 4)
 
     model = SimpleNamespace(run=never)
-    run = bench.run(model, case(), (tuple(case().start_values().items()), 0))
+    run = bench.run(model, case(), RunRequest(tuple(case().start_values().items()), 0))
     assert run.force is None
     assert "the fibres buckle" in run.cause
 
 
 def test_a_lost_worker_costs_time_only(case):
     points = [{"mu": 1.0, "zeta": zeta, "phi": 1.0} for zeta in (1.0, 5.0)]
-    with Pool(case(), 2) as pool:
+    with RunPool(case(), 2) as pool:
         before = pool.evaluate(points[:1])
         os.kill(pool._workers._workers[0].process.pid, signal.SIGKILL)
         after = pool.evaluate(points)

@@ -14,7 +14,7 @@ from indentfit.inverse.least_squares import least_squares, multi_start, polish
 from indentfit.inverse.objective import Target, equation_one
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Predicted, design_points, learn
-from indentfit.runs.pool import Evaluation
+from indentfit.runs.forward import Evaluation
 
 SEARCHES = {"ga": genetic.search, "differential_evolution": evolution.differential_evolution, "cma": evolution.cma}
 

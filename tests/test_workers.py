@@ -5,7 +5,6 @@ import platform
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,10 +17,10 @@ from indentfit.experiment.measured import read_case
 from indentfit.fem.facts import SolveFacts
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
-from indentfit.runs import bench
 from indentfit.runs.ledger import Ledger
-from indentfit.runs.pool import Pool
+from indentfit.runs.pool import InProcess, RunPool, is_foreign
 from indentfit.runs.processes import Processes
+from indentfit.runs.run import Run, RunRequest
 
 CASE = """
 [sample]
@@ -98,6 +97,12 @@ def case(tmp_path):
     return case
 
 
+@pytest.fixture
+def in_process(monkeypatch):
+    """A pool of one worker is this process, also for a law of others: the laws here raise, and then the process goes on."""
+    monkeypatch.setattr("indentfit.runs.pool.is_foreign", lambda law: False)
+
+
 # What a material may do
 
 
@@ -112,12 +117,10 @@ def case(tmp_path):
         ("return 'a text'", ""),
         ("return None", ""),
         ("raise MemoryError", "out of memory"),
-        (LOOP, "not solved within 4 s"),
     ],
 )
-def test_what_a_material_does_is_a_failure_with_a_cause_and_the_others_go_on(case, wild, said):
-    limit = ["fit.time_limit=4", ONE_TEST] if wild == LOOP else []
-    with Pool(case(*limit, wild=wild)) as pool:
+def test_what_a_material_does_is_a_failure_with_a_cause_and_the_others_go_on(case, in_process, wild, said):
+    with RunPool(case(wild=wild)) as pool:
         failed, fine = pool.evaluate([BAD, TAME])
     assert failed.forces is None
     assert failed.cause.startswith("test 'parallel': ")
@@ -127,9 +130,28 @@ def test_what_a_material_does_is_a_failure_with_a_cause_and_the_others_go_on(cas
     assert np.array_equal(fine.forces[0], tame(case).forces[0])
 
 
+@pytest.mark.parametrize("wild", [LOOP, "import time; time.sleep(1e6)"])
+def test_one_worker_runs_a_law_of_others_in_a_process_that_can_be_ended(case, monkeypatch, wild):
+    """A law's own endless loop, and one that only sleeps and so uses no processor time."""
+    monkeypatch.setattr("indentfit.runs.watch.PATIENCE", 3.0)
+    with RunPool(case("fit.time_limit=1", ONE_TEST, wild=wild)) as pool:
+        failed, fine = pool.evaluate([BAD, TAME])
+    assert "not solved within 1 s" in failed.cause and failed.lost
+    assert fine.forces is not None
+
+
+def test_our_own_laws_and_typed_energies_run_in_this_process(case):
+    for keys in ([], ["material.parameters={mu=1}", "material.energy=mu/2*(I1-3)"]):
+        given = case(*keys, *([] if keys else ["material.model=neo_hookean", "material.parameters={mu=1}"]))
+        with RunPool(given) as pool:
+            pool.evaluate([{"mu": 1.0}])
+            assert isinstance(pool._workers, InProcess)
+    assert is_foreign(case().law)
+
+
 def tame(case):
     """The Evaluation at TAME by nobody but this process."""
-    with Pool(case()) as pool:
+    with RunPool(case()) as pool:
         return pool.evaluate([TAME])[0]
 
 
@@ -137,13 +159,13 @@ def tame(case):
     ("wild", "said"),
     [
         ("os.kill(os.getpid(), signal.SIGKILL)", "killed by signal 9"),
-        (LOOP, "not solved within 6 s"),
+        (LOOP, "not solved within 3 s"),
     ],
 )
-def test_a_run_that_ends_its_worker_is_tried_twice_and_the_others_go_on(case, wild, said):
+def test_a_run_that_ends_its_worker_is_tried_twice_and_the_others_go_on(case, in_process, wild, said):
     where = "open('FOLDER/tries', 'a').write('x')\n        "
-    given = case("fit.time_limit=6", wild=where + wild)
-    with Pool(given, 2) as pool:
+    given = case("fit.time_limit=3", wild=where + wild)
+    with RunPool(given, 2) as pool:
         failed, fine, other = pool.evaluate([BAD, TAME, OTHER])
         assert pool.evaluate([BAD, TAME])[0] == failed  # and is not tried again
     assert failed.forces is None
@@ -154,21 +176,21 @@ def test_a_run_that_ends_its_worker_is_tried_twice_and_the_others_go_on(case, wi
     assert tries == 2 * (1 if wild == LOOP else 2)  # of two tests; what takes too long is not worth another try
 
 
-def test_a_worker_killed_at_work_changes_nothing(case):
+def test_a_worker_killed_at_work_changes_nothing(case, in_process):
     """Killed once, in the middle of a run: a mark in the folder says that it has happened."""
     once = "mark = Path('FOLDER/mark'); first = not mark.exists(); mark.touch(); first and os.kill(os.getpid(), 9); return found"
-    with Pool(case(wild=once), 2) as pool:
+    with RunPool(case(wild=once), 2) as pool:
         after = pool.evaluate([BAD, TAME])
     assert (case().path.parent / "mark").exists()
-    with Pool(case()) as pool:
+    with RunPool(case()) as pool:
         undisturbed = pool.evaluate([BAD, TAME])
     for a, b in zip(after, undisturbed, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
 
 
-def test_workers_killed_from_outside_change_nothing(case):
+def test_workers_killed_from_outside_change_nothing(case, in_process):
     points = [{"mu": 1.0, "zeta": 0.25 * n} for n in range(5)]
-    with Pool(case(), 2) as pool:
+    with RunPool(case(), 2) as pool:
         done = []
 
         def report(*share):
@@ -178,7 +200,7 @@ def test_workers_killed_from_outside_change_nothing(case):
                     os.kill(worker.process.pid, signal.SIGKILL)
 
         disturbed = pool.evaluate(points, report)
-    with Pool(case()) as pool:
+    with RunPool(case()) as pool:
         calm = pool.evaluate(points)
     for a, b in zip(disturbed, calm, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
@@ -189,8 +211,8 @@ def test_workers_killed_from_outside_change_nothing(case):
 SCRIPT = """
 import sys
 from indentfit.experiment.measured import read_case
-from indentfit.runs.pool import Pool
-with Pool(read_case(sys.argv[1]), 2) as pool:
+from indentfit.runs.pool import RunPool
+with RunPool(read_case(sys.argv[1]), 2) as pool:
     pool.evaluate([{"mu": 1.0, "zeta": 3.0}])
 """
 
@@ -205,7 +227,7 @@ def test_a_script_without_its_guard_is_told_so_and_does_not_hang(case, tmp_path)
 
 
 def test_the_workers_end_with_a_killed_parent(case, tmp_path):
-    guarded = SCRIPT.replace("with Pool", "if __name__ == '__main__':\n  with Pool").replace("    pool", "      pool")
+    guarded = SCRIPT.replace("with RunPool", "if __name__ == '__main__':\n  with RunPool").replace("    pool", "      pool")
     (tmp_path / "script.py").write_text(guarded.replace("3.0", "5.0"))
     given = case(wild=f"Path('FOLDER/pid').write_text(str(os.getpid()))\n        {LOOP}")
     parent = subprocess.Popen([sys.executable, "-P", str(tmp_path / "script.py"), str(given.path)])
@@ -247,53 +269,16 @@ def test_memory_that_a_run_frees_is_there_for_the_next():
 import resource
 from indentfit.experiment.measured import read_case
 from indentfit.runs.bench import Bench
+from indentfit.runs.run import RunRequest
 case = read_case({str(white_matter)!r})
-place, unit = Bench(case), (tuple(case.start_values().items()), 0)
+place, request = Bench(case), RunRequest(tuple(case.start_values().items()), 0)
 for _ in range(3):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    assert place.run(unit).force is not None
+    assert place.run(request).force is not None
 print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
     done = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
     assert int(done.stdout) < 2000
-
-
-def test_the_clock_of_a_run_harms_no_other(case):
-    """The time limit ends a run in this very thread, and nothing that comes after it."""
-    place = bench.Bench(case("fit.time_limit=0.5", wild=LOOP), limit=0.5)
-    key = tuple(BAD.items()), 0
-    assert place.run(key).lost
-    before = threading.active_count()
-    tame = place.run((tuple(TAME.items()), 0))
-    assert tame.force is not None
-    time.sleep(0.6)
-    assert threading.active_count() <= before
-
-
-def test_a_clock_that_strikes_as_a_run_ends_is_caught_and_leaves_nothing_behind():
-    """Just before, while or just after the block ends: either it is out of time or it is done, and Python runs on, traced too."""
-    ends = {"done": 0, "late": 0}
-    for n in range(300):
-        try:
-            with bench._within(1e-4):
-                until = time.perf_counter() + 5e-5 * n
-                while time.perf_counter() < until:
-                    pass
-            ends["done"] += 1
-        except bench._OutOfTime:
-            ends["late"] += 1
-    assert ends["done"] and ends["late"]
-    script = """
-import cProfile
-from indentfit.runs import bench
-with bench._within(60):
-    pass
-profile = cProfile.Profile()
-profile.runcall(sorted, range(3))
-def called(): return 1
-profile.enable(); called(); profile.disable()
-"""
-    assert subprocess.run([sys.executable, "-P", "-c", script], timeout=60).returncode == 0
 
 
 # The ledger
@@ -313,7 +298,7 @@ def test_a_second_fit_runs_nothing_that_the_first_has_run(case, tmp_path):
     with Ledger(tmp_path / "l", again) as ledger:
         third = fit(again, ledger=ledger)
     assert third.reused >= 2 * 4  # the first generation does not depend on the weights
-    with Pool(again) as pool:
+    with RunPool(again) as pool:
         assert fit(again).parameters == third.parameters  # nor do its numbers depend on where they come from
         assert not pool.runs
 
@@ -325,7 +310,7 @@ def differences(one, two):
 
 def test_workers_that_are_asked_to_stop_end_what_they_are_at(case, tmp_path):
     points = [{"mu": 1.0, "zeta": 0.25 * n} for n in range(8)]
-    with Ledger(tmp_path / "l", case()) as ledger, Pool(case(), 2, ledger, stop=lambda: len(ledger) >= 3) as pool:
+    with Ledger(tmp_path / "l", case()) as ledger, RunPool(case(), 2, ledger, stop=lambda: len(ledger) >= 3) as pool:
         with pytest.raises(Stopped):
             pool.evaluate(points)
         assert 3 <= len(ledger) <= 5
@@ -334,7 +319,7 @@ def test_workers_that_are_asked_to_stop_end_what_they_are_at(case, tmp_path):
 # Sensitivities
 
 
-def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_path, monkeypatch):
+def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, in_process, tmp_path, monkeypatch):
     """A model that gives zeta's derivatives only, one of them not finite."""
     calls = []
 
@@ -345,7 +330,7 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
 
     monkeypatch.setattr(Model, "run", run)
     with Ledger(tmp_path / "l", case()) as ledger:
-        with Pool(case(), 1, ledger) as pool:
+        with RunPool(case(), 1, ledger) as pool:
             plain = pool.evaluate([TAME])[0]
             assert plain.sensitivities is None
             along, across = pool.evaluate([TAME], sensitivities=["zeta", "phi"])[0].sensitivities
@@ -354,7 +339,7 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
             assert pool.runs == 4
             assert pool.evaluate([TAME], sensitivities=("phi", "zeta"))[0].sensitivities[1].keys() == {"zeta"}
             assert pool.runs == 4
-        with Pool(case(), 1, ledger) as pool:
+        with RunPool(case(), 1, ledger) as pool:
             assert pool.evaluate([TAME], sensitivities=("zeta",))[0].sensitivities[1]["zeta"].tolist() == [2.0] * 5
             assert (pool.runs, pool.reused) == (2, 2)
     assert calls[1:] == [(), (), ("phi", "zeta"), ("phi", "zeta")]  # after the first run of all
@@ -365,28 +350,29 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, tmp_pat
 
 def test_the_longest_runs_are_begun_first(case):
     """What the nearest run of the same test took is expected; without one, the deepest test comes first."""
-    pool = Pool(case())
+    pool = RunPool(case())
 
-    def key(zeta, **more):
-        return tuple({"mu": 1.0, "zeta": zeta, **more}.items())
+    def asked(zeta, test, **more):
+        return RunRequest(tuple({"mu": 1.0, "zeta": zeta, **more}.items()), test)
 
-    both = pool._longest_first([(key(1.0), 0), (key(1.0), 1)])
-    assert [test for _, test in both] == [1, 0]  # as deep: the one across the fibres
-    took = {(key(1.0), 0): 1.0, (key(1.0), 1): 3.0, (key(9.0), 0): 2.0, (key(9.0), 1): 50.0}
-    pool._known = {unit: [bench.Run(None, None, seconds, {})] for unit, seconds in took.items()}
-    units = [(key(zeta), test) for zeta in (1.1, 8.0) for test in (0, 1)]
-    assert pool._longest_first(units) == [units[3], units[1], units[2], units[0]]
-    assert pool._longest_first([*units, (key(1.0, **{"sample.base": "bonded"}), 1)])[0] == units[3]
+    both = pool._longest_first([asked(1.0, 0), asked(1.0, 1)])
+    assert [request.test for request in both] == [1, 0]  # as deep: the one across the fibres
+    took = {asked(1.0, 0): 1.0, asked(1.0, 1): 3.0, asked(9.0, 0): 2.0, asked(9.0, 1): 50.0}
+    for request, seconds in took.items():
+        pool._learn(request, Run(None, None, seconds, {}))
+    requests = [asked(zeta, test) for zeta in (1.1, 8.0) for test in (0, 1)]
+    assert pool._longest_first(requests) == [requests[3], requests[1], requests[2], requests[0]]
+    assert pool._longest_first([*requests, asked(1.0, 1, **{"sample.base": "bonded"})])[0] == requests[3]
 
 
 def test_a_worker_is_given_its_next_run_before_the_last_one_is_written_down(case):
     """The caller looks at what came first while both workers are at work again."""
-    units = [(tuple({"mu": 1.0, "zeta": 0.25 * n}.items()), 0) for n in range(6)]
+    requests = [RunRequest(tuple({"mu": 1.0, "zeta": 0.25 * n}.items()), 0) for n in range(6)]
     workers = Processes(case(), 2, 60)
     try:
-        course = workers.solve(units, (), lambda: 0)
+        course = workers.solve(requests, lambda: 0)
         next(course)
-        assert sum(worker.unit is not None for worker in workers._workers) == 2
+        assert sum(worker.request is not None for worker in workers._workers) == 2
         assert len(list(course)) == 5
     finally:
         workers.close(now=True)
@@ -395,14 +381,14 @@ def test_a_worker_is_given_its_next_run_before_the_last_one_is_written_down(case
 # Dask
 
 
-def test_a_dask_cluster_gives_the_same_numbers_also_when_a_worker_is_killed(case):
+def test_a_dask_cluster_gives_the_same_numbers_also_when_a_worker_is_killed(case, in_process):
     distributed = pytest.importorskip("distributed")
     points = [{"mu": 1.0, "zeta": 0.25 * n} for n in range(10)]
     with (
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
         ) as cluster,
-        Pool(case(), cluster=cluster.scheduler_address) as pool,
+        RunPool(case(), cluster=cluster.scheduler_address) as pool,
     ):
         done = []
 
@@ -414,7 +400,7 @@ def test_a_dask_cluster_gives_the_same_numbers_also_when_a_worker_is_killed(case
         there = pool.evaluate(points, report)
         assert pool.workers in (1, 2)
         assert not pool.failures
-    with Pool(case()) as pool:
+    with RunPool(case()) as pool:
         here = pool.evaluate(points)
     for a, b in zip(there, here, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
@@ -442,14 +428,14 @@ def test_a_fit_on_a_cluster_whose_worker_is_killed_ends_with_the_numbers_of_loca
 def test_a_scheduler_that_is_not_there_is_an_error_in_one_line(case, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("indentfit.runs.cluster.PATIENCE", 1)
-    with Pool(case(), cluster="tcp://127.0.0.1:9") as pool, pytest.raises(WorkerError, match=r"tcp://127.0.0.1:9") as error:
+    with RunPool(case(), cluster="tcp://127.0.0.1:9") as pool, pytest.raises(WorkerError, match=r"tcp://127.0.0.1:9") as error:
         pool.evaluate([TAME])
     assert "\n" not in str(error.value)
 
 
 def test_without_dask_the_extra_is_named(case, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with Pool(case(), cluster="local") as pool, pytest.raises(WorkerError, match=r"indentfit\[cluster\]"):
+    with RunPool(case(), cluster="local") as pool, pytest.raises(WorkerError, match=r"indentfit\[cluster\]"):
         pool.evaluate([TAME])
 
 

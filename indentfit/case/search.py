@@ -93,7 +93,7 @@ class Fit(Section):
     )
     workers: int | None = Field(default=None, ge=1, le=1024, examples=[2], description="processes; by default one for each core")
     time_limit: Annotated[Positive, Unit("s")] = Field(
-        default=600.0, description="time that one solve of one test may take before it counts as failed"
+        default=600.0, description="CPU time that one solve of one test may take before it counts as failed"
     )
     tolerance: Share = Field(default=1e-6, description="relative change of the objective below which the search ends")
     profiles: bool = Field(default=True, description="whether profile likelihoods are computed, where the search had a surrogate")

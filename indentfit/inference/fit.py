@@ -21,7 +21,7 @@ from indentfit.inverse.least_squares import Optimum, multi_start, polish
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import inverse_problem
 from indentfit.runs.points import UNITS, setup_of
-from indentfit.runs.pool import Pool
+from indentfit.runs.pool import RunPool
 
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
@@ -35,14 +35,14 @@ SEARCHES_OF_MANY = 3  # local searches where the parameters are many
 def fit(case, progress=None, ledger=None, cluster=None, stop=None):
     """FitResult of a case: its free parameters by `case.fit.method`, on `case.fit.workers` processes.
 
-    progress: called with (share done, note). ledger, cluster, stop: as those of `Pool`. Raises CaseError where there is
-    nothing to fit, MeshError, and what `Pool.evaluate` raises; a fit that does not converge is no error but `success`
+    progress: called with (share done, note). ledger, cluster, stop: as those of `RunPool`. Raises CaseError where there is
+    nothing to fit, MeshError, and what `RunPool.evaluate` raises; a fit that does not converge is no error but `success`
     False. Scripts need `if __name__ == "__main__":`, see `workers`.
     """
     require_fittable(case)
     started, problem = time.perf_counter(), inverse_problem(case)
     model = Model(setup_of(case))  # refuses a mesh that cannot be, before any worker is started
-    with Pool(case, ledger=ledger, cluster=cluster, stop=stop) as workers:
+    with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as workers:
         pool = Watched(workers)
         report = progress or (lambda share, note: None)
         part = lambda share, note: report(SHARE_OF_FIT * share, note)  # noqa: E731

@@ -14,7 +14,7 @@ from numpy.polynomial import chebyshev
 from scipy.stats import qmc
 
 from indentfit.inverse.derivatives import given_by
-from indentfit.runs.pool import Evaluation
+from indentfit.runs.forward import Evaluation
 
 BETAS = (0.0, 3.0, 10.0, 30.0)
 USUAL_BETA = 10.0  # before anything is known

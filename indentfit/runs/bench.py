@@ -1,23 +1,27 @@
 """One run of the forward model at a time: a test at a set of parameters, whatever happens in it, within its time.
 
-The unit of work is ((name, value), ...) of all parameters and the number of a test. A run does not depend on those
-before it, nor on the process that it falls to, so results are the same, bit by bit, with any number of workers.
+A run does not depend on those before it, nor on the process that it falls to, so results are the same, bit by bit, with any
+number of workers. What this module imports decides the key of a run (runs/closure.py).
 """
 
 import contextlib
 import ctypes
-import threading
+import math
 import time
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from indentfit.errors import ConvergenceError, MaterialError
+from indentfit.arrays import Array, Bools
+from indentfit.case import Case
+from indentfit.errors import ConvergenceError, MaterialError, OutOfTime
+from indentfit.fem.deadline import NEVER, Deadline
+from indentfit.fem.result import TestResult
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import blamed, typed
-from indentfit.runs.points import setting, setup_of
-from indentfit.runs.run import Run
+from indentfit.runs.points import setup_of, split_point
+from indentfit.runs.run import Run, RunRequest, out_of_time
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
 MEMORY = "out of memory, twice"
@@ -25,46 +29,51 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 
 
 class Bench:
-    """A ready model of a case, on which one unit is run after the other; made anew after a run that was broken off.
+    """A ready model of a case, on which one request is run after the other; made anew after a run that was broken off.
 
-    limit: seconds that a run may take, None where somebody else sees to that. Python code is broken off in time, a
-    call into a library when it comes back.
+    Parameters
+    ----------
+    case : Case
+    limit : float, s
+        Processor time that a run may take. The solver's loops look at it; code that never returns to them is ended by the
+        parent process (runs/watch.py).
     """
 
-    def __init__(self, case, limit=None):
+    def __init__(self, case: Case, limit: float = math.inf) -> None:
         self.case, self.limit = case, limit
-        self._model = None
+        self._model: Model | None = None
         _keep_memory()
 
-    def ready(self):
+    def ready(self) -> Model:
         """The model; it takes seconds to make."""
         self._model = self._model or ready_model(self.case)
         return self._model
 
-    def run(self, unit, names=()):
-        """The Run of a unit with the sensitivities `names`. Raises MemoryError."""
-        finished = False
-        try:
-            with threadpool_limits(1):
-                model = self.ready()
-                with _within(self.limit):
-                    found = run(model, self.case, unit, names)
-                finished = True
-                return found
-        except _OutOfTime:
-            return too_long(self.limit)
-        finally:
-            self._model = self._model if finished else None
+    def run(self, request: RunRequest) -> Run:
+        """The Run of a request.
 
-    def run_at_last(self, unit, names=()):
-        """The Run of a unit, tried again where memory ran out."""
+        Raises
+        ------
+        MemoryError
+        """
+        with threadpool_limits(1):
+            model, self._model = self.ready(), None  # a model that is broken off is not used again
+            try:
+                finished = run(model, self.case, request, Deadline(self.limit))
+            except OutOfTime:
+                return out_of_time(self.limit)
+            self._model = model
+            return finished
+
+    def run_at_last(self, request: RunRequest) -> Run:
+        """The Run of a request, tried again where memory ran out."""
         for _ in range(2):
             with contextlib.suppress(MemoryError):
-                return self.run(unit, names)
+                return self.run(request)
         return Run(None, MEMORY, 0.0, {}, lost=True)
 
 
-def _keep_memory():
+def _keep_memory() -> None:
     """Let glibc keep the memory that a run frees for the next one: to give pages back and ask for them anew takes 4 to 6 % of a
     run, more with every further worker. Other systems' allocators are left as they are."""
     with contextlib.suppress(AttributeError, OSError, TypeError):
@@ -73,101 +82,60 @@ def _keep_memory():
         libc.mallopt(M_TRIM_THRESHOLD, 2**30)
 
 
-def ready_model(case):
+def ready_model(case: Case) -> Model:
     """The Model of a case, run once.
 
     The first run fixes the order of elimination of the linear solver, which depends on the numbers in the matrix:
     with the same first run everywhere, every later run is the same everywhere. It is a small indentation of a gel, so
     that it does not depend on where a search starts.
     """
-    model = Model(setup_of(case))
-    depth = max(float(case.outputs(test)[-1]) for test in case.tests)
+    setup = setup_of(case)
+    model, gel = Model(setup), typed(FIRST, ["mu"])(mu=1.0)
     with contextlib.suppress(ConvergenceError, MaterialError):
-        model.run(Press(typed(FIRST, ["mu"])(mu=1.0), case.material.bulk_modulus(1.0), 0, np.array([depth * 1e-3])))
+        model.run(Press(gel, case.material.bulk_modulus(1.0), 0, np.array([setup.depth * 1e-3])))
     return model
 
 
-def run(model, case, unit, names=()):
-    """The Run of a unit on a model of the case. What a material from a plugin raises is a cause, not an error."""
-    (key, number), started = unit, time.perf_counter()
-    test, kind = case.tests[number], case.law
-    force, cause, facts, sensitivities = None, None, {}, None
-    try:
-        at = setting(case, dict(key))
-        model = model if at.same_model else ready_model(at.case)
-        with blamed(kind):
-            material, depths = kind(**at.parameters), at.outputs(test)
-            kappa = at.case.material.bulk_modulus(material.shear_modulus)
-        pressed = depths > 0  # before contact there is no force
-        result = model.run(Press(material, kappa, test.angle, depths[pressed], sensitivities=tuple(names)))
-        force, facts = _where(pressed, result.force), result.facts.as_json()
-        sensitivities = _of_all(names, result, pressed) if names else None
-        if not np.isfinite(force).all():
-            force, sensitivities, cause = None, None, "its force is not a finite number"
-    except (ConvergenceError, MaterialError) as error:
-        cause = " ".join(str(error).split())
-    return Run(force, cause, time.perf_counter() - started, facts, sensitivities)
+def run(model: Model, case: Case, request: RunRequest, deadline: Deadline = NEVER) -> Run:
+    """The Run of a request on a model of the case. What the code of a material raises is a cause, not an error.
 
-
-def _where(pressed, values):
-    """Values at the depths pressed, (n,) booleans, and 0 at the others."""
-    found = np.zeros(pressed.size)
-    found[pressed] = values
-    return found
-
-
-def _of_all(names, result, pressed):
-    """Name -> derivatives of the forces, NaN where the model has none: so it is known that they were asked for."""
-    given = getattr(result, "sensitivities", None) or {}
-    return {name: _where(pressed, given.get(name, np.nan)) for name in names}
-
-
-def too_long(limit):
-    """The Run that was broken off after its time."""
-    cause = f"not solved within {limit:g} s; give it longer with fit.time_limit, if it deserves that"
-    return Run(None, cause, limit, {}, lost=True)
-
-
-class _OutOfTime(BaseException):
-    """Raised within a run by the clock; no `except Exception` on its way stops it."""
-
-
-@contextlib.contextmanager
-def _within(seconds):
-    """Context that raises _OutOfTime in its own thread once the time is over, in any thread and on any system.
-
-    An exception that was set is awaited and caught, never taken back: CPython would go on looking for it at every step, and in
-    3.11 hang where a debugger, a profiler or a coverage tool traces.
+    Raises
+    ------
+    OutOfTime, MemoryError
     """
-    thread, lock, ended, struck, raised = threading.get_ident(), threading.Lock(), False, False, False
-
-    def end():
-        nonlocal struck
-        with lock:
-            if not ended:
-                struck = True
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(_OutOfTime))
-
-    if seconds is None:
-        yield
-        return
-    clock = threading.Timer(seconds, end)
-    clock.daemon = True
+    started = time.perf_counter()
     try:
-        clock.start()
-    except RuntimeError as error:  # no thread can be started
-        raise MemoryError from error
-    try:
-        yield
-    except _OutOfTime:
-        raised = True
-        raise
-    finally:
-        try:
-            with lock:
-                ended = True
-            clock.cancel()
-            while struck and not raised:
-                time.sleep(0)  # it is on its way
-        except _OutOfTime:
-            clock.cancel()
+        result, pressed = _result(model, case, request, deadline)
+    except (ConvergenceError, MaterialError) as error:
+        return Run(None, " ".join(str(error).split()), time.perf_counter() - started, {})
+    force, seconds, facts = _where(pressed, result.force), time.perf_counter() - started, result.facts.as_json()
+    if not np.isfinite(force).all():
+        return Run(None, "its force is not a finite number", seconds, facts)
+    names = request.sensitivities
+    return Run(force, None, seconds, facts, _of_all(names, result, pressed) if names else None)
+
+
+def _result(model: Model, case: Case, request: RunRequest, deadline: Deadline) -> tuple[TestResult, Bools]:
+    """The TestResult of a request, and at which of the test's displacements the indenter presses: before, there is no force."""
+    test, law = case.tests[request.test], case.law
+    at = split_point(case, request.parameters)
+    model = model if at.same_model else ready_model(at.case)
+    with blamed(law):
+        material, depths = law(**at.parameters), at.outputs(test)
+        kappa = at.case.material.bulk_modulus(material.shear_modulus)
+    pressed = depths > 0
+    press = Press(material, kappa, test.angle, depths[pressed], sensitivities=request.sensitivities)
+    return model.run(press, None, deadline), pressed
+
+
+def _where(pressed: Bools, values: Array | float) -> Array:
+    """Values at the depths pressed, and 0 at the others, (n,)."""
+    everywhere = np.zeros(pressed.size)
+    everywhere[pressed] = values
+    return everywhere
+
+
+def _of_all(names: tuple[str, ...], result: TestResult, pressed: Bools) -> dict[str, Array]:
+    """Name -> derivatives of the forces, NaN where the model has none: so it is known that they were asked for."""
+    given = result.sensitivities or {}
+    return {name: _where(pressed, given.get(name, np.nan)) for name in names}

@@ -7,22 +7,35 @@ only: whoever can reach the scheduler can run code on its workers, so only the a
 import contextlib
 import logging
 import threading
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+from indentfit.case import Case
 from indentfit.errors import WorkerError
 from indentfit.runs.bench import Bench
 from indentfit.runs.key import Inputs
 from indentfit.runs.processes import deaf_to_interrupts
-from indentfit.runs.run import Run
+from indentfit.runs.run import Run, RunRequest
 
 LOCAL = "local"
 PATIENCE = 30  # seconds to find the scheduler, and for it to have a worker
 
 
 class Cluster:
-    """The workers of the Dask cluster at an address ("tcp://host:8786"), or of one that is started here ("local")."""
+    """The workers of a Dask cluster: a Pool.
 
-    def __init__(self, case, address, number, limit):
+    Parameters
+    ----------
+    case : Case
+    address : str
+        Of the scheduler ("tcp://host:8786"), or "local" for a cluster that is started on this machine.
+    number : int
+        Workers of a cluster that is started here.
+    limit : float, s
+        Processor time that a run may take.
+    """
+
+    def __init__(self, case: Case, address: str, number: int, limit: float) -> None:
         self.case, self.address, self.limit = case, address, limit
         self.origin = Inputs(case).origin
         self._dask = _distributed()
@@ -36,54 +49,54 @@ class Cluster:
             raise
 
     @property
-    def _option(self):
-        """What the user gave, for messages."""
+    def _option(self) -> str:
+        """The option that the user gave, for messages."""
         return "--cluster local" if self.address == LOCAL else f"--scheduler {self.address[:100]}"
 
     @property
-    def number(self):
+    def number(self) -> int:
         """The runs that the cluster can do at once: one for each worker."""
         with self._there():
             return max(len(self._client.nthreads()), 1)
 
-    def solve(self, units, names, stopping):
-        """Yield (unit, Run) of each unit, in the order in which they end; nothing is begun once stopping() is true.
+    def solve(self, requests: Iterable[RunRequest], stopping: Callable[[], object]) -> Iterator[tuple[RunRequest, Run]]:
+        """Yield (request, Run) in the order in which the runs end; nothing is begun once stopping() is true.
 
-        A lost worker's units are run again by Dask, on another one. Raises WorkerError where the scheduler is lost.
+        Dask runs the requests of a lost worker again, on another one. Raises WorkerError where the scheduler is lost.
         """
-        queue = iter(units)
-        futures: dict[str, tuple] = {}
+        queue = iter(requests)
+        futures: dict[str, tuple[Any, RunRequest]] = {}
         course = self._dask.as_completed(loop=self._client.loop)
 
-        def submit():
-            while len(futures) < self.number and not stopping() and (unit := next(queue, None)):
-                future = self._submit(unit, names)
-                futures[future.key] = future, unit
+        def submit() -> None:
+            while len(futures) < self.number and not stopping() and (request := next(queue, None)):
+                future = self._submit(request)
+                futures[future.key] = future, request
                 course.add(future)
 
         try:
             submit()
             while futures:
                 with self._there():
-                    future, unit = futures.pop(next(course).key)
-                found = self._run(future)
+                    future, request = futures.pop(next(course).key)
+                run = self._run(future)
                 submit()  # before the caller writes down what ended: nobody waits for the disk
-                yield unit, found
+                yield request, run
         finally:
             with contextlib.suppress(Exception):  # the scheduler may be gone
                 for future, _ in futures.values():
                     future.cancel()
 
-    def close(self, now=False):
+    def close(self, now: bool = False) -> None:
         """Let go of the cluster, and end it where it is our own."""
         client, own, self._client, self._own = self._client, self._own, None, None
-        for one in (client, own):
-            if one is not None:
+        for connected in (client, own):
+            if connected is not None:
                 with contextlib.suppress(Exception):  # it may be gone already
-                    one.close(timeout=0 if now else 5)
+                    connected.close(timeout=0 if now else 5)
 
-    def _connect(self, number):
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told by us, in one line
+    def _connect(self, number: int) -> None:
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own message says what goes wrong, in one line
         try:
             if self.address == LOCAL:
                 self._own = self._dask.LocalCluster(
@@ -98,11 +111,11 @@ class Cluster:
         except (OSError, TimeoutError) as error:
             raise WorkerError(f"{self._option}: it has no workers; start some with `dask worker`") from error
 
-    def _submit(self, unit, names):
+    def _submit(self, request: RunRequest) -> Any:
         with self._there():
-            return self._client.submit(run_there, self.case, unit, names, self.limit, self.origin, pure=False)
+            return self._client.submit(run_there, self.case, request, self.limit, self.origin, pure=False)
 
-    def _run(self, future):
+    def _run(self, future: Any) -> Run:
         with self._there():
             error = future.exception()
             if error is None:
@@ -114,18 +127,18 @@ class Cluster:
         raise error
 
     @contextlib.contextmanager
-    def _there(self):
-        """Context in which what Dask raises is a scheduler that is lost."""
+    def _there(self) -> Iterator[None]:
+        """Context in which every error of Dask means that the scheduler is lost."""
         try:
             yield
         except Exception as error:
             raise self._gone(error) from error
 
-    def _gone(self, error):
+    def _gone(self, error: BaseException) -> WorkerError:
         return WorkerError(f"{self._option}: it was lost ({type(error).__name__}: {str(error)[:100]})")
 
 
-def _distributed():
+def _distributed() -> Any:
     try:
         import distributed
 
@@ -140,12 +153,12 @@ _lock = threading.Lock()  # a model does one run at a time, whatever the number 
 _benches: dict[str, Bench] = {}
 
 
-def run_there(case, unit, names, limit, origin):
-    """The Run of a unit, on this worker's own bench."""
+def run_there(case: Case, request: RunRequest, limit: float, origin: str) -> Run:
+    """The Run of a request, on this worker's own bench."""
     with _lock:
         if origin not in _benches:
             if Inputs(case).origin != origin:
                 raise WorkerError("the cluster's workers have other versions of indentfit, its libraries or the material")
             _benches.clear()
             _benches[origin] = Bench(case, limit)
-        return _benches[origin].run_at_last(unit, names)
+        return _benches[origin].run_at_last(request)

@@ -1,18 +1,113 @@
-"""The forward model of a case: the curves of all its tests at given parameters."""
+"""The forward model: from parameters to the force curves of all tests of a case.
 
+Whoever searches or judges parameters asks a ForwardModel, and cannot tell runs from a surrogate's predictions.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from indentfit.arrays import Array
+from indentfit.case import Case
+from indentfit.fem.result import Simulation
+from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
+from indentfit.material import Material
 from indentfit.runs.points import press_of, setup_of
+from indentfit.runs.run import Point
+
+Report = Callable[[int, int], object]  # called with (runs done, runs asked for)
 
 
-def simulate(case, parameters=None, progress=None):
-    """Simulation of every test of a case, at given parameters (name -> value) or at its start values.
+@dataclass(frozen=True)
+class Evaluation:
+    """The curves of all tests at one point, or the cause why there are none.
 
-    progress: called with (test name, share of its depth done). Raises ConvergenceError.
+    Parameters
+    ----------
+    parameters : dict of name -> value
+    forces : tuple of arrays (n,), mN, or None
+        The forces of each test; None where one of the tests failed.
+    cause : str or None
+        Which test failed, and why.
+    seconds : float
+        Duration of all runs.
+    facts : tuple of dict
+        The solver's facts about each run.
+    sensitivities : tuple of dict, or None
+        For each test, name -> derivatives of its forces, mN per unit of the parameter, (n,): of those names that were asked
+        for and that the forward model could give; None where none were asked for.
+    lost : bool
+        The cause lies with the machine (memory, time, a killed process) and not with the mechanics.
+    """
+
+    parameters: dict[str, Any]
+    forces: tuple[Array, ...] | None
+    cause: str | None
+    seconds: float
+    facts: tuple[dict[str, Any], ...]
+    sensitivities: tuple[dict[str, Array], ...] | None = None
+    lost: bool = False
+
+
+class ForwardModel(Protocol):
+    """From points to curves: a pool of runs, a surrogate, or a watcher of one of these.
+
+    `runs` counts the runs of the mechanics that were needed so far; `failures` holds each failed evaluation once.
+    """
+
+    @property
+    def runs(self) -> int: ...
+
+    @property
+    def failures(self) -> Sequence[Evaluation]: ...
+
+    def differentiable(self) -> frozenset[str]:
+        """Names that `evaluate` can bring sensitivities of; for a single point it may still bring none."""
+        ...
+
+    def evaluate(
+        self, points: Sequence[Point], report: Report | None = None, sensitivities: Collection[str] = ()
+    ) -> list[Evaluation]:
+        """Evaluations of points, in their order.
+
+        Parameters
+        ----------
+        points : sequence of dict, name -> value
+        report : called with (runs done, runs asked for)
+        sensitivities : names of `differentiable()`
+            What derivatives of the forces are wanted of.
+
+        Returns
+        -------
+        list of Evaluation
+            Failures of the mechanics are recorded in them, never raised.
+        """
+        ...
+
+
+def simulate(case: Case, parameters: Point | None = None, progress: Callable[[str, float], None] | None = None) -> Simulation:
+    """Every test of a case, simulated at given parameters.
+
+    Parameters
+    ----------
+    case : Case
+    parameters : dict of name -> value
+        By default the start values of the case.
+    progress : called with (name of a test, share of its depth that is done)
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    ConvergenceError
     """
     material = case.law(**(parameters or case.start_values()))
     return Model(setup_of(case)).simulate(presses_of(case, material), progress)
 
 
-def presses_of(case, material):
+def presses_of(case: Case, material: Material) -> list[Press]:
     """The Press of each test of a case, on a material."""
     return [press_of(case, test, material) for test in case.tests]

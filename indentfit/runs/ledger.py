@@ -213,7 +213,7 @@ def refuse_in_use(path: str | Path) -> None:
 
 def _searched(case: Case) -> Case:
     """The case without the settings that matter only after its search: a fit that is resumed may change them."""
-    uncertain = Uncertain(**case.fit.uncertain.fitted)
+    uncertain = Uncertain.model_validate(case.fit.uncertain.fitted)
     ended = case.fit.model_copy(update={"uncertain": uncertain, "published": {}, "profiles": True})
     return case.model_copy(update={"fit": ended})
 

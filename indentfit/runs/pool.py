@@ -6,188 +6,253 @@ this need the usual `if __name__ == "__main__":`, since workers are spawned.
 """
 
 import os
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from typing import Any, Protocol, Self
 
 import numpy as np
 
+from indentfit.arrays import Array
+from indentfit.case import Case
 from indentfit.errors import Stopped
 from indentfit.runs.bench import Bench
 from indentfit.runs.cluster import Cluster
+from indentfit.runs.forward import Evaluation, Report
+from indentfit.runs.ledger import Ledger
+from indentfit.runs.points import UNITS
 from indentfit.runs.processes import Processes
-from indentfit.runs.run import Run
+from indentfit.runs.run import Point, Run, RunRequest
 
 RECENT = 500  # runs that are asked how long the next ones may take
+DIFFERENTIABLE = frozenset(UNITS) - {"thickness"}  # inputs that the mechanics can differentiate by, beside parameters of the law
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """All tests at one set of parameters; `forces` is None and `cause` says why where one of them failed.
+class Pool(Protocol):
+    """Workers for the runs of one case: this process, processes of this machine, or a cluster."""
 
-    sensitivities: for each test, name -> derivatives of its forces, mN per unit of the parameter, shape (n,), of those
-    that were asked for and that the forward model could give; None where none were asked for, or it has none at all.
-    lost: the cause is the machine's (memory, time, a killed process) and not the mechanics'.
-    """
+    @property
+    def number(self) -> int:
+        """How many runs are done at once."""
+        ...
 
-    parameters: dict[str, float]
-    forces: tuple[np.ndarray, ...] | None
-    cause: str | None
-    seconds: float
-    facts: tuple[dict, ...]
-    sensitivities: tuple[dict[str, np.ndarray], ...] | None = None
-    lost: bool = False
+    def solve(self, requests: Iterable[RunRequest], stopping: Callable[[], object]) -> Iterator[tuple[RunRequest, Run]]:
+        """Yield (request, Run) in the order in which the runs end; nothing is begun once stopping() is true.
+
+        Every request that was begun ends with a Run, whatever happens to its worker. Raises WorkerError where there are no workers.
+        """
+        ...
+
+    def close(self, now: bool = False) -> None:
+        """End the workers; `now` does not wait for the runs they are at."""
+        ...
 
 
-class Pool:
-    """Evaluates sets of parameters of a case, each only once; to be used in a `with` block.
+class InProcess:
+    """This process as the only worker: a Pool."""
 
-    workers: processes, by default as many as the case says, or cores; one is this process itself. ledger: where runs
-    are looked up and kept. cluster: None, "local", or the address of a Dask scheduler. stop: called before a run is
-    begun; the number of the signal that asks to stop, else 0.
+    number = 1
+
+    def __init__(self, case: Case, limit: float) -> None:
+        self.bench = Bench(case, limit)
+
+    def solve(self, requests: Iterable[RunRequest], stopping: Callable[[], object]) -> Iterator[tuple[RunRequest, Run]]:
+        for request in requests:
+            if stopping():
+                return
+            yield request, self.bench.run_at_last(request)
+
+    def close(self, now: bool = False) -> None:
+        """Nothing needs to be ended."""
+
+
+class RunPool:
+    """Evaluates points of a case by runs, each only once: a ForwardModel; to be used in a `with` block.
+
+    Parameters
+    ----------
+    case : Case
+    workers : int, optional
+        Processes; by default as many as the case says, or cores. One is this process itself, unless the law is foreign code.
+    ledger : Ledger, optional
+        Where runs are looked up and kept.
+    cluster : str, optional
+        "local", or the address of a Dask scheduler.
+    stop : function, optional
+        Called before a run is begun; returns the number of the signal that asks to stop, else 0.
+
     `runs` counts the runs of the forward model that were needed, `reused` those of them that were in the ledger,
     `failures` holds every failed evaluation.
     """
 
-    def __init__(self, case, workers=None, ledger=None, cluster=None, stop=None):
-        self.case, self.ledger, self.cluster, self.stop = case, ledger, cluster, stop or (lambda: 0)
+    def __init__(
+        self,
+        case: Case,
+        workers: int | None = None,
+        ledger: Ledger | None = None,
+        cluster: str | None = None,
+        stop: Callable[[], int] | None = None,
+    ) -> None:
+        self.case, self.ledger, self.cluster, self.stop = case, ledger, cluster, stop or _never
         self._asked = workers or case.fit.workers or cores()
-        self.runs, self.reused, self.seconds, self.failures = 0, 0, 0.0, []
+        self.runs, self.reused, self.seconds = 0, 0, 0.0
+        self.failures: list[Evaluation] = []
         self._known: dict[tuple, list[Run]] = {}
-        self._workers = None
+        self._workers: Pool | None = None
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind, *_):
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(now=kind is not None)
 
-    def close(self, now=False):
-        """End the workers; `now` does not wait for what they are doing."""
+    def close(self, now: bool = False) -> None:
+        """End the workers; `now` does not wait for the runs they are at."""
         self._asked = self.workers
         workers, self._workers = self._workers, None
         if workers is not None:
             workers.close(now)
 
     @property
-    def workers(self):
+    def workers(self) -> int:
         """The number of runs that are done at once."""
         return self._workers.number if self._workers else self._asked
 
     @property
-    def evaluations(self):
-        """The number of different sets of parameters that were run."""
-        return len({key for key, _ in self._known})
+    def evaluations(self) -> int:
+        """The number of different points that were run."""
+        return len({point for point, _ in self._known})
 
-    def evaluate(self, points, report=None, sensitivities=()):
-        """Evaluations of a list of parameters (name -> value), in its order.
+    def differentiable(self) -> frozenset[str]:
+        """Names that runs can bring sensitivities of: parameters of the law, and some inputs."""
+        return DIFFERENTIABLE | set(self.case.law.parameters)
 
-        report: called with (runs done, runs asked for). sensitivities: names of the parameters by which derivatives of
-        the forces are wanted too. Failures of the mechanics are recorded, never raised. Raises Stopped, WorkerError
-        and LedgerError; what was run until then is in the ledger.
+    def evaluate(
+        self, points: Sequence[Point], report: Report | None = None, sensitivities: Collection[str] = ()
+    ) -> list[Evaluation]:
+        """Evaluations of points, in their order.
+
+        Parameters
+        ----------
+        points : sequence of dict, name -> value
+        report : called with (runs done, runs asked for)
+        sensitivities : names
+            What derivatives of the forces are wanted of.
+
+        Returns
+        -------
+        list of Evaluation
+            Failures of the mechanics are recorded in them, never raised.
+
+        Raises
+        ------
+        Stopped, WorkerError, LedgerError
+            All runs until then are in the ledger.
         """
         names = tuple(sorted(sensitivities))
-        wanted = [(_key(point), test) for point in points for test in range(len(self.case.tests))]
-        missing = [unit for unit in dict.fromkeys(wanted) if self._find(unit, names) is None]
+        wanted = [RunRequest(_key(point), test, names) for point in points for test in range(len(self.case.tests))]
+        missing = [request for request in dict.fromkeys(wanted) if self._serving(request) is None]
         if missing:
-            self._run(missing, names, report)
+            self._run(missing, report)
         evaluations = [self._evaluation(point, names) for point in points]
         for evaluation in evaluations:
             if evaluation.cause and evaluation.parameters not in [known.parameters for known in self.failures]:
                 self.failures.append(evaluation)
         return evaluations
 
-    def _run(self, units, names, report):
-        """Run units, or take them from the ledger."""
-        total, left = len(units), dict.fromkeys(units)
-        for unit in units:
-            if run := self.ledger and self.ledger.find(dict(unit[0]), self.case.tests[unit[1]], names):
-                del left[unit]
+    def _run(self, requests: list[RunRequest], report: Report | None) -> None:
+        """Run requests, or take them from the ledger."""
+        total, left = len(requests), dict.fromkeys(requests)
+        for request in requests:
+            if run := self._kept(request):
+                del left[request]
                 self.reused += 1
-                self._learn(unit, run)
+                self._learn(request, run)
         if left and not self.stop():
             self._workers = self._workers or self._hired()
-            for unit, run in self._workers.solve(self._longest_first(left), names, self.stop):
+            for request, run in self._workers.solve(self._longest_first(left), self.stop):
                 if self.ledger is not None:
-                    self.ledger.add(dict(unit[0]), self.case.tests[unit[1]], run)
-                del left[unit]
-                self._learn(unit, run)
+                    self.ledger.add(request.parameters, self.case.tests[request.test], run)
+                del left[request]
+                self._learn(request, run)
                 if report:
                     report(total - len(left), total)
         if left:
             raise Stopped("stopped before its end", self.stop())
 
-    def _hired(self):
+    def _kept(self, request: RunRequest) -> Run | None:
+        if self.ledger is None:
+            return None
+        return self.ledger.find(request.parameters, self.case.tests[request.test], request.sensitivities)
+
+    def _hired(self) -> Pool:
         limit = self.case.fit.time_limit
         if self.cluster:
             return Cluster(self.case, self.cluster, self._asked, limit)
-        return Processes(self.case, self._asked, limit) if self._asked > 1 else _Here(self.case, limit)
+        if self._asked > 1 or is_foreign(self.case.law):
+            return Processes(self.case, self._asked, limit)
+        return InProcess(self.case, limit)
 
-    def _find(self, unit, names):
-        return next((run for run in self._known.get(unit, ()) if run.serves(names)), None)
+    def _serving(self, request: RunRequest) -> Run | None:
+        """The earliest known run that says what is asked for."""
+        return next((run for run in self._known.get(request.subject, ()) if run.serves(request.sensitivities)), None)
 
-    def _learn(self, unit, run):
-        self._known.setdefault(unit, []).append(run)
+    def _learn(self, request: RunRequest, run: Run) -> None:
+        self._known.setdefault(request.subject, []).append(run)
         self.runs += 1
         self.seconds += run.seconds
 
-    def _longest_first(self, units):
-        """Units in the order of what is to be expected of them, the longest first, so that no core idles at the end: what the
-        nearest run of the test took; before there is one, how deep it goes, and across the fibres before along them (more slip)."""
-        ran = [(test, dict(key), runs[0].seconds) for (key, test), runs in list(self._known.items())[-RECENT:]]
+    def _longest_first(self, requests: Iterable[RunRequest]) -> list[RunRequest]:
+        """Requests in the order of their expected durations, the longest first, so that no core idles at the end: the duration of
+        the nearest run of the test; before there is one, by depth, and across the fibres before along them (more slip)."""
+        ran = [(test, dict(point), runs[0].seconds) for (point, test), runs in list(self._known.items())[-RECENT:]]
 
-        def expected(unit):
-            point, test = dict(unit[0]), unit[1]
-            nearest = min(((_apart(point, other), took) for of, other, took in ran if of == test), default=(0.0, np.inf))
-            return nearest[1], float(self.case.outputs(self.case.tests[test])[-1]), self.case.tests[test].angle
+        def expected(request: RunRequest) -> tuple[float, float, int]:
+            point, test = request.parameters, self.case.tests[request.test]
+            nearest = min(((_apart(point, other), took) for of, other, took in ran if of == request.test), default=(0.0, np.inf))
+            return nearest[1], float(self.case.outputs(test)[-1]), test.angle
 
-        return sorted(units, key=expected, reverse=True)
+        return sorted(requests, key=expected, reverse=True)
 
-    def _evaluation(self, point, names):
-        runs = [self._find((_key(point), test), names) for test in range(len(self.case.tests))]
-        named = zip(self.case.tests, runs, strict=True)
-        causes = [f"test {test.name!r}: {run.cause}" for test, run in named if run.cause]
+    def _evaluation(self, point: Point, names: tuple[str, ...]) -> Evaluation:
+        tests = self.case.tests
+        known = [self._serving(RunRequest(_key(point), test, names)) for test in range(len(tests))]
+        runs = [run for run in known if run is not None]  # all of them, by now
+        causes = [f"test {test.name!r}: {run.cause}" for test, run in zip(tests, runs, strict=True) if run.cause]
         seconds, facts = sum(run.seconds for run in runs), tuple(run.facts for run in runs)
         if causes:
             return Evaluation(dict(point), None, "; ".join(causes), seconds, facts, lost=any(run.lost for run in runs))
-        derivatives = tuple(_finite(run.sensitivities, names) for run in runs) if names else None
-        return Evaluation(dict(point), tuple(run.force for run in runs), None, seconds, facts, derivatives)
+        derivatives = tuple(_finite(run, names) for run in runs) if names else None
+        forces = tuple(run.force for run in runs if run.force is not None)
+        return Evaluation(dict(point), forces, None, seconds, facts, derivatives)
 
 
-class _Here:
-    """This process as the only worker."""
-
-    number = 1
-
-    def __init__(self, case, limit):
-        self.bench = Bench(case, limit)
-
-    def solve(self, units, names, stopping):
-        for unit in units:
-            if stopping():
-                return
-            yield unit, self.bench.run_at_last(unit, names)
-
-    def close(self, now=False):
-        pass
+def is_foreign(law: type) -> bool:
+    """Whether a law is code that others wrote: it may never return, so that its runs need a process that can be ended."""
+    return any(base.__module__.partition(".")[0] not in ("indentfit", "builtins") for base in law.__mro__)
 
 
-def cores():
+def cores() -> int:
     """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _finite(sensitivities, names):
-    return {name: sensitivities[name] for name in names if np.isfinite(sensitivities[name]).all()}
+def _never() -> int:
+    return 0
 
 
-def _apart(one, other):
+def _finite(run: Run, names: tuple[str, ...]) -> dict[str, Array]:
+    given = run.sensitivities or {}
+    return {name: given[name] for name in names if np.isfinite(given[name]).all()}
+
+
+def _apart(point: Point, other: Point) -> float:
     """How different two points are: the sum of relative differences, 1 for what only one of them has or is in words."""
-    pairs = [(one.get(name), other.get(name)) for name in one.keys() | other.keys()]
+    pairs = [(point.get(name), other.get(name)) for name in point.keys() | other.keys()]
     return sum(_relative(a, b) for a, b in pairs if a != b)
 
 
-def _relative(a, b):
+def _relative(a: Any, b: Any) -> float:
     return 1.0 if a is None or b is None or isinstance(a, str) else abs(a - b) / (abs(a) + abs(b))
 
 
-def _key(point):
+def _key(point: Point) -> tuple[tuple[str, Any], ...]:
     return tuple(point.items())

@@ -15,7 +15,7 @@ from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem, differences_of, scale_of
-from indentfit.runs.pool import Pool
+from indentfit.runs.pool import RunPool
 
 NOISE = 0.01  # of the largest force, where no noise is given
 DEPTHS = (0.5, 1.0, 1.5)  # of the case's largest depth
@@ -112,7 +112,7 @@ def _changed(case, key, value):
 
 def _own(case, parameters):
     """Derivatives of the case's own tests, their forces, and the number of runs."""
-    with Pool(case) as pool:
+    with RunPool(case) as pool:
         problem = _problem(case, parameters)
         slopes = _slopes(problem, pool, parameters)
         evaluation = evaluate_at_reference(problem, pool, [parameters])[0]
@@ -128,7 +128,7 @@ def _candidates(change, variant, parameters, known, noise):
         tests = tuple(Test(name=f"{angle}", angle=angle, depth=allowed[-1] * deepest, points=6 * POINTS) for angle in ANGLES)
         tried = variant.model_copy(update={"tests": tests, "curves": (None,) * len(tests)})
         try:
-            with Pool(tried) as pool:
+            with RunPool(tried) as pool:
                 slopes = _slopes(_problem(tried, parameters), pool, parameters)
                 used += pool.runs
             return list(_rows(change, tried, slopes, allowed, deepest, known, noise)), used

@@ -26,7 +26,7 @@ def refits(labelled, ledger=None, cluster=None, stop=None, progress=None):
     """Refit of each (label, Case), on the workers of its `fit`; progress: called with (share done, note).
 
     ledger: a Ledger with the cases among its own, or None: a fit that was finished once costs no run of the forward model.
-    Raises CaseError where a case has nothing to fit, before any is fitted, and what `Pool.evaluate` raises.
+    Raises CaseError where a case has nothing to fit, before any is fitted, and what `RunPool.evaluate` raises.
     """
     for _, case in labelled:
         require_fittable(case)

@@ -1,7 +1,7 @@
 """Forward runs of many variants of a case: on the worker processes of a fit, and through its ledger."""
 
-from indentfit.runs.points import setting
-from indentfit.runs.pool import Pool
+from indentfit.runs.points import split_point
+from indentfit.runs.pool import RunPool
 
 TABLES = ("sample", "indenter", "mesh", "solver", "material")
 NOT_OF_A_POINT = ("model", "energy", "parameters")  # of the material: what its class is
@@ -10,14 +10,14 @@ NOT_OF_A_POINT = ("model", "energy", "parameters")  # of the material: what its 
 def evaluate(cases, ledger=None, workers=None, cluster=None, stop=None, progress=None):
     """Evaluations of the tests of each Case, at its fixed parameters and the start values of its free ones.
 
-    ledger: a Ledger with the cases among its own, or None; workers, cluster, stop: as those of `Pool`; progress: called with
-    (runs done, runs). Failures of the mechanics are in the evaluations, never raised. Raises what `Pool.evaluate` raises.
+    ledger: a Ledger with the cases among its own, or None; workers, cluster, stop: as those of `RunPool`; progress: called with
+    (runs done, runs). Failures of the mechanics are in the evaluations, never raised. Raises what `RunPool.evaluate` raises.
     """
     groups, found = _groups(cases), {}
     total, before = sum(len(points) * len(first.tests) for first, points in groups), 0
     for first, points in groups:
         report = progress and (lambda done, _, before=before: progress(before + done, total))
-        with Pool(first, workers, None if ledger is None else ledger.of(first), cluster, stop) as pool:
+        with RunPool(first, workers, None if ledger is None else ledger.of(first), cluster, stop) as pool:
             found |= zip(points, pool.evaluate(list(points.values()), report), strict=True)
         before += len(points) * len(first.tests)
     return [found[n] for n in range(len(cases))]
@@ -46,7 +46,7 @@ def _point(first, case):
             if name not in NOT_OF_A_POINT and getattr(new, name) != getattr(old, name):
                 changed[f"{table}.{name}"] = getattr(new, name)
     point = case.start_values() | dict(sorted(changed.items(), key=lambda pair: pair[1] is not None))  # a mesh has one key
-    there = setting(first, point).case
+    there = split_point(first, point).case
     return point if _decided(there) == _decided(case) else None
 
 

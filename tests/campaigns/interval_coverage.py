@@ -33,7 +33,7 @@ from indentfit.inverse.least_squares import polish
 from indentfit.inverse.problem import inverse_problem
 from indentfit.inverse.surrogate import learn
 from indentfit.runs.forward import simulate
-from indentfit.runs.pool import Pool
+from indentfit.runs.pool import RunPool
 
 CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
 NOISE = 0.01  # of each test's largest force
@@ -75,7 +75,7 @@ def main():
     case = read_case(CASE, asked.set)
     other = read_case(CASE, [*asked.set, *asked.other])
     base, rng, rows = inverse_problem(case), np.random.default_rng(0), []
-    with Pool(case, asked.workers) as workers:
+    with RunPool(case, asked.workers) as workers:
         pool = Watched(workers)
         for truth in truths(asked.truths):
             try:

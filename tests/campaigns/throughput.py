@@ -69,10 +69,10 @@ def rate(case, search, workers, cluster):
     from indentfit.inverse import genetic
     from indentfit.inverse.exploration import explore
     from indentfit.inverse.problem import inverse_problem
-    from indentfit.runs.pool import Pool
+    from indentfit.runs.pool import RunPool
 
     problem = inverse_problem(case)
-    with Pool(case, workers, cluster=cluster) as running:
+    with RunPool(case, workers, cluster=cluster) as running:
         pool = timed(running)
         start = problem.at_reference(case.start_values())
         name = problem.searched[-1]

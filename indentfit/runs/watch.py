@@ -1,0 +1,53 @@
+"""The parent's watch over a worker process: for a run that never comes back to the loops which look at its deadline.
+
+That is a law's own endless loop, or a call that waits for ever. The parent measures the processor time of the child, so a busy
+machine ends no run early, and as a last resort the time on the wall, for a child that sleeps.
+"""
+
+import contextlib
+import time
+
+import psutil
+
+GRACE, SHARE_OF_GRACE = 2.0, 0.5  # s, and share of the limit: processor time beyond it, for the solver to look at its deadline
+PATIENCE, SHARE_OF_PATIENCE = 60.0, 10.0  # s, and multiple of the limit: time on the wall after which a sleeper is ended
+LONGEST_LOOK = 2.0  # s: a longer gap between two looks means that the machine was asleep, or the parent stopped
+
+
+class Watch:
+    """Measures how long a process is at its present run.
+
+    Parameters
+    ----------
+    pid : int
+        The process.
+    limit : float, s
+        Processor time that a run may take.
+    """
+
+    def __init__(self, pid: int | None, limit: float) -> None:
+        self.limit = limit
+        self._process: psutil.Process | None = None
+        with contextlib.suppress(psutil.Error, ValueError):
+            self._process = psutil.Process(pid)
+        self.begin()
+
+    def begin(self) -> None:
+        """A run begins now."""
+        self._used, self._waited, self._looked = self._processor_time(), 0.0, time.monotonic()
+
+    def is_overdue(self) -> bool:
+        """Whether the run has had more than its time; to be asked every second or so."""
+        now = time.monotonic()
+        self._waited += min(now - self._looked, LONGEST_LOOK)
+        self._looked = now
+        used = self._processor_time() - self._used
+        return used > self.limit * (1 + SHARE_OF_GRACE) + GRACE or self._waited > self.limit * SHARE_OF_PATIENCE + PATIENCE
+
+    def _processor_time(self) -> float:
+        """Processor time of the process so far, s; 0 once it is gone, which others find out."""
+        with contextlib.suppress(psutil.Error):
+            if self._process is not None:
+                times = self._process.cpu_times()
+                return times.user + times.system
+        return 0.0
