@@ -47,9 +47,9 @@ def test_a_shipped_case_is_valid_without_warnings(name):
 
 def test_the_paper_s_case_is_the_paper_s_experiment():
     case = read_case(PAPER)
-    assert case.sample.extent == (14.0, 14.0)
+    assert case.sample.geometry.outline.extent == (14.0, 14.0)
     assert (case.sample.thickness, case.sample.base) == (3.3, "sliding")
-    assert (case.indenter.half_width, case.indenter.length, case.indenter.friction) == (1.0, 20.0, 0.5)
+    assert (case.indenter.geometry.half_width, case.indenter.length, case.indenter.friction) == (1.0, 20.0, 0.5)
     assert [test.angle for test in case.tests] == [0, 90]
     assert [test.weight for test in case.tests] == [0.5, 0.5]
     assert case.mesh.default
@@ -178,9 +178,9 @@ def test_an_override_takes_its_rival_out_of_the_file(copy):
 
 def test_another_shape_takes_the_sizes_of_the_old_one_out():
     case = read_case(PAPER, ["sample.shape=block", "sample.length=10", "sample.width=12"])
-    assert case.sample.extent == (10.0, 12.0)
+    assert case.sample.geometry.outline.extent == (10.0, 12.0)
     case = read_case(PAPER, ["indenter.shape=sphere", "indenter.diameter=4"])
-    assert (case.indenter.half_width, case.indenter.width) == (2.0, None)
+    assert (case.indenter.geometry.half_width, case.indenter.width) == (2.0, None)
 
 
 def test_a_typed_energy_replaces_the_model():

@@ -131,7 +131,7 @@ def test_the_file_of_a_material_is_written_with_the_case(tmp_path, monkeypatch):
 
 def test_keys_of_a_case_in_memory_are_changed_as_those_of_a_file():
     changed = changed_case(case(), ["fit.seed=3", "sample.shape=block", "sample.length=9", "sample.width=10 mm"])
-    assert (changed.fit.seed, changed.sample.extent) == (3, (9.0, 10.0))
+    assert (changed.fit.seed, changed.sample.geometry.outline.extent) == (3, (9.0, 10.0))
     assert changed.curves[0].force.tolist() == FORCE.tolist()
     assert changed_case(case(), []).hash == case().hash
     with pytest.raises(CaseError) as caught:

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from indentfit.case import Indenter, Mesh, Sample
-from indentfit.fem.contact import STICK, Contact, History, Springs, signed_distance
+from indentfit.fem.contact import STICK, Contact, History, Springs
 from indentfit.fem.element import Solid
 from indentfit.fem.mesh import quarter
 
@@ -313,7 +313,7 @@ def samples(indenter, n=400):
     """Points around and slightly inside an indenter whose lowest point is at y = 1."""
     rng = np.random.default_rng(0)
     x = rng.uniform([-2, 0.4, -2], [2, 1.3, 2], (n, 3))
-    return x[np.abs(signed_distance(indenter, x, 1.0)[0]) < 0.6]
+    return x[np.abs(indenter.geometry.distance(x, 1.0)[0]) < 0.6]
 
 
 @pytest.mark.parametrize("name", [*ROUNDED, "sphere"])
@@ -322,9 +322,9 @@ def test_distance_has_a_unit_gradient_and_the_right_derivatives(name):
     x = samples(indenter)
     r = indenter.edge_radius  # points above the rounding's centre, inside the flat face, have no unique nearest face
     x = x[x[:, 1] < 1.0 + r] if r else x
-    _, n, H = signed_distance(indenter, x, 1.0)
+    _, n, H = indenter.geometry.distance(x, 1.0)
     assert_allclose(np.linalg.norm(n, axis=1), 1, rtol=1e-12)
-    ahead, behind = ([signed_distance(indenter, x + s * h * e, 1.0) for e in np.eye(3)] for s in (1, -1))
+    ahead, behind = ([indenter.geometry.distance(x + s * h * e, 1.0) for e in np.eye(3)] for s in (1, -1))
     slopes = np.stack([(a[0] - b[0]) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
     turns = np.stack([(a[1] - b[1]) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
     assert_allclose(slopes, n, atol=1e-8)
@@ -339,14 +339,14 @@ def test_distance_of_a_rounded_punch_by_hand(name):
     edge = 1.0 if indenter.shape == "strip" else 1.2
     away = 0.5 * np.sqrt(0.5)
     points = [[0, 0.7, 0], [0, 1.2 - away, edge - 0.2 + away], [0, 1.5, edge + 0.3], [0, 0.7, edge - 0.3]]
-    gap, n, _ = signed_distance(indenter, np.array(points), 1.0)
+    gap, n, _ = indenter.geometry.distance(np.array(points), 1.0)
     assert_allclose(gap, [0.3, 0.3, 0.3, 0.3], rtol=1e-12)
     assert_allclose(n, [-UP, [0, -np.sqrt(0.5), np.sqrt(0.5)], [0, 0, 1], -UP], atol=1e-12)
 
 
 def test_distance_at_the_corner_of_a_short_rounded_strip_is_a_spheres():
     indenter = Indenter(friction=0, **INDENTERS["short rounded strip"])
-    gap, n, H = signed_distance(indenter, np.array([[1.0 + 0.4, 1.2 - 0.2, 0.8 + 0.4]]), 1.0)
+    gap, n, H = indenter.geometry.distance(np.array([[1.0 + 0.4, 1.2 - 0.2, 0.8 + 0.4]]), 1.0)
     assert gap[0] == pytest.approx(0.6 - 0.2)
     assert_allclose(n[0], np.array([2, -1, 2]) / 3, rtol=1e-12)
     assert_allclose(H[0], (np.eye(3) - np.outer(n[0], n[0])) / 0.6, atol=1e-12)
@@ -354,7 +354,7 @@ def test_distance_at_the_corner_of_a_short_rounded_strip_is_a_spheres():
 
 def test_distance_from_a_sphere_by_hand():
     indenter = Indenter(friction=0, **SPHERE)
-    gap, n, H = signed_distance(indenter, np.array([[0, 0.6, 0], [3.0, 3.5, 4.0], [0, 1.1, 0]]), 1.0)
+    gap, n, H = indenter.geometry.distance(np.array([[0, 0.6, 0], [3.0, 3.5, 4.0], [0, 1.1, 0]]), 1.0)
     assert_allclose(gap, [0.4, 2.5, -0.1], rtol=1e-12)
     assert_allclose(n, [-UP, [0.6, 0, 0.8], -UP], atol=1e-12)
     assert_allclose(H[0], np.diag([1, 0, 1]) / 2.9, atol=1e-12)

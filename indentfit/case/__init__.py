@@ -1,6 +1,5 @@
 """The case: everything that a result depends on, as frozen values in mm, mN and kPa."""
 
-from indentfit.case.faults import WIDEST_INDENTER
 from indentfit.case.messages import Fault
 from indentfit.case.read import Openers, override_case, read_case_file, read_record_table
 from indentfit.case.recording import Record, RecordChannel
@@ -10,7 +9,6 @@ from indentfit.case.whole import Case, require_fittable
 from indentfit.case.write import case_toml, write_case
 
 __all__ = [
-    "WIDEST_INDENTER",
     "Case",
     "Fault",
     "Fit",

@@ -18,7 +18,6 @@ from indentfit.curve import Curve
 from indentfit.errors import MaterialError
 from indentfit.material import Material, blamed, require_derivable, shipped
 
-WIDEST_INDENTER = 0.9  # of the sample: beyond it the free border is too narrow to mesh and to trust
 DEEPEST_INDENTATION = 0.5  # of the thickness
 
 
@@ -117,7 +116,7 @@ def faults_across(parts: Parts) -> Iterator[Fault]:
         yield from _too_deep(parts.sample.thickness, parts.tests, depths)
         yield from _mesh_too_coarse(parts.sample.thickness, parts.mesh)
     yield from _faults_of_uncertain(parts)
-    if parts.indenter is not None and known(*parts.sample.extent):
+    if parts.indenter is not None:
         yield from _indenter_too_wide(parts.sample, parts.indenter, max((depth for depth in depths if depth), default=0.0))
 
 
@@ -171,21 +170,10 @@ def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
 
 
 def _indenter_too_wide(sample: Sample, indenter: Indenter, depth: float) -> Iterator[Fault]:
-    x, z = sample.extent
-    assert x is not None and z is not None  # the caller has seen to that
-    room = WIDEST_INDENTER * (z if indenter.shape == "strip" else min(x, z))
-    key = "width" if indenter.shape == "strip" else "diameter"
-    width = getattr(indenter, key)
-    if width is None or indenter.shape is None:
-        return
-    if indenter.shape == "sphere":
-        if depth >= width / 2:
-            yield Fault(("indenter", key), width, f"the sphere sinks in by half at {depth:g} mm; check the units")
-            return
-        width = 2 * math.sqrt(max(depth * (width - depth), 0.0))
-    if width >= room:
-        text = f"too wide for the sample of {room / WIDEST_INDENTER:g} mm; it must stay below {room:g} mm"
-        yield Fault(("indenter", key), getattr(indenter, key), text)
+    geometry, shape = sample.geometry_if_right(), indenter.geometry_if_right()
+    if geometry is not None and shape is not None:
+        for key, text in shape.faults_on(geometry.outline.extent, depth):
+            yield Fault(("indenter", key), getattr(indenter, key), text)
 
 
 def faults_of_fit(free: Mapping[str, Range], tests: Sequence[Test], curves: Sequence[Curve | None]) -> Iterator[Fault]:

@@ -10,7 +10,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from indentfit.case.quantities import unit_of
+from indentfit.case.quantities import Shape, unit_of
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
 from indentfit.case.section import Section
@@ -99,13 +99,14 @@ def _facts(table: str, name: str, field: FieldInfo) -> KeyFacts:
     inner = inner or next(
         (part for part in parts if isinstance(part, type) and type(default) is part and issubclass(part, Section)), None
     )
+    shapes = next((part.shapes.names() for part in parts if isinstance(part, Shape)), ())
     return KeyFacts(
         table=table,
         name=name,
         unit=unit_of(*field.metadata, field.annotation),
-        choices=_choices(field.annotation),
+        choices=shapes or _choices(field.annotation),
         limits=_limits(parts),
-        kind=_kind(field.annotation),
+        kind=", ".join(f'"{name}"' for name in shapes) or _kind(field.annotation),
         meaning=field.description or "",
         required=field.is_required(),
         default=None if inner else default,

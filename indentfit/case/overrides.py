@@ -7,8 +7,10 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from indentfit import indenters, samples
 from indentfit.case.messages import Fault, Key, nearest
-from indentfit.case.tables import SHAPES_OF_INDENTER, SHAPES_OF_SAMPLE, MaterialChoice
+from indentfit.case.tables import MaterialChoice
+from indentfit.shapes import Registry, keys_of
 
 Tree = dict[str, Any]
 
@@ -120,9 +122,8 @@ def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
 
 def _rivals(section: str, key: str, table: Tree) -> set[str]:
     """The keys that do not go together with this one."""
-    needed = {"sample": SHAPES_OF_SAMPLE, "indenter": SHAPES_OF_INDENTER}.get(section)
-    shape = table[key]
-    if not needed or key != "shape" or not isinstance(shape, str) or shape not in needed:
+    shapes: Registry[Any] | None = {"sample": samples.SHAPES, "indenter": indenters.SHAPES}.get(section)
+    shape = shapes.find_or_none(table[key]) if shapes is not None and key == "shape" else None
+    if shapes is None or shape is None:
         return RIVALS.get(section, {}).get(key, set())
-    rivals = set[str]().union(*needed.values()) - needed[shape]
-    return rivals | ({"edge_radius"} if shape == "sphere" else set())
+    return shapes.all_keys() - set(keys_of(shape))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +12,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Wit
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
 
+from indentfit.errors import InputError
+from indentfit.shapes import Registry
 from indentfit.units import number_in
 
 
@@ -33,6 +36,30 @@ class Quantity:
             return number_in(self.unit, value)
         except ValueError as error:
             raise refusal(str(error)) from None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Marks the name of a shape of a registry."""
+
+    shapes: Registry[Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, inner: Callable[[Any], Any]) -> Any:
+        return core_schema.no_info_plain_validator_function(self._name)
+
+    def __get_pydantic_json_schema__(self, schema: Any, inner: Callable[[Any], Any]) -> dict[str, Any]:
+        return {"type": "string", "enum": list(self.shapes.names())}
+
+    def _name(self, value: Any) -> str:
+        try:
+            if isinstance(value, str) and self.shapes.find(value):
+                return value
+        except InputError as error:
+            raise refusal(str(error)) from None
+        names = self.shapes.names()
+        near = difflib.get_close_matches(str(value), names, n=1)
+        text = f"must be {', '.join(map(repr, names[:-1]))} or {names[-1]!r}"
+        raise refusal(text + (f"; did you mean {near[0]}?" if near else ""))
 
 
 @dataclass(frozen=True)

@@ -211,10 +211,10 @@ def _title(tree: Tree, faults: list[Fault]) -> str:
 
 def _with_shape_of_records(parts: Parts) -> Parts:
     """The parts, where raw records take the end of the indenter from [indenter]."""
-    record, indenter = parts.record, parts.indenter
-    if record is None or record.indenter is not None or indenter is None or indenter.shape != "sphere":
+    shape = parts.indenter.geometry_if_right() if parts.indenter else None
+    if parts.record is None or parts.record.indenter is not None or shape is None or shape.end == "flat":
         return parts
-    return parts.with_record(record.model_copy(update={"indenter": "sphere"}))
+    return parts.with_record(parts.record.model_copy(update={"indenter": shape.end}))
 
 
 def _section(model: type[Table], place: Key, keys: Any, faults: list[Fault]) -> Table | None:

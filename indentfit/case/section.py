@@ -12,6 +12,7 @@ from pydantic_core import InitErrorDetails
 from indentfit.case.messages import Key, lines
 from indentfit.case.quantities import meaning, refusal
 from indentfit.errors import CaseError
+from indentfit.shapes import Registry
 
 
 class Section(BaseModel):
@@ -54,15 +55,17 @@ class Section(BaseModel):
         raise_disagreements(type(self), [((key,), getattr(self, key), text) for key, text in self.disagreements()])
         return self
 
-    def of_shape(self, shape: str | None, needed: dict[str, set[str]]) -> Iterator[tuple[str, str]]:
-        """Disagreements where keys of another shape are given, or those of this shape are missing; needed: shape -> keys."""
-        if shape not in needed:
-            return
-        for key in sorted(set().union(*needed.values())):
-            if key in needed[shape] and key not in self.model_fields_set:
-                yield key, f"missing; a {shape} needs it: {meaning(type(self).model_fields[key])}"
-            elif key not in needed[shape] and key in self.model_fields_set:
-                yield key, f"does not belong to a {shape}; remove it"
+    def of_shape(self, shapes: Registry[Any]) -> Iterator[tuple[str, str]]:
+        """Disagreements where keys of another shape than that of the key `shape` are given, or keys of this shape are missing."""
+        known_keys, name = type(self).model_fields, dict(self).get("shape")
+        values = {key: value for key, value in dict(self).items() if key in self.model_fields_set}
+        for key, missing in shapes.disagreements(name, values, {key: field.default for key, field in known_keys.items()}):
+            if key not in known_keys:
+                yield "shape", f"needs the key {key}, which the table [{self.place}] does not have; ask the author of this shape"
+            elif missing:
+                yield key, f"missing; a {name} needs it: {meaning(known_keys[key])}"
+            else:
+                yield key, f"does not belong to a {name}; remove it"
 
 
 def raise_disagreements(model: type[BaseModel], faults: Sequence[tuple[Key, Any, str]]) -> None:

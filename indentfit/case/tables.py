@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, model_validator
 
+from indentfit import indenters, samples
 from indentfit.case.quantities import (
     Angle,
     Finite,
@@ -21,6 +22,7 @@ from indentfit.case.quantities import (
     Positive,
     Pressure,
     Radius,
+    Shape,
     is_number,
     refusal,
 )
@@ -32,8 +34,6 @@ SIZE = (  # the factors are those of fem.mesh.FAMILIES
     "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
     "size wide and quadratic ones (q2p1) up to 3 sizes, at its edge 0.15 and 0.126 sizes, or less where it is narrow"
 )
-SHAPES_OF_SAMPLE = {"disc": {"diameter"}, "block": {"length", "width"}}
-SHAPES_OF_INDENTER = {"strip": {"width", "length"}, "cylinder": {"diameter"}, "sphere": {"diameter"}}
 
 
 class Sample(Section):
@@ -41,7 +41,7 @@ class Sample(Section):
 
     place = "sample"
 
-    shape: Literal["disc", "block"] = Field(description="shape of the sample")
+    shape: Annotated[str, Shape(samples.SHAPES)] = Field(description="shape of the sample")
     diameter: Length | None = Field(default=None, examples=[14.0], description="diameter of the disc")
     length: Length | None = Field(default=None, examples=[14.0], description="size of the block along x")
     width: Length | None = Field(default=None, examples=[14.0], description="size of the block along z")
@@ -51,12 +51,18 @@ class Sample(Section):
     )
 
     @property
-    def extent(self) -> tuple[float | None, float | None]:
-        """Full size along x and along z, mm; None where a key is not right."""
-        return (self.diameter, self.diameter) if self.shape == "disc" else (self.length, self.width)
+    def geometry(self) -> samples.SampleShape:
+        """The shape with its sizes."""
+        shape = self.geometry_if_right()
+        assert shape is not None  # `disagreements` has seen to that
+        return shape
+
+    def geometry_if_right(self) -> samples.SampleShape | None:
+        """The shape with its sizes, None where a key of it is not right."""
+        return samples.SHAPES.make(dict(self))
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
-        yield from self.of_shape(self.shape, SHAPES_OF_SAMPLE)
+        yield from self.of_shape(samples.SHAPES)
 
 
 class Indenter(Section):
@@ -64,7 +70,7 @@ class Indenter(Section):
 
     place = "indenter"
 
-    shape: Literal["strip", "cylinder", "sphere"] = Field(description="shape of the indenter")
+    shape: Annotated[str, Shape(indenters.SHAPES)] = Field(description="shape of the indenter")
     width: Length | None = Field(default=None, examples=[2.0], description="size of the strip along z")
     length: Length | None = Field(
         default=None, examples=[20.0], description="size of the strip along x; it may overhang the sample"
@@ -74,19 +80,20 @@ class Indenter(Section):
     friction: Friction = Field(description='friction coefficient, or "stick" for no slip at all')
 
     @property
-    def half_width(self) -> float:
-        """Half the width of a strip, the radius of a cylinder or of a sphere, mm."""
-        width = self.width if self.shape == "strip" else self.diameter
-        assert width is not None  # `disagreements` has seen to that
-        return width / 2
+    def geometry(self) -> indenters.IndenterShape:
+        """The shape with its sizes."""
+        shape = self.geometry_if_right()
+        assert shape is not None  # `disagreements` has seen to that
+        return shape
+
+    def geometry_if_right(self) -> indenters.IndenterShape | None:
+        """The shape with its sizes, None where a key of it is not right."""
+        return indenters.SHAPES.make(dict(self))
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
-        yield from self.of_shape(self.shape, SHAPES_OF_INDENTER)
-        if self.shape == "sphere" and self.edge_radius:
-            yield "edge_radius", "a sphere has no edge; remove it"
-        width = self.width if self.shape == "strip" else self.diameter
-        if self.shape in ("strip", "cylinder") and known(width, self.edge_radius) and 2 * self.edge_radius > width:  # type: ignore[operator]
-            yield "edge_radius", f"must not exceed half of the indenter's {width:g} mm"
+        yield from self.of_shape(indenters.SHAPES)
+        if shape := self.geometry_if_right():
+            yield from shape.faults()
 
 
 class Mesh(Section):

@@ -45,13 +45,9 @@ def _summary(case: Case) -> Iterator[str]:
     """The case in words, line by line."""
     sample, indenter = case.sample, case.indenter
     yield f"{case.path}: valid" + (f", {case.title}" if case.title else "")
-    size = f"diameter {sample.diameter:g}" if sample.shape == "disc" else f"{sample.length:g} x {sample.width:g} (x, z)"
-    yield f"  sample    {sample.shape}, {size} mm, thickness {sample.thickness:g} mm, {sample.base} base"
-    strip = indenter.shape == "strip"
-    size = f"{indenter.width:g} x {indenter.length:g} (z, x)" if strip else f"diameter {indenter.diameter:g}"
-    edge = f", edge radius {indenter.edge_radius:g} mm" if indenter.edge_radius else ""
+    yield f"  sample    {sample.geometry.words()}, thickness {sample.thickness:g} mm, {sample.base} base"
     friction = "sticking" if indenter.friction == "stick" else f"friction {indenter.friction:g}"
-    yield f"  indenter  {indenter.shape}, {size} mm{edge}, {friction}"
+    yield f"  indenter  {indenter.geometry.words()}, {friction}"
     yield f"  mesh      {_mesh(case.mesh)}"
     part = case.material
     bulk = f"kappa = {part.kappa:g} kPa" if part.bulk_ratio is None else f"kappa = {part.bulk_ratio:g} x shear modulus"

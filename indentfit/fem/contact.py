@@ -33,11 +33,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from indentfit.indenters import UP, has_sharp_edge
+
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
 GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over radius: the pressure may grow in a step
 RULE = {"q1p0": np.array([1 / 2, 0, 1 / 2]), "q2p1": np.array([1 / 6, 4 / 6, 1 / 6])}  # weights at the ends and in the middle
-_DOWN, UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -131,12 +132,11 @@ class Contact:
         parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
         facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
         elements, nodes, areas = _nodes(solid, facets)
-        self.thickness, self.indenter = thickness, indenter
-        sharp = indenter.shape != "sphere" and not indenter.edge_radius
+        self.thickness, self.shape = thickness, indenter.geometry
         sticks = indenter.friction == "stick"
-        self.tied = self.under[:, None] & (sharp and sticks)
+        self.tied = self.under[:, None] & (has_sharp_edge(self.shape) and sticks)
         self.friction = STICK if sticks else float(indenter.friction)
-        self.curvature = 2 / indenter.diameter if indenter.shape == "sphere" else 0 if sharp else 1 / indenter.edge_radius
+        self.curvature = self.shape.curvature
         self.dofs, self.n_dofs = solid.dofs[elements, nodes], solid.n_dofs
         self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, self.dofs[..., 0]], 0, -1))
         counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
@@ -161,7 +161,7 @@ class Contact:
     def touch(self, u, depth, history, springs, derivative=True):
         """Contact at displacements u (n,) and a depth in mm, after a history, with Springs."""
         place = self.X + self.field(u) + depth * UP
-        gap, n, H = signed_distance(self.indenter, place, self.thickness)
+        gap, n, H = self.shape.distance(place, self.thickness)
         p = history.pressure - springs.normal * gap
         touching = (p >= 0) | self.tied
         p = np.where(touching, p, 0.0)
@@ -305,68 +305,3 @@ def _nodes(solid, facets):
         share = np.prod([RULE[solid.element][(2 * places[on, other]).astype(int)] for other in range(3) if other != axis], axis=0)
         nodes[here], areas[here] = on, np.linalg.norm(np.cross(a, b), axis=-1) * share
     return elements[:, None], nodes, areas
-
-
-# ---- indenters as signed distances -------------------------------------------------------------------------------
-
-
-def signed_distance(indenter, x, bottom):
-    """Gap, its gradient and Hessian at points x (..., 3) of an indenter whose lowest point is at y = bottom.
-
-    Returns g (...), n (..., 3) and H (..., 3, 3), or None for H where the face is flat.
-    """
-    if indenter.shape == "sphere":
-        return _sphere(indenter.diameter / 2, x, bottom)
-    if not indenter.edge_radius:
-        return bottom - x[..., 1], np.broadcast_to(_DOWN, x.shape), None
-    if indenter.shape == "cylinder":
-        return _rounded_cylinder(indenter.diameter / 2, indenter.edge_radius, x, bottom)
-    return _rounded_strip(indenter.length / 2, indenter.width / 2, indenter.edge_radius, x, bottom)
-
-
-def _sphere(R, x, bottom):
-    away = x - np.array([0.0, bottom + R, 0.0])
-    distance = np.sqrt(np.einsum("...i,...i->...", away, away))
-    n = away / distance[..., None]
-    return distance - R, n, (np.eye(3) - n[..., :, None] * n[..., None, :]) / distance[..., None, None]
-
-
-def _rounded_strip(a, b, r, x, bottom):
-    """Distance to a bar with half-lengths a (x) and b (z): r less than the distance to its core."""
-    away = np.stack(
-        [
-            np.sign(x[..., 0]) * np.maximum(np.abs(x[..., 0]) - (a - r), 0),
-            np.minimum(x[..., 1] - (bottom + r), 0),
-            np.sign(x[..., 2]) * np.maximum(np.abs(x[..., 2]) - (b - r), 0),
-        ],
-        axis=-1,
-    )
-    return _from_core(away, np.zeros_like(away), r, x, bottom)
-
-
-def _rounded_cylinder(a, r, x, bottom):
-    rho = np.hypot(x[..., 0], x[..., 2])
-    beyond = np.maximum(rho - (a - r), 0)
-    safe = np.where(rho > 0, rho, 1.0)
-    radial = np.stack([x[..., 0] / safe, np.zeros_like(rho), x[..., 2] / safe], axis=-1)
-    away = beyond[..., None] * radial + np.minimum(x[..., 1] - (bottom + r), 0)[..., None] * UP
-    hoop = np.stack([-radial[..., 2], np.zeros_like(rho), radial[..., 0]], axis=-1)
-    return _from_core(away, hoop * np.sqrt(beyond / safe)[..., None], r, x, bottom, radial)
-
-
-def _from_core(away, hoop, r, x, bottom, radial=None):
-    """Distance, gradient and Hessian from the vector away from the core; inside the core the flat face counts."""
-    distance = np.sqrt(np.einsum("...i,...i->...", away, away))
-    inside = distance == 0
-    n = np.where(inside[..., None], _DOWN, away / np.where(inside, 1.0, distance)[..., None])
-    g = np.where(inside, bottom - x[..., 1], distance - r)
-    if radial is None:
-        free = np.eye(3) * (away != 0)[..., None, :]
-    else:
-        out = np.einsum("...i,...i->...", away, radial) != 0
-        free = out[..., None, None] * radial[..., :, None] * radial[..., None, :]
-        free = free + (away[..., 1] != 0)[..., None, None] * UP[:, None] * UP
-    H = (free - n[..., :, None] * n[..., None, :] + hoop[..., :, None] * hoop[..., None, :]) / np.where(inside, np.inf, distance)[
-        ..., None, None
-    ]
-    return g, n, H

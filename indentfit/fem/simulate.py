@@ -32,6 +32,7 @@ from indentfit.fem.newton import Newton
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
+from indentfit.indenters import has_sharp_edge
 from indentfit.material import Material, blamed
 
 QUARTERS = 4
@@ -196,9 +197,9 @@ class Model:
     def _springs(self, material: Material, angle: int) -> Springs:
         """Contact springs in proportion to the sample's stiffness: under a sharp edge, where the traction is singular, SHARP times
         its shear modulus, else that under the indenter, which fibres across it raise."""
-        moduli, indenter = material.moduli(), self.contact.indenter
+        moduli, shape = material.moduli(), self.contact.shape
         young = moduli["E_along"] if angle == 90 else moduli["E_across"]
-        sharp = indenter.shape != "sphere" and not indenter.edge_radius
+        sharp = has_sharp_edge(shape)
         modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
         stiffness = self.setup.solver.penalty * modulus / self.setup.sample.thickness
         return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
@@ -222,18 +223,13 @@ class Model:
         )
 
     def _edge_slip(self, equilibrium: Equilibrium) -> float:
-        indenter = self.contact.indenter
-        if indenter.shape == "sphere" or indenter.edge_radius:
+        shape = self.contact.shape
+        if not has_sharp_edge(shape):
             return 0.0
         corners = self.body.basis.nodal_dofs
-        (x, y, z), u = self.body.basis.doflocs[:, corners[0]], equilibrium.u[corners]
-        top = y > self.setup.sample.thickness * (1 - 1e-9)
-        if indenter.shape == "strip":
-            half, at, out = indenter.width / 2, z, u[2]
-        else:
-            half, at = indenter.diameter / 2, np.hypot(x, z)
-            out = (u[0] * x + u[2] * z) / np.where(at > 0, at, 1)
-        return float(np.max(np.abs(out[top & (np.abs(at - half) < 1e-6 * half)])) / half)
+        x, u = self.body.basis.doflocs[:, corners[0]], equilibrium.u[corners]
+        top = x[1] > self.setup.sample.thickness * (1 - 1e-9)
+        return float(np.max(np.abs(shape.motion_off_edge(x[:, top], u[:, top]))) / shape.half_width)
 
 
 def _threads(n_dofs: int) -> Any:

@@ -10,6 +10,7 @@ from indentfit.case import Case, require_fittable
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.inference.fit import FitResult, fit
+from indentfit.shapes import keys_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,11 @@ def sample_cases(path, samples, overrides=()):
             raise CaseError(f"{path}: sample {sample.name} has no curve of direction {min(missing)}; remove it from the table")
         keys = [f"test.{name}.curve={_quoted(sample.curves[angle])}" for angle, name in tests.items()]
         keys += [f"sample.thickness={sample.thickness!r}"] if sample.thickness else []
-        keys += [f"sample.diameter={sample.diameter!r}"] if sample.diameter and pooled.sample.shape == "disc" else []
+        keys += (
+            [f"sample.diameter={sample.diameter!r}"]
+            if sample.diameter and "diameter" in keys_of(type(pooled.sample.geometry))
+            else []
+        )
         case = read_case(path, (*overrides, *keys))
         require_fittable(case)
         cases.append((sample.name, case))

@@ -2,6 +2,8 @@
 
 import shlex
 
+from indentfit import indenters, samples
+
 from .page import Code, Lines, Part, Section, Table, Text
 
 
@@ -10,18 +12,9 @@ def case_words(case):
     if not case:
         return ()
     sample, indenter, mesh, material = (case[name] for name in ("sample", "indenter", "mesh", "material"))
-    disc = sample["shape"] == "disc"
-    size = (
-        f"diameter {number(sample['diameter'])} mm" if disc else f"{number(sample['length'])} x {number(sample['width'])} mm (x, z)"
-    )
-    lines = [f"Sample: {sample['shape']}, {size}, thickness {number(sample['thickness'])} mm, {sample['base']} base"]
-    if indenter["shape"] == "strip":
-        size = f"{number(indenter['width'])} x {number(indenter['length'])} mm (z, x)"
-    else:
-        size = f"diameter {number(indenter['diameter'])} mm"
-    edge = f"edge radius {number(indenter['edge_radius'])} mm" if indenter["edge_radius"] else "sharp edge"
+    lines = [f"Sample: {_shape(samples.SHAPES, sample)}, thickness {number(sample['thickness'])} mm, {sample['base']} base"]
     friction = "sticking" if indenter["friction"] == "stick" else f"friction coefficient {number(indenter['friction'])}"
-    lines.append(f"Indenter: rigid {indenter['shape']}, {size}, {edge}, {friction}")
+    lines.append(f"Indenter: rigid {_shape(indenters.SHAPES, indenter)}, {friction}")
     bulk = (
         f"bulk modulus {number(material['kappa'])} kPa"
         if material["kappa"]
@@ -39,6 +32,12 @@ def case_words(case):
     )
     lines.append(f"Mesh of the quarter sample: {asked}, {case['solver']['element']} bricks")
     return tuple(lines)
+
+
+def _shape(shapes, table):
+    """A shape in its own words; its name alone where the package that offers it is not installed here."""
+    shape = shapes.make(table)
+    return shape.words() if shape else table["shape"]
 
 
 def tests_table(case, caption):

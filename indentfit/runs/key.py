@@ -34,6 +34,7 @@ class Inputs:
             "mesh": case.mesh.model_dump(mode="json"),
             "depth": max(float(case.outputs(test)[-1]) for test in case.tests),  # the mesh is made for it
             "solver": {**case.solver.model_dump(mode="json"), "linear": choice(case.solver.linear)},
+            "shapes": [part.hash for shape in (case.sample.geometry, case.indenter.geometry) for part in _of_bases(type(shape))],
             "material": _material(case),
             "bulk_ratio": case.material.bulk_ratio,
             "kappa": case.material.kappa,
@@ -73,7 +74,7 @@ def _material(case: Case) -> dict[str, Any]:
 
 
 def _of_bases(law: type) -> Iterable[closure.Closure]:
-    """The closures of the files that define a law and the classes that it builds on, without those that every run imports."""
+    """The closures of the files that define a law or a shape and its base classes, without those that every run imports."""
     modules = {base.__module__: base for base in law.__mro__[:-1] if base.__module__ not in closure.of_runs().sources}
     return [closure.of_law(base) for base in modules.values()]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from indentfit.case import WIDEST_INDENTER, Test
+from indentfit.case import Test
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
@@ -89,19 +89,10 @@ def design(case, parameters=None, noise=None, progress=None):
 def _variants(case):
     """(what is changed, the case so changed), one thing at a time."""
     yield "", case
-    indenter, (length, width) = case.indenter, case.sample.extent
-    if indenter.shape == "strip":
-        for factor in (0.5, 2.0):
-            if factor * indenter.width < WIDEST_INDENTER * width:
-                yield _changed(case, "width", factor * indenter.width)
-        if indenter.length > 0.5 * length:
-            yield _changed(case, "length", 0.5 * length)
-    else:
-        for factor in (0.5, 2.0):
-            if factor * indenter.diameter < WIDEST_INDENTER * min(length, width):
-                yield _changed(case, "diameter", factor * indenter.diameter)
+    for key, value in case.indenter.geometry.variants(case.sample.geometry.outline.extent):
+        yield _changed(case, key, value)
     for friction in (0.0, "stick"):
-        if indenter.friction != friction:
+        if case.indenter.friction != friction:
             yield _changed(case, "friction", friction)
 
 

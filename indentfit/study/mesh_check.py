@@ -214,10 +214,11 @@ def own_checks(case):
         "solver.penalty": [share * case.solver.penalty for share in CHECKS["solver.penalty"]],
         "solver.max_step": [float(f"{share * depth:.4g}") for share in CHECKS["solver.max_step"]],
     }
-    if case.indenter.shape != "sphere" and case.indenter.friction != "stick":
-        radii = [share * case.indenter.half_width for share in CHECKS["indenter.edge_radius"]]
-        own = case.indenter.edge_radius
-        found["indenter.edge_radius"] = ([0.0, own / 2, own * 2] if own else radii)[:3]
+    shape = case.indenter.geometry
+    own = shape.edge_radius
+    if own is not None and case.indenter.friction != "stick":
+        radii = [share * shape.half_width for share in CHECKS["indenter.edge_radius"]]
+        found["indenter.edge_radius"] = [0.0, own / 2, own * 2] if own else radii
     return found
 
 
