@@ -9,10 +9,9 @@ from indentfit.experiment.measured import read_case
 
 from ..errors import CaseError
 from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_json
+from ..report.text_studies import design_lines
 from ..study.design import design
 from .progress import progress
-
-SHOWN = 12  # candidates in the table
 
 
 @click.command(short_help="Say which test to do next.")
@@ -43,7 +42,7 @@ def command(case, overrides, result, noise, as_json, output, overwrite):
         found = design(read, parameters, noise, step)
     if output is not None:
         _write(output, overwrite, read, found)
-    click.echo(json_text(found.as_json()) if as_json else "\n".join(_lines(read, found)))
+    click.echo(json_text(found.as_json()) if as_json else "\n".join(design_lines(found)))
     if output is not None and not as_json:
         click.echo(f"written   {output}")
 
@@ -72,25 +71,3 @@ def _write(path, overwrite, case, found):
         again = copy_case(case, folder)
         write_json(folder / "design.json", {**found.as_json(), "case_hash": case.hash, "overrides": list(again)})
         designs(found.as_json(), Path(folder) / "design")
-
-
-def _lines(case, found):
-    values = ", ".join(f"{name} = {value:.4g}" for name, value in found.parameters.items())
-    yield f"at {values}; noise {found.noise:.3g} mN; {found.runs} runs"
-    yield f"the tests of the case leave {found.worst} worst: standard error {found.stderr[found.worst]:.3g}"
-    yield ""
-    names = list(case.free)
-    yield "  " + "  ".join([f"{'further test':<20}", "angle", "depth mm", *(f"{'se ' + name:>10}" for name in names)])
-    good = [one for one in found.candidates if one.stderr]
-    for one in good[:SHOWN]:
-        errors = (f"{one.stderr[name]:>10.3g}" for name in names)
-        yield "  " + "  ".join([f"{one.change or 'as the case is':<20}", f"{one.angle:>5}", f"{one.depth:>8.3g}", *errors])
-    for one in found.candidates:
-        if one.cause:
-            yield f"failed    {one.change}, {one.angle}: {one.cause}"
-    if good:
-        best = good[0]
-        gain = found.stderr[found.worst] / best.stderr[found.worst]
-        what = f"{best.change or 'as the case is'}, angle {best.angle}, to {best.depth:.3g} mm"
-        yield ""
-        yield f"best for {found.worst}: {what}: its standard error falls {gain:.2g} times"

@@ -10,10 +10,11 @@ from indentfit.experiment.measured import read_case
 
 from ..errors import ConvergenceError
 from ..report.folder import clear, json_text, lasting_folder, refuse_existing
+from ..report.text_studies import sweep_lines
 from ..study.sweep import plan, refitted, sweep
 from . import clusters
 from .ledgers import opened, saying_what_is_kept
-from .mesh_check import AGAIN, aligned, refit_lines, resumed
+from .mesh_check import AGAIN, resumed
 from .progress import progress
 from .stopping import stopping
 
@@ -65,7 +66,7 @@ def command(case, asked, grid, refit, overrides, workers, output, overwrite, reu
             with progress("refit", total=1) as step:
                 result = replace(result, refits=refitted(planned, **how, progress=step))
         written = _write(folder, read, result)
-    click.echo(json_text(written) if as_json else "\n".join([*_lines(result), f"written   {output}"]))
+    click.echo(json_text(written) if as_json else "\n".join([*sweep_lines(result), f"written   {output}"]))
     if all(point.tests is None for point in (result.base, *result.points)):
         raise ConvergenceError(f"every point of the sweep failed; the first: {result.base.cause}")
 
@@ -75,46 +76,3 @@ def _write(folder, case, result):
     from ..report.studies import write_study
 
     return write_study(folder, case, result, drawing)
-
-
-def _lines(result):
-    """The sweep in words, line by line."""
-    rows = [["", *(f"{name} ({angle}°)" for name, angle in result.tests.items() for _ in range(2))]]
-    rows.append(["point", *(word for _ in result.tests for word in ("force, mN", "stiffness, mN/mm"))])
-    for point in (result.base, *result.points):
-        label = ", ".join(f"{key} = {value}" for key, value in point.values.items()) or "the case"
-        rows.append([label, *_cells(point, result.tests)])
-    yield from aligned(rows)
-    for point in (result.base, *result.points):
-        if point.cause:
-            yield f"failed    {', '.join(f'{k} = {v}' for k, v in point.values.items()) or 'the case'}: {point.cause}"
-    if result.sensitivities:
-        yield ""
-        rows = [["rank", "key", "test", "spread of force", "of stiffness", "elasticity", "force with value"]]
-        ranks = {key: n for n, key in enumerate(dict.fromkeys(one.key for one in result.sensitivities), start=1)}
-        for one in result.sensitivities:
-            elasticity = "" if one.elasticity is None else f"{one.elasticity:.3f}"
-            rows.append(
-                [
-                    str(ranks[one.key]),
-                    one.key,
-                    one.test,
-                    f"{one.force_span:.2%}",
-                    f"{one.stiffness_span:.2%}",
-                    elasticity,
-                    one.trend,
-                ]
-            )
-        yield from aligned(rows)
-    yield from refit_lines(result.refits)
-
-
-def _cells(point, tests):
-    if point.tests is None:
-        return ["failed" for _ in tests for _ in range(2)]
-    cells = []
-    for name in tests:
-        one = point.tests[name]
-        for value, change in ((one.force, one.force_change), (one.stiffness, one.stiffness_change)):
-            cells.append(f"{value:.3f}" + ("" if change is None else f" ({change:+.2%})"))
-    return cells

@@ -25,7 +25,7 @@ ANGLES = (0, 90)
 
 
 @dataclass(frozen=True)
-class Candidate:
+class FurtherTest:
     """One further test: what of the case it changes ("" for nothing), its angle, depth in mm; stderr: of every free
     parameter with it and the case's tests together; None with a cause where it could not be computed."""
 
@@ -45,7 +45,7 @@ class Design:
     noise: float
     stderr: dict[str, float]
     worst: str
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[FurtherTest, ...]
     runs: int
 
     def as_json(self):
@@ -111,7 +111,7 @@ def _own(case, parameters):
 
 
 def _candidates(change, variant, parameters, known, noise):
-    """The Candidates of one variant: both angles, all depths, from one run each to the deepest."""
+    """The further tests of one variant: both angles, all depths, from one run each to the deepest."""
     deepest = max(float(variant.outputs(test)[-1]) for test in variant.tests)
     allowed = [factor for factor in DEPTHS if factor * deepest <= DEEPEST * variant.sample.thickness] or [DEPTHS[0]]
     cause, used = "", 0
@@ -126,7 +126,7 @@ def _candidates(change, variant, parameters, known, noise):
         except IndentfitError as error:
             cause = str(error)
             allowed = allowed[:-1]  # shallower, equilibrium may be found
-    return [Candidate(change, angle, deepest, None, cause) for angle in ANGLES], used
+    return [FurtherTest(change, angle, deepest, None, cause) for angle in ANGLES], used
 
 
 def _rows(change, case, slopes, allowed, deepest, known, noise):
@@ -137,7 +137,7 @@ def _rows(change, case, slopes, allowed, deepest, known, noise):
             within = depths <= factor * deepest * (1 + 1e-9)
             rows = np.linspace(0, np.count_nonzero(within) - 1, POINTS).round().astype(int)
             more = J[within][rows]
-            yield Candidate(change, test.angle, factor * deepest, _stderr(names, known + more.T @ more / noise**2))
+            yield FurtherTest(change, test.angle, factor * deepest, _stderr(names, known + more.T @ more / noise**2))
 
 
 def _slopes(problem, pool, parameters):
