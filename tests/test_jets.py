@@ -153,7 +153,12 @@ class BySymPyOnly(ByComparison):
 class ByNumbers(ByComparison):
     def energy(self, I1, I4):
         slope = float(exp(log(4)) / sqrt(16)) + np.float64(2) * 0  # numbers of NumPy and Python among the jets
-        return np.float64(slope) * self.mu * (I1 - 3) + (1 - abs(1 - I4)) * 0 + (2 - (1 - I4)) ** 0 / 1 + 2 / +I4 * np.int64(0)
+        return (
+            np.float64(slope) * self.mu * (I1 - 3) ** 1 * (I4 - 1) ** 0
+            + (1 - abs(1 - I4)) * 0
+            + (2 - (1 - I4)) ** 0 / 1
+            + 2 / +I4 * np.int64(0)
+        )
 
 
 def test_a_law_that_jets_cannot_evaluate_is_left_to_sympy(monkeypatch):
