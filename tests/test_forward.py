@@ -8,10 +8,12 @@ import pytest
 from conftest import white_matter
 from threadpoolctl import threadpool_info
 
-from indentfit.errors import ConvergenceError
-from indentfit.fem import path
+from indentfit.errors import ConvergenceError, OutOfTime
+from indentfit.fem import deadline, path
 from indentfit.fem.controls import Controls
+from indentfit.fem.deadline import Deadline
 from indentfit.fem.facts import SolveFacts, said_of_tries
+from indentfit.fem.newton import Newton
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import USUAL, Model, _threads
 from indentfit.inference.fit import fit
@@ -105,6 +107,61 @@ def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monke
     lines = list(simulation_lines(model.simulate(presses_of(case, material)), case, material))
     assert sum(line.startswith("note      test 'p") for line in lines) == 2
     assert found.force == pytest.approx(usual(model, USUAL, press, Controls(1e-6)).force, rel=0.05)
+
+
+class Clock:
+    """Processor time that moves on by a second at each look, from a look on."""
+
+    def __init__(self, runs_from):
+        self.looks, self.runs_from = 0, runs_from
+
+    def __call__(self):
+        self.looks += 1
+        return float(max(self.looks - self.runs_from, 0))
+
+
+@pytest.mark.parametrize("runs_from", [1, 5, 30, 60])
+def test_a_run_beyond_its_deadline_ends_at_once_and_is_not_tried_again(runs_from, monkeypatch):
+    """Wherever the time is over: on the path, in Newton's iteration, in GMRES. The next look at the clock is the last one."""
+    case = white_matter("mesh.elements=20")
+    model, tried = Model(setup_of(case)), []
+    usual, clock = Model._run, Clock(runs_from)
+    monkeypatch.setattr(Model, "_run", lambda self, *of_run: tried.append(1) or usual(self, *of_run))
+    monkeypatch.setattr(deadline.time, "process_time", clock)
+    (press, _) = presses_of(case, case.law(mu=1.49, zeta=4.68, phi=0.68))
+    with pytest.raises(OutOfTime, match=r"not solved within 1\.5 s of processor time"):
+        model.run(press, deadline=Deadline(1.5))
+    assert len(tried) == 1 and clock.looks == runs_from + 2  # 1 s is within the limit, 2 s are not
+
+
+def test_relaxation_looks_at_the_deadline(monkeypatch):
+    """A fold that only relaxation gets over, with a clock that stands still until it begins."""
+    case = white_matter("mesh.elements=20")
+    model, clock = Model(setup_of(case)), Clock(10**9)
+    usual = path.relaxed
+
+    def relaxed(*words):
+        clock.runs_from = clock.looks
+        return usual(*words)
+
+    def never(self, increment, at, most=0):
+        raise ConvergenceError("no equilibrium by Newton's iteration", increment.depth)
+
+    monkeypatch.setattr(path, "relaxed", relaxed)
+    monkeypatch.setattr(Newton, "equilibrium", never)
+    monkeypatch.setattr(path, "SHORT", 2.0)  # every step may be relaxed
+    monkeypatch.setattr(deadline.time, "process_time", clock)
+    (press, _) = presses_of(case, case.law(mu=1.49, zeta=4.68, phi=0.68))
+    with pytest.raises(OutOfTime):
+        model.run(press, deadline=Deadline(4.5))
+    assert clock.looks == clock.runs_from + 5
+
+
+def test_a_deadline_that_is_far_changes_nothing(run):
+    case = white_matter("mesh.elements=20")
+    model = Model(setup_of(case))
+    (press, _) = presses_of(case, case.law(mu=1.49, zeta=4.68, phi=0.68))
+    assert np.array_equal(model.run(press).force, model.run(press, deadline=Deadline(1e6)).force)
 
 
 def test_a_fit_says_that_its_optimum_was_not_solved_at_the_first_try(monkeypatch):

@@ -4,9 +4,11 @@ import math
 import os
 import stat
 import tempfile
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -15,43 +17,44 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-THREADS = numba.config.NUMBA_NUM_THREADS
+_settings: Any = numba.config  # made from the environment: mypy does not see its fields
+THREADS: int = _settings.NUMBA_NUM_THREADS
 
 
-def compiled(**options):
+def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Decorator that compiles a function at its first call, and keeps it for later processes where there is a place for that.
 
     The places are Numba's own, else `private_place()`. options: further ones of numba.njit.
     """
 
-    def decorate(function):
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return numba.njit(cache=True, nogil=True, **options)(function)
         except RuntimeError:  # Numba: "no locator available"
             place = private_place()
             if place is None:
                 return numba.njit(nogil=True, **options)(function)
-            numba.config.CACHE_DIR = str(place)
+            _settings.CACHE_DIR = str(place)
             return numba.njit(cache=True, nogil=True, **options)(function)
 
     return decorate
 
 
-def private_place():
+def private_place() -> Path | None:
     """A folder in the system's temporary one that only this user can have written, since what is kept there is run; or None."""
     if not hasattr(os, "getuid"):
         return None
     place = Path(tempfile.gettempdir()) / f"indentfit-compiled-{os.getuid()}"
     try:
         place.mkdir(mode=0o700, exist_ok=True)
-        found = place.lstat()
+        status = place.lstat()
     except OSError:
         return None
-    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077
     return place if ours else None
 
 
-def _on_stack(typingctx, shape):
+def _on_stack(typingctx: Any, shape: Any) -> Any:
     """An array of doubles of a constant shape, not initialised, on the stack of the compiled function that calls it.
 
     The compiler knows that such arrays share no memory with any other. For those of numpy.empty it does not, and guards every
@@ -62,7 +65,7 @@ def _on_stack(typingctx, shape):
     lengths = [length.literal_value for length in shape]
     kind = numba.types.Array(numba.types.float64, len(lengths), "C")
 
-    def code(context, builder, signature, arguments):
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         block = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), math.prod(lengths)))
         block.align = 64
         array = context.make_array(kind)(context, builder)
@@ -80,14 +83,14 @@ def _on_stack(typingctx, shape):
     return kind(shape), code
 
 
-on_stack = np.empty if numba.config.DISABLE_JIT else intrinsic(_on_stack)
+on_stack: Any = np.empty if _settings.DISABLE_JIT else intrinsic(_on_stack)
 
 
-def on_threads(number, work, parts):
+def on_threads(number: int, work: Callable[[Any], Any], parts: Sequence[Any]) -> list[Any]:
     """[work(part) for each part], on a number of threads; a compiled function lets others run while it does."""
     return list(_threads(number).map(work, parts)) if number > 1 else [work(part) for part in parts]
 
 
 @cache
-def _threads(number):
+def _threads(number: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(number, thread_name_prefix="compiled")

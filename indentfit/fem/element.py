@@ -11,15 +11,18 @@ takes 0.12 s on one thread and 0.07 s on two, as form decorators 18 s (tests/ben
 """
 
 import functools
+from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
+from indentfit.arrays import Array, Ints
 from indentfit.fem.body import BodyState
 from indentfit.fem.compiled import THREADS, compiled, on_stack, on_threads
-from indentfit.material import derivatives
+from indentfit.material import Material, derivatives
 
 ELEMENTS = {
     "q1p0": (ElementHex1, 2, 1),
@@ -40,7 +43,7 @@ class Solid:
     indptr, indices: CSR pattern of the tangent (n, n), sorted, its diagonal present
     """
 
-    def __init__(self, mesh, element="q1p0"):
+    def __init__(self, mesh: Any, element: str = "q1p0") -> None:
         kind, order, n_modes = ELEMENTS[element]
         self.element, self.mesh = element, mesh
         self.basis = Basis(mesh, ElementVector(kind()), intorder=order)
@@ -60,31 +63,33 @@ class Solid:
         self._threads = THREADS if self.grads.size // 3 > WORTH_THREADS else 1
 
     @property
-    def n_dofs(self):
+    def n_dofs(self) -> int:
         return self.basis.N
 
-    def state(self, u, fibre):
+    def state(self, u: Array, fibre: Array) -> BodyState:
         """Invariants and dilatation at displacements u (n,) with the fibre direction (3,)."""
         I, theta = np.empty((4, self.weights.size)), np.zeros(self.means.shape)
         smallest = self._run(self._loop.kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
         return BodyState(I, theta, bool(min(smallest) > 0))
 
-    def pressure(self, state, kappa):
+    def pressure(self, state: BodyState, kappa: float) -> Array:
         """Pressure modes (n_el, n_m) that belong to a state, tension positive."""
         return kappa * (state.theta - self.means)
 
-    def residual(self, u, state, material, pressure, fibre):
+    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         """Internal forces (n,), mN, at given pressure modes."""
         return self.forces(u, derivatives(material, "gradient", state.I), pressure, fibre)
 
-    def forces(self, u, gradient, pressure, fibre):
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
         """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in
         both."""
         out, d1 = np.zeros(self.n_dofs), np.ascontiguousarray(gradient)
         self._run(self._loop.residual, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
         return out
 
-    def tangent(self, u, state, material, pressure, kappa, fibre, bulk=None):
+    def tangent(
+        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: float, fibre: Array, bulk: float | None = None
+    ) -> tuple[Array, Array]:
         """Internal forces (n,) at the pressure modes that follow from u, and CSR data (nnz,) of the consistent tangent.
 
         pressure (n_el, n_m) is the iterated one, for the geometric part of the tangent; bulk: bulk modulus of the tangent, where it
@@ -99,39 +104,39 @@ class Solid:
         )  # fmt: skip
         return out, values
 
-    def dilatation_map(self, u):
+    def dilatation_map(self, u: Array) -> Array:
         """Derivative of the pressure modes of J by the element's displacements, (n_el, n_m, n_n, 3)."""
         B = np.empty((*self.means.shape, *self.dofs.shape[1:]))
         self._run(self._loop.dilatation_map, u, self.dofs, self.grads, self.weights, self.modes, B)
         return B
 
-    def stress(self, u, state, material, pressure, fibre):
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
         d1 = derivatives(material, "gradient", state.I)
         stress = np.empty((6, *self.weights.shape))
         self._run(self._loop.cauchy, u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
         return stress
 
-    def matrix(self, values):
+    def matrix(self, values: Array) -> sp.csr_matrix:
         """The tangent as a scipy CSR matrix that shares the cached pattern."""
         return sp.csr_matrix((values, self.indices, self.indptr), shape=(self.n_dofs,) * 2, copy=False)
 
-    def _run(self, kernel, *arguments):
+    def _run(self, kernel: Callable[..., Any], *arguments: Any) -> list[Any]:
         """What a kernel(elements, *arguments) returns of each range of elements. Those of a group run at once: they share no node,
         so that sums are the same, bit by bit, on any number of threads."""
-        found = []
+        results: list[Any] = []
         for group in self._groups:
-            found += on_threads(self._threads, lambda elements: kernel(elements, *arguments), group)
-        return found
+            results += on_threads(self._threads, lambda elements: kernel(elements, *arguments), group)
+        return results
 
 
-def _pressure_modes(points, weights, n_modes):
+def _pressure_modes(points: Array, weights: Array, n_modes: int) -> Array:
     """Pressure modes (n_el, n_m, n_q), orthonormal on each element: constant, then linear in the coordinates."""
     modes = [np.ones_like(weights)]
     if n_modes == 4:
         centre = np.einsum("ieq,eq->ie", points, weights) / weights.sum(axis=1)
         modes += list(points - centre[:, :, None])
-    done = []
+    done: list[Array] = []
     for mode in modes:
         for other in done:
             mode = mode - (mode * other * weights).sum(axis=1)[:, None] * other
@@ -139,7 +144,7 @@ def _pressure_modes(points, weights, n_modes):
     return np.ascontiguousarray(np.array(done).transpose(1, 0, 2))
 
 
-def _pattern(nodes, n_nodes):
+def _pattern(nodes: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints]:
     """CSR pattern of 3x3 blocks, and for each pair of an element's nodes the block's place in its row of blocks."""
     n_el, n = nodes.shape
     rows = np.repeat(nodes, n, axis=1).ravel()
@@ -157,9 +162,10 @@ def _pattern(nodes, n_nodes):
     return starts.astype(np.int32), indices, places.reshape(n_el, n, n).astype(np.int32)
 
 
-def _independent(nodes, n_nodes):
+def _independent(nodes: Ints, n_nodes: int) -> list[list[Ints]]:
     """Groups of ranges of elements: those of a group have no node in common."""
-    taken, groups = np.zeros(n_nodes, dtype=np.int64), []
+    taken = np.zeros(n_nodes, dtype=np.int64)
+    groups: list[list[Ints]] = []
     for elements in np.array_split(np.arange(len(nodes)), RANGES):
         here = nodes[elements].ravel()
         used = np.bitwise_or.reduce(taken[here], initial=0)
@@ -174,7 +180,7 @@ def _independent(nodes, n_nodes):
 
 
 @_inlined
-def _gather(u, dofs, ue):
+def _gather(u: Any, dofs: Any, ue: Any) -> None:
     """Displacements ue (3, n_p) of one element's nodes, zero beyond them."""
     for n in range(dofs.shape[0]):
         for i in range(3):
@@ -182,7 +188,7 @@ def _gather(u, dofs, ue):
 
 
 @_inlined
-def _gradient(ue, grads, F):
+def _gradient(ue: Any, grads: Any, F: Any) -> Any:
     """F = 1 + grad u of one integration point; returns J. ue, grads (3, n_p)."""
     for i in range(3):
         x, y, z = 0.0, 0.0, 0.0
@@ -200,7 +206,7 @@ def _gradient(ue, grads, F):
 
 
 @_inlined
-def _inverse(F, J, G):
+def _inverse(F: Any, J: Any, G: Any) -> None:
     """G = inverse of F with determinant J."""
     for i in range(3):
         for k in range(3):
@@ -209,7 +215,7 @@ def _inverse(F, J, G):
 
 
 @_inlined
-def _strain(F, J, fibre, b, a, c):
+def _strain(F: Any, J: Any, fibre: Any, b: Any, a: Any, c: Any) -> None:
     """Isochoric left Cauchy-Green tensor b, current fibre a and c = b a."""
     s = J ** (-1.0 / 3.0)
     for i in range(3):
@@ -225,7 +231,7 @@ _VOIGT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 
 @_inlined
-def _directions(b, a, c, I1, m):
+def _directions(b: Any, a: Any, c: Any, I1: Any, m: Any) -> None:
     """Rows of m (4, 6): the push-forward of dI/dCb for I1, I2, I4, I5."""
     for s in range(6):
         i, k = _PAIRS[s, 0], _PAIRS[s, 1]
@@ -236,7 +242,7 @@ def _directions(b, a, c, I1, m):
 
 
 @_inlined
-def _kirchhoff(m, d1, p, tau):
+def _kirchhoff(m: Any, d1: Any, p: Any, tau: Any) -> Any:
     """Fictitious stress 2 sum psi_a m_a in tau, made deviatoric; returns its trace."""
     for s in range(6):
         tau[s] = 2.0 * (d1[0, p] * m[0, s] + d1[1, p] * m[1, s] + d1[2, p] * m[2, s] + d1[3, p] * m[3, s])
@@ -247,7 +253,7 @@ def _kirchhoff(m, d1, p, tau):
 
 
 @_inlined
-def _at_point(modes, q, values):
+def _at_point(modes: Any, q: Any, values: Any) -> Any:
     """Sum of an element's modes (n_m, n_q) times values (n_m,) at one integration point."""
     p = 0.0
     for k in range(modes.shape[0]):
@@ -256,7 +262,7 @@ def _at_point(modes, q, values):
 
 
 @_inlined
-def _add_force(g, t, w, n_p, fe):
+def _add_force(g: Any, t: Any, w: Any, n_p: Any, fe: Any) -> None:
     """Adds w t . grad N to the forces fe (3, n_p) of one element; g (3, n_p) spatial gradients."""
     for i in range(3):
         x, y, z = w * t[_VOIGT[i, 0]], w * t[_VOIGT[i, 1]], w * t[_VOIGT[i, 2]]
@@ -265,14 +271,14 @@ def _add_force(g, t, w, n_p, fe):
 
 
 @_inlined
-def _scatter_force(dofs, fe, out):
+def _scatter_force(dofs: Any, fe: Any, out: Any) -> None:
     for n in range(dofs.shape[0]):
         for i in range(3):
             out[dofs[n, i]] += fe[i, n]
 
 
 @_inlined
-def _spatial(grads, G, g):
+def _spatial(grads: Any, G: Any, g: Any) -> None:
     """Spatial gradients g = F^-T grads, (3, n_p)."""
     for i in range(3):
         for n in range(grads.shape[1]):
@@ -280,7 +286,7 @@ def _spatial(grads, G, g):
 
 
 @_inlined
-def _moduli(b, a, c, m, d1, d2, p, tau, trace, h, D):
+def _moduli(b: Any, a: Any, c: Any, m: Any, d1: Any, d2: Any, p: Any, tau: Any, trace: Any, h: Any, D: Any) -> None:
     """Isochoric spatial tangent D (6, 6) of the Kirchhoff stress tau (deviatoric) whose fictitious stress has that trace; h (4, 6)
     is scratch."""
     for x in range(4):
@@ -317,7 +323,7 @@ def _moduli(b, a, c, m, d1, d2, p, tau, trace, h, D):
 
 
 @_inlined
-def _add_stiffness(g, D, tau, w, n_n, n_p, Dg, sg, K):
+def _add_stiffness(g: Any, D: Any, tau: Any, w: Any, n_n: Any, n_p: Any, Dg: Any, sg: Any, K: Any) -> None:
     """Adds w (grad N_n . D . grad N_o + grad N_n . tau . grad N_o 1) to K (n_n, 3, 3, n_p), for o <= n and up to the next full
     register; Dg (6, 3, n_p) and sg (3, n_p) are scratch."""
     for i in range(3):
@@ -340,7 +346,7 @@ def _add_stiffness(g, D, tau, w, n_n, n_p, Dg, sg, K):
 
 
 @_inlined
-def _add_bulk(B, kappa, n_n, K):
+def _add_bulk(B: Any, kappa: Any, n_n: Any, K: Any) -> None:
     """Adds kappa B B of each pressure mode, as `_add_stiffness` does; B (n_m, 3, n_p)."""
     for n in range(n_n):
         width = (n // LANES + 1) * LANES
@@ -353,7 +359,7 @@ def _add_bulk(B, kappa, n_n, K):
 
 
 @_inlined
-def _scatter_stiffness(dofs, positions, indptr, K, values):
+def _scatter_stiffness(dofs: Any, positions: Any, indptr: Any, K: Any, values: Any) -> None:
     """Adds the lower half of one element's tangent, and its mirror image, to the CSR data."""
     for n in range(dofs.shape[0]):
         x, y, z = indptr[dofs[n, 0]], indptr[dofs[n, 1]], indptr[dofs[n, 2]]
@@ -372,7 +378,7 @@ def _scatter_stiffness(dofs, positions, indptr, K, values):
 
 
 @_inlined
-def _add_dilatation(g, modes, q, v, n_p, Be):
+def _add_dilatation(g: Any, modes: Any, q: Any, v: Any, n_p: Any, Be: Any) -> None:
     """Adds v mode . grad N to the derivative Be (n_m, 3, n_p) of an element's pressure modes of J."""
     for k in range(modes.shape[0]):
         for i in range(3):
@@ -381,13 +387,13 @@ def _add_dilatation(g, modes, q, v, n_p, Be):
 
 
 @functools.cache
-def _kernels(N_N, N_M):
+def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
     """The loops over elements of N_N nodes and N_M pressure modes. Their scratch is on the stack, of a size that the compiler
     knows; bounds of inner loops it must not know: it would unroll what it should do in full registers."""
     N_P = -(-N_N // LANES) * LANES
 
     @_kernel
-    def kinematics(elements, u, dofs, grads, weights, modes, fibre, I, theta):
+    def kinematics(elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibre: Any, I: Any, theta: Any) -> Any:
         n_q = weights.shape[1]
         F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         ue = on_stack((3, N_P))
@@ -415,7 +421,9 @@ def _kernels(N_N, N_M):
         return smallest
 
     @_kernel
-    def residual(elements, u, dofs, grads, weights, modes, fibre, pressure, d1, out):
+    def residual(
+        elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibre: Any, pressure: Any, d1: Any, out: Any
+    ) -> None:
         n_q, n_p = weights.shape[1], grads.shape[3]
         F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         m, tau = on_stack((4, 6)), on_stack((6,))
@@ -439,8 +447,9 @@ def _kernels(N_N, N_M):
 
     @_kernel
     def tangent(
-        elements, u, dofs, grads, weights, modes, fibre, pressure, target, kappa, d1, d2, indptr, positions, out, values
-    ):  # fmt: skip
+        elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibre: Any, pressure: Any, target: Any, kappa: Any,
+        d1: Any, d2: Any, indptr: Any, positions: Any, out: Any, values: Any,
+    ) -> None:  # fmt: skip
         n_q, n_p = weights.shape[1], grads.shape[3]
         F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         m, h, tau, total, D = on_stack((4, 6)), on_stack((4, 6)), on_stack((6,)), on_stack((6,)), on_stack((6, 6))
@@ -478,7 +487,7 @@ def _kernels(N_N, N_M):
             _scatter_stiffness(dofs[e], positions[e], indptr, K, values)
 
     @_kernel
-    def dilatation_map(elements, u, dofs, grads, weights, modes, B):
+    def dilatation_map(elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, B: Any) -> None:
         n_q, n_p = weights.shape[1], grads.shape[3]
         F, G, ue, g, Be = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, N_P)), on_stack((3, N_P)), on_stack((N_M, 3, N_P))
         ue[:] = 0
@@ -496,7 +505,7 @@ def _kernels(N_N, N_M):
                         B[e, k, n, i] = Be[k, i, n]
 
     @_kernel
-    def cauchy(elements, u, dofs, grads, modes, fibre, pressure, d1, stress):
+    def cauchy(elements: Any, u: Any, dofs: Any, grads: Any, modes: Any, fibre: Any, pressure: Any, d1: Any, stress: Any) -> None:
         n_q = grads.shape[1]
         F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         m, tau, ue = on_stack((4, 6)), on_stack((6,)), on_stack((3, N_P))

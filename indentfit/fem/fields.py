@@ -4,11 +4,17 @@ All of them belong to the quarter sample (x >= 0, z >= 0) and to its undeformed 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from indentfit.fem.element import XX, YY, ZZ
-from indentfit.fem.simulate import FIBRES
+from indentfit.arrays import Array, Ints
+from indentfit.fem.contact import Contact, Touch
+from indentfit.fem.element import XX, YY, ZZ, Solid
+from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.result import TestResult
+from indentfit.fem.simulate import FIBRES, Model
+from indentfit.material import Material
 
 
 @dataclass(frozen=True)
@@ -19,19 +25,28 @@ class Fields:
     volume_ratio (n_el,): J; contact_pressure (n_v,): on the undeformed area, zero where nothing touches.
     """
 
-    nodes: np.ndarray
-    elements: np.ndarray
-    displacement: np.ndarray
-    nodal_stress: np.ndarray
-    cell_stress: np.ndarray
-    volume_ratio: np.ndarray
-    contact_pressure: np.ndarray
+    nodes: Array
+    elements: Ints
+    displacement: Array
+    nodal_stress: Array
+    cell_stress: Array
+    volume_ratio: Array
+    contact_pressure: Array
 
 
-def recover(model, result, material, kappa, equilibrium=None):
-    """Fields of a TestResult that fem.simulate.Model `model` gave with a material and its bulk modulus, kPa.
+def recover(model: Model, result: TestResult, material: Material, kappa: float, equilibrium: Equilibrium | None = None) -> Fields:
+    """Fields of a test.
 
-    equilibrium: one of result.path; by default the last.
+    Parameters
+    ----------
+    model : Model
+        The one that was asked; a result that a later try gave brings its own.
+    result : TestResult
+    material : Material
+    kappa : float, kPa
+        Bulk modulus that the test was simulated with.
+    equilibrium : Equilibrium
+        One of `result.path`; the last where it is not given.
     """
     equilibrium = equilibrium or result.last
     model = result.model or model
@@ -49,17 +64,17 @@ def recover(model, result, material, kappa, equilibrium=None):
     )
 
 
-def pressure(stress):
+def pressure(stress: Array) -> Array:
     """Minus the mean of the normal stresses, compression positive; stress (..., 6)."""
     return -(stress[..., XX] + stress[..., YY] + stress[..., ZZ]) / 3
 
 
-def cell_stress(body, stress):
+def cell_stress(body: Solid, stress: Array) -> Array:
     """Volume means (n_el, 6) of stresses (6, n_el, n_q) at the integration points."""
     return (np.einsum("seq,eq->se", stress, body.weights) / body.volume).T
 
 
-def nodal_stress(body, stress):
+def nodal_stress(body: Solid, stress: Array) -> Array:
     """Stresses (n_v, 6) at the nodes: means of the integration points around, by volume and nearness.
 
     A point's nearness to a node is 1 at the node and falls linearly to 0 at the next one in each direction of the
@@ -73,21 +88,21 @@ def nodal_stress(body, stress):
     nodes, n_nodes = _elements(body), body.n_dofs // 3
     share = np.einsum("nq,eq->en", nearness, body.weights)
     total = np.einsum("nq,eq,seq->sen", nearness, body.weights, stress)
-    return np.array([_sums(nodes, one, n_nodes) for one in total]).T / _sums(nodes, share, n_nodes)[:, None]
+    return np.array([_sums(nodes, component, n_nodes) for component in total]).T / _sums(nodes, share, n_nodes)[:, None]
 
 
-def contact_pressure(body, contact, touch):
+def contact_pressure(body: Solid, face: Contact, contact: Touch) -> Array:
     """Contact pressure (n_v,) in kPa: that of the contact points at each node, mean of its facets by area."""
-    nodes, n_nodes = contact.dofs[:, :, 0] // 3, body.n_dofs // 3
-    total = _sums(nodes, contact.weights * touch.pressure, n_nodes)
-    area = _sums(nodes, contact.weights, n_nodes)
+    nodes, n_nodes = face.dofs[:, :, 0] // 3, body.n_dofs // 3
+    total = _sums(nodes, face.weights * contact.pressure, n_nodes)
+    area = _sums(nodes, face.weights, n_nodes)
     return np.divide(total, area, out=np.zeros(n_nodes), where=area > 0)
 
 
-def _elements(body):
+def _elements(body: Solid) -> Ints:
     return body.dofs[:, :, 0] // 3
 
 
-def _sums(places, values, length):
+def _sums(places: Ints, values: Array, length: int) -> Any:
     """Sums (length,) of the values that belong to each place."""
     return np.bincount(places.ravel(), weights=values.ravel(), minlength=length)

@@ -17,55 +17,61 @@ Everything is written on the undeformed body, with the first Piola stress P = �
 Kirchhoff stresses and spatial gradients. Besides the bases, quadrature and modes the two share nothing.
 """
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 from skfem import BilinearForm, Functional, LinearForm
 from skfem.helpers import ddot, det, grad, identity, inv, mul, prod, trace, transpose
 
+from indentfit.arrays import Array
 from indentfit.fem.body import BodyState
 from indentfit.fem.element import Solid
-from indentfit.material import invariant_gradients, invariants
+from indentfit.material import Material, invariant_gradients, invariants
 
 DEGREES = (2, 4, 2, 4)  # in F, of the invariants I1, I2, I4, I5
 DIRECTIONS = np.eye(9).reshape(9, 3, 3, 1, 1)  # the nine components of a second-order tensor
 
 
 @LinearForm
-def internal_forces(v, w):
+def internal_forces(v: Any, w: Any) -> Any:
     return ddot(w.P, grad(v))
 
 
 @BilinearForm
-def stiffness(u, v, w):
+def stiffness(u: Array, v: Any, w: Any) -> Any:
     return ddot(np.einsum("ijkl...,kl...->ij...", w.A, grad(u)), grad(v))
 
 
 @LinearForm
-def dilatation(v, w):
+def dilatation(v: Any, w: Any) -> Any:
     return w.q * ddot(w.cofactor, grad(v))
 
 
 @Functional
-def mode_of_J(w):
+def mode_of_J(w: Any) -> Any:
     return w.q * w.J
 
 
 class FormSolid(Solid):
     """A meshed sample whose forces and tangent are assembled from the forms above; all else as in `element.Solid`."""
 
-    def state(self, u, fibre):
+    def state(self, u: Array, fibre: Array) -> BodyState:
         F = self._deformation(u)
         J = det(F)
         theta = [mode_of_J.elemental(self.basis, q=q, J=J) for q in self._modes()]
         with np.errstate(all="ignore"):  # wild displacements: the state is not valid then
             return BodyState(invariants(F, fibre).reshape(4, -1), np.transpose(theta), bool(J.min() > 0))
 
-    def forces(self, u, gradient, pressure, fibre):
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
         return internal_forces.assemble(self.basis, P=self._piola(u, gradient, pressure, fibre))
 
-    def tangent(self, u, state, material, pressure, kappa, fibre, bulk=None):
+    def tangent(
+        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: float, fibre: Array, bulk: float | None = None
+    ) -> tuple[Array, Array]:
         F, p = self._deformation(u), self._field(pressure)
-        A = stiffness.elemental(self.basis, A=moduli(F, fibre, *self._derivatives(state, material), p))
+        first, second = self._derivatives(state, material)
+        A = stiffness.elemental(self.basis, A=moduli(F, fibre, first, second, p))
         K = A.data.reshape(*A.local_shape, -1)
         for q in self._modes():
             b = dilatation.elemental(self.basis, q=q, cofactor=cofactor(F)).data.reshape(A.local_shape[0], -1)
@@ -73,43 +79,43 @@ class FormSolid(Solid):
         matrix = sp.coo_matrix((K.ravel(), A.indices), A.shape).tocsr()  # keeps zeros: it has the cached pattern
         return self.residual(u, state, material, self.pressure(state, kappa), fibre), matrix.data
 
-    def dilatation_map(self, u):
+    def dilatation_map(self, u: Array) -> Array:
         C = cofactor(self._deformation(u))
-        B = [dilatation.elemental(self.basis, q=q, cofactor=C).tolocal() for q in self._modes()]
+        B = np.array([dilatation.elemental(self.basis, q=q, cofactor=C).tolocal() for q in self._modes()])
         return np.moveaxis(B, 0, 1).reshape(*self.means.shape, -1, 3)
 
-    def stress(self, u, state, material, pressure, fibre):
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         F = self._deformation(u)
         P = self._piola(u, material.gradient(state.I), pressure, fibre)
         sigma = np.einsum("ik...,jk...->ij...", P, F) / det(F)
         return np.array([sigma[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
 
-    def _deformation(self, u):
+    def _deformation(self, u: Array) -> Any:
         du = grad(self.basis.interpolate(u))
         return identity(du) + du
 
-    def _modes(self):
+    def _modes(self) -> Array:
         return np.moveaxis(self.modes, 1, 0)
 
-    def _field(self, pressure):
+    def _field(self, pressure: Array) -> Array:
         return np.einsum("em,emq->eq", pressure, self.modes)
 
-    def _derivatives(self, state, material):
+    def _derivatives(self, state: BodyState, material: Material) -> tuple[Array, Array]:
         first, second = material.gradient(state.I), material.hessian(state.I)
         return first.reshape(4, *self.weights.shape), second.reshape(4, 4, *self.weights.shape)
 
-    def _piola(self, u, gradient, pressure, fibre):
+    def _piola(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Any:
         F, first = self._deformation(u), gradient.reshape(4, *self.weights.shape)
         P = np.einsum("a...,aij...->ij...", first, invariant_gradients(F, fibre))
         return P + self._field(pressure) * cofactor(F)
 
 
-def cofactor(F):
+def cofactor(F: Any) -> Any:
     """J F⁻ᵀ, the derivative of J by F."""
     return det(F) * transpose(inv(F))
 
 
-def moduli(F, a0, first, second, p):
+def moduli(F: Any, a0: Array, first: Any, second: Any, p: Any) -> Any:
     """∂P/∂F at a fixed pressure p, shape (3, 3, 3, 3, ...), of an energy with these derivatives by its invariants."""
     D, G, J = invariant_gradients(F, a0), transpose(inv(F)), det(F)
     columns = []
@@ -122,7 +128,7 @@ def moduli(F, a0, first, second, p):
     return np.moveaxis(np.array(columns).reshape(3, 3, *F.shape), (0, 1), (2, 3))
 
 
-def invariant_second_derivatives(F, a0, H):
+def invariant_second_derivatives(F: Any, a0: Array, H: Any) -> Any:
     """∂²I/∂F² : H of I1, I2, I4, I5, shape (4, 3, 3, ...)."""
     C, dC = product(transpose(F), F), product(transpose(H), F) + product(transpose(F), H)
     Fa, Ca, Ha, dCa = mul(F, a0), mul(C, a0), mul(H, a0), mul(dC, a0)
@@ -140,7 +146,7 @@ def invariant_second_derivatives(F, a0, H):
     return np.array(out)
 
 
-def product(*tensors):
+def product(*tensors: Any) -> Any:
     """Product of second-order tensors, each (3, 3, ...)."""
     first, *rest = tensors
     for tensor in rest:
