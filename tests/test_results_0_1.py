@@ -1,0 +1,76 @@
+"""Result folders of version 0.1, stored in tests/baseline/results-0.1, are still read: `indentfit report` draws their pages."""
+
+import json
+import shutil
+from html import unescape
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from indentfit.cli import main
+
+OLD = Path(__file__).parent / "baseline" / "results-0.1"
+
+
+@pytest.fixture
+def drawn(tmp_path):
+    """drawn(folder) -> (what the stored JSON says, the text of the page that `report` makes of the folder)."""
+
+    def drawn(folder, file="result.json"):
+        shutil.copytree(OLD / folder, tmp_path / "old")
+        done = CliRunner().invoke(main, ["report", str(tmp_path / "old")])
+        assert done.exit_code == 0, done.output
+        page = unescape((tmp_path / "old" / "report.html").read_text(encoding="utf-8")).replace("\N{NO-BREAK SPACE}", " ")
+        return json.loads((OLD / folder / file).read_text(encoding="utf-8")), page
+
+    return drawn
+
+
+@pytest.mark.parametrize("folder", ["fit", "per_sample/S1"])
+def test_a_fit_of_version_0_1(drawn, folder):
+    result, page = drawn(folder)
+    assert result["format_version"] == 1
+    for name, parameter in result["parameters"].items():
+        assert name in page and f"{parameter['value']:.5g}" in page
+        if not parameter["fixed"]:
+            assert parameter["verdict"] in page
+            assert " to ".join(f"{end:.4g}" for end in parameter["interval"]) in page
+    assert f"{result['objective']:.4g} mN" in page and result["case_hash"] in page
+    course = sum(step["objective"] is not None for step in result["history"]) > 1
+    assert page.count("<svg") == 1 + course + len(result["profiles"])
+    assert all(f"Profile of {name}" in page for name in result["profiles"])
+
+
+def test_a_simulation_of_version_0_1(drawn):
+    result, page = drawn("simulation", "simulation.json")
+    assert result["format"] == "indentfit.simulation/1"
+    for test in result["tests"]:
+        assert test["name"] in page and f"{test['force_mN'][-1]:.5g}" in page
+    assert "disc" in page and "strip" in page and str(result["mesh"]["dofs"]) in page.replace(",", "")
+
+
+@pytest.mark.parametrize(("folder", "figures"), [("sweep", 1 + 2 * 2), ("grid", 2)])
+def test_a_sweep_of_version_0_1(drawn, folder, figures):
+    result, page = drawn(folder)
+    assert result["format"] == "indentfit.sweep/1" and len(result["points"]) == 4
+    for point in result["points"]:
+        assert ", ".join(f"{key} = {value}" for key, value in point["values"].items()) in page
+        for test in point["tests"].values():
+            assert f"{test['force_mN']:.4g}" in page and f"{100 * test['force_change']:+.2f} %" in page
+    for row in result["sensitivities"]:
+        assert f"{100 * row['force_span']:.3g} %" in page
+    assert page.count("<svg") == figures
+
+
+def test_a_mesh_check_of_version_0_1(drawn):
+    result, page = drawn("mesh_check")
+    assert result["format"] == "indentfit.mesh-check/1" and len(result["changes"]) == 9
+    assert result["verdict"] in page
+    for mesh in result["meshes"]:
+        assert mesh["asked"] in page and f"{mesh['dofs']:,}" in page
+    for quantity in result["quantities"]:
+        assert f"{quantity['approach']['value']:.5g}" in page
+    for change in result["changes"]:
+        assert all(f"{100 * share:+.2f} %" in page for share in change["changes"].values())
+    assert page.count("<svg") == 1 + len(result["quantities"])
