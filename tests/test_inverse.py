@@ -24,6 +24,7 @@ from indentfit.inverse.objective import Target, best_scale, equation_one, misfit
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.runs import bench
 from indentfit.runs.forward import Evaluation, presses_of, simulate
+from indentfit.runs.mechanics import mechanics_of
 from indentfit.runs.points import setup_of
 from indentfit.runs.pool import RunPool
 from indentfit.runs.run import RunRequest
@@ -407,7 +408,7 @@ def test_no_equilibrium_is_a_cause_too(case, monkeypatch):
         raise ConvergenceError("the fibres buckle", 0.1, 3, 4)
 
     model = SimpleNamespace(run=never)
-    run = bench.run(model, case(), RunRequest(tuple(case().start_values().items()), 0))
+    run = bench.run(model, mechanics_of(case()), RunRequest(tuple(case().start_values().items()), 0))
     assert run.force is None
     assert "the fibres buckle" in run.cause
 

@@ -18,6 +18,7 @@ from indentfit.fem.facts import SolveFacts
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.runs.ledger import Ledger
+from indentfit.runs.mechanics import mechanics_of
 from indentfit.runs.pool import InProcess, RunPool, is_foreign
 from indentfit.runs.processes import Processes
 from indentfit.runs.run import Run, RunRequest
@@ -269,9 +270,10 @@ def test_memory_that_a_run_frees_is_there_for_the_next():
 import resource
 from indentfit.experiment.measured import read_case
 from indentfit.runs.bench import Bench
+from indentfit.runs.mechanics import mechanics_of
 from indentfit.runs.run import RunRequest
 case = read_case({str(white_matter)!r})
-place, request = Bench(case), RunRequest(tuple(case.start_values().items()), 0)
+place, request = Bench(mechanics_of(case)), RunRequest(tuple(case.start_values().items()), 0)
 for _ in range(3):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     assert place.run(request).force is not None
@@ -368,7 +370,7 @@ def test_the_longest_runs_are_begun_first(case):
 def test_a_worker_is_given_its_next_run_before_the_last_one_is_written_down(case):
     """The caller looks at what came first while both workers are at work again."""
     requests = [RunRequest(tuple({"mu": 1.0, "zeta": 0.25 * n}.items()), 0) for n in range(6)]
-    workers = Processes(case(), 2, 60)
+    workers = Processes(mechanics_of(case()), 2, 60)
     try:
         course = workers.solve(requests, lambda: 0)
         next(course)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import InitErrorDetails
 
-from indentfit.case.messages import Key, lines
 from indentfit.case.quantities import meaning, refusal
 from indentfit.errors import CaseError
 from indentfit.shapes import Registry
+
+if TYPE_CHECKING:
+    from indentfit.case.messages import Key
 
 
 class Section(BaseModel):
@@ -28,6 +30,8 @@ class Section(BaseModel):
         try:
             super().__init__(**keys)
         except ValidationError as error:
+            from indentfit.case.messages import lines  # what words a fault decides no curve (see runs/closure.py)
+
             raise CaseError(lines(type(self), error, tuple(self.place.split(".")) if self.place else ())) from None
 
     # Tells pydantic to make this table without __init__ where it is inside of another one, whose error then has the faults of all.

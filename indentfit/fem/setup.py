@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from indentfit.arrays import Array
-from indentfit.case import Indenter, Mesh, Sample, Solver
+from indentfit.case.tables import Indenter, Mesh, Sample, Solver
 from indentfit.material import Material
 
 

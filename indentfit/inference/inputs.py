@@ -16,7 +16,7 @@ import scipy.optimize
 from indentfit.case import Mesh
 from indentfit.fem.mesh import count
 from indentfit.inverse.derivatives import Underivable, derivatives_of, last_cause
-from indentfit.runs.points import KEYS, split_point
+from indentfit.runs.points import KEYS, case_at
 
 EXACT = ("friction", "bulk_ratio", "offset")  # what the model differentiates by
 STEP = 0.05  # of an input, for differences
@@ -126,7 +126,7 @@ def value_of(case, best, name):
     if name == "offset":
         return 0.0
     table, key = KEYS[name].split(".")
-    return getattr(getattr(split_point(case, best.parameters).case, table), key)
+    return getattr(getattr(case_at(case, best.parameters), table), key)
 
 
 def derivatives(case, problem, pool, best, name):

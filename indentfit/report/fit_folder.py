@@ -13,7 +13,7 @@ from indentfit.report.folder import case_facts, copy_case, result_folder, write_
 from indentfit.report.html import write_report
 from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.runs.forward import presses_of
-from indentfit.runs.points import setup_of, split_point
+from indentfit.runs.points import case_at, setup_of, split_point
 
 
 def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrite: bool = False) -> None:
@@ -55,12 +55,12 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
 
 def _write_stresses(folder: Path, result: FitResult, warn: Callable[[str], object]) -> None:
     """The stresses at the optimum, by one more run; a fit does not fail for want of them."""
-    at = split_point(result.case, {name: parameter.value for name, parameter in result.parameters.items()})
-    material = at.case.law(**at.parameters)
-    model = Model(setup_of(at.case))
+    point = {name: parameter.value for name, parameter in result.parameters.items()}
+    case, material = case_at(result.case, point), result.case.law(**split_point(result.case.law, point).parameters)
+    model = Model(setup_of(case))
     try:
-        simulation = model.simulate(presses_of(at.case, material))
+        simulation = model.simulate(presses_of(case, material))
     except ConvergenceError as error:
         warn(f"no stress pictures: {error}")
         return
-    write_fields(folder, model, material, at.case.material.bulk_modulus(material.shear_modulus), simulation.tests)
+    write_fields(folder, model, material, case.material.bulk_modulus(material.shear_modulus), simulation.tests)

@@ -13,14 +13,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from indentfit.arrays import Array, Bools
-from indentfit.case import Case
 from indentfit.errors import ConvergenceError, MaterialError, OutOfTime
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.result import TestResult
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import blamed, typed
-from indentfit.runs.points import setup_of, split_point
+from indentfit.runs.mechanics import Mechanics
+from indentfit.runs.points import split_point
 from indentfit.runs.run import Run, RunRequest, out_of_time
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
@@ -29,24 +29,24 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 
 
 class Bench:
-    """A ready model of a case, on which one request is run after the other; made anew after a run that was broken off.
+    """A ready model, on which one request is run after the other; made anew after a run that was broken off.
 
     Parameters
     ----------
-    case : Case
+    mechanics : Mechanics
     limit : float, s
         Processor time that a run may take. The solver's loops look at it; code that never returns to them is ended by the
         parent process (runs/watch.py).
     """
 
-    def __init__(self, case: Case, limit: float = math.inf) -> None:
-        self.case, self.limit = case, limit
+    def __init__(self, mechanics: Mechanics, limit: float = math.inf) -> None:
+        self.mechanics, self.limit = mechanics, limit
         self._model: Model | None = None
         _keep_memory()
 
     def ready(self) -> Model:
         """The model; it takes seconds to make."""
-        self._model = self._model or ready_model(self.case)
+        self._model = self._model or ready_model(self.mechanics)
         return self._model
 
     def run(self, request: RunRequest) -> Run:
@@ -59,7 +59,7 @@ class Bench:
         with threadpool_limits(1):
             model, self._model = self.ready(), None  # a model that is broken off is not used again
             try:
-                finished = run(model, self.case, request, Deadline(self.limit))
+                finished = run(model, self.mechanics, request, Deadline(self.limit))
             except OutOfTime:
                 return out_of_time(self.limit)
             self._model = model
@@ -82,22 +82,22 @@ def _keep_memory() -> None:
         libc.mallopt(M_TRIM_THRESHOLD, 2**30)
 
 
-def ready_model(case: Case) -> Model:
-    """The Model of a case, run once.
+def ready_model(mechanics: Mechanics) -> Model:
+    """The Model of some mechanics, run once.
 
     The first run fixes the order of elimination of the linear solver, which depends on the numbers in the matrix:
     with the same first run everywhere, every later run is the same everywhere. It is a small indentation of a gel, so
     that it does not depend on where a search starts.
     """
-    setup = setup_of(case)
+    setup = mechanics.setup
     model, gel = Model(setup), typed(FIRST, ["mu"])(mu=1.0)
     with contextlib.suppress(ConvergenceError, MaterialError):
-        model.run(Press(gel, case.material.bulk_modulus(1.0), 0, np.array([setup.depth * 1e-3])))
+        model.run(Press(gel, mechanics.material.bulk_modulus(1.0), 0, np.array([setup.depth * 1e-3])))
     return model
 
 
-def run(model: Model, case: Case, request: RunRequest, deadline: Deadline = NEVER) -> Run:
-    """The Run of a request on a model of the case. What the code of a material raises is a cause, not an error.
+def run(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadline = NEVER) -> Run:
+    """The Run of a request on the model of the mechanics. What the code of a material raises is a cause, not an error.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def run(model: Model, case: Case, request: RunRequest, deadline: Deadline = NEVE
     """
     started = time.perf_counter()
     try:
-        result, pressed = _result(model, case, request, deadline)
+        result, pressed = _result(model, mechanics, request, deadline)
     except (ConvergenceError, MaterialError) as error:
         return Run(None, " ".join(str(error).split()), time.perf_counter() - started, {})
     force, seconds, facts = _where(pressed, result.force), time.perf_counter() - started, result.facts.as_json()
@@ -115,14 +115,15 @@ def run(model: Model, case: Case, request: RunRequest, deadline: Deadline = NEVE
     return Run(force, None, seconds, facts, _of_all(names, result, pressed) if names else None)
 
 
-def _result(model: Model, case: Case, request: RunRequest, deadline: Deadline) -> tuple[TestResult, Bools]:
+def _result(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadline) -> tuple[TestResult, Bools]:
     """The TestResult of a request, and at which of the test's displacements the indenter presses: before, there is no force."""
-    test, law = case.tests[request.test], case.law
-    at = split_point(case, request.parameters)
-    model = model if at.same_model else ready_model(at.case)
+    test, law = mechanics.tests[request.test], mechanics.law
+    at = split_point(law, request.parameters)
+    mechanics = mechanics.changed(at.changes)
+    model = model if at.same_model else ready_model(mechanics)
     with blamed(law):
-        material, depths = law(**at.parameters), at.outputs(test)
-        kappa = at.case.material.bulk_modulus(material.shear_modulus)
+        material, depths = law(**at.parameters), test.depths - at.offset
+        kappa = mechanics.material.bulk_modulus(material.shear_modulus)
     pressed = depths > 0
     press = Press(material, kappa, test.angle, depths[pressed], sensitivities=request.sensitivities)
     return model.run(press, None, deadline), pressed

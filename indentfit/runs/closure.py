@@ -1,7 +1,8 @@
 """The import closure of a module: the source of all that the module can run, found by following its imports.
 
 Imports are read from the source with `ast`, those inside functions too, and those by `import_module("name")`; imports for
-type checkers only are left out.
+type checkers only are left out, and those in an `except` block that ends with `raise`: what words an error decides no curve.
+A name that a package gives out lazily, by a stub `__init__.pyi`, is followed to its module.
 Names are relative to the package, so that two machines with the same sources get the same hash.
 """
 
@@ -25,7 +26,7 @@ RUNNING = "indentfit.runs.bench"  # the module whose function computes a run
 # Import statements of a source in the project's style: parsing these alone takes a tenth of the time of parsing the whole file.
 STATEMENT = re.compile(rb"^[ \t]*((?:from[ \t]+[\w.]+[ \t]+import|import)\b(?:[^\n(\\]|\([^)]*\))*)", re.MULTILINE)
 BY_NAME = re.compile(rb"\bimport_module\(\s*['\"]([\w.]+)['\"]")
-OTHER_STYLE = re.compile(rb"[;:][ \t]*(?:from|import)[ \t]|TYPE_CHECKING|def __getattr__|\\\n")
+OTHER_STYLE = re.compile(rb"[;:][ \t]*(?:from|import)[ \t]|TYPE_CHECKING|except[^\n]*:\n[ \t]+(?:from|import)\b|\\\n")
 
 Find = Callable[[str], Path | None]
 
@@ -101,7 +102,7 @@ def follow(start: str, find: Find) -> Closure:
         sources[name] = file.read_bytes().replace(b"\r\n", b"\n")
         package = name if file.name == "__init__.py" else name.rpartition(".")[0]
         for imported in imports(sources[name]):
-            needed = [*_needed(imported, package)]
+            needed = [place for name in _needed(imported, package) for place in _given_out(name, find)]
             ours = [other for other in needed if find(other)]
             queue += ours
             first = needed[0].partition(".")[0]
@@ -120,14 +121,14 @@ def _written(source: bytes) -> Iterable[Imported]:
     """The import statements of a source."""
     if not OTHER_STYLE.search(source):
         try:
-            nodes: Iterable[ast.stmt] = [node for text in STATEMENT.findall(source) for node in ast.parse(text).body]
+            nodes: Iterable[ast.AST] = [node for text in STATEMENT.findall(source) for node in ast.parse(text).body]
             return list(_imported(nodes))
         except SyntaxError:
             pass  # a line of a docstring that looks like an import, or a comment within one: the whole file is read
     return list(_imported(_statements(ast.parse(source).body)))
 
 
-def _imported(nodes: Iterable[ast.stmt]) -> Iterator[Imported]:
+def _imported(nodes: Iterable[ast.AST]) -> Iterator[Imported]:
     for node in nodes:
         if isinstance(node, ast.Import):
             yield from (Imported(alias.name) for alias in node.names)
@@ -135,9 +136,11 @@ def _imported(nodes: Iterable[ast.stmt]) -> Iterator[Imported]:
             yield Imported(node.module or "", tuple(alias.name for alias in node.names), node.level)
 
 
-def _statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """The statements of a body and of the blocks in it, without those for type checkers."""
+def _statements(body: list[ast.AST] | list[ast.stmt]) -> Iterator[ast.AST]:
+    """The statements of a body and of the blocks in it, without those for type checkers, and those that only word an error."""
     for node in body:
+        if isinstance(node, ast.ExceptHandler) and isinstance(node.body[-1], ast.Raise):
+            continue
         yield node
         for_checkers = isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
         for block in ("orelse",) if for_checkers else ("body", "orelse", "finalbody", "handlers", "cases"):
@@ -153,6 +156,18 @@ def _needed(imported: Imported, package: str) -> Iterator[str]:
     steps = module.split(".")
     yield from (".".join(steps[: n + 1]) for n in range(len(steps)))
     yield from (f"{module}.{name}" for name in imported.names)
+
+
+def _given_out(name: str, find: Find) -> Iterator[str]:
+    """The name, and the module that defines it where a package gives it out lazily by a stub."""
+    yield name
+    package, _, last = name.rpartition(".")
+    file = find(package) if package else None
+    stub = file.with_suffix(".pyi") if file and file.name == "__init__.py" else None
+    if stub and stub.is_file():
+        for node in ast.parse(stub.read_bytes()).body:
+            if isinstance(node, ast.ImportFrom) and last in [alias.asname for alias in node.names]:
+                yield next(place for place in reversed([*_needed(Imported(node.module or "", (), node.level), package)]))
 
 
 def _file_below(home: Path, package: str, name: str) -> Path | None:

@@ -10,10 +10,10 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from indentfit.case import Case
 from indentfit.errors import WorkerError
 from indentfit.runs.bench import Bench
 from indentfit.runs.key import Inputs
+from indentfit.runs.mechanics import Mechanics
 from indentfit.runs.processes import deaf_to_interrupts
 from indentfit.runs.run import Run, RunRequest
 
@@ -26,7 +26,7 @@ class Cluster:
 
     Parameters
     ----------
-    case : Case
+    mechanics : Mechanics
     address : str
         Of the scheduler ("tcp://host:8786"), or "local" for a cluster that is started on this machine.
     number : int
@@ -35,9 +35,9 @@ class Cluster:
         Processor time that a run may take.
     """
 
-    def __init__(self, case: Case, address: str, number: int, limit: float) -> None:
-        self.case, self.address, self.limit = case, address, limit
-        self.origin = Inputs(case).origin
+    def __init__(self, mechanics: Mechanics, address: str, number: int, limit: float) -> None:
+        self.mechanics, self.address, self.limit = mechanics, address, limit
+        self.origin = Inputs(mechanics).origin
         self._dask = _distributed()
         self._own: Any = None
         self._client: Any = None
@@ -113,7 +113,7 @@ class Cluster:
 
     def _submit(self, request: RunRequest) -> Any:
         with self._there():
-            return self._client.submit(run_there, self.case, request, self.limit, self.origin, pure=False)
+            return self._client.submit(run_there, self.mechanics, request, self.limit, self.origin, pure=False)
 
     def _run(self, future: Any) -> Run:
         with self._there():
@@ -153,12 +153,12 @@ _lock = threading.Lock()  # a model does one run at a time, whatever the number 
 _benches: dict[str, Bench] = {}
 
 
-def run_there(case: Case, request: RunRequest, limit: float, origin: str) -> Run:
+def run_there(mechanics: Mechanics, request: RunRequest, limit: float, origin: str) -> Run:
     """The Run of a request, on this worker's own bench."""
     with _lock:
         if origin not in _benches:
-            if Inputs(case).origin != origin:
+            if Inputs(mechanics).origin != origin:
                 raise WorkerError("the cluster's workers have other versions of indentfit, its libraries or the material")
             _benches.clear()
-            _benches[origin] = Bench(case, limit)
+            _benches[origin] = Bench(mechanics, limit)
         return _benches[origin].run_at_last(request)

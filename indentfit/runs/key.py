@@ -16,6 +16,7 @@ import numpy as np
 from indentfit.case import Case, Test
 from indentfit.fem.linear.choice import choice
 from indentfit.runs import closure
+from indentfit.runs.mechanics import Mechanics, mechanics_of
 
 FORMAT = 1  # of the ledger's rows
 ALWAYS = ("mkl",)  # a library that pypardiso loads, and nobody imports
@@ -24,20 +25,23 @@ ALWAYS = ("mkl",)  # a library that pypardiso loads, and nobody imports
 class Inputs:
     """What decides the curves of a case: `origin` is the hash of all that its runs have in common."""
 
-    def __init__(self, case: Case) -> None:
-        self.case = case
-        self.versions = versions(case.law)
+    def __init__(self, case: Case | Mechanics) -> None:
+        mechanics = case if isinstance(case, Mechanics) else mechanics_of(case)
+        self.depths = {test.name: test.depths for test in mechanics.tests}
+        self.versions = versions(mechanics.law)
         self.common = {
             "format": FORMAT,
-            "sample": case.sample.model_dump(mode="json"),
-            "indenter": case.indenter.model_dump(mode="json"),
-            "mesh": case.mesh.model_dump(mode="json"),
-            "depth": max(float(case.outputs(test)[-1]) for test in case.tests),  # the mesh is made for it
-            "solver": {**case.solver.model_dump(mode="json"), "linear": choice(case.solver.linear)},
-            "shapes": [part.hash for shape in (case.sample.geometry, case.indenter.geometry) for part in _of_bases(type(shape))],
-            "material": _material(case),
-            "bulk_ratio": case.material.bulk_ratio,
-            "kappa": case.material.kappa,
+            "sample": mechanics.sample.model_dump(mode="json"),
+            "indenter": mechanics.indenter.model_dump(mode="json"),
+            "mesh": mechanics.mesh.model_dump(mode="json"),
+            "depth": mechanics.setup.depth,  # the mesh is made for it
+            "solver": {**mechanics.solver.model_dump(mode="json"), "linear": choice(mechanics.solver.linear)},
+            "shapes": [
+                part.hash for shape in (mechanics.sample.geometry, mechanics.indenter.geometry) for part in _of_bases(type(shape))
+            ],
+            "material": _material(mechanics),
+            "bulk_ratio": mechanics.material.bulk_ratio,
+            "kappa": mechanics.material.kappa,
             "code": code(),
             "versions": self.versions,
         }
@@ -45,7 +49,7 @@ class Inputs:
 
     def of(self, parameters: Mapping[str, Any], test: Test) -> dict[str, Any]:
         """The inputs of a run beyond the common ones: parameters (name -> value), of a test of the case."""
-        depths = np.asarray(self.case.outputs(test), dtype=float).tolist()
+        depths = np.asarray(self.depths[test.name], dtype=float).tolist()
         return {"parameters": dict(parameters), "angle": int(test.angle), "depths": depths}
 
     def hash(self, inputs: Mapping[str, Any]) -> str:
@@ -65,11 +69,11 @@ def versions(law: type) -> dict[str, str | None]:
     return known | {"machine": platform.machine(), "system": platform.system()}
 
 
-def _material(case: Case) -> dict[str, Any]:
+def _material(mechanics: Mechanics) -> dict[str, Any]:
     """The material: its energy as typed, or its name and the code of its class and of those that it builds on."""
-    law = case.law
-    if case.material.energy is not None:
-        return {"energy": case.material.energy, "parameters": list(law.parameters)}
+    law = mechanics.law
+    if mechanics.material.energy is not None:
+        return {"energy": mechanics.material.energy, "parameters": list(law.parameters)}
     return {"class": law.__qualname__, "parameters": list(law.parameters), "code": [part.hash for part in _of_bases(law)]}
 
 

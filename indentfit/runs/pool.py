@@ -18,6 +18,7 @@ from indentfit.runs.bench import Bench
 from indentfit.runs.cluster import Cluster
 from indentfit.runs.forward import Evaluation, Report
 from indentfit.runs.ledger import Ledger
+from indentfit.runs.mechanics import Mechanics, mechanics_of
 from indentfit.runs.points import UNITS
 from indentfit.runs.processes import Processes
 from indentfit.runs.run import Point, Run, RunRequest
@@ -51,8 +52,8 @@ class InProcess:
 
     number = 1
 
-    def __init__(self, case: Case, limit: float) -> None:
-        self.bench = Bench(case, limit)
+    def __init__(self, mechanics: Mechanics, limit: float) -> None:
+        self.bench = Bench(mechanics, limit)
 
     def solve(self, requests: Iterable[RunRequest], stopping: Callable[[], object]) -> Iterator[tuple[RunRequest, Run]]:
         for request in requests:
@@ -184,12 +185,12 @@ class RunPool:
         return self.ledger.find(request.parameters, self.case.tests[request.test], request.sensitivities)
 
     def _hired(self) -> Pool:
-        limit = self.case.fit.time_limit
+        mechanics, limit = mechanics_of(self.case), self.case.fit.time_limit
         if self.cluster:
-            return Cluster(self.case, self.cluster, self._asked, limit)
+            return Cluster(mechanics, self.cluster, self._asked, limit)
         if self._asked > 1 or is_foreign(self.case.law):
-            return Processes(self.case, self._asked, limit)
-        return InProcess(self.case, limit)
+            return Processes(mechanics, self._asked, limit)
+        return InProcess(mechanics, limit)
 
     def _serving(self, request: RunRequest) -> Run | None:
         """The earliest known run that says what is asked for."""

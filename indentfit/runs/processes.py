@@ -19,9 +19,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from indentfit.case import Case
 from indentfit.errors import WorkerError
 from indentfit.runs.bench import Bench
+from indentfit.runs.mechanics import Mechanics
 from indentfit.runs.run import Run, RunRequest, out_of_time
 from indentfit.runs.watch import Watch
 
@@ -49,14 +49,14 @@ class Processes:
 
     Parameters
     ----------
-    case : Case
+    mechanics : Mechanics
     number : int
     limit : float, s
         Processor time that a run may take.
     """
 
-    def __init__(self, case: Case, number: int, limit: float) -> None:
-        self.case, self.number, self.limit = case, number, limit
+    def __init__(self, mechanics: Mechanics, number: int, limit: float) -> None:
+        self.mechanics, self.number, self.limit = mechanics, number, limit
         self._workers: list[_Worker] = []
         self._stillborn = 0
 
@@ -113,7 +113,7 @@ class Processes:
             if queue and worker.request is None:
                 _give(worker, queue.popleft())
         while queue and sum(worker.request is not None for worker in self._workers) < number:
-            self._workers.append(_started(self.case, self.limit))
+            self._workers.append(_started(self.mechanics, self.limit))
             _give(self._workers[-1], queue.popleft())
 
     def _heard(self, worker: _Worker) -> Run | str | None:
@@ -173,11 +173,11 @@ def _give(worker: _Worker, request: RunRequest) -> None:
     worker.watch.begin()
 
 
-def _started(case: Case, limit: float) -> _Worker:
+def _started(mechanics: Mechanics, limit: float) -> _Worker:
     """A new process. Ctrl-C reaches all processes of a terminal; the parent alone decides what ends."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(case, theirs, limit), daemon=True)
+    process = context.Process(target=_serve, args=(mechanics, theirs, limit), daemon=True)
     try:
         with one_thread(), deaf_to_interrupts():
             process.start()
@@ -219,11 +219,11 @@ def deaf_to_interrupts() -> Iterator[None]:
 # In the worker's process
 
 
-def _serve(case: Case, pipe: Connection, limit: float) -> None:
+def _serve(mechanics: Mechanics, pipe: Connection, limit: float) -> None:
     """Run requests until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    bench = Bench(case, limit)
+    bench = Bench(mechanics, limit)
     with contextlib.suppress(EOFError, OSError):
         try:
             bench.ready()

@@ -1,6 +1,6 @@
 """Forward runs of many variants of a case: on the worker processes of a fit, and through its ledger."""
 
-from indentfit.runs.points import split_point
+from indentfit.runs.points import case_at
 from indentfit.runs.pool import RunPool
 
 TABLES = ("sample", "indenter", "mesh", "solver", "material")
@@ -46,7 +46,7 @@ def _point(first, case):
             if name not in NOT_OF_A_POINT and getattr(new, name) != getattr(old, name):
                 changed[f"{table}.{name}"] = getattr(new, name)
     point = case.start_values() | dict(sorted(changed.items(), key=lambda pair: pair[1] is not None))  # a mesh has one key
-    there = split_point(first, point).case
+    there = case_at(first, point)
     return point if _decided(there) == _decided(case) else None
 
 

@@ -1,0 +1,82 @@
+"""All of a case that decides its curves: runs are given nothing else, and all of it is in their key."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from indentfit.arrays import Array
+from indentfit.case.laws import open_law
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver
+from indentfit.fem.setup import Setup
+from indentfit.material import Material
+
+if TYPE_CHECKING:
+    from indentfit.case import Case
+
+
+@dataclass(frozen=True, eq=False)
+class Indentation:
+    """One test as a run sees it: no measured forces, no weight.
+
+    Parameters
+    ----------
+    name : str
+    angle : int, degrees
+    depths : array (n,), mm
+        Displacements at which the force is asked for.
+    """
+
+    name: str
+    angle: int
+    depths: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanics:
+    """The tables of a case that decide its curves, and its tests.
+
+    Parameters
+    ----------
+    sample, indenter, mesh, solver, material : tables of the case
+    folder : path
+        The folder that a law's file is relative to.
+    tests : tuple of Indentation
+    """
+
+    sample: Sample
+    indenter: Indenter
+    mesh: Mesh
+    solver: Solver
+    material: MaterialChoice
+    folder: Path
+    tests: tuple[Indentation, ...]
+
+    @property
+    def law(self) -> type[Material]:
+        """The class of the material; where the case names a file of it, that is run. Raises MaterialError."""
+        return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
+
+    @property
+    def setup(self) -> Setup:
+        """What the mesh is made for: the deepest of the tests."""
+        depth = max(float(test.depths[-1]) for test in self.tests)
+        return Setup(self.sample, self.indenter, self.mesh, self.solver, depth)
+
+    def changed(self, changes: dict[str, Any]) -> "Mechanics":
+        """The mechanics with other values of keys ("table.key" -> value)."""
+        mechanics = self
+        for key, value in changes.items():
+            name, key = key.split(".")
+            mechanics = replace(mechanics, **{name: with_key(getattr(mechanics, name), key, value)})
+        return mechanics
+
+
+def mechanics_of(case: "Case") -> Mechanics:
+    """The Mechanics of a case."""
+    tests = tuple(Indentation(test.name, test.angle, case.outputs(test)) for test in case.tests)
+    return Mechanics(case.sample, case.indenter, case.mesh, case.solver, case.material, case.folder, tests)
+
+
+def with_key(table: Any, key: str, value: Any) -> Any:
+    """A table with another value of a key; a mesh is made anew from that key alone."""
+    return Mesh(**{key: value}) if isinstance(table, Mesh) else table.model_copy(update={key: value})
