@@ -80,7 +80,7 @@ def test_a_raw_record_becomes_a_curve_a_table_figures_and_a_page(tmp_path):
     curve = read_curve(tmp_path / "out" / "curves" / "S1_parallel.csv")
     assert curve.displacement.size == 25
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["format"] == "indentfit.records/1"
+    assert summary["format"] == "indentfit.process/2"
     assert summary["records"][0]["contact"]["method"] == "piecewise"
 
 

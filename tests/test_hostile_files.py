@@ -11,8 +11,9 @@ import pytest
 
 from indentfit.curve import read_curve
 from indentfit.errors import CaseError, CurveError, MaterialError, OutputError, RecordError
-from indentfit.experiment.manifest import process_all, read_manifest
+from indentfit.experiment.manifest import read_manifest
 from indentfit.experiment.measured import read_case
+from indentfit.experiment.outcomes import process_all
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.specimens import read_specimens
 from indentfit.material import load

@@ -13,6 +13,10 @@ ROOMS = (
 DRAWING = {"matplotlib", "jinja2", "meshio"}
 # Live results know how they are shown and written: methods that import a function of report when they are called.
 LAZY = {
+    "experiment/process_result.py": {
+        "indentfit.report.record_figures.process_figure", "indentfit.report.record_folder.write_process",
+        "indentfit.report.records.process_facts", "indentfit.report.records.process_lines",
+    },
     "inference/result.py": {
         "indentfit.report.fit_folder.write_fit", "indentfit.report.plots.force_displacement", "indentfit.report.text.fit_lines",
     },

@@ -11,7 +11,8 @@ from scipy import stats
 
 from indentfit.case import Record, RecordChannel
 from indentfit.errors import RecordError
-from indentfit.experiment.manifest import Entry, Outcome, process_all, read_manifest
+from indentfit.experiment.manifest import Entry, read_manifest
+from indentfit.experiment.outcomes import Outcome, process_all
 from indentfit.experiment.replicates import mean_curves, outliers, spread, statistics
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"

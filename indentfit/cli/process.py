@@ -1,41 +1,70 @@
 """`indentfit process`: raw records of a rig to curves, stiffnesses and their statistics."""
 
-import importlib.metadata
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from indentfit.case import read_record_table
 from indentfit.cli.progress import progress
-from indentfit.curve import write_curve
 from indentfit.errors import RecordError
 
+if TYPE_CHECKING:
+    from indentfit.case import Record
+    from indentfit.experiment.process_result import ProcessResult
+
 SIDECAR = "record.toml"
-FORMAT = "indentfit.records/1"
 
 
 @click.command(short_help="Turn raw records into curves and stiffnesses.")
 @click.argument("raw", nargs=-1, type=click.Path())
 @click.option("-m", "--manifest", type=click.Path(), help="CSV: sample, direction, file, thickness, diameter.")
 @click.option(
-    "--record", "table", type=click.Path(), metavar="TOML", help=f"Its [record] table; by default {SIDECAR} beside the records."
+    "--record",
+    "table",
+    type=click.Path(),
+    metavar="TOML",
+    help=f"File with the table [record] that says how to read the records; by default {SIDECAR} beside them.",
 )
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key: record.rate=1000.")
-@click.option("--thickness", type=click.FloatRange(min=0, min_open=True), metavar="MM", help="Of the samples RAW, for strains.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key, such as record.rate=1000.")
+@click.option(
+    "--thickness", type=click.FloatRange(min=0, min_open=True), metavar="MM", help="Thickness of the samples, for strains."
+)
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default NAME-processed.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
-@click.option("--case", "as_case", is_flag=True, help="Write a case of the mean curves, too (needs a manifest).")
-@click.option("--base", type=click.Path(), metavar="CASE", help="Case to take the experiment and the material from, for --case.")
-@click.option("--target", multiple=True, metavar="DIR=KIND", help="For --case: mean, linear or quadratic, such as 90=quadratic.")
+@click.option("--case", "as_case", is_flag=True, help="Also write a case of the mean curves (needs a manifest).")
+@click.option("--base", type=click.Path(), metavar="CASE", help="For --case: the case file to take everything else from.")
+@click.option(
+    "--target",
+    multiple=True,
+    metavar="DIR=KIND",
+    help="For --case: mean, linear or quadratic, such as 90=quadratic.",
+)
 @click.option("--figures/--no-figures", default=True, help="Draw a figure of each record.")
-@click.option("--json", "as_json", is_flag=True, help="Print summary.json.")
-def command(raw, manifest, table, overrides, thickness, output, overwrite, as_case, base, target, figures, as_json):
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: what summary.json holds.")
+def command(
+    raw: tuple[str, ...],
+    manifest: str | None,
+    table: str | None,
+    overrides: tuple[str, ...],
+    thickness: float | None,
+    output: str | None,
+    overwrite: bool,
+    as_case: bool,
+    base: str | None,
+    target: tuple[str, ...],
+    figures: bool,
+    as_json: bool,
+) -> None:
     """Turn the raw records RAW, or those of a manifest, into curves, stiffnesses and statistics.
 
-    A record that cannot be used is named and left out; ends with 2 where none can be used.
+    A record that cannot be used is named on stderr and left out. The command ends with exit code 2 where no record can be used.
     """
-    from indentfit.experiment.manifest import process_all
+    from indentfit.experiment.mean_case import MeanCase
     from indentfit.report.folder import json_text, refuse_existing
+    from indentfit.report.record_folder import Listener, write_process
 
     if bool(raw) == bool(manifest):
         raise click.UsageError("give the records RAW, or --manifest FILE")
@@ -49,18 +78,16 @@ def command(raw, manifest, table, overrides, thickness, output, overwrite, as_ca
     first = Path(manifest or raw[0])
     output = output or f"{first.stem or 'records'}-processed"
     settings = read_record_table(_table_file(table, first), overrides)
-    text = _base_text(base) if as_case else None
+    case = MeanCase.read(base, targets) if as_case else None
     refuse_existing(output, overwrite)
-    entries = _entries(raw, manifest, thickness)
-    with progress("process", total=len(entries)) as step:
-        outcomes = process_all(entries, settings, step)
-    _require_one(outcomes)
-    written, lines = _write(output, overwrite, outcomes, settings, figures, (base, text, targets) if as_case else None)
-    click.echo(json_text(written) if as_json else "\n".join([*lines, f"written     {output}"]))
+    result = _processed(raw, manifest, thickness, settings)
+    with progress("draw", total=len(result.records)) as step:
+        write_process(result, output, figures, overwrite, case, Listener(_warn, step))
+    click.echo(json_text(result.as_json()) if as_json else f"{result.summary()}\nwritten     {output}")
 
 
-def _table_file(table, first):
-    """The file with the [record] table: as told, or the sidecar of the records, or none."""
+def _table_file(table: str | None, first: Path) -> str | Path | None:
+    """The file with the table [record]: the one that is named, or the sidecar of the records, or none."""
     beside = first.parent / SIDECAR
     if table is None and beside.is_file():
         click.echo(f"reading as {beside} says", err=True)
@@ -68,113 +95,37 @@ def _table_file(table, first):
     return table
 
 
-def _target(text):
+def _target(text: str) -> tuple[int, str]:
     from indentfit.experiment.manifest import DIRECTIONS
+    from indentfit.experiment.mean_case import KINDS
 
     direction, _, kind = text.partition("=")
-    if direction not in DIRECTIONS or kind not in ("mean", "linear", "quadratic"):
+    if direction not in DIRECTIONS or kind not in KINDS:
         raise click.UsageError(f"--target {text}: write 0 or 90, =, and mean, linear or quadratic")
     return DIRECTIONS[direction], kind
 
 
-def _base_text(base):
-    from indentfit.case.template import template
+def _processed(raw: tuple[str, ...], manifest: str | None, thickness: float | None, settings: Record) -> ProcessResult:
+    """The processed records. Says on stderr which are left out and what deserves a look."""
+    from indentfit.experiment.manifest import read_manifest
+    from indentfit.experiment.process import process
 
-    if base is None:
-        return template()
+    total = len(raw) if manifest is None else len(read_manifest(manifest))
     try:
-        return Path(base).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{base}: cannot be read ({getattr(error, 'strerror', None) or error}); name a case file") from None
-
-
-def _entries(raw, manifest, thickness):
-    from indentfit.experiment.manifest import Entry, read_manifest
-
-    if manifest:
-        return read_manifest(manifest)
-    names = [Path(one).name for one in raw]
-    labels = [Path(one).stem if names.count(Path(one).name) == 1 else str(one) for one in raw]
-    return [Entry(label, None, Path(one), thickness) for label, one in zip(labels, raw, strict=True)]
-
-
-def _require_one(outcomes):
-    """Say on stderr what failed; RecordError, with every line, where nothing is left."""
-    failed = [one.problem for one in outcomes if one.problem]
-    if len(failed) == len(outcomes):
-        for line in failed[:-1]:
+        with progress("process", total=total) as step:
+            result = process(raw, manifest, thickness, settings, step)
+    except RecordError as error:
+        *others, last = str(error).splitlines()
+        for line in others:
             click.echo(f"error: {line}", err=True)
-        raise RecordError(failed[-1])
-    for line in failed:
-        click.echo(f"warning: left out: {line}", err=True)
-    for one in outcomes:
-        for note in one.processed.notes if one.processed else ():
-            click.echo(f"warning: {one.name}: {note}", err=True)
+        raise RecordError(last) from None
+    for outcome in result.outcomes:
+        if outcome.problem:
+            click.echo(f"warning: left out: {outcome.problem}", err=True)
+    for note in result.notes:
+        _warn(note)
+    return result
 
 
-def _write(path, overwrite, outcomes, settings, figures, case):
-    """The result folder. Returns what its summary.json holds, and the result in words."""
-    from indentfit.experiment.replicates import mean_curves, statistics
-    from indentfit.report import records
-    from indentfit.report.folder import result_folder, write_json
-    from indentfit.report.record_case import write_case
-
-    found = statistics(outcomes)
-    means, outlying = mean_curves(outcomes, settings.points), records.outlier_names(found)
-    words = list(records.statistics_lines(found))
-    with result_folder(path, overwrite) as folder:
-        curves = _write_curves(folder, outcomes)
-        records.write_stiffness(folder / "stiffness.csv", outcomes, settings.strains, outlying)
-        if means:
-            records.write_means(folder / "mean_curves.csv", means)
-        if case:
-            for warning in write_case(folder, case[0], case[1], outcomes, curves, means, case[2]):
-                click.echo(f"warning: {warning}", err=True)
-        if figures:
-            _draw(folder, outcomes, found, means, outlying, [*records.relaxation_lines(outcomes), *words])
-        written = {
-            "format": FORMAT,
-            "indentfit": importlib.metadata.version("indentfit"),
-            "record": settings.model_dump(mode="json"),
-            "records": [records.record_facts(one) | {"curve": curves.get(one.name)} for one in outcomes],
-            **records.statistics_facts(found, means),
-        }
-        write_json(folder / "summary.json", written)
-    return written, [*records.record_lines(outcomes, outlying), *records.relaxation_lines(outcomes), *words]
-
-
-def _write_curves(folder, outcomes):
-    """The curve of each record as CSV; returns name -> file."""
-    (folder / "curves").mkdir()
-    good = [one for one in outcomes if one.processed]
-    curves = {}
-    for one, name in zip(good, _file_names(good), strict=True):
-        curves[one.name] = f"curves/{name}.csv"
-        write_curve(folder / curves[one.name], one.processed.curve)
-    return curves
-
-
-def _file_names(outcomes):
-    from indentfit.report.vtu import file_names
-
-    return file_names([one.name.replace("°", "").replace(" ", "_") for one in outcomes])
-
-
-def _draw(folder, outcomes, found, means, outlying, words):
-    from indentfit.report.plots import save
-    from indentfit.report.record_figures import record_figure, replicate_figure
-    from indentfit.report.record_page import write_page
-
-    (folder / "figures").mkdir()
-    good = [one for one in outcomes if one.processed]
-    pictures = []
-    with progress("draw", total=len(good)) as step:
-        for n, (one, name) in enumerate(zip(good, _file_names(good), strict=True)):
-            pictures.append((one.name, record_figure(one)))
-            save(pictures[-1][1], folder / "figures" / f"{name}.svg")
-            step(n + 1, one.name)
-    replicates = replicate_figure(outcomes, found, means) if found.stiffness else None
-    if replicates:
-        save(replicates, folder / "figures" / "replicates.svg")
-    version = importlib.metadata.version("indentfit")
-    write_page(folder / "report.html", "Processed records", outcomes, words, outlying, replicates, pictures, version)
+def _warn(text: str) -> None:
+    click.echo(f"warning: {text}", err=True)

@@ -1,149 +1,171 @@
-"""The manifest of a set of replicates: a CSV with a row for each record, and the records processed row by row."""
+"""The manifest of a set of replicates: a CSV with a row for each record."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from indentfit.errors import RecordError
 from indentfit.experiment.formats.encodings import decoded
-from indentfit.experiment.processed import ProcessedRecord, process_record
-from indentfit.experiment.reading import read_record
+from indentfit.experiment.record import RawRecord
 from indentfit.units import unit_factor
 
 COLUMNS = ("sample", "direction", "file", "thickness", "diameter")
 NEEDED = ("sample", "direction", "file")
 DIRECTIONS = {"0": 0, "90": 90, "parallel": 0, "perpendicular": 90}
 LENGTHS = ("thickness", "diameter")
+LONGEST_HEADER = 80  # letters of a header that a message quotes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Entry:
-    """A row of a manifest: sample, direction (degrees between fibres and strip; None where it is not told), file, lengths in mm."""
+    """One record of a set: a row of a manifest, or the same facts in memory.
+
+    Attributes
+    ----------
+    sample : str
+    direction : int or None, degrees
+        Between the fibres and the strip: 0 or 90; None where it is not known.
+    path : Path or None
+        The file of the record.
+    thickness, diameter : float or None, mm
+        Of the sample.
+    row : int
+        Row of the manifest, from 1; 0 without a manifest.
+    problem : str or None
+        Why the row cannot be used, one line.
+    record : RawRecord or None
+        The record itself, in place of a file.
+    """
 
     sample: str
-    direction: int | None
-    path: Path
+    direction: int | None = None
+    path: Path | None = None
     thickness: float | None = None
     diameter: float | None = None
     row: int = 0
     problem: str | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """An entry, and its record processed, or the problem that prevents it, one line."""
-
-    entry: Entry
-    processed: ProcessedRecord | None = None
-    problem: str | None = None
+    record: RawRecord | None = None
 
     @property
-    def name(self):
-        """What it is called in tables: sample and direction."""
-        return self.entry.sample + ("" if self.entry.direction is None else f" {self.entry.direction}°")
+    def name(self) -> str:
+        """Name of the record in tables: sample and direction."""
+        return self.sample + ("" if self.direction is None else f" {self.direction}°")
 
 
-def read_manifest(path):
-    """The `Entry` of each row of a manifest: columns sample, direction (0, 90, parallel, perpendicular), file, thickness, diameter.
+@dataclass(frozen=True)
+class _Columns:
+    """Place of each column in the rows of a manifest, and the factor of each length to mm."""
 
-    Files are relative to the manifest; lengths are in mm, or carry a unit in the header (thickness_um). A row that cannot be used
-    has a `problem` that names it; RecordError where the manifest itself cannot be read.
+    places: dict[str, int]
+    factors: dict[str, float]
+
+
+def read_manifest(path: str | Path) -> list[Entry]:
+    """The entries of a manifest.
+
+    Columns: sample, direction (0, 90, parallel, perpendicular), file (relative to the manifest), thickness and diameter (mm, or
+    with a unit in the header: thickness_um).
+
+    Returns
+    -------
+    list of Entry
+        One for each row; a row that cannot be used has a `problem`.
+
+    Raises
+    ------
+    RecordError
+        The manifest itself cannot be read.
     """
     path = Path(path)
+    lines = _lines(path)
+    separator = next((mark for mark in "\t;" if mark in lines[0]), ",")
+    columns = _columns(path, [cell.strip().lower() for cell in next(csv.reader([lines[0]], delimiter=separator))])
+    rows = csv.reader(io.StringIO("\n".join(lines[1:])), delimiter=separator)
+    return once_each(_entry(path, row, number, columns) for number, row in enumerate(rows, start=2))
+
+
+def _lines(path: Path) -> list[str]:
+    """The lines of a manifest that are neither empty nor comments: a header and at least one row."""
     try:
         text = decoded(path.read_bytes(), path=path)
     except OSError as error:
         raise RecordError(f"{path}: cannot be read ({error.strerror}); name a CSV with the columns {', '.join(COLUMNS)}") from None
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
-        raise RecordError(f"{path}: no rows; it needs a header {','.join(COLUMNS)} and a row for each record")
-    separator = next((mark for mark in "\t;" if mark in lines[0]), ",")
-    header = [cell.strip().lower() for cell in next(csv.reader([lines[0]], delimiter=separator))]
-    places, factors = _places(path, header)
-    rows = csv.reader(io.StringIO("\n".join(lines[1:])), delimiter=separator)
-    entries = [_entry(path, row, number, places, factors) for number, row in enumerate(rows, start=2)]
-    return _once_each(entries)
+        raise RecordError(f"{path}: no rows; a manifest needs a header {','.join(COLUMNS)} and a row for each record")
+    return lines
 
 
-def process_all(entries, table=None, progress=None):
-    """`Outcome` of each Entry; one that fails does so alone. progress: called with (number done, name)."""
-    outcomes = []
-    for n, entry in enumerate(entries):
-        outcomes.append(_outcome(entry, table))
-        if progress:
-            progress(n + 1, entry.sample)
-    return outcomes
-
-
-def _outcome(entry, table):
-    if entry.problem:
-        return Outcome(entry, problem=entry.problem)
-    try:
-        return Outcome(entry, process_record(read_record(entry.path, table), entry.thickness, table))
-    except RecordError as error:
-        return Outcome(entry, problem=str(error))
-
-
-def _places(path, header):
-    """Column of each name, and the factor of each length to mm."""
-    places, factors = {}, {}
+def _columns(path: Path, header: list[str]) -> _Columns:
+    """The columns that a header names; RecordError where it lacks one, or names one twice."""
+    columns = _Columns({}, {})
     for n, cell in enumerate(header):
         name, _, unit = cell.partition("_")
         if name not in COLUMNS:
             continue
-        if name in places:
+        if name in columns.places:
             raise RecordError(f"{path}: two columns of {name}; keep one")
-        places[name] = n
+        columns.places[name] = n
         if name in LENGTHS:
-            try:
-                factors[name] = unit_factor(unit or "mm", "mm")
-            except ValueError as error:
-                raise RecordError(f"{path}: column {cell!r} {error}") from None
-    missing = [name for name in NEEDED if name not in places]
+            columns.factors[name] = _factor(path, cell, unit)
+    missing = [name for name in NEEDED if name not in columns.places]
     if missing:
-        raise RecordError(f"{path}: no column {missing[0]}; the header must be {','.join(COLUMNS)}, it is {','.join(header)[:80]}")
-    return places, factors
+        shown = ",".join(header)[:LONGEST_HEADER]
+        raise RecordError(f"{path}: no column {missing[0]}; the header must be {','.join(COLUMNS)}, it is {shown}")
+    return columns
 
 
-def _entry(path, row, number, places, factors):
-    cells = {name: " ".join(row[n].splitlines()).strip() if n < len(row) else "" for name, n in places.items()}
+def _factor(path: Path, cell: str, unit: str) -> float:
+    try:
+        return unit_factor(unit or "mm", "mm")
+    except ValueError as error:
+        raise RecordError(f"{path}: column {cell!r} {error}") from None
+
+
+def _entry(path: Path, row: list[str], number: int, columns: _Columns) -> Entry:
+    """The entry of a row, with a problem where the row cannot be used."""
+    cells = {name: " ".join(row[n].splitlines()).strip() if n < len(row) else "" for name, n in columns.places.items()}
     entry = Entry(cells["sample"], DIRECTIONS.get(_direction(cells["direction"])), path.parent / cells["file"], row=number)
     where = f"{path}: row {number} ({cells['sample'] or 'no sample'}, {cells['direction'] or 'no direction'})"
     if missing := [name for name in NEEDED if not cells[name]]:
         return replace(entry, problem=f"{where}: no {missing[0]}; fill it in")
     if entry.direction is None:
         return replace(entry, problem=f"{where}: direction {cells['direction']!r} must be 0, 90, parallel or perpendicular")
-    for name, factor in factors.items():
-        if not cells[name]:
-            continue
-        try:
-            value = float(f"{float(cells[name].replace(',', '.')) * factor:.15g}")  # 3300 um is 3.3 mm and not a bit more
-        except ValueError:
-            value = float("nan")
-        if not 0 < value < float("inf"):
-            return replace(entry, problem=f"{where}: {name} {cells[name]!r} must be a positive number")
-        entry = replace(entry, thickness=value) if name == "thickness" else replace(entry, diameter=value)
-    return entry
+    lengths = {name: _length(cells[name], factor) for name, factor in columns.factors.items() if cells[name]}
+    if wrong := [name for name, length in lengths.items() if length is None]:
+        return replace(entry, problem=f"{where}: {wrong[0]} {cells[wrong[0]]!r} must be a positive number; correct it")
+    return replace(entry, thickness=lengths.get("thickness"), diameter=lengths.get("diameter"))
 
 
-def _direction(text):
+def _direction(text: str) -> str:
     word = text.lower().removesuffix("deg").strip(" -_°")
     return {"0.0": "0", "90.0": "90"}.get(word, word)
 
 
-def _once_each(entries):
-    """Refuse the second row of the same sample and direction: it would count twice."""
-    seen: dict[tuple, int] = {}
-    for n, entry in enumerate(entries):
-        key = entry.sample, entry.direction
-        if entry.problem is None and key in seen:
-            entries[n] = replace(
-                entry,
-                problem=f"{entry.path}: row {entry.row} repeats {entry.sample}, {entry.direction} of row {seen[key]}; remove one",
-            )
-        elif entry.problem is None:
-            seen[key] = entry.row
-    return entries
+def _length(text: str, factor: float) -> float | None:
+    """A length in mm; None where the text is no positive number."""
+    try:
+        length = float(f"{float(text.replace(',', '.')) * factor:.15g}")  # so that 3300 um is 3.3 mm and not a bit more
+    except ValueError:
+        return None
+    return length if 0 < length < float("inf") else None
+
+
+def once_each(entries: Iterable[Entry]) -> list[Entry]:
+    """The entries, with a problem in the second one of the same sample and direction, which would count twice."""
+    seen: dict[tuple[str, int | None], Entry] = {}
+    checked = []
+    for entry in entries:
+        earlier = entry if entry.problem else seen.setdefault((entry.sample, entry.direction), entry)
+        checked.append(entry if earlier is entry else replace(entry, problem=_repeats(entry, earlier)))
+    return checked
+
+
+def _repeats(entry: Entry, earlier: Entry) -> str:
+    if entry.row:
+        return f"{entry.path}: row {entry.row} repeats {entry.sample}, {entry.direction} of row {earlier.row}; remove one"
+    return f"{entry.name}: another record has this sample and direction; remove one"

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy import stats
 
+from indentfit.arrays import Array
 from indentfit.curve import Curve
+from indentfit.experiment.outcomes import Outcome, usable
+from indentfit.experiment.processed import ProcessedRecord
 from indentfit.experiment.stiffness import Line, Parabola, linear_fit, quadratic_fit
 
 CONFIDENCE = 0.95
@@ -16,9 +21,9 @@ OUTLYING = 3.5  # modified z-score (Iglewicz and Hoaglin 1993, How to Detect and
 
 @dataclass(frozen=True)
 class Spread:
-    """Of n values: mean, standard deviation, standard error, 95 % interval of the mean (Student's t), median, names of outliers.
+    """Moments of n values: mean, standard deviation, standard error, 95 % interval of the mean (Student's t) and median.
 
-    Outliers, by the modified z-score, are named only: they are part of every number here.
+    `outliers` holds the names of values with a large modified z-score. Every number here counts them.
     """
 
     n: int
@@ -43,19 +48,20 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class MeanCurve:
-    """Mean force (n,) and its standard deviation (n,), mN, of `count` curves at common displacements (n,), mm, with fits through
-    contact.
+    """The mean of `count` curves at common displacements.
+
+    displacement (n,), mm; force (n,) and its standard deviation sd (n,), mN; line and parabola: fits to the mean.
     """
 
-    displacement: np.ndarray
-    force: np.ndarray
-    sd: np.ndarray
+    displacement: Array
+    force: Array
+    sd: Array
     count: int
     line: Line
     parabola: Parabola
 
-    def target(self, kind):
-        """`Curve` to be fitted: the "mean" itself, its "linear" fit through contact, or its "quadratic" one (Feng et al. 2017)."""
+    def target(self, kind: str) -> Curve:
+        """The curve for a fit: the "mean" itself, or its "linear" or "quadratic" fit through contact (as Feng et al. 2017)."""
         d = self.displacement
         slope = float(d @ self.force / (d @ d))
         quadratic = (self.parabola.curvature * d + self.parabola.slope) * d
@@ -71,8 +77,11 @@ class Statistics:
     differences: tuple[Difference, ...]
 
 
-def statistics(outcomes):
-    """`Statistics` of the stiffness (slope of the linear fit, mN/mm) of a list of Outcomes; those with a problem do not count."""
+Named = dict[str, float]  # name of a sample -> a value
+
+
+def statistics(outcomes: Sequence[Outcome]) -> Statistics:
+    """Statistics of the stiffness: the slope of the linear fit, mN/mm. Outcomes without record or direction do not count."""
     values = stiffness_by_direction(outcomes)
     spreads = {direction: spread(named) for direction, named in values.items()}
     if not {0, 90} <= set(values):
@@ -82,18 +91,17 @@ def statistics(outcomes):
     return Statistics(spreads, ratio, tuple(_differences(values, both)))
 
 
-def stiffness_by_direction(outcomes):
-    """direction -> sample -> stiffness, mN/mm, directions rising."""
-    values: dict[int, dict[str, float]] = {}
-    for one in sorted(
-        (one for one in outcomes if one.processed and one.entry.direction is not None), key=lambda one: one.entry.direction
-    ):
-        values.setdefault(one.entry.direction, {})[one.entry.sample] = one.processed.line.slope
-    return values
+def stiffness_by_direction(outcomes: Sequence[Outcome]) -> dict[int, Named]:
+    """direction -> sample -> stiffness, mN/mm; the directions rise."""
+    directions = {outcome.entry.direction for outcome in usable(outcomes)}
+    return {
+        direction: {outcome.entry.sample: outcome.processed.line.slope for outcome in usable(outcomes, direction)}
+        for direction in sorted(direction for direction in directions if direction is not None)
+    }
 
 
-def spread(named):
-    """`Spread` of values by name."""
+def spread(named: Named) -> Spread:
+    """The `Spread` of named values."""
     values = np.array(list(named.values()))
     n, mean = values.size, float(values.mean())
     sd = float(values.std(ddof=1)) if n > 1 else float("nan")
@@ -102,8 +110,8 @@ def spread(named):
     return Spread(n, mean, sd, float(stderr), (float(mean - reach), float(mean + reach)), float(np.median(values)), outliers(named))
 
 
-def outliers(named):
-    """Names of the values whose modified z-score exceeds 3.5; of fewer than four values none can be told."""
+def outliers(named: Named) -> tuple[str, ...]:
+    """Names of the values whose modified z-score exceeds 3.5; fewer than four values have no outliers."""
     values = np.array(list(named.values()))
     deviation = stats.median_abs_deviation(values, scale="normal")
     if values.size < 4 or not deviation > 0:
@@ -112,7 +120,7 @@ def outliers(named):
     return tuple(name for name, score in zip(named, scores, strict=True) if score > OUTLYING)
 
 
-def _differences(values, both):
+def _differences(values: dict[int, Named], both: list[str]) -> Iterator[Difference]:
     """Paired t and signed ranks on the samples measured in both directions; Student's (as the paper) and Welch's t on all."""
     pairs = [np.array([values[direction][sample] for sample in both]) for direction in (90, 0)]
     every = [np.array(list(values[direction].values())) for direction in (90, 0)]
@@ -127,25 +135,39 @@ def _differences(values, both):
         yield _test("unpaired t-test (Welch)", stats.ttest_ind(*every, equal_var=False), n)
 
 
-def _test(name, result, n):
+class _TTest(Protocol):
+    """What SciPy's t-tests return."""
+
+    statistic: float
+    pvalue: float
+
+    def confidence_interval(self, confidence_level: float) -> _Interval: ...
+
+
+class _Interval(Protocol):
+    low: float
+    high: float
+
+
+def _test(name: str, result: _TTest, n: tuple[int, int]) -> Difference:
     interval = result.confidence_interval(CONFIDENCE)
     return Difference(name, float(result.statistic), float(result.pvalue), n, (float(interval.low), float(interval.high)))
 
 
-def mean_curves(outcomes, points=25):
+def mean_curves(outcomes: Sequence[Outcome], points: int = 25) -> dict[int, MeanCurve]:
     """direction -> `MeanCurve`: means at equal displacements from contact, to the least depth of the direction's records."""
-    found = {}
-    for direction in stiffness_by_direction(outcomes):
-        group = [one.processed for one in outcomes if one.processed and one.entry.direction == direction]
-        depth = min(one.curve.displacement[-1] for one in group)
-        at = depth * np.arange(1, points + 1) / points
-        forces = np.array([_force_at(one, at) for one in group])
-        sd = forces.std(axis=0, ddof=1) if len(group) > 1 else np.zeros(points)
-        mean = forces.mean(axis=0)
-        found[direction] = MeanCurve(at, mean, sd, len(group), linear_fit(at, mean), quadratic_fit(at, mean))
-    return found
+    groups = {direction: usable(outcomes, direction) for direction in stiffness_by_direction(outcomes)}
+    return {direction: _mean_curve([outcome.processed for outcome in group], points) for direction, group in groups.items()}
 
 
-def _force_at(processed, displacement):
-    curve = processed.curve
+def _mean_curve(records: list[ProcessedRecord], points: int) -> MeanCurve:
+    depth = min(record.curve.displacement[-1] for record in records)
+    at = depth * np.arange(1, points + 1) / points
+    forces = np.array([_force_at(record.curve, at) for record in records])
+    sd = forces.std(axis=0, ddof=1) if len(records) > 1 else np.zeros(points)
+    mean = forces.mean(axis=0)
+    return MeanCurve(at, mean, sd, len(records), linear_fit(at, mean), quadratic_fit(at, mean))
+
+
+def _force_at(curve: Curve, displacement: Array) -> Array:
     return np.interp(displacement, np.append(0.0, curve.displacement), np.append(0.0, curve.force))

@@ -1,61 +1,79 @@
 """A case made of a set of replicates: the mean curve of each direction, and the table of the samples' own curves."""
 
-import tomllib
+from collections.abc import Iterator
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomli_w
 
 from indentfit.curve import write_curve
-from indentfit.errors import OutputError
+from indentfit.experiment.mean_case import MeanCase
+from indentfit.experiment.outcomes import Usable, usable
+from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.specimens import TABLE, write_specimens
+from indentfit.report.records import curve_files
 
 NAMES = {0: "parallel", 90: "perpendicular"}
 HEAD = """\
-# Made by `indentfit process --case`: mean curves of {n} records, to their common depth. Thickness and diameter are the means of
-# the manifest's; {origin}
-#     indentfit fit case.toml                  the mean curves
-#     indentfit fit case.toml --per-sample     each sample of replicates.csv on its own
+# Made by `indentfit process --case`: mean curves of {n} records, to their common depth. Thickness and diameter are means of the
+# manifest; {origin}
+#     indentfit fit case.toml                  fits the mean curves
+#     indentfit fit case.toml --per-sample     fits each sample of replicates.csv on its own
 """
+Tree = dict[str, Any]
 
 
-def write_case(folder, base, text, outcomes, curves, means, targets):
-    """Write case.toml, replicates.csv and the mean curves into a folder.
+def write_case(folder: Path, result: ProcessResult, case: MeanCase) -> list[str]:
+    """Write case.toml, replicates.csv and the mean curves into a folder that holds the curves of the records.
 
-    base: path of the case whose sample, indenter, material and so on are taken, or None; text: its TOML. curves: name of an Outcome
-    -> its CSV, relative to the folder; targets: direction -> "mean", "linear" or "quadratic". Returns warnings, one line each.
+    Returns
+    -------
+    list of str
+        Warnings: lengths that the manifest does not give.
     """
-    try:
-        tree = tomllib.loads(text)
-    except ValueError as error:
-        raise OutputError(f"{base}: not TOML ({error}); correct it") from None
-    good = [one for one in outcomes if one.processed]
+    good = usable(result.outcomes)
+    tree = deepcopy(dict(case.tree))
     warnings = list(_take_lengths(tree, good))
-    model = tree.get("material", {}).get("model", "")
-    if base and ".py:" in model:
-        tree["material"]["model"] = str(Path(base).parent.resolve() / model)
+    _keep_the_plugin(tree, case.base)
     tree["title"] = "mean curves of raw records"
     tree.pop("record", None)
-    tree["test"] = []
-    for direction, mean in means.items():
-        place = f"curves/mean_{direction}.csv"
-        write_curve(folder / place, mean.target(targets.get(direction, "mean")))
-        tree["test"].append({"name": NAMES[direction], "angle": direction, "curve": place})
-    origin = f"everything else is that of {base}." if base else "everything else is `indentfit init`'s: SET IT TO YOUR EXPERIMENT."
+    tree["test"] = [_write_test(folder, result, direction, case.targets.get(direction, "mean")) for direction in result.means]
+    origin = f"everything else is from {case.base}." if case.base else "everything else is a template: SET IT TO YOUR EXPERIMENT."
     (folder / "case.toml").write_text(HEAD.format(n=len(good), origin=origin) + "\n" + tomli_w.dumps(tree), encoding="utf-8")
-    rows = [(one.entry.sample, one.entry.direction, curves[one.name], one.entry.thickness, one.entry.diameter) for one in good]
+    files = curve_files(result)
+    rows = [
+        (entry.sample, entry.direction, files[entry.name], entry.thickness, entry.diameter)
+        for entry in (outcome.entry for outcome in good)
+        if entry.direction is not None
+    ]
     write_specimens(folder / TABLE, rows)
     return warnings
 
 
-def _take_lengths(tree, good):
-    """Put the samples' mean thickness and diameter into the tree; yields what they lack."""
+def _take_lengths(tree: Tree, good: list[Usable]) -> Iterator[str]:
+    """Put the samples' mean thickness and diameter into the tree; yields a warning for each length that is not known of all."""
     sample = tree.setdefault("sample", {})
     for key in ("thickness", "diameter"):
-        lengths = [getattr(one.entry, key) for one in good if getattr(one.entry, key)]
+        lengths = [getattr(outcome.entry, key) for outcome in good if getattr(outcome.entry, key)]
         if key == "diameter" and sample.get("shape") != "disc":
             continue
         if len(lengths) == len(good):
             sample[key] = float(np.round(np.mean(lengths), 6))
         else:
-            yield f"the manifest does not give every {key}; sample.{key} = {sample.get(key)} of the case is kept"
+            yield f"the manifest does not give every {key}; the case keeps sample.{key} = {sample.get(key)}"
+
+
+def _keep_the_plugin(tree: Tree, base: Path | None) -> None:
+    """Name a plugin of the base case by its whole path: the new case lies in another folder."""
+    model = tree.get("material", {}).get("model", "")
+    if base and ".py:" in model:
+        tree["material"]["model"] = str(base.parent.resolve() / model)
+
+
+def _write_test(folder: Path, result: ProcessResult, direction: int, kind: str) -> Tree:
+    """Write the curve of a direction; returns the [[test]] table that names the curve."""
+    place = f"curves/mean_{direction}.csv"
+    write_curve(folder / place, result.means[direction].target(kind))
+    return {"name": NAMES[direction], "angle": direction, "curve": place}

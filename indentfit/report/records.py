@@ -1,46 +1,93 @@
 """Processed records in numbers: as text, as a table of stiffnesses, as JSON."""
 
 import csv
+import importlib.metadata
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
-COLUMNS = {
-    "stiffness_mN_per_mm": lambda one: one.line.slope,
-    "stiffness_stderr": lambda one: one.line.stderr,
-    "r_squared": lambda one: one.line.r_squared,
-    "quadratic_mN_per_mm2": lambda one: one.parabola.curvature,
-    "quadratic_slope_mN_per_mm": lambda one: one.parabola.slope,
-    "quadratic_r_squared": lambda one: one.parabola.r_squared,
-    "contact_mm": lambda one: one.contact.displacement,
-    "contact_uncertainty_mm": lambda one: one.contact.uncertainty,
-    "velocity_mm_per_s": lambda one: one.velocity,
-    "strain_rate_per_s": lambda one: one.strain_rate,
-    "depth_mm": lambda one: one.depth,
-    "peak_mN": lambda one: one.peak,
-    "modulus_ratio": lambda one: one.relaxation and one.relaxation.ratio,
+from indentfit.experiment.outcomes import Outcome, usable
+from indentfit.experiment.process_result import ProcessResult
+from indentfit.experiment.processed import ProcessedRecord
+from indentfit.experiment.relaxation import Prony
+from indentfit.experiment.replicates import Difference, MeanCurve, Spread, Statistics
+from indentfit.report.vtu import file_names
+
+FORMAT = "indentfit.process/2"
+Cell = str | float | int | None
+COLUMNS: dict[str, Callable[[ProcessedRecord], Cell]] = {
+    "stiffness_mN_per_mm": lambda record: record.line.slope,
+    "stiffness_stderr": lambda record: record.line.stderr,
+    "r_squared": lambda record: record.line.r_squared,
+    "quadratic_mN_per_mm2": lambda record: record.parabola.curvature,
+    "quadratic_slope_mN_per_mm": lambda record: record.parabola.slope,
+    "quadratic_r_squared": lambda record: record.parabola.r_squared,
+    "contact_mm": lambda record: record.contact.displacement,
+    "contact_uncertainty_mm": lambda record: record.contact.uncertainty,
+    "velocity_mm_per_s": lambda record: record.velocity,
+    "strain_rate_per_s": lambda record: record.strain_rate,
+    "depth_mm": lambda record: record.depth,
+    "peak_mN": lambda record: record.peak,
+    "modulus_ratio": lambda record: record.relaxation.ratio if record.relaxation else None,
 }
+SAMPLE = ("sample", "direction", "file", "status", "thickness_mm", "diameter_mm")
 
 
-def write_stiffness(path, outcomes, strains, outlying):
-    """Write a row for each Outcome, failed ones with their problem; strains: those with a column of forces; outlying: names."""
+def curve_files(result: ProcessResult) -> dict[str, str]:
+    """Name of each usable record -> the CSV of its curve, relative to the result folder; safe names, no two alike."""
+    stems = file_names([name.replace("°", "").replace(" ", "_") for name in result.records])
+    return {name: f"curves/{stem}.csv" for name, stem in zip(result.records, stems, strict=True)}
+
+
+def outlier_names(statistics: Statistics) -> set[str]:
+    """Names of the records whose stiffness lies far from the others of their direction."""
+    return {f"{sample} {direction}°" for direction, spread in statistics.stiffness.items() for sample in spread.outliers}
+
+
+# Tables
+
+
+def write_stiffness(path: Path, result: ProcessResult) -> None:
+    """Write stiffness.csv: a row for each record; one that cannot be used has its problem in the last column."""
+    strains, outlying = result.settings.strains, outlier_names(result.statistics)
     forces = [f"force_mN_at_{strain:g}" for strain in strains]
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(
-            ["sample", "direction", "file", "status", "thickness_mm", "diameter_mm", *COLUMNS, *forces, "outlier", "notes"]
-        )
-        for one in outcomes:
-            entry, done = one.entry, one.processed
-            values = [""] * (len(COLUMNS) + len(forces))
-            if done:
-                values = [_blank(column(done)) for column in COLUMNS.values()]
-                values += [_blank(done.forces.get(strain)) for strain in strains]
-            where = [entry.sample, _blank(entry.direction), str(entry.path), "ok" if done else "failed"]
-            lengths = [_blank(entry.thickness), _blank(entry.diameter)]
-            notes = one.problem or "; ".join(done.notes)
-            table.writerow([*where, *lengths, *values, "yes" if one.name in outlying else "", notes])
+        table.writerow([*SAMPLE, *COLUMNS, *forces, "outlier", "notes"])
+        for outcome in result.outcomes:
+            outlier = "yes" if outcome.name in outlying else ""
+            table.writerow([*map(_blank, [*_sample(outcome), *_numbers(outcome, strains)]), outlier, _remarks(outcome)])
 
 
-def write_means(path, means):
+def _sample(outcome: Outcome) -> list[Cell]:
+    """The cells of SAMPLE."""
+    entry = outcome.entry
+    status = "ok" if outcome.processed else "failed"
+    return [entry.sample, entry.direction, _file(outcome), status, entry.thickness, entry.diameter]
+
+
+def _file(outcome: Outcome) -> str | None:
+    return None if outcome.entry.path is None else str(outcome.entry.path)
+
+
+def _numbers(outcome: Outcome, strains: Sequence[float]) -> list[Cell]:
+    """The cells of COLUMNS and of the forces at strains; empty where the record cannot be used."""
+    record = outcome.processed
+    if record is None:
+        return [None] * (len(COLUMNS) + len(strains))
+    return [*(column(record) for column in COLUMNS.values()), *(record.forces.get(strain) for strain in strains)]
+
+
+def _remarks(outcome: Outcome) -> str:
+    return outcome.problem or ("; ".join(outcome.processed.notes) if outcome.processed else "")
+
+
+def _blank(value: Cell) -> str | int:
+    return "" if value is None else f"{value:.10g}" if isinstance(value, float) else value
+
+
+def write_means(path: Path, means: Mapping[int, MeanCurve]) -> None:
     """Write the mean curves, direction -> MeanCurve, with their standard deviations, as one CSV."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
@@ -50,121 +97,153 @@ def write_means(path, means):
             table.writerows([direction, *row, mean.count] for row in zip(*columns, strict=True))
 
 
-def outlier_names(statistics):
-    """Names of the outcomes whose stiffness lies far from those of their direction."""
-    return {f"{sample} {direction}°" for direction, spread in statistics.stiffness.items() for sample in spread.outliers}
+# JSON
 
 
-def record_facts(outcome):
-    """One Outcome as the JSON holds it."""
-    entry, done = outcome.entry, outcome.processed
+def process_facts(result: ProcessResult) -> dict[str, Any]:
+    """What summary.json holds."""
+    files = curve_files(result)
+    return {
+        "format": FORMAT,
+        "indentfit": importlib.metadata.version("indentfit"),
+        "record": result.settings.model_dump(mode="json"),
+        "records": [_outcome_facts(outcome, files) for outcome in result.outcomes],
+        **_statistics_facts(result.statistics),
+        "mean_curves": {str(direction): _mean_facts(mean) for direction, mean in result.means.items()},
+    }
+
+
+def _outcome_facts(outcome: Outcome, files: Mapping[str, str]) -> dict[str, Any]:
+    """One record: where it comes from, and its numbers or its problem."""
+    entry = outcome.entry
     facts = {
         "sample": entry.sample,
         "direction": entry.direction,
-        "file": str(entry.path),
+        "file": _file(outcome),
         "thickness_mm": entry.thickness,
         "diameter_mm": entry.diameter,
-        "status": "ok" if done else "failed",
+        "status": "ok" if outcome.processed else "failed",
         "problem": outcome.problem,
     }
-    if not done:
-        return facts
+    if outcome.processed is None:
+        return facts | {"curve": None}
+    return facts | _record_facts(outcome.processed) | {"curve": files[outcome.name]}
+
+
+def _record_facts(record: ProcessedRecord) -> dict[str, Any]:
+    time = record.record.time
     return {
-        **facts,
-        "contact": asdict(done.contact),
-        "window_s": [float(done.record.time[done.window.start]), float(done.record.time[done.window.stop - 1])],
-        "velocity_mm_per_s": done.velocity,
-        "strain_rate_per_s": done.strain_rate,
-        "depth_mm": done.depth,
-        "peak_mN": done.peak,
-        "filter_s": done.ramp.length * done.record.interval,
-        "linear": asdict(done.line),
-        "quadratic": asdict(done.parabola),
-        "force_mN_at_strain": {f"{strain:g}": force for strain, force in done.forces.items()},
-        "relaxation": done.relaxation and asdict(done.relaxation),
-        "notes": list(done.notes),
+        "contact": asdict(record.contact),
+        "window_s": [float(time[record.window.start]), float(time[record.window.stop - 1])],
+        "velocity_mm_per_s": record.velocity,
+        "strain_rate_per_s": record.strain_rate,
+        "depth_mm": record.depth,
+        "peak_mN": record.peak,
+        "filter_s": record.ramp.length * record.record.interval,
+        "linear": asdict(record.line),
+        "quadratic": asdict(record.parabola),
+        "force_mN_at_strain": {f"{strain:g}": force for strain, force in record.forces.items()},
+        "relaxation": record.relaxation and asdict(record.relaxation),
+        "notes": list(record.notes),
     }
 
 
-def statistics_facts(statistics, means):
-    """Statistics and mean curves as the JSON holds them."""
+def _statistics_facts(statistics: Statistics) -> dict[str, Any]:
     return {
         "stiffness_mN_per_mm": {str(direction): asdict(spread) for direction, spread in statistics.stiffness.items()},
         "ratio_90_to_0": statistics.ratio and asdict(statistics.ratio),
-        "differences": [asdict(one) for one in statistics.differences],
-        "mean_curves": {
-            str(direction): {
-                "displacement_mm": mean.displacement,
-                "force_mN": mean.force,
-                "sd_mN": mean.sd,
-                "n": mean.count,
-                "linear": asdict(mean.line),
-                "quadratic": asdict(mean.parabola),
-            }
-            for direction, mean in means.items()
-        },
+        "differences": [asdict(difference) for difference in statistics.differences],
     }
 
 
-def record_lines(outcomes, outlying):
-    """Outcomes in words: a line for each, those with a problem without numbers."""
+def _mean_facts(mean: MeanCurve) -> dict[str, Any]:
+    return {
+        "displacement_mm": mean.displacement,
+        "force_mN": mean.force,
+        "sd_mN": mean.sd,
+        "n": mean.count,
+        "linear": asdict(mean.line),
+        "quadratic": asdict(mean.parabola),
+    }
+
+
+# Text
+
+
+def process_lines(result: ProcessResult) -> Iterator[str]:
+    """The result in words: a line for each record, for each hold, and for each of the statistics."""
+    yield from _record_lines(result)
+    yield from more_lines(result)
+
+
+def more_lines(result: ProcessResult) -> Iterator[str]:
+    """The holds and the statistics in words."""
+    for outcome in usable(result.outcomes):
+        if outcome.processed.relaxation:
+            yield _relaxation_line(outcome.name, outcome.processed.relaxation)
+    yield from _statistics_lines(result.statistics)
+
+
+def _record_lines(result: ProcessResult) -> Iterator[str]:
+    """A table of the records; those that cannot be used have no numbers."""
+    outlying = outlier_names(result.statistics)
     rows = [["record", "stiffness", "R2", "contact", "velocity", "depth", "peak", ""]]
     rows.append(["", "mN/mm", "", "mm", "mm/s", "mm", "mN", ""])
-    for one in outcomes:
-        done = one.processed
-        if done is None:
-            rows.append([one.name, "failed", "", "", "", "", "", ""])
-            continue
-        stiffness = f"{done.line.slope:.4g} +- {done.line.stderr:.2g}"
-        contact = f"{done.contact.displacement:.4f} +- {done.contact.uncertainty:.4f}"
-        numbers = [f"{done.line.r_squared:.4f}", contact, f"{done.velocity:.3g}", f"{done.depth:.4f}", f"{done.peak:.4g}"]
-        rows.append([one.name, stiffness, *numbers, "outlier?" if one.name in outlying else ""])
+    for outcome in result.outcomes:
+        cells = _cells(outcome.processed) if outcome.processed else ["failed", *[""] * 5]
+        rows.append([outcome.name, *cells, "outlier?" if outcome.name in outlying else ""])
     widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
     for row in rows:
         yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
-def relaxation_lines(outcomes):
-    """The Prony series of the holds, a line for each."""
-    for one in outcomes:
-        if one.processed and (series := one.processed.relaxation):
-            terms = ", ".join(
-                f"{share:.3g} +- {share_error:.1g} at {tau:.3g} +- {tau_error:.1g} s"
-                for share, share_error, tau, tau_error in zip(
-                    series.shares, series.shares_stderr, series.times, series.times_stderr, strict=True
-                )
-            )
-            others = ", ".join(f"{ratio:.3f} with {n}" for n, ratio in series.by_terms.items() if n != len(series.shares))
-            yield (
-                f"relaxation  {one.name}: Ginf/G0 = {series.ratio:.3f} +- {series.ratio_stderr:.1g} with "
-                f"{len(series.shares)} Prony terms ({others}); shares {terms}"
-            )
+def _cells(record: ProcessedRecord) -> list[str]:
+    return [
+        f"{record.line.slope:.4g} +- {record.line.stderr:.2g}",
+        f"{record.line.r_squared:.4f}",
+        f"{record.contact.displacement:.4f} +- {record.contact.uncertainty:.4f}",
+        f"{record.velocity:.3g}",
+        f"{record.depth:.4f}",
+        f"{record.peak:.4g}",
+    ]
 
 
-def statistics_lines(statistics):
-    """Statistics in words."""
+def _relaxation_line(name: str, series: Prony) -> str:
+    columns = zip(series.shares, series.shares_stderr, series.times, series.times_stderr, strict=True)
+    terms = ", ".join(
+        f"{share:.3g} +- {share_stderr:.1g} at {time:.3g} +- {time_stderr:.1g} s"
+        for share, share_stderr, time, time_stderr in columns
+    )
+    others = ", ".join(f"{ratio:.3f} with {n}" for n, ratio in series.by_terms.items() if n != len(series.shares))
+    return (
+        f"relaxation  {name}: Ginf/G0 = {series.ratio:.3f} +- {series.ratio_stderr:.1g} with "
+        f"{len(series.shares)} Prony terms ({others}); shares {terms}"
+    )
+
+
+def _statistics_lines(statistics: Statistics) -> Iterator[str]:
     for direction, spread in statistics.stiffness.items():
         yield f"stiffness   {direction}°: {_mean(spread)} mN/mm, n = {spread.n}{_interval(spread.interval)}{_outliers(spread)}"
     if statistics.ratio:
         spread = statistics.ratio
         yield f"ratio       90° / 0°, per sample: {_mean(spread)}, n = {spread.n}{_interval(spread.interval)}{_outliers(spread)}"
-    for one in statistics.differences:
-        n = f"{one.n[0]} pairs" if one.test.startswith(("paired", "Wilcoxon")) else f"{one.n[0]} + {one.n[1]}"
-        difference = f"; difference{_interval(one.interval)[1:]} mN/mm" if one.interval else ""
-        yield f"difference  {one.test}, {n}: p = {one.p:.3g}{difference}"
+    yield from map(_difference_line, statistics.differences)
 
 
-def _mean(spread):
+def _difference_line(difference: Difference) -> str:
+    first, second = difference.n
+    n = f"{first} pairs" if difference.test.startswith(("paired", "Wilcoxon")) else f"{first} + {second}"
+    between = f"; difference{_interval(difference.interval)[1:]} mN/mm" if difference.interval else ""
+    return f"difference  {difference.test}, {n}: p = {difference.p:.3g}{between}"
+
+
+def _mean(spread: Spread) -> str:
     return f"{spread.mean:.4g}" + (f" +- {spread.sd:.3g} (SD)" if spread.n > 1 else "")
 
 
-def _interval(interval):
+def _interval(interval: tuple[float, float]) -> str:
     return f", 95 % interval {interval[0]:.4g} to {interval[1]:.4g}" if interval[0] == interval[0] else ""
 
 
-def _outliers(spread):
-    return f"; outliers, counted all the same: {', '.join(spread.outliers)}" if spread.outliers else ""
-
-
-def _blank(value):
-    return "" if value is None else f"{value:.10g}" if isinstance(value, float) else value
+def _outliers(spread: Spread) -> str:
+    return f"; outliers, which every number counts: {', '.join(spread.outliers)}" if spread.outliers else ""

@@ -41,7 +41,7 @@ from indentfit import curve, material, units
 from indentfit.case import Record as Layout
 from indentfit.cli import validate
 from indentfit.errors import CaseError, IndentfitError
-from indentfit.experiment import manifest, processed, reading, specimens
+from indentfit.experiment import manifest, outcomes, processed, reading, specimens
 from indentfit.experiment.measured import read_case
 from indentfit.material.typed_energy import typed_class
 from indentfit.report import html, html_fit, html_studies, page
@@ -364,7 +364,7 @@ class ManifestFile:
     def read(self, text):
         self.path.write_bytes(text)
         for entry, outcome in zip(
-            manifest.read_manifest(self.path), manifest.process_all(manifest.read_manifest(self.path)), strict=True
+            manifest.read_manifest(self.path), outcomes.process_all(manifest.read_manifest(self.path)), strict=True
         ):
             require(outcome.processed or outcome.problem, "a row without result and without problem")
             require("\n" not in (outcome.problem or ""), "a problem of two lines")

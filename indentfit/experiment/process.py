@@ -1,0 +1,94 @@
+"""Raw records to curves, stiffnesses and their statistics, from files or from arrays in memory."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from indentfit.case import Record, read_record_table
+from indentfit.errors import RecordError
+from indentfit.experiment.manifest import Entry, once_each, read_manifest
+from indentfit.experiment.outcomes import Outcome, Progress, process_all
+from indentfit.experiment.process_result import ProcessResult
+from indentfit.experiment.record import RawRecord
+from indentfit.experiment.replicates import mean_curves, statistics
+
+Source = str | Path | RawRecord | Entry
+
+
+def process(
+    records: Source | Sequence[Source] = (),
+    manifest: str | Path | None = None,
+    thickness: float | None = None,
+    settings: Record | str | Path | None = None,
+    progress: Progress | None = None,
+) -> ProcessResult:
+    """Curves, contact points, stiffnesses and relaxation of raw records, and the statistics of replicates.
+
+    A record that cannot be used does not stop the others: `problems` of the result says why.
+
+    Parameters
+    ----------
+    records : file, RawRecord, Entry, or a sequence of them
+        An Entry holds the sample and the direction too, so that its record counts in the statistics.
+    manifest : path
+        In place of records: a CSV with the columns sample, direction, file, thickness, diameter.
+    thickness : float, mm
+        Of the samples of files and raw records, for strains; an Entry and a manifest have thicknesses of their own.
+    settings : Record, or path of a TOML file with a table [record]
+        Columns, calibration and sampling rate of the files; methods of the analysis.
+    progress : function
+        Called after each record with the number of records that are done and the name of the sample.
+
+    Raises
+    ------
+    RecordError
+        No record can be used: one line for each.
+    CaseError
+        The table [record] has faults.
+
+    Examples
+    --------
+    >>> result = process(RawRecord(time, displacement, force), thickness=3.3)
+    >>> result.curves, result.summary()
+    """
+    sources = [records] if isinstance(records, str | Path | RawRecord | Entry) else list(records)
+    if bool(sources) == (manifest is not None):
+        raise RecordError("process needs either records or a manifest; give one of them")
+    settings = settings if isinstance(settings, Record) else read_record_table(settings)
+    entries = read_manifest(manifest) if manifest is not None else once_each(_entries(sources, thickness))
+    outcomes = process_all(entries, settings, progress)
+    _require_a_usable_record(outcomes)
+    return ProcessResult(tuple(outcomes), settings, statistics(outcomes), mean_curves(outcomes, settings.points))
+
+
+def _entries(sources: Sequence[Source], thickness: float | None) -> Iterator[Entry]:
+    """An entry for each source. Files of one name keep their folders; a repeated name gets a number."""
+    names = [Path(source).name for source in sources if isinstance(source, str | Path)]
+    given: Counter[str] = Counter()
+    for source in sources:
+        if isinstance(source, Entry):
+            yield source
+            continue
+        name = _name(source, names)
+        given[name] += 1
+        label = name if given[name] == 1 else f"{name} ({given[name]})"
+        if isinstance(source, RawRecord):
+            yield Entry(label, thickness=thickness, record=source)
+        else:
+            yield Entry(label, path=Path(source), thickness=thickness)
+
+
+def _name(source: str | Path | RawRecord, names: list[str]) -> str:
+    """The name of a raw record, or of its file: without ending, or the whole path where two files share a name."""
+    if isinstance(source, RawRecord):
+        return source.name or "record"
+    path = Path(source)
+    return path.stem if names.count(path.name) == 1 else str(source)
+
+
+def _require_a_usable_record(outcomes: list[Outcome]) -> None:
+    problems = [outcome.problem for outcome in outcomes if outcome.problem is not None]
+    if len(problems) == len(outcomes):
+        raise RecordError("\n".join(" ".join(problem.splitlines()) for problem in problems))

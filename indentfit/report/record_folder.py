@@ -1,0 +1,96 @@
+"""The result folder of `process`."""
+
+import importlib.metadata
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from indentfit.curve import write_curve
+from indentfit.errors import OutputError
+from indentfit.experiment.mean_case import MeanCase
+from indentfit.experiment.process_result import ProcessResult
+from indentfit.report.folder import result_folder, write_json
+from indentfit.report.records import curve_files, write_means, write_stiffness
+
+
+def _ignore(done: int, name: str) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Who hears what happens while a folder is written: `warn` gets a line, `drawn` the number of figures and a name."""
+
+    warn: Callable[[str], object] = warnings.warn
+    drawn: Callable[[int, str], object] = _ignore
+
+
+def write_process(
+    result: ProcessResult,
+    path: str | Path,
+    figures: bool = True,
+    overwrite: bool = False,
+    case: MeanCase | None = None,
+    listener: Listener | None = None,
+) -> None:
+    """Write the result folder of `process`, whole or not at all: curves, tables, summary.json, figures and page.
+
+    Parameters
+    ----------
+    result : ProcessResult
+    path : path
+        The new folder.
+    figures : bool
+        Draw a figure of each record, and the page.
+    overwrite : bool
+        Replace an earlier result folder.
+    case : MeanCase
+        Write a case of the mean curves, too.
+    listener : Listener
+
+    Raises
+    ------
+    OutputError
+        The folder exists already or cannot be written, or a case is wanted of records whose direction is not known.
+    """
+    listener = listener or Listener()
+    if case and not result.means:
+        raise OutputError(f"{path}: no case can be made, because no record has a direction; give a manifest with directions")
+    with result_folder(path, overwrite) as folder:
+        _write_tables(folder, result)
+        if case:
+            from indentfit.report.record_case import write_case
+
+            for warning in write_case(folder, result, case):
+                listener.warn(warning)
+        if figures:
+            _draw(folder, result, listener)
+        write_json(folder / "summary.json", result.as_json())
+
+
+def _write_tables(folder: Path, result: ProcessResult) -> None:
+    (folder / "curves").mkdir()
+    for name, file in curve_files(result).items():
+        write_curve(folder / file, result.curves[name])
+    write_stiffness(folder / "stiffness.csv", result)
+    if result.means:
+        write_means(folder / "mean_curves.csv", result.means)
+
+
+def _draw(folder: Path, result: ProcessResult, listener: Listener) -> None:
+    """Draw a figure of each record, one of the replicates, and the page that shows them all."""
+    from indentfit.report.plots import save  # matplotlib is slow to import, and --no-figures does without it
+    from indentfit.report.record_figures import record_figure, replicate_figure
+    from indentfit.report.record_page import write_page
+
+    (folder / "figures").mkdir()
+    pictures = {}
+    for n, (name, file) in enumerate(curve_files(result).items(), start=1):
+        pictures[name] = record_figure(name, result.records[name])
+        save(pictures[name], folder / "figures" / f"{Path(file).stem}.svg")
+        listener.drawn(n, name)
+    replicates = replicate_figure(result) if result.means else None
+    if replicates:
+        save(replicates, folder / "figures" / "replicates.svg")
+    write_page(folder / "report.html", result, pictures, replicates, importlib.metadata.version("indentfit"))
