@@ -22,7 +22,7 @@ ZETA = "material.parameters={mu=1,zeta={start=3,min=0,max=20},phi=1}"
 class Springs:
     """A pool whose sample is a spring of mu times the indenter's width, three times as stiff across the fibres."""
 
-    def __init__(self, case):
+    def __init__(self, case, *_):
         self.case, self.runs, self.failures = case, 0, []
 
     def __enter__(self):

@@ -20,6 +20,19 @@ LAZY = {
     "inference/result.py": {
         "indentfit.report.fit_folder.write_fit", "indentfit.report.plots.force_displacement", "indentfit.report.text.fit_lines",
     },
+    "study/sweep.py": {
+        "indentfit.report.study_folder.write_study", "indentfit.report.study_text.html_table",
+        "indentfit.report.study_text.sweep_lines", "indentfit.report.study_text.sweep_rows", "indentfit.report.sweep.overview",
+    },
+    "study/mesh_check.py": {
+        "indentfit.report.mesh_check.convergence_figure", "indentfit.report.study_folder.write_study",
+        "indentfit.report.study_text.html_table", "indentfit.report.study_text.mesh_check_lines",
+        "indentfit.report.study_text.mesh_rows",
+    },
+    "study/design.py": {
+        "indentfit.report.plots.designs", "indentfit.report.study_folder.write_design", "indentfit.report.study_text.design_lines",
+        "indentfit.report.study_text.design_rows", "indentfit.report.study_text.html_table",
+    },
 }  # fmt: skip
 MODULES = sorted(HOUSE.rglob("*.py"))
 MATERIALS = sorted((HOUSE.parent / "materials").glob("*.py"))

@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,9 +23,12 @@ from indentfit.report.folder import LEDGER
 from indentfit.runs.forward import simulate
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import setup_of
-from indentfit.study import isolated, mesh_check, runs
-from indentfit.study.mesh_check import Measured, estimate, measure, own_checks, own_family
-from indentfit.study.sweep import plan, sweep, variation
+from indentfit.study import isolated, mesh_family, mesh_measurement, runs
+from indentfit.study.mesh_family import estimate, own_checks, own_family
+from indentfit.study.mesh_measurement import Measured, measure
+from indentfit.study.runs import Execution
+from indentfit.study.sweep import sweep
+from indentfit.study.variations import plan_sweep, variation
 
 QUICK = CASES / "quickstart" / "case.toml"
 SMALL = ("mesh.elements=30", "test.parallel.depth=0.1", "test.perpendicular.depth=0.1")
@@ -97,7 +101,7 @@ def test_a_variation_that_means_nothing_ends_with_2_in_one_line(text, tmp_path):
 
 def test_every_wrong_value_is_named_before_anything_is_run(case):
     with pytest.raises(CaseError) as error:
-        plan(case, ["indenter.friction=0.2,-1", "material.nu=1", "sample.base=glued"])
+        plan_sweep(case, ["indenter.friction=0.2,-1", "material.nu=1", "sample.base=glued"])
     assert len(error.value.faults) == 3 and all("(--vary)" in line for line in error.value.faults)
 
 
@@ -107,7 +111,7 @@ def test_every_wrong_value_is_named_before_anything_is_run(case):
 @pytest.fixture(scope="module")
 def swept(case):
     texts = ["material.mu=+-15%", "material.zeta=+-15%", "indenter.friction=0,stick"]
-    return sweep(plan(case, texts), workers=1)
+    return sweep(case, texts, execution=Execution(workers=1))
 
 
 def point(swept, **values):
@@ -148,7 +152,8 @@ def test_a_grid_has_every_combination_and_equal_points_are_run_once(case, monkey
     count = []
     real = Model.run
     monkeypatch.setattr(Model, "run", lambda self, *a, **k: count.append(a) or real(self, *a, **k))
-    found = sweep(plan(case, ["material.mu=1,2", "material.zeta=3"], grid=True), workers=1)
+    vary = {"material.mu": [1, 2], "material.zeta": [3]}
+    found = sweep(case, vary, grid=True, execution=Execution(workers=1))
     assert [p.values for p in found.points] == [{"material.mu": mu, "material.zeta": "3"} for mu in ("1", "2")]
     assert found.points[0].tests["parallel"].force_change == 0  # it is the case itself
     assert len(count) == 1 + 2 * 2  # one to make the model ready, then two tests at two points
@@ -162,9 +167,9 @@ def test_a_key_of_the_case_is_a_point_of_the_same_workers_and_changes_no_number(
     assert [list(points) for _, points in runs._groups(variants)] == [list(range(8))]
     other = ["test.parallel.depth=0.05", "material={model='neo_hookean',parameters={mu=1}}"]
     assert len(runs._groups([case, *(read_case(QUICK, [*SMALL, key]) for key in other)])) == 3
-    together = runs.evaluate(variants, workers=1)
+    together = runs.evaluate(variants, Execution(workers=1))
     for key, one, found in zip(["", *keys], variants, together, strict=True):
-        (alone,) = runs.evaluate([one], workers=1)
+        (alone,) = runs.evaluate([one], Execution(workers=1))
         for ours, theirs, test in zip(found.forces, alone.forces, simulate(one).tests, strict=True):
             assert np.array_equal(ours, theirs), key
             assert np.allclose(ours, test.force, rtol=1e-5), key
@@ -228,11 +233,9 @@ def record(elements):
     """What a mesh of so many elements would give if the force went like 70 + 6 h and the other like 28 - 2 h^2."""
     h = (160 / elements) ** (1 / 3)
     curves = [np.linspace(0.2, 1, 25) * (28 - 2 * h**2), np.linspace(0.2, 1, 25) * (70 + 6 * h)]
-    return {
-        "elements": elements, "dofs": 30 * elements, "h": h, "forces": [curve.tolist() for curve in curves],
-        "newton_iterations": 50, "factorizations": 9, "loose_steps": 0, "tries": 1, "penalty_error": 1e-3,
-        "cpu_seconds": 0.02 * elements, "setup_seconds": 0.1, "memory": 3e8, "cause": None,
-    }  # fmt: skip
+    counts = {"newton_iterations": 50, "factorizations": 9, "tries": 1, "penalty_error": 1e-3}
+    costs = {"cpu_seconds": 0.02 * elements, "setup_seconds": 0.1, "memory": 300_000_000}
+    return Measured(elements, 30 * elements, h, tuple(curves), **counts, **costs)
 
 
 @pytest.fixture
@@ -244,7 +247,7 @@ def ideal(monkeypatch):
         asked.append(case.mesh.elements)
         return record(case.mesh.elements)
 
-    monkeypatch.setattr(mesh_check, "isolated", call)
+    monkeypatch.setattr(mesh_measurement, "isolated", call)
     return asked
 
 
@@ -284,7 +287,7 @@ def test_a_failed_mesh_is_shown_with_its_cause_and_the_rest_stands(ideal, monkey
             raise isolated.Died("killed")
         return record(case.mesh.elements)
 
-    monkeypatch.setattr(mesh_check, "isolated", call)
+    monkeypatch.setattr(mesh_measurement, "isolated", call)
     done, result = check(tmp_path)
     assert "failed    mesh.elements=320: its process was killed" in done.stdout
     assert [one["forces"] is None for one in result["meshes"]] == [False, False, False, True, False, False]
@@ -298,9 +301,9 @@ def test_a_mesh_that_needed_a_second_try_is_shown_and_not_counted(ideal, monkeyp
         found = record(case.mesh.elements)
         if case.mesh.elements != 320:
             return found
-        return {**found, "tries": 2, "forces": [[1.05 * x for x in force] for force in found["forces"]]}
+        return replace(found, tries=2, forces=tuple(1.05 * force for force in found.forces))
 
-    monkeypatch.setattr(mesh_check, "isolated", call)
+    monkeypatch.setattr(mesh_measurement, "isolated", call)
     done, result = check(tmp_path)
     assert "second try mesh.elements=320" in done.stdout and len(result["meshes"]) == 6
     assert [len(one["values"]) for one in result["quantities"]] == [5] * 4
@@ -312,9 +315,9 @@ def test_the_verdict_says_which_orders_are_believed(monkeypatch, tmp_path):
 
     def call(_, case):
         found = record(case.mesh.elements)
-        return {**found, "forces": [[28 - 2 * found["h"] ** 4] * 25, found["forces"][1]]}
+        return replace(found, forces=(np.full(25, 28 - 2 * found.h**4), found.forces[1]))
 
-    monkeypatch.setattr(mesh_check, "isolated", call)
+    monkeypatch.setattr(mesh_measurement, "isolated", call)
     _, result = check(tmp_path)
     assert "Observed order of the force: 1 (perpendicular)" in result["verdict"]
     assert "4 (parallel) is not believed" in result["verdict"]
@@ -325,17 +328,17 @@ def test_the_verdict_says_which_orders_are_believed(monkeypatch, tmp_path):
 def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, tmp_path):
     whole, _ = check(tmp_path, name="whole")
     del ideal[:]
-    real = mesh_check.isolated
+    real = mesh_measurement.isolated
 
     def killed(function, case):
         if len(ideal) == 3:
             raise KeyboardInterrupt
         return real(function, case)
 
-    monkeypatch.setattr(mesh_check, "isolated", killed)
+    monkeypatch.setattr(mesh_measurement, "isolated", killed)
     done = run("mesh-check", QUICK, "--elements", FAMILY, "--mesh-only", "-o", tmp_path / "out")
     assert done.exit_code == 130 and ideal == [40, 80, 160] and not (tmp_path / "out").exists()
-    monkeypatch.setattr(mesh_check, "isolated", real)
+    monkeypatch.setattr(mesh_measurement, "isolated", real)
     resumed, _ = check(tmp_path)
     assert ideal == [40, 80, 160, 320, 640, 1280]
     assert (
@@ -359,7 +362,7 @@ def test_a_check_killed_with_9_goes_on_with_the_same_numbers(tmp_path):
 
 @pytest.mark.parametrize("words", [("--sizes", "0.02,0.5"), ("--elements", "2000000,60")])
 def test_a_mesh_too_large_for_the_memory_is_refused_beforehand_with_the_estimate(ideal, tmp_path, monkeypatch, words):
-    monkeypatch.setattr(mesh_check, "available_memory", lambda: 8e9)
+    monkeypatch.setattr(mesh_family, "available_memory", lambda: 8e9)
     done = run("mesh-check", QUICK, *words, "-o", tmp_path / "out")
     assert done.exit_code == 2 and len(done.stderr.splitlines()) == 1
     assert "GB of memory, of which 8.0 GB are free; ask for a coarser mesh" in done.stderr
@@ -384,11 +387,11 @@ def test_the_estimate_of_the_size_is_near_the_mesh(element, elements):
 
 def test_a_mesh_is_measured_in_a_process_of_its_own(case):
     """Real mechanics: forces as simulate gives them, time and memory of that process alone."""
-    found = Measured(**isolated.isolated(measure, case))
+    found = isolated.isolated(measure, case)
     for force, test in zip(found.forces, simulate(case).tests, strict=True):
         assert np.allclose(force, test.force, rtol=1e-5)
     assert 0 < found.cpu_seconds < 60 and 50e6 < found.memory < 2e9
-    again = Measured(**isolated.isolated(measure, read_case(QUICK, [*SMALL[1:], f"mesh.size={found.h!r}"])))
+    again = isolated.isolated(measure, read_case(QUICK, [*SMALL[1:], f"mesh.size={found.h!r}"]))
     assert again.elements == found.elements and np.allclose(again.forces[0], found.forces[0], rtol=1e-9)  # h is mesh.size
 
 
@@ -515,11 +518,11 @@ def test_a_point_that_was_lost_for_want_of_memory_is_shown_but_computed_again_th
     case, path = read_case(QUICK, ["mesh.elements=24", "solver.element=q1p0", "fit.workers=1"]), tmp_path / LEDGER
     with monkeypatch.context() as patch, Ledger(path, case) as ledger:
         patch.setattr("indentfit.runs.bench.Bench.run", no_memory)
-        (lost,) = runs.evaluate([case], ledger)
+        (lost,) = runs.evaluate([case], Execution(ledger=ledger))
     assert lost.forces is None and "out of memory" in lost.cause
     with Ledger(path, case) as ledger:
         assert not ledger
-        (found,) = runs.evaluate([case], ledger)
+        (found,) = runs.evaluate([case], Execution(ledger=ledger))
         assert found.cause is None and len(ledger) == 2
 
 

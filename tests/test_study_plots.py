@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from indentfit.curve import Curve
+from indentfit.inference.result import ConfirmedPoint, Profile
 from indentfit.report import study_plots
 
 TESTS = {"parallel": 0, "a perpendicular test, second sample": 90}
@@ -49,9 +50,8 @@ def cost():
 
 
 def profile():
-    rows = [{"value": 3.0, "chi2": 4.2, "predicted": 4.0}, {"value": 5.0, "chi2": None, "predicted": 4.0}]
-    found = {"values": [3, 4, 5], "chi2": [4, 0, 4], "limit": 4.0, "interval": [3, 5], "confirmed": rows}
-    return study_plots.profile("zeta", found, 4.0)
+    runs = (ConfirmedPoint(value=3.0, chi2=4.2, predicted=4.0), ConfirmedPoint(value=5.0, chi2=None, predicted=4.0))
+    return study_plots.profile("zeta", Profile((3, 4, 5), (4, 0, 4), 4.0, (3, 5), runs), 4.0)
 
 
 def course():

@@ -2,16 +2,15 @@
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from indentfit.experiment.measured import read_case
+from indentfit.cli.progress import progress
+from indentfit.errors import CaseError
 
-from ..errors import CaseError
-from ..report.folder import copy_case, json_text, refuse_existing, result_folder, write_json
-from ..report.text_studies import design_lines
-from ..study.design import design
-from .progress import progress
+if TYPE_CHECKING:
+    from indentfit.case import Case
 
 
 @click.command(short_help="Say which test to do next.")
@@ -22,12 +21,26 @@ from .progress import progress
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder with a plot.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
-def command(case, overrides, result, noise, as_json, output, overwrite):
+def command(
+    case: str,
+    overrides: tuple[str, ...],
+    result: str | None,
+    noise: float | None,
+    as_json: bool,
+    output: str | None,
+    overwrite: bool,
+) -> None:
     """Rank further tests by how well they, together with those of CASE, would determine its worst parameter.
 
     Each candidate changes one thing: depth, angle, indenter, friction. The parameters are the case's start values, or those
     of --result. The noise is 1 % of the largest force unless --noise says otherwise.
     """
+    # imported when the command runs: --help and completion are quick without
+    from indentfit.experiment.measured import read_case
+    from indentfit.report.folder import json_text, refuse_existing
+    from indentfit.study.design import design
+    from indentfit.study.runs import Execution
+
     if output is None and overwrite:
         raise click.UsageError("--overwrite needs -o DIR")
     read = read_case(case, overrides)
@@ -39,15 +52,15 @@ def command(case, overrides, result, noise, as_json, output, overwrite):
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
     with progress("design", total=1) as step:
-        found = design(read, parameters, noise, step)
+        designed = design(read, parameters, noise, Execution(progress=step))
     if output is not None:
-        _write(output, overwrite, read, found)
-    click.echo(json_text(found.as_json()) if as_json else "\n".join(design_lines(found)))
+        designed.write(output, overwrite)
+    click.echo(json_text(designed.as_json()) if as_json else designed.summary())
     if output is not None and not as_json:
         click.echo(f"written   {output}")
 
 
-def _parameters(case, folder):
+def _parameters(case: "Case", folder: str) -> dict[str, float]:
     """The parameters of a result folder, which must be those of the case's material."""
     path = Path(folder) / "result.json"
     try:
@@ -62,12 +75,3 @@ def _parameters(case, folder):
         name: min(max(value, case.free[name].min), case.free[name].max) if name in case.free else value
         for name, value in values.items()
     }
-
-
-def _write(path, overwrite, case, found):
-    from ..report.plots import designs  # matplotlib is slow to import
-
-    with result_folder(path, overwrite) as folder:
-        again = copy_case(case, folder)
-        write_json(folder / "design.json", {**found.as_json(), "case_hash": case.hash, "overrides": list(again)})
-        designs(found.as_json(), Path(folder) / "design")

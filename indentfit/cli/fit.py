@@ -99,7 +99,7 @@ def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_
     """Fit each sample of the table beside the case; a result folder with a folder and a ledger for each of them."""
     from ..experiment.specimens import TABLE, read_specimens
     from ..inference.per_sample import parameter_spread, sample_cases
-    from ..report.per_sample import sample_facts, sample_lines, write_samples_table
+    from ..report.per_sample import per_sample_json, sample_lines, write_samples_table
     from ..report.vtu import file_names
 
     cases = sample_cases(path, read_specimens(Path(path).parent / TABLE), overrides)
@@ -113,8 +113,7 @@ def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_
         clear_all_but(folder, named)
         fits = _fits(folder, named, resume, target, reuse, cluster, stop)
         spread = parameter_spread(fits)
-        samples = [sample_facts(one, name) for one, name in zip(fits, named, strict=True)]
-        written = {"format": "indentfit.per_sample/1", "samples": samples, "spread": spread}
+        written = per_sample_json(fits, list(named), spread)
         write_json(folder / "per_sample.json", written)
         write_samples_table(folder / "per_sample.csv", fits)
     click.echo(json_text(written) if as_json else "\n".join([*sample_lines(fits, spread), f"written   {output}"]))

@@ -47,6 +47,12 @@ def saying_what_is_kept(ledger, what="fit", remedy="--resume"):
         raise Stopped(f"the {what} was stopped at once; {_kept(ledger, remedy)}") from error
 
 
+def saying_what_was_done(ledger):
+    """Says how many runs an earlier run of the same command has left."""
+    if ledger.has_own:
+        click.echo(f"resumed: {len(ledger)} runs are there from an earlier run", err=True)
+
+
 def _take_over(ledger, source, needed):
     """Runs of another ledger; says how many. One that is only replaced does not end the command if it cannot be read."""
     try:

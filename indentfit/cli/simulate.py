@@ -1,17 +1,16 @@
 """`indentfit simulate`: the curves of a case at given parameters, and its stress fields."""
 
-import importlib.metadata
+from typing import TYPE_CHECKING
 
 import click
 
-from indentfit.experiment.measured import read_case
+from indentfit.cli.progress import progress
 
-from ..fem.simulate import Model
-from ..report.folder import case_facts, copy_case, json_text, refuse_existing, result_folder, write_curves, write_json
-from ..report.text import simulation_lines
-from ..runs.forward import presses_of
-from ..runs.points import setup_of
-from .progress import progress
+if TYPE_CHECKING:
+    from indentfit.case import Case
+    from indentfit.fem.result import Simulation
+    from indentfit.fem.simulate import Model
+    from indentfit.material import Material
 
 
 @click.command(short_help="Compute the curves of a case, and its stresses.")
@@ -21,13 +20,31 @@ from .progress import progress
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--vtu", is_flag=True, help="Write the fields at the last displacement, too (needs -o).")
-@click.option("--series", is_flag=True, help="The same at every step, as a series for ParaView (needs -o).")
-@click.option("--whole", is_flag=True, help="Fields of the whole sample, mirrored from the quarter that is computed (needs -o).")
-def command(case, overrides, as_json, output, overwrite, vtu, series, whole):
+@click.option("--series", is_flag=True, help="Write the fields at every step, as a series for ParaView (needs -o).")
+@click.option("--whole", is_flag=True, help="Write the fields of the whole sample, mirrored from the quarter (needs -o).")
+def command(
+    case: str,
+    overrides: tuple[str, ...],
+    as_json: bool,
+    output: str | None,
+    overwrite: bool,
+    vtu: bool,
+    series: bool,
+    whole: bool,
+) -> None:
     """Compute the force-displacement curves of the case file CASE.
 
-    A parameter that the case leaves free has its start value; another one by --set material.NAME.start=VALUE.
+    A parameter that the case leaves free has its start value; give another one by --set material.NAME.start=VALUE.
     """
+    # imported when the command runs: --help and completion are quick without
+    from indentfit.experiment.measured import read_case
+    from indentfit.fem.simulate import Model
+    from indentfit.report.fields import FieldChoice
+    from indentfit.report.folder import json_text, refuse_existing
+    from indentfit.report.study_folder import SimulatedCase, write_simulation
+    from indentfit.report.text import simulation_lines
+    from indentfit.runs.points import setup_of
+
     needing = {"--vtu": vtu, "--series": series, "--whole": whole, "--overwrite": overwrite}
     if output is None and any(needing.values()):
         raise click.UsageError(f"{next(name for name, given in needing.items() if given)} needs -o DIR")
@@ -40,7 +57,9 @@ def command(case, overrides, as_json, output, overwrite, vtu, series, whole):
     model = Model(setup_of(read))
     simulation = _simulated(model, material, read)
     if output is not None:
-        _write(output, overwrite, read, model, material, simulation, (vtu, series, whole))
+        simulated = SimulatedCase(read, model, material, simulation)
+        choice = FieldChoice(series=series, whole=whole) if vtu or series or whole else None
+        write_simulation(simulated, output, choice, overwrite)
     if as_json:
         click.echo(json_text(simulation.as_json()))
         return
@@ -49,41 +68,10 @@ def command(case, overrides, as_json, output, overwrite, vtu, series, whole):
         click.echo(f"written   {output}")
 
 
-def _simulated(model, material, case):
+def _simulated(model: "Model", material: "Material", case: "Case") -> "Simulation":
     """The Simulation, with its progress on stderr."""
+    from indentfit.runs.forward import presses_of
+
     order = {test.name: n for n, test in enumerate(case.tests)}
     with progress("simulate", total=len(case.tests)) as step:
         return model.simulate(presses_of(case, material), lambda name, share: step(order[name] + share, name))
-
-
-def _write(path, overwrite, case, model, material, simulation, fields):
-    """The result folder: simulation.json, curves.csv, the figure, the case, and asked, the fields."""
-    from ..report.html import write_report
-    from ..report.plots import force_displacement  # matplotlib is slow to import
-
-    simulated = {test.name: test.curve for test in simulation.tests}
-    measured = [(test.name, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
-    with result_folder(path, overwrite) as folder:
-        again = copy_case(case, folder)
-        write_json(folder / "simulation.json", {**_origin(case, material, again), **simulation.as_json(), "case": case_facts(case)})
-        write_curves(folder / "curves.csv", simulated)
-        force_displacement(measured, list(simulated.items()), folder / "force_displacement")
-        if any(fields):
-            from ..report.fields import write_fields
-
-            kappa = case.material.bulk_modulus(material.shear_modulus)
-            _, series, whole = fields
-            write_fields(folder / "fields", model, material, kappa, simulation.tests, series=series, mirror=whole)
-        write_report(folder)
-
-
-def _origin(case, material, overrides):
-    """What the result is of: enough to get it again."""
-    return {
-        "format": "indentfit.simulation/1",
-        "indentfit": importlib.metadata.version("indentfit"),
-        "title": case.title,
-        "case_hash": case.hash,
-        "overrides": list(overrides),
-        "parameters": {name: getattr(material, name) for name in type(material).parameters},
-    }

@@ -1,13 +1,19 @@
 """The folder fields/ of a result: VTU files of each test, a series of them for ParaView, and pictures for the report."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from ..fem.fields import recover
-from .folder import write_json
-from .mirror import whole
-from .stress_plots import displacement_picture, peak_words, peaks, stress_picture
-from .vtu import file_names, write_vtu
+from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.fields import Fields, recover
+from indentfit.fem.result import TestResult
+from indentfit.fem.simulate import Model
+from indentfit.material import Material
+from indentfit.report.folder import write_json
+from indentfit.report.mirror import whole
+from indentfit.report.stress_plots import Shown, displacement_picture, peak_words, peaks, stress_picture
+from indentfit.report.vtu import file_names, write_vtu
 
 PICTURES = "pictures.json"  # what the report shows
 COLLECTION = """<?xml version="1.0"?>
@@ -18,43 +24,60 @@ COLLECTION = """<?xml version="1.0"?>
 """
 
 
-def write_fields(folder, model, material, kappa, tests, vtu=True, series=False, mirror=False):
-    """Write VTU files and pictures of simulated tests (TestResult) of fem.simulate.Model `model` at their last displacement.
+@dataclass(frozen=True)
+class FieldChoice:
+    """Which fields of a simulation are written: at the last depth, as a series of all steps, mirrored to the whole sample."""
 
-    mirror: of the whole sample, not of the quarter that was computed; series: also every equilibrium on the way, as NAME.pvd with
-    the indenter's displacement (mm) in place of the time.
+    vtu: bool = True
+    series: bool = False
+    whole: bool = False
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Simulated tests with what they were made of: the model, the material and its bulk modulus, kPa."""
+
+    model: Model
+    material: Material
+    kappa: float
+    tests: Sequence[TestResult]
+
+    def fields(self, test: TestResult, mirror: bool, equilibrium: Equilibrium | None = None) -> Fields:
+        """Fields of a test at one of its equilibria, by default the last; mirror: of the whole sample."""
+        fields = recover(self.model, test, self.material, self.kappa, equilibrium)
+        return whole(fields) if mirror else fields
+
+
+def write_fields(folder: Path, solved: Solved, choice: FieldChoice = FieldChoice()) -> None:
+    """Write VTU files and pictures of simulated tests into a new folder.
+
+    A series holds every equilibrium on the way, as NAME.pvd with the indenter's displacement (mm) in place of the time.
     """
-    folder = Path(folder)
     folder.mkdir()
-    names = file_names([test.name for test in tests])
+    names = file_names([test.name for test in solved.tests])
     shown = []
-    for test, name in zip(tests, names, strict=True):
-        fields = _recovered(model, test, material, kappa, mirror)
+    for test, name in zip(solved.tests, names, strict=True):
+        fields = solved.fields(test, choice.whole)
         shown.append((test.name, test.angle, fields))
-        if vtu:
+        if choice.vtu:
             write_vtu(folder / f"{name}.vtu", fields)
-        if series:
-            write_series(folder, name, model, material, kappa, test, mirror)
-    write_pictures(folder, names, shown, mirror)
+        if choice.series:
+            write_series(folder, name, solved, test, choice.whole)
+    write_pictures(folder, names, shown, choice.whole)
 
 
-def _recovered(model, test, material, kappa, mirror, equilibrium=None):
-    fields = recover(model, test, material, kappa, equilibrium)
-    return whole(fields) if mirror else fields
-
-
-def write_series(folder, name, model, material, kappa, test, mirror=False):
+def write_series(folder: Path, name: str, solved: Solved, test: TestResult, mirror: bool = False) -> None:
     """NAME.pvd, a collection of a VTU file in NAME/ for each equilibrium of a test."""
     (folder / name).mkdir()
     entries = []
     for n, equilibrium in enumerate(test.path):
         file = f"{name}/{name}-{n:03d}.vtu"
-        write_vtu(folder / file, _recovered(model, test, material, kappa, mirror, equilibrium))
+        write_vtu(folder / file, solved.fields(test, mirror, equilibrium))
         entries.append(f'    <DataSet timestep="{equilibrium.depth:.9g}" part="0" file={quoteattr(file)}/>\n')
     (folder / f"{name}.pvd").write_text(COLLECTION.format("".join(entries)), encoding="utf-8")
 
 
-def write_pictures(folder, names, shown, mirror=False):
+def write_pictures(folder: Path, names: Sequence[str], shown: Shown, mirror: bool = False) -> None:
     """PNG pictures of (test, angle, Fields), and what the report says of them."""
     sample, view = "quarter sample", "seen from outside of both planes of symmetry"
     if mirror:

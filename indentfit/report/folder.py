@@ -3,20 +3,23 @@
 import contextlib
 import csv
 import hashlib
-import inspect
 import json
 import math
 import os
 import shlex
 import shutil
 import uuid
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
+from typing import Any
 
 import numpy as np
 
-from indentfit.case import write_case
+from indentfit.case import Case, write_case
+from indentfit.curve import Curve
+from indentfit.errors import OutputError
 
-from ..errors import OutputError
+PathLike = str | Path
 
 # what tells a result folder from any other
 RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json", "design.json")
@@ -26,7 +29,7 @@ FIGURES = (".svg", ".png")
 
 
 @contextlib.contextmanager
-def result_folder(path, overwrite=False):
+def result_folder(path: PathLike, overwrite: bool = False) -> Iterator[Path]:
     """Context that gives a temporary folder beside `path`, and renames it to `path` when the block ends well.
 
     When the block fails, the temporary folder goes and whatever `path` held stays. Raises OutputError where the
@@ -46,7 +49,7 @@ def result_folder(path, overwrite=False):
 
 
 @contextlib.contextmanager
-def lasting_folder(path, overwrite=False):
+def lasting_folder(path: PathLike, overwrite: bool = False) -> Iterator[Path]:
     """Like `result_folder`, for a long run: what it has put into its ledger stays, beside `path`, where the block fails.
 
     The folder that it gives is `unfinished(path)`, new or left by an earlier run; it is taken away with its block only
@@ -66,35 +69,35 @@ def lasting_folder(path, overwrite=False):
             shutil.rmtree(place, ignore_errors=True)
 
 
-def unfinished(path):
+def unfinished(path: PathLike) -> Path:
     """The folder beside `path` where a long run keeps what it has, until its result is whole."""
     target = Path(path).resolve()
     name = target.name if len(target.name) <= 60 else f"{target.name[:40]}-{_short_hash(target.name)}"
     return target.with_name(f".{name}.unfinished")
 
 
-def ledgers(place):
+def ledgers(place: PathLike) -> list[Path]:
     """The ledgers of a long run in its unfinished folder: its own, or those of its samples."""
-    return [one for one in (Path(place) / LEDGER, *sorted(Path(place).glob(f"*/{LEDGER}"))) if one.exists()]
+    return [ledger for ledger in (Path(place) / LEDGER, *sorted(Path(place).glob(f"*/{LEDGER}"))) if ledger.exists()]
 
 
-def clear(folder):
+def clear(folder: PathLike) -> None:
     """Take away what an earlier run left half written in its unfinished folder: all but its ledger."""
-    clear_all_but(folder, [one.name for one in Path(folder).glob(f"{LEDGER}*") if not one.is_dir()])
+    clear_all_but(folder, [file.name for file in Path(folder).glob(f"{LEDGER}*") if not file.is_dir()])
 
 
-def clear_all_but(folder, names):
+def clear_all_but(folder: PathLike, names: Collection[str]) -> None:
     """Take away what is in a run's unfinished folder under other names."""
-    for one in Path(folder).iterdir():
-        if one.name in names:
+    for inner in Path(folder).iterdir():
+        if inner.name in names:
             continue
-        if one.is_dir() and not one.is_symlink():
-            shutil.rmtree(one)
+        if inner.is_dir() and not inner.is_symlink():
+            shutil.rmtree(inner)
         else:
-            one.unlink()
+            inner.unlink()
 
 
-def refuse_existing(path, overwrite=False):
+def refuse_existing(path: PathLike, overwrite: bool = False) -> Path:
     """Raise OutputError unless a result folder can be written at `path`: ask before a long computation.
 
     With overwrite, an earlier result folder and an empty folder may be replaced, and nothing else. Returns the
@@ -117,29 +120,17 @@ def refuse_existing(path, overwrite=False):
     return target
 
 
-def case_facts(case):
-    """What a report says of a case: its tables, its tests with their number of points and depth, the equation of its material and
-    the units of its parameters ("1": none)."""
-    sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
-    tests = [
-        {**test.model_dump(mode="json"), "n": len(case.outputs(test)), "depth_mm": float(case.outputs(test)[-1])}
-        for test in case.tests
-    ]
-    units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
-    return {**sections, "tests": tests, "equation": inspect.getdoc(case.law) or "", "units": units}
-
-
-def write_json(path, value):
+def write_json(path: PathLike, value: Any) -> None:
     """Write a value as JSON."""
     Path(path).write_text(json_text(value) + "\n", encoding="utf-8")
 
 
-def json_text(value):
+def json_text(value: Any) -> str:
     """A value as strict JSON: NumPy numbers and arrays as plain ones, NaN and infinity, which JSON has not, as null."""
     return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False)
 
 
-def write_curves(path, simulated, measured=None):
+def write_curves(path: PathLike, simulated: Mapping[str, Curve], measured: Mapping[str, Curve] | None = None) -> None:
     """Write curves (name -> Curve) as one CSV with the columns test, displacement_mm, force_mN.
 
     measured: name -> Curve with the same displacements, or None; its forces make a fourth column, measured_force_mN.
@@ -156,7 +147,7 @@ def write_curves(path, simulated, measured=None):
             table.writerows([name, *row] for row in zip(*columns, strict=True))
 
 
-def copy_case(case, folder):
+def copy_case(case: Case, folder: PathLike) -> tuple[str, ...]:
     """Copy the case file, verbatim, as case.toml, with the curves and the plugin it names, to be run again.
 
     A file that the case names by a path inside of its own folder keeps that path; one from elsewhere goes to curves/ or
@@ -183,10 +174,10 @@ def copy_case(case, folder):
     return overrides
 
 
-def _files_named(case):
+def _files_named(case: Case) -> Iterator[tuple[str, str, str, str]]:
     """Key, file name, folder for it, and what the key holds after the name, of each file that the case names."""
     for test in case.tests:
-        if test.curve is not None:
+        if isinstance(test.curve, str):
             yield f"test.{test.name}.curve", test.curve, "curves", ""
         if test.record is not None:
             yield f"test.{test.name}.record", test.record, "records", ""
@@ -195,12 +186,12 @@ def _files_named(case):
         yield "material.model", file, "plugins", f":{kind}"
 
 
-def _places(names):
+def _places(names: Sequence[str]) -> dict[str, str]:
     """File name -> its place in the result folder, for those that can keep their place."""
     return {name: place for name in names if (place := _inside(name))}
 
 
-def _inside(name):
+def _inside(name: str) -> str | None:
     """A path as it is written inside of a folder; None where it leads out of it or to one of the result's own files."""
     path = PurePath(name)
     if path.is_absolute() or ".." in path.parts or path.parts[0].lower() in FILES:
@@ -208,14 +199,14 @@ def _inside(name):
     return None if len(path.parts) == 1 and path.suffix.lower() in FIGURES else path.as_posix()
 
 
-def _free_place(place, places):
+def _free_place(place: str, places: Mapping[str, str]) -> str:
     path, taken = PurePath(place), {other.lower() for other in places.values()}
     choices = (path.with_stem(path.stem + (f"-{n}" if n > 1 else "")) for n in range(1, len(taken) + 2))
-    return next(one.as_posix() for one in choices if one.as_posix().lower() not in taken)
+    return next(choice.as_posix() for choice in choices if choice.as_posix().lower() not in taken)
 
 
-def _run_again(overrides):
-    options = " ".join(f"--set {shlex.quote(one)}" for one in overrides)
+def _run_again(overrides: Sequence[str]) -> str:
+    options = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
     return (
         "case.toml is a verbatim copy. The case that was run had keys set on the command line, or files from outside\n"
         "of its folder, which are now in curves/ or plugins/. To run it again, from this folder:\n\n"
@@ -223,7 +214,7 @@ def _run_again(overrides):
     )
 
 
-def _refuse_what_is_there(path, target, overwrite):
+def _refuse_what_is_there(path: PathLike, target: Path, overwrite: bool) -> None:
     if not target.is_dir():
         raise OutputError(f"{path}: a file has that name; choose another folder")
     if not overwrite:
@@ -232,15 +223,15 @@ def _refuse_what_is_there(path, target, overwrite):
         raise OutputError(f"{path}: not a result folder of indentfit, so it is not overwritten; choose another folder")
 
 
-def _beside(target, what):
+def _beside(target: Path, what: str) -> Path:
     return target.with_name(f".{target.name[:60]}.{uuid.uuid4().hex[:8]}.{what}")
 
 
-def _short_hash(text):
+def _short_hash(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()[:12]
 
 
-def _put_in_place(temporary, target):
+def _put_in_place(temporary: Path, target: Path) -> None:
     """Rename, with what was there moved aside first, and back again if the renaming fails."""
     if not target.exists():
         temporary.rename(target)
@@ -255,12 +246,12 @@ def _put_in_place(temporary, target):
     shutil.rmtree(aside, ignore_errors=True)
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """Dictionaries, lists, numbers, strings and None in place of what NumPy and paths hold them in."""
     if isinstance(value, dict):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(inner) for inner in value]
     if isinstance(value, np.ndarray | np.generic):
         return _plain(value.tolist())
     if isinstance(value, float):

@@ -3,41 +3,43 @@
 Everything is read from the folder itself, so that the page can be drawn again later and elsewhere.
 """
 
-import json
 import os
 from pathlib import Path
 
 import jinja2
 
-from ..errors import IndentfitError, OutputError
-from . import html_fit, html_studies
-from .page import Page, render
+from indentfit.errors import IndentfitError, OutputError
+from indentfit.inference.result import FitResult
+from indentfit.report.html_fit import fit_page
+from indentfit.report.html_simulation import simulation_page
+from indentfit.report.html_studies import mesh_check_page, sweep_page
+from indentfit.report.page import Page, render
+from indentfit.report.schema import Stored, read_result
+from indentfit.study.mesh_check import MeshCheck
+from indentfit.study.sweep import Sweep
 
-RESULT_FILES = ("result.json", "simulation.json")
-KINDS = {
-    "fit": html_fit.fit_page,  # of version 0.1
-    "indentfit.fit/2": html_fit.fit_page,
-    "indentfit.simulation/1": html_fit.simulation_page,
-    "indentfit.sweep/1": html_studies.sweep_page,
-    "indentfit.mesh-check/1": html_studies.mesh_check_page,
-}
 # What values of other kinds than promised make of a page.
 DAMAGE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, IndentfitError, jinja2.TemplateError)
 
 
-def write_report(folder):
-    """Write report.html into a result folder, whole or not at all; returns its path.
+def write_report(folder: str | Path) -> Path:
+    """Write report.html into a result folder, whole or not at all.
 
-    Raises OutputError where the folder is no result folder, or of a version that this one does not know.
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    OutputError
+        The folder is no result folder, is damaged, or is of a version that this one does not know.
     """
     folder = Path(folder)
-    result = _result(folder)
-    kind = str(result.get("format", "fit" if "format_version" in result else None))
-    if kind not in KINDS:
-        raise OutputError(f"{folder}: a result of an unknown format ({kind[:60]!r}); use the indentfit that wrote it")
     try:
-        page: Page = KINDS[kind](folder, result)
-        text = render(page).encode("utf-8")
+        text = render(_page(read_result(folder))).encode("utf-8")
+    except OutputError:
+        raise
     except DAMAGE as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise OutputError(f"{folder}: its result file is damaged or not complete ({what}); run the command again") from error
@@ -50,13 +52,10 @@ def write_report(folder):
     return path
 
 
-def _result(folder):
-    for name in RESULT_FILES:
-        if (folder / name).is_file():
-            try:
-                found = json.loads((folder / name).read_text(encoding="utf-8"))
-            except (ValueError, OSError, RecursionError) as error:
-                raise OutputError(f"{folder / name}: cannot be read ({error}); run the command again") from error
-            if isinstance(found, dict):
-                return found
-    raise OutputError(f"{folder}: not a result folder of indentfit: it has no result.json; name the folder of a result")
+def _page(stored: Stored) -> Page:
+    result = stored.result
+    if isinstance(result, FitResult):
+        return fit_page(stored, result)
+    if isinstance(result, Sweep):
+        return sweep_page(stored, result)
+    return mesh_check_page(stored, result) if isinstance(result, MeshCheck) else simulation_page(stored, result)

@@ -2,100 +2,81 @@
 
 import shlex
 
-from indentfit import indenters, samples
+from indentfit.report.page import Code, Lines, Part, Section, Table, Text
+from indentfit.report.schema import CaseFacts, Stored
 
-from .page import Code, Lines, Part, Section, Table, Text
 
-
-def case_words(case):
-    """Lines on a case, from `report.folder.case_facts`; () where a result has none."""
-    if not case:
-        return ()
-    sample, indenter, mesh, material = (case[name] for name in ("sample", "indenter", "mesh", "material"))
-    lines = [f"Sample: {_shape(samples.SHAPES, sample)}, thickness {number(sample['thickness'])} mm, {sample['base']} base"]
-    friction = "sticking" if indenter["friction"] == "stick" else f"friction coefficient {number(indenter['friction'])}"
-    lines.append(f"Indenter: rigid {_shape(indenters.SHAPES, indenter)}, {friction}")
-    bulk = (
-        f"bulk modulus {number(material['kappa'])} kPa"
-        if material["kappa"]
-        else f"bulk modulus {number(material['bulk_ratio'])} x shear modulus"
-    )
-    lines.append(f"Material: {material['model'] or material['energy']}, {bulk}")
-    if case.get("equation"):
-        lines.append(f"Energy: {' '.join(case['equation'].split())}")
-    asked = (
-        f"elements of {number(mesh['size'])} mm"
-        if mesh["size"]
-        else f"about {mesh['elements']} elements"
-        if mesh["elements"]
-        else "the default"
-    )
-    lines.append(f"Mesh of the quarter sample: {asked}, {case['solver']['element']} bricks")
+def case_words(case: CaseFacts) -> tuple[str, ...]:
+    """Lines on a case."""
+    material, mesh = case.material, case.mesh
+    bulk = f"bulk modulus {number(material.kappa)} kPa" if material.kappa else ""
+    bulk = bulk or f"bulk modulus {number(material.bulk_ratio)} x shear modulus"
+    asked = f"elements of {number(mesh.size)} mm" if mesh.size else f"about {mesh.elements} elements" if mesh.elements else ""
+    lines = [
+        f"Sample: {case.sample}",
+        f"Indenter: {case.indenter}",
+        f"Material: {material.model or material.energy}, {bulk}",
+        *([f"Energy: {' '.join(case.equation.split())}"] if case.equation else []),
+        f"Mesh of the quarter sample: {asked or 'the default'}, {case.element} bricks",
+    ]
     return tuple(lines)
 
 
-def _shape(shapes, table):
-    """A shape in its own words; its name alone where the package that offers it is not installed here."""
-    shape = shapes.make(table)
-    return shape.words() if shape else table["shape"]
-
-
-def tests_table(case, caption):
+def tests_table(case: CaseFacts, caption: str) -> Table:
     """The tests of a case."""
-    rows = [
+    rows = tuple(
         (
-            test["name"],
-            f"{test['angle']}",
-            test["curve"] or "none: simulated only",
-            str(test["n"]),
-            number(test["depth_mm"]),
-            number(test["weight"]),
+            test.name,
+            f"{test.angle}",
+            test.source or "none: simulated only",
+            str(test.points),
+            number(test.depth),
+            number(test.weight),
         )
-        for test in case["tests"]
-    ]
-    return Table(caption, ("Test", "Fibre angle (°)", "Curve", "Points", "Depth (mm)", "Weight"), tuple(rows))
+        for test in case.tests
+    )
+    return Table(caption, ("Test", "Fibre angle (°)", "Curve", "Points", "Depth (mm)", "Weight"), rows)
 
 
-def again_section(folder, result, command):
+def again_section(stored: Stored, command: str) -> Section:
     """The case file, and the commands that give the result again."""
-    overrides = result.get("overrides", [])
-    options = "".join(f" --set {shlex.quote(one)}" for one in overrides)
+    options = "".join(f" --set {shlex.quote(override)}" for override in stored.overrides)
     parts: list[Part] = [
         Text("From this folder:"),
         Code("Command that gives this result again", f"indentfit {command} case.toml{options} -o ../again"),
     ]
-    versions = result.get("versions") or {}
-    hashes = result.get("case_hash")
-    facts = [f"Hash of the case: {hashes}"] if hashes else []
-    facts += [f"Versions: {', '.join(f'{name} {version}' for name, version in versions.items())}"] if versions else []
+    facts = [f"Hash of the case: {stored.case_hash}"] if stored.case_hash else []
+    if stored.versions:
+        facts.append(f"Versions: {', '.join(f'{name} {version}' for name, version in stored.versions.items())}")
     if facts:
         parts.append(Lines(tuple(facts)))
-    if overrides:
+    if stored.overrides:
         parts.append(Text("The file below is a verbatim copy; the keys after --set replace its own."))
-    if (folder / "case.toml").is_file():
-        parts.append(Code("The case file", (folder / "case.toml").read_text(encoding="utf-8-sig")))
+    copy = stored.folder / "case.toml"
+    if copy.is_file():
+        parts.append(Code("The case file", copy.read_text(encoding="utf-8-sig")))
     return Section("again", "The case, and how to get this again", tuple(parts))
 
 
-def number(value, digits=4):
+def number(value: float | str | None, digits: int = 4) -> str:
     """A number in words; a dash where there is none."""
     if value is None:
         return "–"
     return value if isinstance(value, str) else f"{value:.{digits}g}"
 
 
-def computed(value, digits=4):
+def computed(value: float | None, digits: int = 4) -> str:
     """A number in words with all of its digits, zeros too, so that those of a column can be compared."""
     if value is None:
         return "–"
     return f"{value:,.0f}" if abs(value) >= 10**digits else f"{value:#.{digits}g}".rstrip(".")
 
 
-def percent(share, digits=3):
+def percent(share: float | None, digits: int = 3) -> str:
     """A share in percent."""
     return "–" if share is None else f"{100 * share:.{digits}g} %"
 
 
-def signed_percent(share):
+def signed_percent(share: float | None) -> str:
     """A change in percent, with its sign."""
     return "–" if share is None else f"{100 * share:+.2f} %"

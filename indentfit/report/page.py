@@ -12,14 +12,16 @@ import itertools
 import re
 import struct
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import jinja2
 import matplotlib
 from markupsafe import Markup, escape
+from matplotlib.figure import Figure
 
-from .style import STYLE
+from indentfit.report.style import STYLE
 
 HERE = Path(__file__).parent
 SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
@@ -55,13 +57,13 @@ class Table:
     kind = "table"
 
     @property
-    def numeric(self):
+    def numeric(self) -> list[bool]:
         """Whether each column holds numbers."""
-        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
+        columns: Iterable[tuple[str, ...]] = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
         return [all(re.fullmatch(r"[-+−±]?[\d.,]+(e[-+]?\d+)?( ?%)?|–|", cell) for cell in column) for column in columns]
 
     @property
-    def stacked(self):
+    def stacked(self) -> bool:
         """Whether it is too wide for a phone."""
         return len(self.header) > STACKED
 
@@ -119,12 +121,12 @@ class Page:
     sections: tuple[Section, ...]
 
 
-def marked(text):
+def marked(text: str) -> Markup:
     """A sentence of ours, escaped, with what stands between backticks as code, and no line's end before a percent sign."""
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", str(escape(text)))))
 
 
-def render(page):
+def render(page: Page) -> str:
     """The HTML of a Page."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(HERE),
@@ -143,7 +145,7 @@ def render(page):
     )
 
 
-def drawn(figure, caption, alt, number=itertools.count()):  # noqa: B008 - the count shall go on
+def drawn(figure: Figure, caption: str, alt: str, number: Iterator[int] = itertools.count()) -> Picture:  # noqa: B008 - the count shall go on
     """The Picture of a matplotlib figure, as SVG to be put into the page."""
     text = io.StringIO()
     with matplotlib.rc_context(STYLE):
@@ -151,17 +153,17 @@ def drawn(figure, caption, alt, number=itertools.count()):  # noqa: B008 - the c
     return Picture(caption, alt, svg=_inline(text.getvalue(), f"f{next(number)}-", alt))
 
 
-def image(path, caption, alt):
+def image(path: str | Path, caption: str, alt: str) -> Picture:
     """The Picture of a PNG file."""
     raw = Path(path).read_bytes()
     width, height = struct.unpack(">II", raw[16:24])
     return Picture(caption, alt, source=f"data:image/png;base64,{base64.b64encode(raw).decode()}", width=width, height=height)
 
 
-def _inline(text, prefix, alt):
+def _inline(text: str, prefix: str, alt: str) -> Markup:
     """SVG for the inside of a page: no names of its own that another figure has, too, and no styles that a policy forbids."""
     root = ET.fromstring(text)  # comments, which hold the texts, are left out
-    names = {element.get("id") for element in root.iter()} - {None}
+    names = {name for element in root.iter() if (name := element.get("id"))}
     for parent in list(root.iter()):
         for child in list(parent):
             if child.tag.rpartition("}")[2] in NOT_SHOWN:
@@ -187,8 +189,8 @@ def _inline(text, prefix, alt):
     return Markup(ET.tostring(root, encoding="unicode"))
 
 
-def _drop_unused_names(root, names):
-    used = set()
+def _drop_unused_names(root: ET.Element, names: set[str]) -> None:
+    used: set[str] = set()
     for element in root.iter():
         for value in element.attrib.values():
             used |= set(re.findall(r"#([^)\s]+)", value))

@@ -2,16 +2,28 @@
 
 import itertools
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from .style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
+from indentfit.arrays import Array
+from indentfit.curve import Curve
+from indentfit.inference.result import FitResult, ParameterEstimate, Profile
+from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
+from indentfit.study.design import Design
+
+Named = Sequence[tuple[str, Curve]]  # tests by name
+Place = str | Path | None  # saved with the endings .svg and .png, nowhere for None
+Look = tuple[str, str, Any]  # colour, marker, dashes
+Looks = dict[str, Look]
 
 TICKS = (1, 2, 2.5, 5, 10)
 SHORT = 24  # letters of a name that leave room for another column of the legend
@@ -20,7 +32,7 @@ WIDEST_LABEL = 52  # letters
 SMALL = {"markersize": 2.4, "markeredgewidth": 0.6}
 
 
-def force_displacement(measured, simulated, path):
+def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure:
     """Measured curves as markers, simulated ones as lines; below, simulated minus measured where both are given.
 
     measured, simulated: lists of (name of the test, Curve); a test has one colour in both. Saves path.svg and
@@ -39,29 +51,27 @@ def force_displacement(measured, simulated, path):
             upper.plot(curve.displacement, curve.force, markevery=_every(curve), zorder=2, **_markers(looks[name]))
         for name, given, curve in pairs:
             colour, _, _ = looks[name]
+            assert lower is not None  # there are pairs
             displacement, difference = residual(given, curve)
             lower.plot(displacement, difference, color=colour, linewidth=0.5)
             lower.plot(displacement, difference, markevery=_every(given), **_markers(looks[name]) | SMALL)
         drawn = [kind for kind, curves in (("measured", measured), ("simulated", simulated)) if curves]
-        _finish(figure, upper, lower, names, looks, drawn)
+        _finish(figure, (upper, lower), names, looks, drawn)
         save(figure, path)
     return figure
 
 
-def profiles(found, parameters, path):
-    """Profile likelihoods, one panel for each parameter: chi2 against its value, the limit of 95 %, and the runs.
-
-    found: name -> {values, chi2, limit, interval, confirmed}; parameters: name -> {value, unit}. Saves as above.
-    """
-    columns = min(len(found), 3)
-    rows = -(-len(found) // columns)
+def profiles(result: FitResult, path: Place = None) -> Figure:
+    """Profile likelihoods of a fit, one panel for each parameter: chi2 against its value, the limit of 95 %, and the runs."""
+    columns = min(len(result.profiles), 3)
+    rows = -(-len(result.profiles) // columns)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN * (0.45 + 0.55 * columns), 0.62 * COLUMN * rows), layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for ax, (name, one) in zip(axes, found.items(), strict=False):
-            _profile(ax, name, one, parameters[name])
-        for ax in axes[len(found) :]:
+        for ax, (name, profile) in zip(axes, result.profiles.items(), strict=False):
+            _profile(ax, name, profile, result.parameters[name])
+        for ax in axes[len(result.profiles) :]:
             ax.set_axis_off()
         for ax in axes[::columns]:
             ax.set_ylabel("χ² above the least")
@@ -69,24 +79,25 @@ def profiles(found, parameters, path):
     return figure
 
 
-def _profile(ax, name, one, parameter):
-    top = 2 * one["limit"] if one["limit"] else max(one["chi2"])
-    ax.plot(one["values"], one["chi2"], color=COLOURS[0])
-    if one["limit"]:
-        ax.axhline(one["limit"], color="0.4", linewidth=0.6, linestyle=DASHES[1])
-    ax.axvspan(*one["interval"], color=COLOURS[0], alpha=0.12, linewidth=0)
-    ax.axvline(parameter["value"], color="0.4", linewidth=0.6)
-    runs = [row for row in one["confirmed"] if row["chi2"] is not None]
+def _profile(ax: Axes, name: str, profile: Profile, parameter: ParameterEstimate) -> None:
+    chi2 = [np.nan if value is None else value for value in profile.chi2]
+    top = 2 * profile.limit if profile.limit else float(np.nanmax(chi2))
+    ax.plot(profile.values, chi2, color=COLOURS[0])
+    if profile.limit:
+        ax.axhline(profile.limit, color="0.4", linewidth=0.6, linestyle=DASHES[1])
+    ax.axvspan(*profile.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
+    ax.axvline(parameter.value, color="0.4", linewidth=0.6)
+    runs = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None]
     if runs:  # markers without any, not clipped, count as one at the figure's corner
         marks = _markers((COLOURS[1], "o", "")) | SMALL
-        ax.plot([row["value"] for row in runs], [row["chi2"] for row in runs], **marks)
+        ax.plot([value for value, _ in runs], [height for _, height in runs], **marks)
     ax.set_ylim(-0.04 * top, top)
-    unit = "" if parameter["unit"] in ("", "1", None) else f" ({parameter['unit']})"
+    unit = "" if parameter.unit in ("", "1") else f" ({parameter.unit})"
     ax.set_xlabel(_label(name) + unit)
     ax.xaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
 
 
-def correlations(names, matrix, path):
+def correlations(names: Sequence[str], matrix: Sequence[Sequence[float | None]], path: Place) -> Figure:
     """The correlation matrix of the estimates, (n, n), each entry with its number. Saves as above."""
     values = np.array([[np.nan if x is None else x for x in row] for row in matrix], dtype=float)
     with matplotlib.rc_context(STYLE):
@@ -105,32 +116,31 @@ def correlations(names, matrix, path):
     return figure
 
 
-def designs(found, path, shown=12):
-    """Bars: standard error of the worst parameter with each further test, best above; the line is without any. found: as of
-    `Design.as_json`. Saves as above."""
-    worst = found["worst"]
-    rows = [one for one in found["candidates"] if one["stderr"]][:shown][::-1]
-    names = [f"{one['change'] or 'as the case is'}, {one['angle']}°, {one['depth']:.3g} mm" for one in rows]
+def designs(design: Design, path: Place = None, shown: int = 12) -> Figure:
+    """Bars: standard error of the worst parameter with each further test, best above; the dashed line is without a further test."""
+    worst = design.worst
+    rows = [(test, test.stderr[worst]) for test in design.candidates if test.stderr][:shown][::-1]
+    names = [f"{test.words}, {test.angle}°, {test.depth:.3g} mm" for test, _ in rows]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(1.4 * COLUMN, 0.25 * COLUMN + 0.2 * len(rows)), layout="constrained")
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
-        ax.barh(range(len(rows)), [one["stderr"][worst] for one in rows], color=COLOURS[0], height=0.65)
-        ax.axvline(found["stderr"][worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
+        ax.barh(range(len(rows)), [error for _, error in rows], color=COLOURS[0], height=0.65)
+        ax.axvline(design.stderr[worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
         ax.set_yticks(range(len(rows)), [_label(name) for name in names])
         ax.set_xlabel(f"standard error of {_label(worst)}; dashed: without a further test")
         save(figure, path)
     return figure
 
 
-def residual(measured, simulated):
+def residual(measured: Curve, simulated: Curve) -> tuple[Array, Array]:
     """Displacements that both curves reach, of the measured one (n,), and simulated minus measured force there (n,)."""
     d, F = _from_origin(simulated)
     within = measured.displacement <= d[-1] * (1 + 1e-9)
     return measured.displacement[within], np.interp(measured.displacement, d, F)[within] - measured.force[within]
 
 
-def save(figure, path):
+def save(figure: Figure, path: Place) -> None:
     """Write the figure as SVG and as PNG; the same figure gives the same bytes. Nothing where the path is None."""
     if path is None:
         return
@@ -139,7 +149,7 @@ def save(figure, path):
     figure.savefig(path.with_suffix(".png"), metadata={"Software": None})
 
 
-def _axes(with_residuals, names):
+def _axes(with_residuals: bool, names: Sequence[str]) -> tuple[Figure, Axes, Axes | None]:
     height = (0.84 if with_residuals else 0.68) * COLUMN + 0.15 * _legend_lines(names)
     figure = Figure(figsize=(COLUMN, height), layout="constrained")
     FigureCanvasAgg(figure)
@@ -149,28 +159,29 @@ def _axes(with_residuals, names):
     return figure, upper, lower
 
 
-def _legend_lines(names):
+def _legend_lines(names: Sequence[str]) -> int:
     return max(2, sum(1 + len(name) // WIDEST_LABEL for name in names)) + 2 * (max(map(len, names)) > SHORT)
 
 
-def _from_origin(curve):
+def _from_origin(curve: Curve) -> tuple[Array, Array]:
     """Displacement and force, with the untouched sample, where the force is zero, in front."""
     d, F = curve.displacement, curve.force
     return (d, F) if d[0] <= 0 else (np.concatenate([[0.0], d]), np.concatenate([[0.0], F]))
 
 
-def _every(curve):
+def _every(curve: Curve) -> int:
     return max(1, round(curve.force.size / MARKED))
 
 
-def _markers(look):
+def _markers(look: Look) -> dict[str, Any]:
     colour, marker, _ = look
     edge = {"markerfacecolor": "white", "markeredgewidth": 0.7}
     return {"linestyle": "none", "marker": marker, "color": colour, "clip_on": False, **edge}
 
 
-def _finish(figure, upper, lower, names, looks, drawn):
+def _finish(figure: Figure, axes: tuple[Axes, Axes | None], names: Sequence[str], looks: Looks, drawn: Sequence[str]) -> None:
     """Axes from the origin, units, few ticks, and the legend; drawn: which of "measured" and "simulated" there are."""
+    upper, lower = axes
     upper.set_ylabel("Force (mN)")
     upper.set_xlim(left=0)
     upper.set_ylim(bottom=min(0.0, upper.dataLim.y0))
@@ -187,7 +198,7 @@ def _finish(figure, upper, lower, names, looks, drawn):
     _legend(figure, names, looks, drawn)
 
 
-def _legend(figure, names, looks, drawn):
+def _legend(figure: Figure, names: Sequence[str], looks: Looks, drawn: Sequence[str]) -> None:
     """Above the axes: each test in its look, and beside them, or below long names, what markers and lines mean."""
     tests = [(_example(looks[name], drawn), _label(name)) for name in names]
     kinds = {"measured": {"linestyle": "none", **_markers(("0.3", "o", ""))}, "simulated": {"color": "0.3"}}
@@ -196,17 +207,17 @@ def _legend(figure, names, looks, drawn):
     if max(map(len, names)) <= SHORT:  # side by side: both columns padded to the same length
         height, columns = max(len(tests), len(meanings)), 2
         blank = (Line2D([], [], linestyle="none"), "")
-        rows = [one for part in (tests, meanings) for one in part + [blank] * (height - len(part))]
+        rows = [row for part in (tests, meanings) for row in part + [blank] * (height - len(part))]
     handles, labels = zip(*rows, strict=True)
     figure.legend(handles, labels, loc="outside upper left", ncols=columns, handlelength=2.8, borderaxespad=0.2)
 
 
-def _example(look, drawn):
+def _example(look: Look, drawn: Sequence[str]) -> Line2D:
     colour, _, dashes = look
     line = {"color": colour, "linestyle": dashes if "simulated" in drawn else "none"}
     return Line2D([], [], **((_markers(look) | line) if "measured" in drawn else line))
 
 
-def _label(name):
+def _label(name: str) -> str:
     """A name as matplotlib takes it: not too wide, no formula in it, and not hidden for a leading underscore."""
     return (" " if name.startswith("_") else "") + "\n".join(textwrap.wrap(name, WIDEST_LABEL)).replace("$", r"\$")

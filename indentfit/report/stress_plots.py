@@ -4,27 +4,38 @@ Drawn by matplotlib alone, without a display: the quarter sample (x >= 0, z >= 0
 symmetry, so that what is under the indenter is on view. Deformation is to scale.
 """
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from skfem.io.meshio import HEX_MAPPING
 
-from .plots import _label
-from .style import COLUMN, STYLE
+from indentfit.arrays import Array, Ints
+from indentfit.fem.fields import Fields
+from indentfit.report.plots import _label
+from indentfit.report.style import COLUMN, STYLE
+
+Shown = Sequence[tuple[str, int, Fields]]  # name of a test, angle in degrees, its fields
+Peak = dict[str, Any]
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # in the order of fem.fields
 SHOWN = ("xx", "xy", "yy", "yz", "zz", "xz")  # normal stresses on the left, shear stresses on the right
 WIDTH, DOTS = 1.25 * COLUMN, 220
 EYE = np.array([-0.70, 0.62, -1.0])  # from the sample towards the eye
+ARROW = {"arrowstyle": "->", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
 LIMIT = 99.0  # percent of the nodes whose values are within the colours' range: edges are singular
 # Edges by their corners and faces by theirs, in VTK's order of the nodes of a 27-node brick
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 FACES = ((0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7))
 
 
-def displacement_picture(tests, path):
+def displacement_picture(tests: Shown, path: Path) -> None:
     """u_y of each test (list of (name, angle, Fields)), one above the other on one scale. Saves a PNG."""
     with matplotlib.rc_context(STYLE):
         figure, panels = _panels(len(tests), 1)
@@ -37,7 +48,7 @@ def displacement_picture(tests, path):
         _save(figure, path)
 
 
-def stress_picture(name, angle, fields, path):
+def stress_picture(name: str, angle: int, fields: Fields, path: Path) -> None:
     """The six Cauchy stresses of one test, each with its own scale around zero. Saves a PNG."""
     with matplotlib.rc_context(STYLE):
         figure, panels = _panels(3, 2)
@@ -53,7 +64,7 @@ def stress_picture(name, angle, fields, path):
         _save(figure, path)
 
 
-def peaks(fields):
+def peaks(fields: Fields) -> list[Peak]:
     """Rows of the peak components table: dictionaries with component, largest, smallest, magnitude, usual (kPa), place (mm).
 
     usual: the magnitude that 1 % of the nodes exceed, which does not grow without limit at a sharp edge as the mesh is refined.
@@ -70,7 +81,7 @@ def peaks(fields):
     return rows
 
 
-def peak_words(rows):
+def peak_words(rows: Sequence[Peak]) -> str:
     """Which normal and which shear stress is the largest, in a sentence."""
     normal = max((row for row in rows if row["component"][0] == row["component"][1]), key=lambda row: row["magnitude"])
     shear = max((row for row in rows if row["component"][0] != row["component"][1]), key=lambda row: row["magnitude"])
@@ -81,13 +92,13 @@ def peak_words(rows):
     )
 
 
-def _usual(rows, normal):
+def _usual(rows: Sequence[Peak], normal: bool) -> str:
     kind = [row for row in rows if (row["component"][0] == row["component"][1]) == normal]
     row = max(kind, key=lambda row: row["usual"])
     return f"{row['component']} ({row['usual']:.3g} kPa)"
 
 
-def surface(elements):
+def surface(elements: Ints) -> Ints:
     """Quads (m, 4) of nodes, turned outwards, that cover the boundary of bricks (n, 8 or 27) in scikit-fem's order.
 
     A face of a 27-node brick gives four.
@@ -109,11 +120,11 @@ def surface(elements):
     return np.array(quads)
 
 
-def _edge(a, b):
+def _edge(a: int, b: int) -> int:
     return next(n for n, edge in enumerate(EDGES) if set(edge) == {a, b})
 
 
-def _draw(axes, fields, value, ramp, low, high):
+def _draw(axes: Axes, fields: Fields, value: Array, ramp: str, low: float, high: float) -> Any:
     """The visible surface in the colours of nodal values, the far parts first. Returns what a colour bar needs."""
     x = fields.nodes + fields.displacement
     quads = surface(fields.elements)
@@ -127,7 +138,9 @@ def _draw(axes, fields, value, ramp, low, high):
     quads = quads[seen][np.argsort(middle[seen] @ towards)]
     flat = np.column_stack([x @ right, x @ up])
     triangles = np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
-    colours = axes.tripcolor(*flat.T, triangles, np.clip(value, low, high), shading="gouraud", cmap=ramp, vmin=low, vmax=high)
+    colours = axes.tripcolor(
+        flat[:, 0], flat[:, 1], np.clip(value, low, high), triangles=triangles, shading="gouraud", cmap=ramp, vmin=low, vmax=high
+    )
     axes.add_collection(LineCollection(flat[quads[:, [0, 1, 2, 3, 0]]], colors="black", linewidths=0.15, alpha=0.25))
     _axes_of_space(axes, flat, right, up)
     axes.set_aspect("equal")
@@ -135,18 +148,18 @@ def _draw(axes, fields, value, ramp, low, high):
     return colours
 
 
-def _normals(x, quads):
+def _normals(x: Array, quads: Ints) -> Array:
     a, b, c, d = (x[quads[:, n]] for n in range(4))
     return np.cross(c - a, d - b)
 
 
-def _outwards(nodes, quads):
+def _outwards(nodes: Array, quads: Ints) -> Array:
     """1 or -1 by which a quad's normal points out of the undeformed sample, which is convex; the deformed one has a dent."""
     from_middle = nodes[quads].mean(axis=1) - nodes.mean(axis=0)
     return np.sign(np.einsum("ij,ij->i", _normals(nodes, quads), from_middle))
 
 
-def _axes_of_space(axes, flat, right, up):
+def _axes_of_space(axes: Axes, flat: Array, right: Array, up: Array) -> None:
     """Three short arrows that say where x, y and z point."""
     span = np.ptp(flat, axis=0).max()
     origin = np.array([flat[:, 0].max() - 0.02 * span, flat[:, 1].min() - 0.06 * span])
@@ -154,15 +167,17 @@ def _axes_of_space(axes, flat, right, up):
     axes.autoscale_view()
     for name, direction in (("x", [1, 0, 0]), ("y", [0, 1, 0]), ("z", [0, 0, 1])):
         tip = 0.11 * span * np.array([np.dot(direction, right), np.dot(direction, up)])
-        axes.annotate("", origin + tip, origin, arrowprops={"arrowstyle": "->", "lw": 0.6, "shrinkA": 0, "shrinkB": 0})
-        axes.annotate(name, origin + 1.35 * tip, fontsize=7, ha="center", va="center", annotation_clip=False)
+        axes.annotate(
+            "", tuple(origin + tip), tuple(origin), arrowprops={"arrowstyle": "->", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+        )
+        axes.annotate(name, tuple(origin + 1.35 * tip), fontsize=7, ha="center", va="center", annotation_clip=False)
 
 
-def _panels(rows, columns):
+def _panels(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(WIDTH, (0.62 if columns == 1 else 0.52) * WIDTH * rows / columns**0.3), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
-def _save(figure, path):
+def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=DOTS, facecolor="white", metadata={"Software": None})

@@ -1,15 +1,26 @@
 """Figures of the studies: curves for each value of a key, keys by what they do, convergence of meshes."""
 
 import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
-from .plots import TICKS, _from_origin, _label, save
-from .style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
+from indentfit.arrays import Array
+from indentfit.curve import Curve
+from indentfit.inference.result import Profile
+from indentfit.report.plots import TICKS, Place, _from_origin, _label, save
+from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
+
+Tests = Mapping[str, int]  # name -> angle, degrees
+AtValue = tuple[str, Mapping[str, Curve]]  # value as written, and the curve of each test
+Family = tuple[str, str, Array, Array, Array | None, tuple[float, float] | None]
+OnGrid = tuple[Sequence[str], Sequence[float | None], dict[str, float] | None]
 
 WIDE = 2 * COLUMN  # both columns of a journal
 LINES = (DASHES[1], DASHES[3], DASHES[4], DASHES[5])  # dots look pale
@@ -18,7 +29,7 @@ MOST_CURVES = 14  # in one panel: more cannot be told apart
 RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; not paler than can be seen
 
 
-def curves_by_value(key, tests, own, points, path):
+def curves_by_value(key: str, tests: Tests, own: AtValue, points: Sequence[AtValue], path: Place) -> Figure:
     """Force curves of each test, a panel for each, at each value of one key (figures 8 and 9 of the source paper).
 
     tests: name -> angle; own, points: (value as written, or None where it is the case's own; {test: Curve}). Saves
@@ -40,17 +51,17 @@ def curves_by_value(key, tests, own, points, path):
     return figure
 
 
-def ranked(rows, tests, path):
+def ranked(rows: Sequence[tuple[str, str, float]], tests: Tests, path: Place) -> Figure:
     """Spread of the last force over each key's values, the largest above, a bar for each test (`rows`: (key, test, share))."""
     keys = list(dict.fromkeys(key for key, _, _ in rows))
     with matplotlib.rc_context(STYLE):
         figure, (axes,) = _panels(1, width=1.1 * COLUMN, height=0.9 + 0.3 * len(keys) * max(1, len(tests) / 2))
         thick = 0.8 / len(tests)
         for n, name in enumerate(tests):
-            found = {key: share for key, test, share in rows if test == name}
+            shares = {key: share for key, test, share in rows if test == name}
             at = np.arange(len(keys)) + (n - (len(tests) - 1) / 2) * thick
             bars = axes.barh(
-                at, [100 * found.get(key, 0) for key in keys], height=0.9 * thick, color=COLOURS[n % len(COLOURS)],
+                at, [100 * shares.get(key, 0) for key in keys], height=0.9 * thick, color=COLOURS[n % len(COLOURS)],
                 hatch=("", "////", "....", "xxxx")[n % 4], edgecolor="white", linewidth=0.3,
                 label=_label(f"{name} ({tests[name]}°)"),
             )  # fmt: skip
@@ -65,22 +76,22 @@ def ranked(rows, tests, path):
     return figure
 
 
-def forces_on_grid(keys, points, tests, path):
+def forces_on_grid(keys: Sequence[str], points: Sequence[OnGrid], tests: Tests, path: Place) -> Figure:
     """Last force of each test over the first key of a grid, a line for each combination of the others.
 
     points: list of (values as written, in the order of keys; numbers; {test: force} or None where it failed).
     """
-    lines: dict[tuple, list] = {}
+    lines: dict[tuple[str, ...], list[tuple[str, float | None, dict[str, float] | None]]] = {}
     for values, numbers, forces in points:
         lines.setdefault(tuple(values[1:]), []).append((values[0], numbers[0], forces))
-    words = any(number is None for one in lines.values() for _, number, _ in one)
+    words = any(number is None for line in lines.values() for _, number, _ in line)
     with matplotlib.rc_context(STYLE):
         figure, panels = _panels(len(tests))
         looks = itertools.cycle(zip(COLOURS, MARKERS, DASHES, strict=True))
-        for (others, one), (colour, marker, dashes) in zip(list(lines.items())[:MOST_CURVES], looks, strict=False):
+        for (others, line), (colour, marker, dashes) in zip(list(lines.items())[:MOST_CURVES], looks, strict=False):
             for axes, name in zip(panels, tests, strict=True):
-                x = [value if words else number for value, number, _ in one]
-                y = [np.nan if forces is None else forces[name] for _, _, forces in one]
+                x: list[Any] = [value if words else number for value, number, _ in line]
+                y = [np.nan if forces is None else forces[name] for _, _, forces in line]
                 label = _label(", ".join(others)) or "force"
                 axes.plot(x, y, color=colour, marker=marker, linestyle=dashes, label=label, markerfacecolor="white")
         for axes, (name, angle) in zip(panels, tests.items(), strict=True):
@@ -97,7 +108,7 @@ def forces_on_grid(keys, points, tests, path):
     return figure
 
 
-def mesh_convergence(families, path):
+def mesh_convergence(families: Sequence[Family], path: Place) -> Figure:
     """What was computed on each mesh against the mesh's element size, with the fitted approach to zero size and its band.
 
     families: list of (title, label of the axis, h (n,), values (n,), curve (m, 2) or None, band (2,) or None).
@@ -122,7 +133,7 @@ def mesh_convergence(families, path):
     return figure
 
 
-def error_and_cost(h, errors, seconds, path):
+def error_and_cost(h: Array, errors: tuple[str, Mapping[str, Sequence[float]]], seconds: Sequence[float], path: Place) -> Figure:
     """Misfit or force against the mesh's element size, and the CPU time that it takes (figure 10 of the source paper).
 
     errors: (label of the axis, {name: values (n,)}); seconds (n,).
@@ -150,7 +161,7 @@ def error_and_cost(h, errors, seconds, path):
     return figure
 
 
-def _panels(number, rows=1, width=None, height=None):
+def _panels(number: int, rows: int = 1, width: float | None = None, height: float | None = None) -> tuple[Figure, list[Axes]]:
     columns = -(-number // rows)
     width = width or (WIDE if columns > 1 else COLUMN)
     figure = Figure(figsize=(width, height or (0.3 + 0.72 * COLUMN * rows)), layout="constrained")
@@ -161,7 +172,7 @@ def _panels(number, rows=1, width=None, height=None):
     return figure, panels[:number]
 
 
-def _force_axes(axes, title):
+def _force_axes(axes: Axes, title: str) -> None:
     axes.set_title(_label(title), fontsize=8, loc="left")
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
@@ -171,21 +182,19 @@ def _force_axes(axes, title):
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
 
 
-def profile(label, found, best):
-    """A profile likelihood: chi2 above its least against a parameter's value, the limit of 95 % and its interval, and runs.
-
-    found: values, chi2, limit (or None), interval, confirmed (rows of value and chi2).
-    """
+def profile(label: str, profile: Profile, best: float) -> Figure:
+    """A profile likelihood: chi2 above its least against a parameter's value, the limit of 95 %, its interval, and runs."""
     with matplotlib.rc_context(STYLE):
         figure, (axes,) = _panels(1, height=0.7 * COLUMN)
-        top = 2 * found["limit"] if found.get("limit") else max(found["chi2"])
-        axes.axvspan(*found["interval"], color=COLOURS[0], alpha=0.12, linewidth=0)
+        chi2 = [np.nan if value is None else value for value in profile.chi2]
+        top = 2 * profile.limit if profile.limit else float(np.nanmax(chi2))
+        axes.axvspan(*profile.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
         axes.axvline(best, color="0.4", linewidth=0.6)
-        if found.get("limit"):
-            axes.axhline(found["limit"], color="0.4", linewidth=0.6, linestyle=DASHES[1])
-        axes.plot(found["values"], found["chi2"], color=COLOURS[0])
-        runs = [row for row in found.get("confirmed") or () if row["chi2"] is not None]
-        axes.plot([row["value"] for row in runs], [row["chi2"] for row in runs], "o", color=COLOURS[1], markerfacecolor="white")
+        if profile.limit:
+            axes.axhline(profile.limit, color="0.4", linewidth=0.6, linestyle=DASHES[1])
+        axes.plot(profile.values, chi2, color=COLOURS[0])
+        runs = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None]
+        axes.plot([value for value, _ in runs], [height for _, height in runs], "o", color=COLOURS[1], markerfacecolor="white")
         axes.set_ylim(-0.04 * top, top)
         axes.set_xlabel(_label(label))
         axes.set_ylabel("χ² above the least")
@@ -193,14 +202,14 @@ def profile(label, found, best):
     return figure
 
 
-def course(objectives, phases):
+def course(objectives: Sequence[float], phases: Sequence[str]) -> Figure:
     """The best objective (mN) after each step of a search; a marker for each phase."""
     with matplotlib.rc_context(STYLE):
         figure, (axes,) = _panels(1, width=COLUMN, height=0.7 * COLUMN)
         at, values = np.arange(1, len(objectives) + 1), np.minimum.accumulate(objectives)
         axes.plot(at, values, color="0.4", linewidth=0.8)
         for phase, colour, marker in zip(dict.fromkeys(phases), itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):
-            mine = np.array([one == phase for one in phases])
+            mine = np.array([other == phase for other in phases])
             axes.plot(at[mine], values[mine], marker, color=colour, markerfacecolor="white", label=_label(phase) or "step")
         if values.min() > 0 and values[0] > WIDE_RANGE * values[-1]:
             axes.set_yscale("log")

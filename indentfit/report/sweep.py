@@ -1,92 +1,105 @@
-"""The tables and figures of a sweep's result folder, from what its result.json holds."""
+"""The tables and figures of a Sweep."""
 
 import csv
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
-from ..curve import Curve
-from . import study_plots
-from .vtu import file_names
+from matplotlib.figure import Figure
+
+from indentfit.curve import Curve
+from indentfit.report import study_plots
+from indentfit.report.vtu import file_names
+from indentfit.study.sweep import Point, Sweep
 
 LENGTHS = ("diameter", "length", "width", "thickness", "edge_radius", "size", "depth", "max_step")  # keys in mm
 MEASURES = ("force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN")
 
+Units = Callable[[str], str]
+"""Parameter of the material -> its unit."""
 
-def write_tables(folder, result):
+
+def write_tables(folder: Path, sweep: Sweep) -> None:
     """curves.csv, points.csv and sensitivities.csv of a sweep."""
-    keys, points = list(result["variations"]), [result["base"], *result["points"]]
+    keys, points = [varied.key for varied in sweep.variations], list(enumerate(sweep.every_point))
     table(
         folder / "curves.csv",
         ["point", *keys, "test", "displacement_mm", "force_mN"],
         (
-            [n, *(point["values"].get(key, "") for key in keys), name, d, F]
-            for n, point in enumerate(points)
-            for name, one in (point["tests"] or {}).items()
-            for d, F in zip(one["displacement_mm"], one["forces_mN"], strict=True)
+            [n, *(point.values.get(key, "") for key in keys), name, d, F]
+            for n, point in points
+            for name, test in (point.tests or {}).items()
+            for d, F in zip(test.curve.displacement.tolist(), test.curve.force.tolist(), strict=True)
         ),
     )
     table(
         folder / "points.csv",
         ["point", *keys, "test", *MEASURES, "cause"],
         (
-            [n, *(point["values"].get(key, "") for key in keys), name, *cells, point["cause"] or ""]
-            for n, point in enumerate(points)
-            for name in result["tests"]
-            for cells in [[_given(point["tests"] and point["tests"][name][measure]) for measure in MEASURES]]
+            [n, *(point.values.get(key, "") for key in keys), name, *_measures(point, name), point.cause or ""]
+            for n, point in points
+            for name in sweep.tests
         ),
     )
-    if result["sensitivities"]:
-        names = list(result["sensitivities"][0])
-        table(folder / "sensitivities.csv", names, ([_given(one[name]) for name in names] for one in result["sensitivities"]))
+    if sweep.sensitivities:
+        rows = [asdict(sensitivity) for sensitivity in sweep.sensitivities]
+        table(folder / "sensitivities.csv", list(rows[0]), ([_given(value) for value in row.values()] for row in rows))
 
 
-def draw(folder, result):
+def draw(folder: Path, sweep: Sweep, units: Units) -> None:
     """Save the figures: one for each key, and the ranking; or one of the grid."""
-    if result["grid"]:
-        grid_figure(result, result["tests"], folder / "grid")
+    if sweep.grid:
+        grid_figure(sweep, sweep.tests, units, folder / "grid")
         return
-    stems = file_names([key.replace(".", "-") for key in result["variations"]])
-    for key, stem in zip(result["variations"], stems, strict=True):
-        key_figure(result, key, result["tests"], folder / f"sweep-{stem}")
-    ranking_figure(result, folder / "sensitivities")
+    keys = [varied.key for varied in sweep.variations]
+    for key, stem in zip(keys, file_names([key.replace(".", "-") for key in keys]), strict=True):
+        key_figure(sweep, key, sweep.tests, units, folder / f"sweep-{stem}")
+    ranking_figure(sweep, folder / "sensitivities")
 
 
-def key_figure(result, key, tests, path=None):
+def overview(sweep: Sweep, path: str | Path | None = None) -> Figure | None:
+    """The figure of a whole sweep: the grid, or the keys by what they do; None where there is nothing to draw."""
+    return grid_figure(sweep, sweep.tests, _no_units, path) if sweep.grid else ranking_figure(sweep, path)
+
+
+def key_figure(sweep: Sweep, key: str, tests: dict[str, int], units: Units, path: str | Path | None = None) -> Figure | None:
     """Curves at each value of a key, a panel for each test (name -> angle); None where there is nothing to draw."""
-    mine = sorted((p for p in result["points"] if key in p["values"] and p["tests"]), key=lambda p: _place(p["numbers"][key]))
-    if not result["base"]["tests"] or not mine:
+    mine = sorted((p for p in sweep.points if key in p.values and p.tests), key=lambda p: _place(p.numbers[key]))
+    if not sweep.base.tests or not mine:
         return None
-    points = [(point["values"][key], _curves(point)) for point in mine]
-    plain = all(point["numbers"][key] is not None and _is_number(point["values"][key]) for point in mine)
-    label = with_unit(result, key) if plain else key
-    return study_plots.curves_by_value(label, tests, (own_words(result, key), _curves(result["base"])), points, path)
+    points = [(point.values[key], _curves(point)) for point in mine]
+    plain = all(point.numbers[key] is not None and _is_number(point.values[key]) for point in mine)
+    label = with_unit(key, units) if plain else key
+    return study_plots.curves_by_value(label, tests, (own_words(sweep, key), _curves(sweep.base)), points, path)
 
 
-def ranking_figure(result, path=None):
+def ranking_figure(sweep: Sweep, path: str | Path | None = None) -> Figure | None:
     """Keys by what they do; None where there is nothing to rank."""
-    rows = [(one["key"], one["test"], one["force_span"]) for one in result["sensitivities"]]
-    return study_plots.ranked(rows, result["tests"], path) if rows else None
+    rows = [(sensitivity.key, sensitivity.test, sensitivity.force_span) for sensitivity in sweep.sensitivities]
+    return study_plots.ranked(rows, sweep.tests, path) if rows else None
 
 
-def grid_figure(result, tests, path=None):
+def grid_figure(sweep: Sweep, tests: dict[str, int], units: Units, path: str | Path | None = None) -> Figure | None:
     """Last forces over the grid; None where every point failed."""
-    keys = list(result["variations"])
+    keys = [varied.key for varied in sweep.variations]
     points = [
         (
-            [point["values"][key] for key in keys],
-            [point["numbers"][key] for key in keys],
-            point["tests"] and {name: one["force_mN"] for name, one in point["tests"].items()},
+            [point.values[key] for key in keys],
+            [point.numbers[key] for key in keys],
+            None if point.tests is None else {name: test.force for name, test in point.tests.items()},
         )
-        for point in result["points"]
+        for point in sweep.points
     ]
     if all(forces is None for *_, forces in points):
         return None
-    return study_plots.forces_on_grid([with_unit(result, key) for key in keys], points, tests, path)
+    return study_plots.forces_on_grid([with_unit(key, units) for key in keys], points, tests, path)
 
 
-def with_unit(result, key):
+def with_unit(key: str, units: Units) -> str:
     """A key of the case with the unit of its values in brackets, where it has one."""
     section, _, name = key.partition(".")
-    parameter = name.removeprefix("parameters.").removesuffix(".start")
-    unit = ((result.get("case") or {}).get("units") or {}).get(parameter, "1") if section == "material" else "1"
+    unit = units(name.removeprefix("parameters.").removesuffix(".start")) if section == "material" else "1"
     if key == "material.kappa":
         unit = "kPa"
     elif section != "material" and name.rpartition(".")[2] in LENGTHS:
@@ -94,13 +107,13 @@ def with_unit(result, key):
     return key if unit in ("", "1") else f"{key} ({unit})"
 
 
-def own_words(result, key):
+def own_words(sweep: Sweep, key: str) -> str:
     """The case's own value of a key."""
-    value = result["own"][key]
+    value = sweep.own[key]
     return "default" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def table(path, header, rows):
+def table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write one table as CSV."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -108,7 +121,18 @@ def table(path, header, rows):
         writer.writerows(rows)
 
 
-def _is_number(text):
+def _measures(point: Point, name: str) -> list[Any]:
+    if point.tests is None:
+        return [""] * len(MEASURES)
+    measures = point.tests[name].as_json()
+    return [_given(measures[measure]) for measure in MEASURES]
+
+
+def _no_units(parameter: str) -> str:
+    return "1"
+
+
+def _is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:
@@ -116,14 +140,14 @@ def _is_number(text):
     return True
 
 
-def _place(number):
+def _place(number: float | None) -> float:
     """Numbers in their order, words behind them."""
     return float("inf") if number is None else number
 
 
-def _curves(point):
-    return {name: Curve(one["displacement_mm"], one["forces_mN"]) for name, one in point["tests"].items()}
+def _curves(point: Point) -> dict[str, Curve]:
+    return {name: test.curve for name, test in (point.tests or {}).items()}
 
 
-def _given(value):
+def _given(value: Any) -> Any:
     return "" if value is None else value

@@ -1,14 +1,18 @@
 """Results as text for a terminal."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from indentfit.fem.facts import said_of_tries
-from indentfit.inference.result import FitResult
+from indentfit.case import Case
+from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
+from indentfit.fem.result import Simulation, TestResult
+from indentfit.inference.result import FitResult, InputShare, Interval, NoiseShare, UncertainInputs
+from indentfit.inverse.course import SurrogateFacts
+from indentfit.material import Material, Parameter
 
 
-def simulation_lines(simulation, case, material):
+def simulation_lines(simulation: Simulation, case: Case, material: Material) -> Iterator[str]:
     """A Simulation in words, line by line: its curves, then the mesh, the solver and how exact the contact is."""
     yield from _material(case, material)
     yield ""
@@ -22,22 +26,22 @@ def simulation_lines(simulation, case, material):
         yield f"note      {sentence}"
 
 
-def _material(case, material):
+def _material(case: Case, material: Material) -> Iterator[str]:
     parameters = type(material).parameters
     values = ", ".join(
-        f"{name} = {getattr(material, name):g}{_unit(one)}{' (start value)' if name in case.free else ''}"
-        for name, one in parameters.items()
+        f"{name} = {getattr(material, name):g}{_unit(parameter)}{' (start value)' if name in case.free else ''}"
+        for name, parameter in parameters.items()
     )
     yield f"{case.material.model or case.material.energy}: {values}"
 
 
-def _unit(parameter):
+def _unit(parameter: Parameter) -> str:
     return f" {parameter.unit}" if parameter.unit not in ("", "1") else ""
 
 
-def _of_equal_displacement(tests):
+def _of_equal_displacement(tests: Sequence[TestResult]) -> list[list[TestResult]]:
     """The tests in groups that can share a table."""
-    groups: list[list] = []
+    groups: list[list[TestResult]] = []
     for test in tests:
         for group in groups:
             if np.array_equal(group[0].displacement, test.displacement):
@@ -48,7 +52,7 @@ def _of_equal_displacement(tests):
     return groups
 
 
-def _table(tests):
+def _table(tests: Sequence[TestResult]) -> Iterator[str]:
     """One line for each displacement, one column of forces for each test."""
     names = [f"{test.name} ({test.angle}°)" for test in tests]
     widths = [max(10, len(name)) for name in names]
@@ -59,7 +63,7 @@ def _table(tests):
         yield "  " + "  ".join([f"{displacement:>12.4f}", *forces])
 
 
-def _mesh(mesh):
+def _mesh(mesh: MeshFacts) -> Iterator[str]:
     kind = {"q1p0": "eight-node bricks", "q2p1": "27-node bricks"}.get(mesh.element, mesh.element)
     yield (
         f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, quarter sample; "
@@ -67,7 +71,7 @@ def _mesh(mesh):
     )
 
 
-def _solver(solver):
+def _solver(solver: SolverFacts) -> Iterator[str]:
     loop = "" if solver.assembly == "compiled" else ", assembled by the readable forms"
     yield (
         f"solver    {_count(solver.steps, 'step')} ({_count(solver.cutbacks, 'cutback')}), "
@@ -77,7 +81,7 @@ def _solver(solver):
     )
 
 
-def _contact(simulation):
+def _contact(simulation: Simulation) -> Iterator[str]:
     """How far the contact is from ideal, at the last displacement of each test."""
     for test in simulation.tests:
         facts = test.facts
@@ -88,7 +92,7 @@ def _contact(simulation):
         )
 
 
-def _count(number, what):
+def _count(number: int, what: str) -> str:
     return f"{number:,} {what}{'' if number == 1 else 's'}"
 
 
@@ -139,12 +143,12 @@ def _work_lines(result: FitResult) -> Iterator[str]:
         yield f"mesh      {result.mesh.elements:,} elements, {result.mesh.dofs:,} degrees of freedom{exact}"
 
 
-def certainty_lines(result):
+def certainty_lines(result: FitResult) -> Iterator[str]:
     """What a FitResult says about its own certainty, line by line, after its table of parameters."""
     for sentence in result.conclusions:
         yield f"summary   {sentence}"
     for name, test in result.tests_alone.items():
-        parts = ", ".join(f"{key} {_span(one.interval)}" for key, one in test.parameters.items())
+        parts = ", ".join(f"{key} {_span(alone.interval)}" for key, alone in test.parameters.items())
         yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} mN"
     yield from _shares(result)
     for other in result.rivals:
@@ -154,66 +158,65 @@ def certainty_lines(result):
         yield f"surrogate {_of_surrogate(result.surrogate)}"
 
 
-def weights_lines(result):
+def weights_lines(result: FitResult) -> Iterator[str]:
     """Fits of a FitResult's two tests under other weights, line by line."""
     if not result.weights_scan:
         yield "weights   no scan: it takes two tests, and a surrogate of all that the search went over (`ga`)"
         return
     tests = list(result.weights_scan[0].rmse)
     rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, mN" for name in tests)])]
-    for one in result.weights_scan:
-        found, sizes = one.parameters, one.rmse
-        cells = [*(f"{found[name]:.4g}" for name in result.free), *(f"{sizes[name]:.3g}" for name in tests)]
-        rows.append((" : ".join(f"{weight:g}" for weight in one.weights), cells))
+    for fitted in result.weights_scan:
+        cells = [*(f"{fitted.parameters[name]:.4g}" for name in result.free), *(f"{fitted.rmse[name]:.3g}" for name in tests)]
+        rows.append((" : ".join(f"{weight:g}" for weight in fitted.weights), cells))
     yield from _columns("weights", rows)
 
 
-def share_rows(uncertain, free):
+def share_rows(uncertain: UncertainInputs, free: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
     """What makes the errors of a fit's parameters: (in words, share of each free parameter's variance, in percent); none where
     only the noise is known. uncertain: as in `FitResult`."""
     if not uncertain.inputs:
         return
     if uncertain.noise:
         yield "noise (residuals)", _percents(uncertain.noise, free)
-    for name, one in uncertain.inputs.items():
-        yield _of_input(name, one), _percents(one, free)
+    for name, share in uncertain.inputs.items():
+        yield _of_input(name, share), _percents(share, free)
 
 
-def effect_of_base(uncertain):
+def effect_of_base(uncertain: UncertainInputs) -> str | None:
     """The sentence that says what the parameters would be on the other base, or None."""
-    one = uncertain.inputs.get("base")
-    if one is None:
+    base = uncertain.inputs.get("base")
+    if base is None:
         return None
-    changes = ", ".join(f"{key} {change:+.3g}" for key, change in one.effect.items())
-    return f"on a {OTHER[one.value]} base instead of a {one.value} one the parameters would change by: {changes}"
+    changes = ", ".join(f"{key} {change:+.3g}" for key, change in base.effect.items())
+    return f"on a {OTHER[str(base.value)]} base instead of a {base.value} base the parameters would change by: {changes}"
 
 
 OTHER = {"sliding": "bonded", "bonded": "sliding"}
 
 
-def _of_input(name, one):
+def _of_input(name: str, share: InputShare) -> str:
     if name == "mesh":
-        return f"mesh (forces +- {one.sd:.2%}, from one of about {one.elements} elements)"
+        return f"mesh (forces +- {share.sd:.2%}, from a mesh of about {share.elements} elements)"
     if name == "force":
-        return f"force (+- {one.sd:.2%} of each test's)"
+        return f"force (+- {share.sd:.2%} of each test's)"
     if name == "base":
-        return f"base ({one.probability:.0%} that it is {OTHER[one.value]})"
-    return f"{name} ({one.value:g} +- {one.sd:g})"
+        return f"base ({share.probability:.0%} that it is {OTHER[str(share.value)]})"
+    return f"{name} ({share.value:g} +- {share.sd:g})"
 
 
-def _percents(one, free):
-    return ["unknown" if one.share[name] is None else f"{one.share[name]:.1%}" for name in free]
+def _percents(share: InputShare | NoiseShare, free: Sequence[str]) -> list[str]:
+    return ["unknown" if share.share[name] is None else f"{share.share[name]:.1%}" for name in free]
 
 
-def _shares(result):
+def _shares(result: FitResult) -> Iterator[str]:
     rows = list(share_rows(result.uncertain, result.free))
     if rows:
         yield from _columns("errors", [("share of the variance of", result.free), *rows])
-    if said := effect_of_base(result.uncertain):
-        yield f"base      {said}"
+    if effect := effect_of_base(result.uncertain):
+        yield f"base      {effect}"
 
 
-def _columns(label, rows):
+def _columns(label: str, rows: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
     """Rows of (words, cells) as lines under a label."""
     first = max(len(words) for words, _ in rows)
     widths = [max(len(cells[n]) for _, cells in rows) for n in range(len(rows[0][1]))]
@@ -222,12 +225,12 @@ def _columns(label, rows):
         yield f"{'' if number else label:<9} {words:<{first}}  {shown}".rstrip()
 
 
-def _of_surrogate(surrogate):
-    last = [one for one in surrogate.held_out if one.error is not None][-1:]
-    right = "".join(f"; off by {one.error:.2g} mN at a run not seen before (allowed {one.allowed:.2g})" for one in last)
+def _of_surrogate(surrogate: SurrogateFacts) -> str:
+    last = [proof for proof in surrogate.held_out if proof.error is not None][-1:]
+    right = "".join(f"; off by {proof.error:.2g} mN at a run not seen before (allowed {proof.allowed:.2g})" for proof in last)
     failed = f", {surrogate.failed} failed" if surrogate.failed else ""
     return f"degree {surrogate.degree} on {surrogate.runs} sets of parameters{failed}{right}"
 
 
-def _span(interval):
+def _span(interval: Interval) -> str:
     return f"{interval[0]:.3g} to {interval[1]:.3g}"

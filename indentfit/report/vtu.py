@@ -7,16 +7,18 @@ cauchy_stress_kPa, pressure_kPa, J.
 """
 
 import re
+from collections.abc import Sequence
+from pathlib import Path
 
 import meshio
 from skfem.io.meshio import HEX_MAPPING
 
-from ..fem.fields import pressure
+from indentfit.fem.fields import Fields, pressure
 
 RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}  # on Windows
 
 
-def write_vtu(path, fields):
+def write_vtu(path: Path, fields: Fields) -> None:
     """Write fem.fields.Fields as one VTU file of eight-node or 27-node bricks."""
     kind = {8: "hexahedron", 27: "hexahedron27"}[fields.elements.shape[1]]
     cells = fields.elements[:, HEX_MAPPING[: fields.elements.shape[1]]]  # in VTK's order
@@ -35,14 +37,14 @@ def write_vtu(path, fields):
     meshio.write(path, mesh, file_format="vtu")
 
 
-def file_names(names):
+def file_names(names: Sequence[str]) -> list[str]:
     """A file name (without ending) for each of the names of tests: safe on every system, and no two alike."""
-    found: list[str] = []
+    stems: list[str] = []
     for name in names:
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "test"
         if stem.split(".")[0].lower() in RESERVED:
             stem = f"test-{stem}"
-        taken = {other.lower() for other in found}
+        taken = {other.lower() for other in stems}
         choices = (stem if n == 1 else f"{stem}-{n}" for n in range(1, len(names) + 1))
-        found.append(next(one for one in choices if one.lower() not in taken))
-    return found
+        stems.append(next(choice for choice in choices if choice.lower() not in taken))
+    return stems

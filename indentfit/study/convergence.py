@@ -13,11 +13,16 @@ Two published methods, side by side:
 Element sizes h (n,) in mm, values f (n,) in any unit; the order of the meshes does not matter.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
 from scipy.stats import f as fisher
+
+from indentfit.arrays import Array
 
 SMALLEST_ORDER, LARGEST_ORDER = 0.5, 2.1  # outside of these an observed order is not believed (Eca and Hoekstra)
 RELIABLE, UNRELIABLE = 1.25, 3.0  # safety factors
@@ -29,9 +34,22 @@ SEARCHED = (0.05, 8.0)  # orders
 class Approach:
     """f(h) = value + sum of coefficients times h^exponents, with the standard deviation of its fit.
 
-    order: the observed order, None where it could not be believed and fixed exponents were taken; interval (2,): of the value
-    at zero size, 95 % or widened; uncertainty (n,): half-width of each mesh's band by Eca and Hoekstra, in the order given;
-    reliable: whether order and scatter allow their smaller safety factor.
+    Parameters
+    ----------
+    value : float
+        At zero size.
+    coefficients, exponents : tuples of float
+    deviation : float
+    order : float or None
+        The observed order; None where it could not be believed, and fixed exponents were taken.
+    raw_order : float
+        The order of the best fit, believed or not.
+    reliable : bool
+        Whether order and scatter allow the smaller safety factor of Eca and Hoekstra.
+    interval : (low, high)
+        Of the value at zero size, 95 % or widened.
+    uncertainty : array (n,)
+        Half-width of each mesh's band by Eca and Hoekstra, in the order given.
     """
 
     value: float
@@ -42,22 +60,36 @@ class Approach:
     raw_order: float
     reliable: bool
     interval: tuple[float, float]
-    uncertainty: np.ndarray
+    uncertainty: Array
 
-    def band(self, f):
+    def band(self, f: ArrayLike) -> Array:
         """Largest errors (n,) of the meshes' own values f (n,): their distances from the far end of the interval."""
         return np.abs(np.subtract.outer(np.asarray(f), self.interval)).max(axis=1)
 
-    def at(self, h):
+    def at(self, h: ArrayLike) -> Array:
         """Fitted values at element sizes h, mm."""
-        h = np.asarray(h, dtype=float)
-        return self.value + sum(c * h**p for c, p in zip(self.coefficients, self.exponents, strict=True))
+        size = np.asarray(h, dtype=float)
+        return self.value + np.sum([c * size**p for c, p in zip(self.coefficients, self.exponents, strict=True)], axis=0)
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "Approach":
+        tuples = {name: tuple(value[name]) for name in ("coefficients", "exponents", "interval")}
+        return cls(**{**value, **tuples, "uncertainty": np.array(value["uncertainty"], dtype=float)})
 
 
 @dataclass(frozen=True)
 class Index:
-    """Roache's grid convergence index of the finest of three meshes, a share of its value; observed order and extrapolated
-    value. kind: "monotone", or "oscillatory", where none of the numbers means much."""
+    """Roache's grid convergence index of the finest of three meshes.
+
+    Parameters
+    ----------
+    order, extrapolated : float or None
+        Observed order, and value at zero size.
+    index : float or None
+        A share of the finest mesh's value.
+    kind : str
+        "monotone"; or "oscillatory" or "diverging", where the numbers are None.
+    """
 
     order: float | None
     extrapolated: float | None
@@ -65,25 +97,25 @@ class Index:
     kind: str
 
 
-def fitted(h, f):
+def fitted(h: ArrayLike, f: ArrayLike) -> Approach:
     """Approach of values f (n,) at sizes h (n,), n >= 4."""
     h, f = np.asarray(h, dtype=float), np.asarray(f, dtype=float)
     free = _best_power(h, f)
     order = free.exponents[0]
     if SMALLEST_ORDER <= order <= LARGEST_ORDER:
-        found, believed = free, order
+        best, believed = free, order
     else:
         choices = [(1.0,), (2.0,)] if order > LARGEST_ORDER else [(1.0,), (2.0,), (1.0, 2.0)]
-        found, believed = min((_least_squares(h, f, p) for p in choices), key=lambda one: one.deviation), None
+        best, believed = min((_least_squares(h, f, p) for p in choices), key=lambda fit: fit.deviation), None
     spread = np.ptp(f) / (f.size - 1)
-    reliable = believed is not None and found.deviation < spread
+    reliable = believed is not None and best.deviation < spread
     return Approach(
-        found.value, found.coefficients, found.exponents, found.deviation, believed, order, reliable,
-        _interval(h, f) if believed else _widened(h, f), _uncertainty(found, h, f, spread, reliable),
+        best.value, best.coefficients, best.exponents, best.deviation, believed, order, reliable,
+        _interval(h, f) if believed else _widened(h, f), _uncertainty(best, h, f, spread, reliable),
     )  # fmt: skip
 
 
-def grid_convergence_index(h, f):
+def grid_convergence_index(h: ArrayLike, f: ArrayLike) -> Index | None:
     """Index of the three finest of the meshes; None where there are fewer, or sizes are equal."""
     h, f = np.asarray(h, dtype=float), np.asarray(f, dtype=float)
     if np.unique(h).size < 3:
@@ -108,7 +140,7 @@ class _Fit:
     deviation: float
 
 
-def _best_power(h, f):
+def _best_power(h: Array, f: Array) -> _Fit:
     """The fit over all orders, with the exponent of least deviation: a scan, then a refinement around its best."""
     orders = np.geomspace(*SEARCHED, 60)
     deviations = [_least_squares(h, f, (p,)).deviation for p in orders]
@@ -120,7 +152,7 @@ def _best_power(h, f):
     return _least_squares(h, f, (float(best.x),), extra=1)
 
 
-def _least_squares(h, f, exponents, extra=0):
+def _least_squares(h: Array, f: Array, exponents: tuple[float, ...], extra: int = 0) -> _Fit:
     """Weighted by 1/h, so that fine meshes count more; extra: how many more numbers than coefficients were fitted."""
     weights = 1 / h / np.sum(1 / h)
     columns = np.column_stack([np.ones_like(h), *(h**p for p in exponents)])
@@ -132,7 +164,7 @@ def _least_squares(h, f, exponents, extra=0):
     return _Fit(float(solution[0]), tuple(map(float, solution[1:])), tuple(map(float, exponents)), deviation)
 
 
-def _interval(h, f):
+def _interval(h: Array, f: Array) -> tuple[float, float]:
     """95 % interval of f0 by the profile of the weighted sum of squares, the order free between its bounds."""
     weights = h.size / h / np.sum(1 / h)
     freedom = max(h.size - 3, 1)
@@ -149,7 +181,7 @@ def _interval(h, f):
     return float((value - half)[allowed].min()), float((value + half)[allowed].max())
 
 
-def _widened(h, f):
+def _widened(h: Array, f: Array) -> tuple[float, float]:
     """The interval where no order could be observed, Roache's safety factor about the finest mesh's value included."""
     low, high = _interval(h, f)
     finest = float(f[np.argmin(h)])
@@ -157,19 +189,19 @@ def _widened(h, f):
     return min(low, finest - half), max(high, finest + half)
 
 
-def _uncertainty(found, h, f, spread, reliable):
+def _uncertainty(fit: _Fit, h: Array, f: Array, spread: float, reliable: bool) -> Array:
     """Half-widths (n,) by equations (17) and (18) of Eca and Hoekstra."""
-    model = found.value + sum(c * h**p for c, p in zip(found.coefficients, found.exponents, strict=True))
-    error, scatter = np.abs(model - found.value), np.abs(f - model)
-    if found.deviation < spread or not spread:
-        return (RELIABLE if reliable else UNRELIABLE) * error + found.deviation + scatter
-    return UNRELIABLE * found.deviation / spread * (error + found.deviation + scatter)
+    model = fit.value + sum(c * h**p for c, p in zip(fit.coefficients, fit.exponents, strict=True))
+    error, scatter = np.abs(model - fit.value), np.abs(f - model)
+    if fit.deviation < spread or not spread:
+        return (RELIABLE if reliable else UNRELIABLE) * error + fit.deviation + scatter
+    return UNRELIABLE * fit.deviation / spread * (error + fit.deviation + scatter)
 
 
-def _celik_order(r21, r32, ratio):
+def _celik_order(r21: float, r32: float, ratio: float) -> float | None:
     """The p of e32 / e21 = r21^p (r32^p - 1) / (r21^p - 1); None where no order above zero fits."""
 
-    def gap(p):
+    def gap(p: float) -> float:
         return np.log(np.expm1(p * np.log(r32)) / np.expm1(p * np.log(r21))) + p * np.log(r21) - np.log(ratio)
 
     low, high = 1e-3, 20.0

@@ -5,17 +5,22 @@ Each candidate is one further test that differs from the case in one thing, at e
 parameters' ranges count as a weak prior, uniform over them, so that nothing is infinite.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
-from indentfit.case import Test
+from indentfit.arrays import Array
+from indentfit.case import Case, Test
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem, differences_of, scale_of
 from indentfit.runs.pool import RunPool
+from indentfit.study.runs import Execution
 
 NOISE = 0.01  # of the largest force, where no noise is given
 DEPTHS = (0.5, 1.0, 1.5)  # of the case's largest depth
@@ -23,11 +28,23 @@ DEEPEST = 0.2  # of the thickness: equilibria beyond are not sure to be found
 POINTS = 24  # of each further test
 ANGLES = (0, 90)
 
+Values = Mapping[str, float]
+
 
 @dataclass(frozen=True)
 class FurtherTest:
-    """One further test: what of the case it changes ("" for nothing), its angle, depth in mm; stderr: of every free
-    parameter with it and the case's tests together; None with a cause where it could not be computed."""
+    """One further test, and what it would determine together with the tests of the case.
+
+    Parameters
+    ----------
+    change : str
+        What of the case it changes; empty for nothing.
+    angle : int, degrees
+    depth : float, mm
+    stderr : dict of parameter -> standard error, in the parameter's unit, or None
+    cause : str or None
+        Why there is no standard error.
+    """
 
     change: str
     angle: int
@@ -35,11 +52,33 @@ class FurtherTest:
     stderr: dict[str, float] | None
     cause: str | None = None
 
+    @property
+    def words(self) -> str:
+        return self.change or "as the case is"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Design:
-    """parameters: where the information was taken; noise: sigma, mN; stderr: of the case's own tests; worst: the parameter
-    with the largest one relative to its value; candidates: best for it first, failed ones last; runs: of the model."""
+    """Further tests, ranked by what they would do to the worst parameter.
+
+    Parameters
+    ----------
+    parameters : dict of name -> value
+        Where the information was taken.
+    noise : float, mN
+        Standard deviation of a force.
+    stderr : dict of parameter -> standard error by the case's own tests
+    worst : str
+        The parameter whose standard error is largest, relative to its value.
+    candidates : tuple of FurtherTest
+        The best for `worst` first, failed ones last.
+    runs : int
+        Of the forward model.
+    case : Case or None
+        None for a design that was read from design.json.
+    """
+
+    FORMAT: ClassVar[str] = "indentfit.design/2"
 
     parameters: dict[str, float]
     noise: float
@@ -47,71 +86,126 @@ class Design:
     worst: str
     candidates: tuple[FurtherTest, ...]
     runs: int
+    case: Case | None = None
 
-    def as_json(self):
-        """The stable keys of `design --json`."""
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of design.json, under the tag `format`."""
         return {
+            "format": self.FORMAT,
             "parameters": self.parameters,
             "noise_mN": self.noise,
             "stderr": self.stderr,
             "worst": self.worst,
-            "candidates": [vars(one) for one in self.candidates],
+            "candidates": [asdict(test) for test in self.candidates],
             "runs": self.runs,
         }
 
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "Design":
+        """The design that design.json holds, in the form of this version or of 0.1."""
+        tests = tuple(FurtherTest(**test) for test in value["candidates"])
+        return cls(value["parameters"], value["noise_mN"], value["stderr"], value["worst"], tests, value["runs"])
 
-def design(case, parameters=None, noise=None, progress=None):
-    """Design for the free parameters of a case, at given parameters (name -> value) or at its start values.
+    def summary(self) -> str:
+        """The design in words, as the command prints it."""
+        from indentfit.report.study_text import design_lines
 
-    noise: sigma of a force, mN; by default 1 % of the largest of the case's tests. progress: called with (share, note).
-    Raises DesignError where the case's own tests have no derivatives.
+        return "\n".join(design_lines(self))
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """The matplotlib Figure of the candidates; saved as SVG and PNG where a path is given."""
+        from indentfit.report.plots import designs
+
+        return designs(self, path)
+
+    def write(self, folder: str | Path, overwrite: bool = False) -> None:
+        """Write the result folder. Raises OutputError where the folder exists already, or cannot be written."""
+        from indentfit.report.study_folder import write_design
+
+        write_design(self, folder, overwrite)
+
+    def __repr__(self) -> str:
+        best = next((test for test in self.candidates if test.stderr), None)
+        end = f"; best: {best.words}, angle {best.angle}, to {best.depth:.3g} mm" if best else ""
+        return f"Design(worst parameter {self.worst}{end})"
+
+    def _repr_html_(self) -> str:
+        from indentfit.report.study_text import design_rows, html_table
+
+        return html_table(repr(self), design_rows(self))
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What is known before a further test: values of the parameters, information (p, p), noise, mN."""
+
+    parameters: Values
+    information: Array
+    noise: float
+
+
+def design(case: Case, parameters: Values | None = None, noise: float | None = None, execution: Execution | None = None) -> Design:
+    """Which further test would determine the worst free parameter of a case best.
+
+    Parameters
+    ----------
+    case : Case
+    parameters : mapping of name to value
+        Where the information is taken; by default the start values.
+    noise : float, mN
+        Standard deviation of a force; by default 1 % of the largest force of the case's tests.
+    execution : Execution
+        Its progress, workers and cluster.
+
+    Raises
+    ------
+    DesignError
+        The case's own tests have no derivatives.
     """
-    parameters = parameters or case.start_values()
-    progress = progress or (lambda share, note: None)
+    parameters, execution = dict(parameters or case.start_values()), execution or Execution()
     variants = list(_variants(case))
-    own, forces, runs = _own(case, parameters)
+    own, forces, runs = _own(case, parameters, execution)
     noise = noise or NOISE * max(float(force.max()) for force in forces)
-    names = list(case.free)
     prior = np.diag([12 / (bounds.max - bounds.min) ** 2 for bounds in case.free.values()])
-    known = prior + sum(J.T @ J for J in own) / noise**2
-    now = _stderr(names, known)
-    worst = max(names, key=lambda name: now[name] / (abs(parameters[name]) or case.free[name].max))
-    found = []
+    known = _Known(parameters, prior + sum(J.T @ J for J in own) / noise**2, noise)
+    now = _stderr(list(case.free), known.information)
+    worst = max(case.free, key=lambda name: now[name] / (abs(parameters[name]) or case.free[name].max))
+    tests: list[FurtherTest] = []
     for n, (change, variant) in enumerate(variants):
-        progress(n / len(variants), change or "as the case is")
-        rows, used = _candidates(change, variant, parameters, known, noise)
-        found += rows
+        execution.progress(n / len(variants), change or "as the case is")
+        further, used = _further_tests(change, variant, known, execution)
+        tests += further
         runs += used
-    found.sort(key=lambda one: one.stderr[worst] if one.stderr else np.inf)
-    return Design(dict(parameters), noise, now, worst, tuple(found), runs)
+    tests.sort(key=lambda test: test.stderr[worst] if test.stderr else np.inf)
+    return Design(parameters, noise, now, worst, tuple(tests), runs, case)
 
 
-def _variants(case):
+def _variants(case: Case) -> Iterator[tuple[str, Case]]:
     """(what is changed, the case so changed), one thing at a time."""
     yield "", case
-    for key, value in case.indenter.geometry.variants(case.sample.geometry.outline.extent):
-        yield _changed(case, key, value)
-    for friction in (0.0, "stick"):
+    for key, size in case.indenter.geometry.variants(case.sample.geometry.outline.extent):
+        yield f"{key} {size:g} mm", _with_indenter(case, key, size)
+    for friction, words in ((0.0, "no friction"), ("stick", "sticking")):
         if case.indenter.friction != friction:
-            yield _changed(case, "friction", friction)
+            yield words, _with_indenter(case, "friction", friction)
 
 
-def _changed(case, key, value):
-    said = f"{key} {value:g} mm" if key != "friction" else "no friction" if value == 0 else "sticking"
-    return said, case.model_copy(update={"indenter": case.indenter.model_copy(update={key: value})})
+def _with_indenter(case: Case, key: str, value: float | str) -> Case:
+    return case.model_copy(update={"indenter": case.indenter.model_copy(update={key: value})})
 
 
-def _own(case, parameters):
+def _own(case: Case, parameters: Values, execution: Execution) -> tuple[list[Array], Sequence[Array], int]:
     """Derivatives of the case's own tests, their forces, and the number of runs."""
-    with RunPool(case) as pool:
+    with RunPool(case, execution.workers, None, execution.cluster, execution.stop) as pool:
         problem = _problem(case, parameters)
         slopes = _slopes(problem, pool, parameters)
         evaluation = evaluate_at_reference(problem, pool, [parameters])[0]
+        assert evaluation.forces is not None  # there were derivatives
         return slopes, problem.scaled(parameters, evaluation.forces), pool.runs
 
 
-def _candidates(change, variant, parameters, known, noise):
-    """The further tests of one variant: both angles, all depths, from one run each to the deepest."""
+def _further_tests(change: str, variant: Case, known: _Known, execution: Execution) -> tuple[list[FurtherTest], int]:
+    """The FurtherTests of one variant, at both angles and all depths, from one run each to the deepest; and the number of runs."""
     deepest = max(float(variant.outputs(test)[-1]) for test in variant.tests)
     allowed = [factor for factor in DEPTHS if factor * deepest <= DEEPEST * variant.sample.thickness] or [DEPTHS[0]]
     cause, used = "", 0
@@ -119,28 +213,27 @@ def _candidates(change, variant, parameters, known, noise):
         tests = tuple(Test(name=f"{angle}", angle=angle, depth=allowed[-1] * deepest, points=6 * POINTS) for angle in ANGLES)
         tried = variant.model_copy(update={"tests": tests, "curves": (None,) * len(tests)})
         try:
-            with RunPool(tried) as pool:
-                slopes = _slopes(_problem(tried, parameters), pool, parameters)
+            with RunPool(tried, execution.workers, None, execution.cluster, execution.stop) as pool:
+                slopes = _slopes(_problem(tried, known.parameters), pool, known.parameters)
                 used += pool.runs
-            return list(_rows(change, tried, slopes, allowed, deepest, known, noise)), used
+            return list(_at_depths(change, tried, slopes, [factor * deepest for factor in allowed], known)), used
         except IndentfitError as error:
             cause = str(error)
             allowed = allowed[:-1]  # shallower, equilibrium may be found
     return [FurtherTest(change, angle, deepest, None, cause) for angle in ANGLES], used
 
 
-def _rows(change, case, slopes, allowed, deepest, known, noise):
+def _at_depths(change: str, case: Case, slopes: Sequence[Array], depths: Sequence[float], known: _Known) -> Iterator[FurtherTest]:
     names = list(case.free)
     for test, J in zip(case.tests, slopes, strict=True):
-        depths = case.outputs(test)
-        for factor in allowed:
-            within = depths <= factor * deepest * (1 + 1e-9)
+        for depth in depths:
+            within = case.outputs(test) <= depth * (1 + 1e-9)
             rows = np.linspace(0, np.count_nonzero(within) - 1, POINTS).round().astype(int)
             more = J[within][rows]
-            yield FurtherTest(change, test.angle, factor * deepest, _stderr(names, known + more.T @ more / noise**2))
+            yield FurtherTest(change, test.angle, depth, _stderr(names, known.information + more.T @ more / known.noise**2))
 
 
-def _slopes(problem, pool, parameters):
+def _slopes(problem: InverseProblem, pool: RunPool, parameters: Values) -> list[Array]:
     """dF/dtheta of every test, (n, n_free), mN per unit of a parameter. Raises DesignError."""
     ranges = np.array([problem.range(name) for name in problem.free])
     try:
@@ -149,12 +242,12 @@ def _slopes(problem, pool, parameters):
         raise DesignError(f"no design without derivatives: {failure}") from failure
 
 
-def _problem(case, parameters):
+def _problem(case: Case, parameters: Values) -> InverseProblem:
     """An InverseProblem whose tests have only displacements: enough for derivatives."""
     tests = tuple(Target(test.name, Curve(case.outputs(test), case.outputs(test)), 1.0) for test in case.tests)
     scale, reference = scale_of(case)
     return InverseProblem(tests, dict(parameters), case.free, scale, reference, differences_of(case))
 
 
-def _stderr(names, information):
+def _stderr(names: Sequence[str], information: Array) -> dict[str, float]:
     return dict(zip(names, np.sqrt(np.diag(np.linalg.inv(information))).tolist(), strict=True))

@@ -5,11 +5,15 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Any, TypeVar
 
 from indentfit.runs.processes import deaf_to_interrupts
+
+Returned = TypeVar("Returned")
 
 DIED = "its process was killed (out of memory?)"
 
@@ -18,7 +22,7 @@ class Died(Exception):
     """The process ended before the call did."""
 
 
-def isolated(function, *arguments):
+def isolated(function: Callable[..., Returned], *arguments: Any) -> Returned:
     """What function(*arguments) returns, called in a process of its own. Raises Died, and whatever the function raises."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin) as executor:
         try:
@@ -33,7 +37,7 @@ def isolated(function, *arguments):
             raise
 
 
-def peak_memory():
+def peak_memory() -> int:
     """Largest memory that this process has held so far, in bytes."""
     status = Path("/proc/self/status")
     if status.exists():  # what getrusage says there includes the process that started this one
@@ -44,27 +48,27 @@ def peak_memory():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
-def available_memory():
+def available_memory() -> int | None:
     """Memory that a new process can have, in bytes, None where not known: the machine's, or less by a group's limit."""
-    found = []
+    limits = []
     table = Path("/proc/meminfo")
     if table.exists():
         line = next((line for line in table.read_text().splitlines() if line.startswith("MemAvailable:")), None)
-        found += [int(line.split()[1]) * 1024] if line else []
+        limits += [int(line.split()[1]) * 1024] if line else []
     limit, used = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
     if limit.exists() and used.exists() and (text := limit.read_text().strip()).isdigit():
-        found.append(int(text) - int(used.read_text()))
-    if not found and hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    return min(found, default=None)
+        limits.append(int(text) - int(used.read_text()))
+    if not limits and hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    return min(limits, default=None)
 
 
-def _begin():
+def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with_parent():
+def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,100 +1,122 @@
 """How exact the forces of a case are on its mesh, and on a family of meshes, and what that costs.
 
-The family is one mesh at several sizes: the widths of its elements at the singular edges are a smooth function of the element
-size h, mm (`mesh.size`), only its numbers of elements are rounded, so that the meshes are similar, not nested. The force approaches
-its limit at zero size like h^p; singular edges (a sharp indenter's, a strip's end on the sample's rim) make p about 1 for any
-element. A mesh that was solved only by a second try, which may be on another mesh, is shown and not counted. Changes by contact
-penalty, load step and edge radius are found one at a time on the case's own mesh.
+The force approaches its limit at zero element size h like h^p. Singular edges (a sharp indenter's edge, the place where a strip
+leaves the sample) make p about 1 for any element. A mesh that was solved only by a second try, which may be on another mesh, is
+shown and not counted. Changes by contact penalty, load step and edge radius are found one at a time on the case's own mesh.
 """
 
-import time
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
+from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.curve import Curve
-from indentfit.errors import CaseError, ConvergenceError, IndentfitError, MeshError
-from indentfit.experiment.measured import changed_case
-from indentfit.fem import mesh as meshes
-from indentfit.fem.simulate import Model
 from indentfit.inverse.objective import Target, equation_one, rmse
-from indentfit.runs.forward import presses_of
-from indentfit.runs.points import press_of, setup_of
-from indentfit.runs.run import Run
 from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
-from indentfit.study.isolated import DIED, Died, available_memory, isolated, peak_memory
+from indentfit.study.mesh_family import MeshCheckPlan, own_checks, own_family, plan_mesh_check
+from indentfit.study.mesh_measurement import Measured, measure_all
 from indentfit.study.refit import Refit, refits
+from indentfit.study.runs import Execution
 from indentfit.study.sweep import stiffness
 
-FORMAT = "indentfit.mesh-check/1"
 METHOD = (
     "error bands: 95 % profile interval of f0 in f(h) = f0 + C h^p, 0.5 <= p <= 2.1, by least squares over all meshes, and "
     "where the order is not believed also three times the distance of the finest mesh from the limit of p = 1; beside it "
     "the uncertainty of the finest mesh by Eca and Hoekstra 2014 (J Comput Phys 262:104); GCI of the three finest meshes by "
     "Roache and Celik et al. 2008 (J Fluids Eng 130:078001), safety factor 1.25"
 )
-SHARES = (0.2, 0.4, 0.5, 1.0, 2.0, 3.5)  # of the case's number of elements: a wide range of sizes, at bearable costs
 LEAST_FAMILY = 4
-FITS = 0.9  # of the memory that is free
-MEASURED = "measured"  # among a run's parameters: done in a process of its own, with what that process needed among its facts
-# Peak memory of a run, bytes: a process with the libraries, and for each dof what element and solver take, which a factor of
-# three-dimensional nested dissection makes grow as n^(4/3). Quarter discs of 5,600 to 130,000 dofs took within 6 % of it with
-# PARDISO, 27,000 to 28,000 within 16 % with multigrid, which took a quarter less at 411,000; SuperLU's fill is a guess from above.
-PROCESS, PER_DOF = 320e6, {"q2p1": 14e3, "q1p0": 5e3}
-PER_DOF_FACTOR = {"pardiso": 200.0, "superlu": 1200.0, "pyamg": 100.0}
-CHECKS = {
-    "solver.penalty": (0.3, 3.0, 10.0),  # factors on the case's own
-    "solver.max_step": (0.05, 0.025, 0.0125),  # of the largest displacement
-    "indenter.edge_radius": (0.2, 0.1, 0.05),  # of the indenter's half-width; a default mesh does not resolve less
-}
+WANTED = 0.02  # largest error of force and stiffness, where none is asked for
 
 
 @dataclass(frozen=True)
-class Measured:
-    """The tests of a case on one mesh: what they gave, and what they cost; `cause` instead of forces where they failed.
+class MeshResult:
+    """One mesh of the family: what was asked for, what was measured, and how far its curves are from the measured ones.
 
-    h: mm, None where it failed; tries: 1, or more where the usual contact and mesh did not converge; forces: mN, an array (n,)
-    for each test; cpu_seconds: of all tests, without the set-up; memory: peak, bytes.
+    Parameters
+    ----------
+    asked : str
+        "mesh.size=..." or "mesh.elements=...".
+    measured : Measured
+    rmse : dict of test -> mN, or None
+        Of the tests that have a measured curve.
+    objective : float or None, mN
+        Equation (1), where every test has a measured curve.
     """
 
-    elements: int
-    dofs: int
-    h: float | None
-    forces: tuple[np.ndarray, ...] | None
-    newton_iterations: int
-    factorizations: int
-    loose_steps: int
-    tries: int
-    penalty_error: float
-    cpu_seconds: float
-    setup_seconds: float
-    memory: int
-    cause: str | None
+    asked: str
+    measured: Measured
+    rmse: dict[str, float] | None
+    objective: float | None
 
-    @property
-    def counts(self):
-        """Whether it is one of the family."""
-        return self.forces is not None and self.tries == 1
+    def as_json(self) -> dict[str, Any]:
+        return {"asked": self.asked, **self.measured.as_json(), "rmse_mN": self.rmse, "objective_mN": self.objective}
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "MeshResult":
+        return cls(value["asked"], Measured.from_json(value), value["rmse_mN"], value["objective_mN"])
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of one test over the family: its values on the meshes that count, in their order, and its errors.
+    """One number of one test over the family: its values on the meshes that count, and its errors.
 
-    kind: "force" at the last displacement, mN, or "stiffness", mN/mm; band: (low, high), from the finest mesh to the
-    far end of where the value at zero size may lie, or None where fewer than LEAST_FAMILY meshes count; error (n,): each mesh's
-    largest error, a share of its value.
+    Parameters
+    ----------
+    test : str
+    kind : str
+        "force" at the last displacement, mN, or "stiffness", mN/mm.
+    h, values : arrays (n,)
+    approach : Approach or None
+    index : Index or None
+    band : (low, high) or None
+        From the finest mesh to the far end of where the value at zero size may lie; None where fewer than LEAST_FAMILY meshes
+        count.
+    error : array (n,) or None
+        Largest error of each mesh, a share of its value.
     """
 
     test: str
     kind: str
-    h: np.ndarray
-    values: np.ndarray
+    h: Array
+    values: Array
     approach: Approach | None
     index: Index | None
     band: tuple[float, float] | None
-    error: np.ndarray | None
+    error: Array | None
+
+    @property
+    def unit(self) -> str:
+        return "mN" if self.kind == "force" else "mN/mm"
+
+    @property
+    def finest(self) -> float | None:
+        """The value on the finest mesh."""
+        return float(self.values[self.h.argmin()]) if self.h.size else None
+
+    @property
+    def finest_uncertainty(self) -> float | None:
+        """Half-width of the finest mesh's band by Eca and Hoekstra."""
+        return None if self.approach is None else float(self.approach.uncertainty[self.h.argmin()])
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "Quantity":
+        approach, index, band = value["approach"], value["index"], value["band"]
+        arrays = {name: np.array(value[name], dtype=float) for name in ("h", "values")}
+        return cls(
+            value["test"],
+            value["kind"],
+            arrays["h"],
+            arrays["values"],
+            approach and Approach.from_json(approach),
+            index and Index(**index),
+            band and (band[0], band[1]),
+            None if value["error"] is None else np.array(value["error"], dtype=float),
+        )
 
 
 @dataclass(frozen=True)
@@ -107,9 +129,30 @@ class Change:
     cause: str | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class MeshCheck:
-    """The whole check; `meshes` from coarse to fine as (what was asked, Measured), `chosen`: the verdict's mesh or None."""
+    """The whole check.
+
+    Parameters
+    ----------
+    tests : dict of test -> angle, degrees
+    parameters : dict of name -> value
+        Parameters of the material, in their units.
+    wanted : float
+        Largest error of force and stiffness that was asked for, a share.
+    meshes : tuple of MeshResult, from coarse to fine
+    quantities : tuple of Quantity
+    changes : tuple of Change
+    chosen : int or None
+        Number of the coarsest mesh that is exact enough.
+    verdict : str
+    refits : tuple of Refit
+        The parameters fitted anew on each mesh, where that was asked for.
+    case : Case or None
+        None for a check that was read from result.json.
+    """
+
+    FORMAT: ClassVar[str] = "indentfit.mesh_check/2"
 
     title: str
     case_hash: str
@@ -118,242 +161,151 @@ class MeshCheck:
     wanted: float
     element: str
     linear: str
-    meshes: tuple[tuple[str, Measured], ...]
-    rmse: tuple[dict[str, float] | None, ...]
-    objective: tuple[float | None, ...]
+    meshes: tuple[MeshResult, ...]
     quantities: tuple[Quantity, ...]
     changes: tuple[Change, ...]
     chosen: int | None
     verdict: str
     refits: tuple[Refit, ...] = ()
+    method: str = METHOD
+    case: Case | None = None
 
-    def as_json(self):
-        """The stable keys of a mesh-check's result.json."""
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of a mesh-check's result.json, under the tag `format`."""
+        same = ("method", "title", "case_hash", "tests", "parameters", "wanted", "element", "linear", "chosen", "verdict")
         return {
-            "format": FORMAT,
-            "method": METHOD,
-            **{name: getattr(self, name) for name in ("title", "case_hash", "tests", "parameters", "wanted", "element", "linear")},
-            "meshes": [
-                {"asked": asked, **asdict(one), "rmse_mN": errors, "objective_mN": objective}
-                for (asked, one), errors, objective in zip(self.meshes, self.rmse, self.objective, strict=True)
-            ],
-            "quantities": [asdict(one) for one in self.quantities],
-            "changes": [asdict(one) for one in self.changes],
-            "chosen": self.chosen,
-            "refits": [asdict(one) for one in self.refits],
-            "verdict": self.verdict,
+            "format": self.FORMAT,
+            **{name: getattr(self, name) for name in same},
+            "meshes": [mesh.as_json() for mesh in self.meshes],
+            "quantities": [asdict(quantity) for quantity in self.quantities],
+            "changes": [asdict(change) for change in self.changes],
+            "refits": [asdict(refit) for refit in self.refits],
         }
 
-
-@dataclass(frozen=True)
-class Plan:
-    """What a check computes: the Case, its family of (what was asked, Case) from coarse to fine, and the (key, value, Case) of
-    contact, steps and edge."""
-
-    case: Case
-    family: tuple[tuple[str, Case], ...]
-    others: tuple[tuple[str, float, Case], ...]
-
-    @property
-    def cases(self):
-        own = [self.case] if self.others else []
-        return [one for _, one in self.family] + own + [one for *_, one in self.others]
-
-
-def plan(case, family, checks=None):
-    """Plan of a check of a Case over a family, a list of "mesh.size=..." or "mesh.elements=..."; checks: key -> values of contact,
-    steps and edge (`own_checks`).
-
-    Raises CaseError, and MeshError for a mesh that cannot be or that does not fit into memory, with the estimate.
-    """
-    cases = [(asked, changed_case(case, [asked])) for asked in family]
-    others = [(k, v, changed_case(case, [f"{k}={v:.10g}"])) for k, vs in (checks or {}).items() for v in vs]
-    for asked, one in cases:
-        _refuse_too_large(one, asked)
-    return Plan(case, tuple(sorted(cases, key=lambda pair: estimate(pair[1])[0])), tuple(others))
-
-
-def mesh_check(planned, ledger=None, wanted=0.02, progress=None):
-    """MeshCheck of a Plan; wanted: largest error of force and stiffness, a share.
-
-    ledger: a Ledger with the plan's cases among its own, where what is measured is looked up and kept, or None. progress: called
-    with (share done, note). Raises LedgerError; failures of the mechanics are in the result.
-    """
-    case, family = planned.case, planned.family
-    found = _measure_all(planned.cases, ledger, progress or (lambda share, note: None))
-    family_found = [(asked, one) for (asked, _), one in zip(family, found, strict=False)]
-    family_found = [
-        pair for n, pair in enumerate(family_found) if pair[1].elements not in [o.elements for _, o in family_found[:n]]
-    ]
-    quantities = tuple(_quantities(case, [one for _, one in family_found]))
-    changes = tuple(_changes(case, found[len(family) :], planned.others))
-    chosen, verdict = _verdict(family_found, quantities, wanted)
-    fine = [_misfits(case, one) for _, one in family_found]
-    return MeshCheck(
-        case.title, case.hash, {test.name: test.angle for test in case.tests}, case.start_values(), wanted, case.solver.element,
-        case.solver.linear, tuple(family_found), tuple(e for e, _ in fine), tuple(o for _, o in fine), quantities, changes,
-        chosen, verdict,
-    )  # fmt: skip
-
-
-def refitted(planned, ledger=None, progress=None):
-    """Refits of the case on each mesh of a Plan's family, from coarse to fine: the meshes' error in the parameters themselves."""
-    return refits(planned.family, ledger, progress=progress)
-
-
-def own_family(case):
-    """The default family around the case's mesh, as overrides."""
-    own = estimate(case)[0]
-    return [f"mesh.elements={max(20, round(share * own))}" for share in SHARES]
-
-
-def own_checks(case):
-    """Key -> values of contact penalty, load step and edge radius, in the units of the case."""
-    depth = _depth(case)
-    found = {
-        "solver.penalty": [share * case.solver.penalty for share in CHECKS["solver.penalty"]],
-        "solver.max_step": [float(f"{share * depth:.4g}") for share in CHECKS["solver.max_step"]],
-    }
-    shape = case.indenter.geometry
-    own = shape.edge_radius
-    if own is not None and case.indenter.friction != "stick":
-        radii = [share * shape.half_width for share in CHECKS["indenter.edge_radius"]]
-        found["indenter.edge_radius"] = [0.0, own / 2, own * 2] if own else radii
-    return found
-
-
-# ---- memory ------------------------------------------------------------------------------------------------------
-
-
-def estimate(case):
-    """Elements, degrees of freedom and peak memory, bytes, of a case, before its mesh is made."""
-    elements = meshes.count(case.sample, case.indenter, case.mesh, case.solver.element, _depth(case))
-    nodes = elements * (8 if case.solver.element == "q2p1" else 1)
-    dofs = 3 * nodes * (1 + 1 / nodes ** (1 / 3)) ** 3
-    return elements, round(dofs), memory_of(dofs, case.solver.element, case.solver.linear)
-
-
-def _depth(case):
-    return max(float(case.outputs(test)[-1]) for test in case.tests)
-
-
-def memory_of(dofs, element, linear="auto"):
-    """Peak memory of a run, bytes."""
-    from indentfit.fem.linear.choice import choice
-
-    factor = PER_DOF_FACTOR[choice(linear, dofs)]
-    return PROCESS + PER_DOF[element] * dofs + factor * dofs ** (4 / 3)
-
-
-def _refuse_too_large(case, asked):
-    elements, dofs, memory = estimate(case)
-    free = available_memory()
-    if free is not None and memory > FITS * free:
-        raise MeshError(
-            f"{case.path}: {asked.replace('=', ' = ')}: about {elements:,} elements, {dofs:,} degrees of freedom and "
-            f"{memory / 1e9:.1f} GB of memory, of which {free / 1e9:.1f} GB are free; ask for a coarser mesh"
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "MeshCheck":
+        """The check that result.json holds, in the form of this version or of 0.1."""
+        same = ("method", "title", "case_hash", "tests", "parameters", "wanted", "element", "linear", "chosen", "verdict")
+        return cls(
+            **{name: value[name] for name in same},
+            meshes=tuple(map(MeshResult.from_json, value["meshes"])),
+            quantities=tuple(map(Quantity.from_json, value["quantities"])),
+            changes=tuple(Change(**change) for change in value["changes"]),
+            refits=tuple(map(Refit.from_json, value.get("refits", ()))),
         )
 
+    def summary(self) -> str:
+        """The check in words, as the command prints it."""
+        from indentfit.report.study_text import mesh_check_lines
 
-# ---- runs --------------------------------------------------------------------------------------------------------
+        return "\n".join(mesh_check_lines(self))
 
+    def plot(self, path: str | Path | None = None) -> Any:
+        """The matplotlib Figure of the quantities over the element size; saved as SVG and PNG where a path is given."""
+        from indentfit.report.mesh_check import convergence_figure
 
-def _measure_all(cases, ledger, progress):
-    """Measured of each case, one after the other, each in a process of its own; progress by estimated cost."""
-    costs = np.array([estimate(case)[1] ** (4 / 3) for case in cases])
-    found = []
-    for n, case in enumerate(cases):
-        own = None if ledger is None else ledger.of(case)
-        record = None if own is None else _recorded(case, own)
-        if not record:
-            progress(costs[:n].sum() / costs.sum(), f"mesh {n + 1} of {len(cases)}")
-            record = _measured_or_cause(case)
-            if own is not None and record["cause"] != DIED:  # that was the machine's fault, and may not happen again
-                _keep(case, own, record)
-        forces = record["forces"] and tuple(map(np.array, record["forces"]))
-        found.append(Measured(**{**record, "forces": forces}))
-    return found
+        return convergence_figure(self.quantities, path)
 
+    def write(self, folder: str | Path, overwrite: bool = False) -> None:
+        """Write the result folder. Raises OutputError where the folder exists already, or cannot be written."""
+        from indentfit.report.study_folder import write_study
 
-def _recorded(case, ledger):
-    """The record of a case that the ledger holds, or None: its forces in a run of each test, the rest in the facts of each."""
-    runs = [ledger.find(case.start_values() | {MEASURED: True}, test) for test in case.tests]
-    if None in runs:
-        return None
-    forces = None if any(run.force is None for run in runs) else [run.force for run in runs]
-    return {**runs[0].facts, "forces": forces, "cause": runs[0].cause}
+        write_study(self, folder, overwrite)
+
+    def __repr__(self) -> str:
+        return f"MeshCheck({self.title!r}: {len(self.meshes)} meshes; {self.verdict.partition('. ')[0]})"
+
+    def _repr_html_(self) -> str:
+        from indentfit.report.study_text import html_table, mesh_rows
+
+        return html_table(repr(self), mesh_rows(self))
 
 
-def _keep(case, ledger, record):
-    facts = {name: value for name, value in record.items() if name not in ("forces", "cause")}
-    for test, force in zip(case.tests, record["forces"] or [None] * len(case.tests), strict=True):
-        force = None if force is None else np.array(force)
-        ledger.add(case.start_values() | {MEASURED: True}, test, Run(force, record["cause"], record["cpu_seconds"], facts))
+def mesh_check(
+    case: Case,
+    family: Sequence[str] = (),
+    checks: Mapping[str, Sequence[float]] | None = None,
+    wanted: float = WANTED,
+    refit: bool = False,
+    execution: Execution | None = None,
+) -> MeshCheck:
+    """How exact a case is on a family of meshes, and what each mesh costs.
+
+    Parameters
+    ----------
+    case : Case
+        A parameter that the case leaves free has its start value.
+    family : texts "mesh.size=..." or "mesh.elements=..."
+        By default six meshes around the case's own.
+    checks : key -> values
+        Contact penalty, load steps and edge at other values; by default `own_checks(case)`, none for an empty mapping.
+    wanted : float
+        Largest error of force and stiffness, a share.
+    refit : bool
+        Fit the free parameters anew on each mesh, too.
+    execution : Execution
+        Ledger and progress; runs are made one after the other, each in a process of its own.
+
+    Returns
+    -------
+    MeshCheck
+        Failures of the mechanics are in it, with their cause.
+
+    Raises
+    ------
+    CaseError
+    MeshError
+        A mesh cannot be, or does not fit into memory.
+    """
+    plan = plan_mesh_check(case, family or own_family(case), own_checks(case) if checks is None else checks)
+    return run_mesh_check(plan, wanted, refit, execution or Execution())
 
 
-def _measured_or_cause(case):
-    elements, dofs, _ = estimate(case)
-    try:
-        return isolated(measure, case)
-    except (IndentfitError, Died) as error:
-        cause = DIED if isinstance(error, Died) else " ".join(str(error).split())
-        nothing = dict.fromkeys(("newton_iterations", "factorizations", "loose_steps", "tries", "memory"), 0)
-        return {
-            "elements": elements, "dofs": dofs, "h": None, "forces": None, **nothing, "penalty_error": 0.0,
-            "cpu_seconds": 0.0, "setup_seconds": 0.0, "cause": cause,
-        }  # fmt: skip
+def run_mesh_check(plan: MeshCheckPlan, wanted: float, refit: bool, execution: Execution) -> MeshCheck:
+    """The MeshCheck of a MeshCheckPlan; the other arguments are those of `mesh_check`."""
+    case = plan.case
+    measured = measure_all(plan.cases, execution)
+    meshes = tuple(_mesh_results(case, plan, measured))
+    quantities = tuple(_quantities(case, [mesh.measured for mesh in meshes]))
+    chosen, verdict = _verdict(meshes, quantities, wanted)
+    return MeshCheck(
+        title=case.title,
+        case_hash=case.hash,
+        tests={test.name: test.angle for test in case.tests},
+        parameters=case.start_values(),
+        wanted=wanted,
+        element=case.solver.element,
+        linear=case.solver.linear,
+        meshes=meshes,
+        quantities=quantities,
+        changes=tuple(_changes(case, measured[len(plan.family) :], plan.others)),
+        chosen=chosen,
+        verdict=verdict,
+        refits=refits(plan.family, execution) if refit else (),
+        case=case,
+    )
 
 
-def measure(case: Case):
-    """The record of a Measured, as plain numbers: every test of a case in this process. Raises ConvergenceError."""
-    _compile(case)
-    started = time.process_time()
-    model = Model(setup_of(case))
-    ready = time.process_time()
-    simulation = model.simulate(presses_of(case, case.law(**case.start_values())))
-    solver = simulation.solver
-    return {
-        "elements": simulation.mesh.elements,
-        "dofs": simulation.mesh.dofs,
-        "h": float(meshes.size(case.sample, case.indenter, case.mesh, case.solver.element, _depth(case))),
-        "forces": [test.force.tolist() for test in simulation.tests],
-        "newton_iterations": solver.newton_iterations,
-        "factorizations": solver.factorizations,
-        "loose_steps": solver.loose_steps,
-        "tries": max(test.facts.tries for test in simulation.tests),
-        "penalty_error": solver.penalty_error,
-        "cpu_seconds": time.process_time() - ready,
-        "setup_seconds": ready - started,
-        "memory": peak_memory(),
-        "cause": None,
-    }
+def _mesh_results(case: Case, plan: MeshCheckPlan, measured: Sequence[Measured]) -> Iterator[MeshResult]:
+    """One for each different number of elements."""
+    known = set()
+    for (asked, _), on_mesh in zip(plan.family, measured, strict=False):
+        if on_mesh.elements not in known:
+            known.add(on_mesh.elements)
+            yield MeshResult(asked, on_mesh, *_misfits(case, on_mesh))
 
 
-def _compile(case):
-    """Run a small mesh to a small depth, so that what is compiled on first use is not counted as work."""
-    small = case.model_copy(update={"mesh": type(case.mesh)(elements=20)})
-    try:
-        material = small.law(**small.start_values())
-        press = press_of(small, small.tests[0], material)
-        Model(setup_of(small)).run(replace(press, depths=1e-3 * press.depths[-1:]))
-    except (ConvergenceError, MeshError):
-        pass
-
-
-# ---- what the family says ----------------------------------------------------------------------------------------
-
-
-def _quantities(case, found):
-    computed = [one for one in found if one.counts]
-    h = np.array([one.h for one in computed])
+def _quantities(case: Case, measured: Sequence[Measured]) -> Iterator[Quantity]:
+    computed = [(on_mesh.h, on_mesh.forces) for on_mesh in measured if on_mesh.counts and on_mesh.forces is not None]
+    h = np.array([size for size, _ in computed], dtype=float)
     for n, test in enumerate(case.tests):
-        curves = [Curve(case.outputs(test), one.forces[n]) for one in computed]
+        curves = [Curve(case.outputs(test), forces[n]) for _, forces in computed]
         yield _quantity(test.name, "force", h, np.array([curve.force[-1] for curve in curves]))
         if case.outputs(test).size > 1:
             yield _quantity(test.name, "stiffness", h, np.array([stiffness(curve) for curve in curves]))
 
 
-def _quantity(test, kind, h, values):
+def _quantity(test: str, kind: str, h: Array, values: Array) -> Quantity:
     if h.size < LEAST_FAMILY:
         return Quantity(test, kind, h, values, None, grid_convergence_index(h, values), None, None)
     approach, finest = fitted(h, values), int(np.argmin(h))
@@ -362,69 +314,61 @@ def _quantity(test, kind, h, values):
     return Quantity(test, kind, h, values, approach, grid_convergence_index(h, values), band, half / np.abs(values))
 
 
-def _misfits(case, one):
+def _misfits(case: Case, measured: Measured) -> tuple[dict[str, float] | None, float | None]:
     """RMSE of each measured test, mN, and equation (1)'s objective where all were measured."""
-    if one.forces is None or all(curve is None for curve in case.curves):
+    if measured.forces is None or all(curve is None for curve in case.curves):
         return None, None
     targets = [
-        (Target(test.name, curve, test.weight), force)
-        for test, curve, force in zip(case.tests, case.curves, one.forces, strict=True)
+        (Target(test.name, curve, float(test.weight or 0.0)), force)
+        for test, curve, force in zip(case.tests, case.curves, measured.forces, strict=True)
         if curve is not None
     ]
     errors = {target.name: rmse(target, force) for target, force in targets}
-    whole = len(targets) == len(case.tests)
-    return errors, equation_one(*zip(*targets, strict=True)) if whole else None
+    if len(targets) < len(case.tests):
+        return errors, None
+    return errors, equation_one([target for target, _ in targets], [force for _, force in targets])
 
 
-def _changes(case, found, others):
-    """Change of each key's value against the case as it is, which is found[0]."""
-    for (name, value, _), one in zip(others, found[1:], strict=True):
-        own = found[0]
-        if one.forces is None or own.forces is None:
-            yield Change(name, value, None, one.cause or own.cause)
+def _changes(case: Case, measured: Sequence[Measured], others: Sequence[tuple[str, float, Case]]) -> Iterator[Change]:
+    """Change of each key's value against the case as it is, which is the first that was measured."""
+    for (key, value, _), changed in zip(others, measured[1:], strict=True):
+        own = measured[0]
+        if changed.forces is None or own.forces is None:
+            yield Change(key, value, None, changed.cause or own.cause)
             continue
-        pairs = zip(case.tests, one.forces, own.forces, strict=True)
-        yield Change(name, value, {test.name: float(new[-1] / old[-1] - 1) for test, new, old in pairs}, None)
+        pairs = zip(case.tests, changed.forces, own.forces, strict=True)
+        yield Change(key, value, {test.name: float(new[-1] / old[-1] - 1) for test, new, old in pairs}, None)
 
 
-def _verdict(found, quantities, wanted):
-    """Index among `found` of the coarsest mesh whose bands are all within the wanted error, or None; and words."""
-    computed = [n for n, (_, one) in enumerate(found) if one.counts]
+def _verdict(meshes: Sequence[MeshResult], quantities: Sequence[Quantity], wanted: float) -> tuple[int | None, str]:
+    """Number of the coarsest mesh whose bands are all within the wanted error, or None; and words."""
+    computed = [n for n, mesh in enumerate(meshes) if mesh.measured.counts]
     if len(computed) < LEAST_FAMILY:
         return None, f"no verdict: {len(computed)} meshes of the family were computed, and an error needs {LEAST_FAMILY}"
-    worst = np.max([one.error for one in quantities], axis=0)
+    worst = np.max([quantity.error for quantity in quantities if quantity.error is not None], axis=0)
     good = [n for n in range(len(computed)) if (worst[n:] <= wanted).all()]
-    best = int(np.argmin(worst))
-    orders = _order_verdict(quantities)
+    place = good[0] if good else int(np.argmin(worst))
+    mesh = meshes[computed[place]]
+    what = f"{mesh.asked} ({mesh.measured.elements:,} elements)"
     if not good:
-        asked, one = found[computed[best]]
         return None, (
-            f"none of these meshes is exact to {100 * wanted:g} % of force and stiffness with certainty; the best is {asked} "
-            f"({one.elements:,} elements), within {worst[best]:.2%}; ask for finer ones. {orders}"
+            f"none of these meshes is exact to {100 * wanted:g} % of force and stiffness with certainty; the best is {what}, "
+            f"within {worst[place]:.2%}; ask for finer ones. {_order_verdict(quantities)}"
         )
-    asked, one = found[computed[good[0]]]
-    return computed[good[0]], (
-        f"{asked} ({one.elements:,} elements) is the coarsest mesh exact to {100 * wanted:g} % of force and stiffness "
-        f"(within {worst[good[0]]:.2%}): {one.cpu_seconds:.3g} s of processor time for all tests, {one.memory / 1e6:.0f} MB. "
-        f"{orders}"
+    return computed[place], (
+        f"{what} is the coarsest mesh exact to {100 * wanted:g} % of force and stiffness "
+        f"(within {worst[place]:.2%}): {mesh.measured.cpu_seconds:.3g} s of processor time for all tests, "
+        f"{mesh.measured.memory / 1e6:.0f} MB. {_order_verdict(quantities)}"
     )
 
 
-def _order_verdict(quantities):
+def _order_verdict(quantities: Sequence[Quantity]) -> str:
     """What the observed orders of the forces are worth, in words."""
-    forces = [one for one in quantities if one.kind == "force"]
-    seen = [f"{one.approach.order:.2g} ({one.test})" for one in forces if one.approach.order]
-    unseen = [f"{one.approach.raw_order:.2g} ({one.test})" for one in forces if not one.approach.order]
+    forces = [(q.test, q.approach) for q in quantities if q.kind == "force" and q.approach is not None]
+    seen = [f"{approach.order:.2g} ({test})" for test, approach in forces if approach.order]
+    unseen = [f"{approach.raw_order:.2g} ({test})" for test, approach in forces if not approach.order]
     words = f"Observed order of the force: {', '.join(seen)}; about 1 is usual where edges are singular" if seen else ""
     if unseen:
         words += "; " if seen else "Order of the force: "
         words += f"{', '.join(unseen)} is not believed, and the band there is widened, as if by a safety factor of {UNRELIABLE:g}"
     return words
-
-
-def parse(option, text):
-    """Overrides of a family: texts of --sizes ("0.6,0.5 mm") or --elements ("60,100")."""
-    parts = [part.strip() for part in text.split(",")]
-    if "" in parts or len(set(parts)) < 2:
-        raise CaseError(f"--{option} {text}: give two or more values, separated by commas")
-    return [f"mesh.{'size' if option == 'sizes' else 'elements'}={part}" for part in dict.fromkeys(parts)]

@@ -1,54 +1,92 @@
 """How the fitted parameters themselves move when a key of the case, or its mesh, is another: one whole fit for each."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from indentfit.case import require_fittable
+from indentfit.case import Case, require_fittable
 from indentfit.errors import IndentfitError, LedgerError, Stopped, WorkerError
 from indentfit.inference.fit import fit
-from indentfit.inference.result import ParameterEstimate
+from indentfit.study.runs import Execution
+
+
+@dataclass(frozen=True)
+class RefitEstimate:
+    """A fitted parameter: value and standard error (None where not known) in the unit."""
+
+    value: float
+    stderr: float | None
+    unit: str
 
 
 @dataclass(frozen=True)
 class Refit:
-    """One fit: name -> value and standard error (None where not known) of the free parameters, and its objective, mN.
+    """One fit under a changed key or on another mesh.
 
-    label: what was changed; cause: why there is no fit, or None; success: whether it converged.
+    Parameters
+    ----------
+    label : str
+        What was changed.
+    parameters : dict of name -> RefitEstimate
+        The free parameters.
+    objective : float or None, mN
+    success : bool
+        Whether the fit converged.
+    cause : str or None
+        Why there is no fit.
     """
 
     label: str
-    parameters: dict[str, dict]
+    parameters: dict[str, RefitEstimate]
     objective: float | None
     success: bool
     cause: str | None
 
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "Refit":
+        estimates = {name: RefitEstimate(**estimate) for name, estimate in value["parameters"].items()}
+        return cls(value["label"], estimates, value["objective"], value["success"], value["cause"])
 
-def refits(labelled, ledger=None, cluster=None, stop=None, progress=None):
-    """Refit of each (label, Case), on the workers of its `fit`; progress: called with (share done, note).
 
-    ledger: a Ledger with the cases among its own, or None: a fit that was finished once costs no run of the forward model.
-    Raises CaseError where a case has nothing to fit, before any is fitted, and what `RunPool.evaluate` raises.
+def refits(labelled: Sequence[tuple[str, Case]], execution: Execution) -> tuple[Refit, ...]:
+    """The Refit of each (label, Case), on the workers of its `fit`.
+
+    A fit that is in the ledger already costs no run of the forward model.
+
+    Raises
+    ------
+    CaseError
+        A case has nothing to fit; this is found before any is fitted.
+    Stopped, WorkerError, LedgerError
     """
     for _, case in labelled:
         require_fittable(case)
-    found = []
-    for n, (label, case) in enumerate(labelled):
-        report = progress and (lambda share, note="", n=n, label=label: progress((n + share) / len(labelled), f"{label}; {note}"))
-        found.append(_refit(label, case, report, None if ledger is None else ledger.of(case), cluster, stop))
-    return tuple(found)
+    return tuple(
+        _refit(label, case, execution, _part(execution.progress, n / len(labelled), 1 / len(labelled), label))
+        for n, (label, case) in enumerate(labelled)
+    )
 
 
-def _refit(label, case, report, ledger, cluster, stop):
+def _part(progress: Callable[[float, str], object], start: float, share: float, label: str) -> Callable[..., None]:
+    """Progress of one fit as a part of all of them."""
+
+    def report(done: float, note: str = "") -> None:
+        progress(start + share * done, f"{label}; {note}")
+
+    return report
+
+
+def _refit(label: str, case: Case, execution: Execution, report: Callable[..., None]) -> Refit:
     try:
-        result = fit(case, report, ledger, cluster, stop)
+        result = fit(case, report, execution.ledger_of(case), execution.cluster, execution.stop)
     except (LedgerError, Stopped, WorkerError):
         raise
     except IndentfitError as error:
         return Refit(label, {}, None, False, " ".join(str(error).split()))
     if result.objective is None:
         return Refit(label, {}, None, False, result.message)
-    parameters = {name: _known(result.parameters[name]) for name in result.free}
-    return Refit(label, parameters, result.objective, result.success, None)
-
-
-def _known(parameter: ParameterEstimate) -> dict:
-    return {"value": parameter.value, "stderr": parameter.stderr, "unit": parameter.unit}
+    estimates = {
+        name: RefitEstimate(result.parameters[name].value, result.parameters[name].stderr, result.parameters[name].unit)
+        for name in result.free
+    }
+    return Refit(label, estimates, result.objective, result.success, None)

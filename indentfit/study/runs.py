@@ -1,42 +1,95 @@
 """Forward runs of many variants of a case: on the worker processes of a fit, and through its ledger."""
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from indentfit.case import Case
+from indentfit.runs.forward import Evaluation
+from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import case_at
 from indentfit.runs.pool import RunPool
 
 TABLES = ("sample", "indenter", "mesh", "solver", "material")
 NOT_OF_A_POINT = ("model", "energy", "parameters")  # of the material: what its class is
 
+Point = dict[str, Any]
 
-def evaluate(cases, ledger=None, workers=None, cluster=None, stop=None, progress=None):
-    """Evaluations of the tests of each Case, at its fixed parameters and the start values of its free ones.
 
-    ledger: a Ledger with the cases among its own, or None; workers, cluster, stop: as those of `RunPool`; progress: called with
-    (runs done, runs). Failures of the mechanics are in the evaluations, never raised. Raises what `RunPool.evaluate` raises.
+def _silent(share: float, note: str = "") -> None:
+    """No progress is shown."""
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where the runs of a study are made, where they are kept, and who hears of them.
+
+    Parameters
+    ----------
+    workers : int or None
+        Processes; by default as many as the case says, or cores.
+    ledger : Ledger or None
+        A ledger that has the study's cases among its own.
+    cluster : str or None
+        "local", or the address of a Dask scheduler.
+    stop : function or None
+        Called before a run is begun; returns the number of the signal that asks to stop, else 0.
+    progress : function
+        Called with (share done, note).
     """
-    groups, found = _groups(cases), {}
+
+    workers: int | None = None
+    ledger: Ledger | None = None
+    cluster: str | None = None
+    stop: Callable[[], int] | None = None
+    progress: Callable[[float, str], object] = _silent
+
+    def ledger_of(self, case: Case) -> Ledger | None:
+        """The ledger's view of one of its cases."""
+        return None if self.ledger is None else self.ledger.of(case)
+
+
+def evaluate(cases: Sequence[Case], execution: Execution) -> list[Evaluation]:
+    """Evaluations of the tests of each case, at its fixed parameters and the start values of its free ones.
+
+    Failures of the mechanics are in the evaluations, never raised.
+
+    Raises
+    ------
+    Stopped, WorkerError, LedgerError
+    """
+    groups = _groups(cases)
+    evaluations: dict[int, Evaluation] = {}
     total, before = sum(len(points) * len(first.tests) for first, points in groups), 0
     for first, points in groups:
-        report = progress and (lambda done, _, before=before: progress(before + done, total))
-        with RunPool(first, workers, None if ledger is None else ledger.of(first), cluster, stop) as pool:
-            found |= zip(points, pool.evaluate(list(points.values()), report), strict=True)
+        report = _counting(execution, before, total)
+        with RunPool(first, execution.workers, execution.ledger_of(first), execution.cluster, execution.stop) as pool:
+            evaluations |= zip(points, pool.evaluate(list(points.values()), report), strict=True)
         before += len(points) * len(first.tests)
-    return [found[n] for n in range(len(cases))]
+    return [evaluations[n] for n in range(len(cases))]
 
 
-def _groups(cases):
+def _counting(execution: Execution, before: int, total: int) -> Callable[[int, int], None]:
+    def report(done: int, _: int) -> None:
+        execution.progress((before + done) / total, f"{before + done} of {total} runs")
+
+    return report
+
+
+def _groups(cases: Sequence[Case]) -> list[tuple[Case, dict[int, Point]]]:
     """(Case, {number: point}) for each pool that is needed: the numbers of the cases that are this one at a point."""
-    groups: list[tuple] = []
+    groups: list[tuple[Case, dict[int, Point]]] = []
     for n, case in enumerate(cases):
         for first, points in groups:
             if point := _point(first, case):
                 points[n] = point
                 break
         else:
-            groups.append((case, {n: case.start_values()}))
+            groups.append((case, {n: dict(case.start_values())}))
     return groups
 
 
-def _point(first, case):
+def _point(first: Case, case: Case) -> Point | None:
     """The point (name -> value) at which one case is another, as far as forces go; None where there is none: other tests,
     another material, or another shape of the sample are no keys of a point."""
     changed = {}
@@ -50,7 +103,7 @@ def _point(first, case):
     return point if _decided(there) == _decided(case) else None
 
 
-def _decided(case):
+def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float]]]]:
     """What decides the forces of a case, but its parameters."""
     tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
     return tables, [(test.angle, case.outputs(test).tolist()) for test in case.tests]

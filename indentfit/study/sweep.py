@@ -1,44 +1,44 @@
-"""How the force curves of a case change with its keys: one at a time about the case itself, or on a grid.
+"""Execution the force curves of a case change with its keys: one at a time about the case itself, or on a grid.
 
 Changes are of the force at the last displacement and of the stiffness, which is, as in the source paper (J Mech Behav
 Biomed Mater 65:490), the slope of the straight line fitted to the curve.
 """
 
-import itertools
-import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
-from indentfit.case import Case, Range
+from indentfit.arrays import Array
+from indentfit.case import Case
 from indentfit.curve import Curve
-from indentfit.errors import CaseError
-from indentfit.experiment.measured import changed_case
-from indentfit.inverse.objective import rmse
+from indentfit.runs.forward import Evaluation
 from indentfit.study.refit import Refit, refits
-from indentfit.study.runs import evaluate
+from indentfit.study.runs import Execution, evaluate
+from indentfit.study.variations import SweepPlan, Variation, Vary, own_value, plan_sweep
 
-FORMAT = "indentfit.sweep/1"
-PERCENT = re.compile(r"(?:\+-|\+/-|±)\s*(\d+\.?\d*|\.\d+)\s*%")
-SPAN = re.compile(r"([^:]+):([^:]+):(\d+)")
-MOST_POINTS = 10_000
 FLAT = 1e-3  # of the force: less than the solver and its contact are exact to
 
 
 @dataclass(frozen=True)
-class Variation:
-    """One key of the case and the values that it takes, as they are written after `--set KEY=`."""
-
-    key: str
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class TestPoint:
-    """One test at one point: force at the last displacement, mN, stiffness, mN/mm, their changes against the case as it
-    is (shares), and the misfit to its measured curve, mN; None where there is none."""
+    """What one test gives at one point of a sweep.
 
-    __test__ = False  # not a test of pytest's
+    Parameters
+    ----------
+    force : float, mN
+        At the last displacement.
+    stiffness : float, mN/mm
+    force_change, stiffness_change : float or None
+        Against the case as it is, as shares; None for the case itself.
+    rmse : float or None, mN
+        Misfit to the measured curve, where there is one.
+    curve : Curve
+    """
+
+    __test__: ClassVar[bool] = False  # not a test of pytest's
 
     force: float
     stiffness: float
@@ -47,25 +47,35 @@ class TestPoint:
     rmse: float | None
     curve: Curve = field(repr=False)
 
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "force_mN": self.force,
+            "stiffness_mN_per_mm": self.stiffness,
+            "force_change": self.force_change,
+            "stiffness_change": self.stiffness_change,
+            "rmse_mN": self.rmse,
+            "displacement_mm": self.curve.displacement.tolist(),
+            "forces_mN": self.curve.force.tolist(),
+        }
 
-@dataclass(frozen=True)
-class Plan:
-    """What a sweep computes: the case as it is, then each point, as (values as written, Case)."""
-
-    variations: tuple[Variation, ...]
-    grid: bool
-    points: tuple[tuple[dict[str, str], Case], ...]
-
-    @property
-    def cases(self):
-        return [case for _, case in self.points]
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "TestPoint":
+        curve = Curve(value["displacement_mm"], value["forces_mN"])
+        changes = value["force_change"], value["stiffness_change"]
+        return cls(value["force_mN"], value["stiffness_mN_per_mm"], *changes, value["rmse_mN"], curve)
 
 
 @dataclass(frozen=True)
 class Point:
-    """The case with some keys at other values: what its tests gave (name -> TestPoint), or the cause why nothing.
+    """The case with some keys at other values: what its tests gave, or the cause why they gave nothing.
 
-    values: as written; numbers: in the units of the case, None where a value is a word.
+    Parameters
+    ----------
+    values : dict of key -> value as written
+    numbers : dict of key -> value in the units of the case, None where the value is a word
+    tests : dict of test -> TestPoint, or None
+    cause : str or None
+    seconds : float
     """
 
     values: dict[str, str]
@@ -74,11 +84,34 @@ class Point:
     cause: str | None
     seconds: float
 
+    @property
+    def label(self) -> str:
+        """The point in words."""
+        return ", ".join(f"{key} = {value}" for key, value in self.values.items()) or "the case"
+
+    def as_json(self) -> dict[str, Any]:
+        tests = None if self.tests is None else {name: test.as_json() for name, test in self.tests.items()}
+        return {"values": self.values, "numbers": self.numbers, "tests": tests, "cause": self.cause, "seconds": self.seconds}
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "Point":
+        tests = value["tests"] and {name: TestPoint.from_json(test) for name, test in value["tests"].items()}
+        return cls(dict(value["values"]), dict(value["numbers"]), tests, value["cause"], value["seconds"])
+
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What one key does to one test: the spread of force and stiffness over its values, as shares of the case's own, the
-    elasticity, d ln(force) / d ln(value), where the values are positive numbers, and the trend of the force over them."""
+    """What one key does to one test.
+
+    Parameters
+    ----------
+    force_span, stiffness_span : float
+        Spread over the values of the key, as shares of the case's own force and stiffness.
+    elasticity : float or None
+        d ln(force) / d ln(value), where the values are positive numbers.
+    trend : str
+        Of the force over the values: "rises", "falls", "flat", "turns", or "unordered" for words.
+    """
 
     key: str
     test: str
@@ -88,13 +121,26 @@ class Sensitivity:
     trend: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class Sweep:
     """A sweep: the case as it is (`base`), the points around it or on the grid, and the keys by what they do.
 
-    Sensitivities are ordered by the largest force_span of a key among the tests; a grid has none. own: the case's own
-    value of each key.
+    Parameters
+    ----------
+    variations : tuple of Variation
+    sensitivities : tuple of Sensitivity
+        In the order of the largest spread of the force that a key makes in any test; empty on a grid.
+    tests : dict of test -> angle, degrees
+    parameters : dict of name -> value
+        Parameters of the material, in their units.
+    own : dict of key -> the case's own value
+    refits : tuple of Refit
+        The parameters fitted anew at each point, where that was asked for.
+    case : Case or None
+        None for a sweep that was read from result.json.
     """
+
+    FORMAT: ClassVar[str] = "indentfit.sweep/2"
 
     title: str
     case_hash: str
@@ -107,227 +153,193 @@ class Sweep:
     parameters: dict[str, float]
     own: dict[str, float | str | None]
     refits: tuple[Refit, ...] = ()
+    case: Case | None = None
 
-    def as_json(self):
-        """The stable keys of a sweep's result.json."""
+    @property
+    def every_point(self) -> tuple[Point, ...]:
+        """The case as it is, then the points."""
+        return self.base, *self.points
+
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of a sweep's result.json, under the tag `format`."""
         return {
-            "format": FORMAT,
+            "format": self.FORMAT,
             "title": self.title,
             "case_hash": self.case_hash,
             "grid": self.grid,
             "tests": self.tests,
             "parameters": self.parameters,
-            "variations": {one.key: list(one.values) for one in self.variations},
+            "variations": {varied.key: list(varied.values) for varied in self.variations},
             "own": self.own,
-            "base": _point_json(self.base),
-            "points": [_point_json(point) for point in self.points],
-            "refits": [asdict(one) for one in self.refits],
-            "sensitivities": [asdict(one) for one in self.sensitivities],
+            "base": self.base.as_json(),
+            "points": [point.as_json() for point in self.points],
+            "refits": [asdict(refit) for refit in self.refits],
+            "sensitivities": [asdict(sensitivity) for sensitivity in self.sensitivities],
         }
 
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "Sweep":
+        """The sweep that result.json holds, in the form of this version or of 0.1."""
+        same = {key: value[key] for key in ("title", "case_hash", "grid", "tests", "parameters", "own")}
+        return cls(
+            **same,
+            variations=tuple(Variation(key, tuple(values)) for key, values in value["variations"].items()),
+            base=Point.from_json(value["base"]),
+            points=tuple(map(Point.from_json, value["points"])),
+            sensitivities=tuple(Sensitivity(**sensitivity) for sensitivity in value["sensitivities"]),
+            refits=tuple(map(Refit.from_json, value.get("refits", ()))),
+        )
 
-def plan(case, texts, grid=False):
-    """Plan of a sweep of a Case over texts KEY=VALUES; every combination of them on a grid.
+    def summary(self) -> str:
+        """The sweep in words, as the command prints it."""
+        from indentfit.report.study_text import sweep_lines
 
-    Raises CaseError where a key or a value is not one of the case's, a line for each.
+        return "\n".join(sweep_lines(self))
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """The matplotlib Figure of the keys by what they do, or of the grid; saved as SVG and PNG where a path is given."""
+        from indentfit.report.sweep import overview
+
+        return overview(self, path)
+
+    def write(self, folder: str | Path, overwrite: bool = False) -> None:
+        """Write the result folder. Raises OutputError where the folder exists already, or cannot be written."""
+        from indentfit.report.study_folder import write_study
+
+        write_study(self, folder, overwrite)
+
+    def __repr__(self) -> str:
+        failed = sum(point.tests is None for point in self.every_point)
+        keys = ", ".join(varied.key for varied in self.variations)
+        return f"Sweep({self.title!r}: {len(self.points)} points over {keys}{f'; {failed} failed' if failed else ''})"
+
+    def _repr_html_(self) -> str:
+        from indentfit.report.study_text import html_table, sweep_rows
+
+        return html_table(repr(self), sweep_rows(self))
+
+
+def sweep(case: Case, vary: Vary, grid: bool = False, refit: bool = False, execution: Execution | None = None) -> Sweep:
+    """Force curves of a case with some of its keys at other values.
+
+    Parameters
+    ----------
+    case : Case
+        A parameter that the case leaves free has its start value.
+    vary : mapping of key to values, or texts
+        `{"indenter.friction": [0.2, 0.5]}`, or "KEY=VALUES" as `indentfit sweep --vary` has them.
+    grid : bool
+        Every combination, instead of one key at a time.
+    refit : bool
+        Fit the free parameters anew at each point, too.
+    execution : Execution
+        Where the runs are made and kept; by default on this machine's cores, kept nowhere.
+
+    Returns
+    -------
+    Sweep
+        Points that failed are in it, with their cause.
+
+    Raises
+    ------
+    CaseError
+        A key or a value is none of the case's.
     """
-    variations = tuple(variation(case, text) for text in texts)
-    combinations = _combinations(variations, grid)
-    return Plan(variations, grid, (({}, case), *zip(combinations, _cases(case, combinations), strict=True)))
+    return run_sweep(plan_sweep(case, vary, grid), refit, execution or Execution())
 
 
-def sweep(planned, ledger=None, workers=None, cluster=None, stop=None, progress=None):
-    """Sweep of a Plan; the other arguments are those of `study.runs.evaluate`, and so is what is raised."""
-    found = evaluate(planned.cases, ledger, workers, cluster, stop, progress)
-    (_, case), *others = planned.points
-    own = _point({}, case, found[0], None)
-    points = tuple(_point(values, one, evaluation, own) for (values, one), evaluation in zip(others, found[1:], strict=True))
-    ranked = () if planned.grid else _ranked([s for one in planned.variations for s in _sensitivities(case, one, own, points)])
-    tests = {test.name: test.angle for test in case.tests}
-    values = {one.key: _own_value(case, one.key) for one in planned.variations}
-    return Sweep(case.title, case.hash, planned.grid, planned.variations, own, points, ranked, tests, case.start_values(), values)
+def run_sweep(plan: SweepPlan, refit: bool, execution: Execution) -> Sweep:
+    """The Sweep of a SweepPlan; the other arguments are those of `sweep`."""
+    evaluations = evaluate(plan.cases, execution)
+    (_, case), *others = plan.points
+    base = _point({}, case, evaluations[0], None)
+    points = tuple(
+        _point(values, changed, evaluation, base) for (values, changed), evaluation in zip(others, evaluations[1:], strict=True)
+    )
+    ranked = () if plan.grid else _ranked([s for varied in plan.variations for s in _sensitivities(case, varied, base, points)])
+    return Sweep(
+        title=case.title,
+        case_hash=case.hash,
+        grid=plan.grid,
+        variations=plan.variations,
+        base=base,
+        points=points,
+        sensitivities=ranked,
+        tests={test.name: test.angle for test in case.tests},
+        parameters=case.start_values(),
+        own={varied.key: own_value(case, varied.key) for varied in plan.variations},
+        refits=_refits(plan, execution) if refit else (),
+        case=case,
+    )
 
 
-def refitted(planned, ledger=None, cluster=None, stop=None, progress=None):
-    """Refits of the case as it is and of each point of a Plan; a varied parameter is held."""
-    labels = [", ".join(f"{key} = {value}" for key, value in values.items()) or "the case" for values, _ in planned.points]
-    return refits(list(zip(labels, planned.cases, strict=True)), ledger, cluster, stop, progress)
-
-
-# ---- values ------------------------------------------------------------------------------------------------------
-
-
-def variation(case, text):
-    """The Variation of a text KEY=LIST (`0.2,0.3`), KEY=FIRST:LAST:NUMBER (evenly spaced) or KEY=+-PERCENT% of its value.
-
-    Raises CaseError in one line.
-    """
-    name, equals, asked = (part.strip() for part in text.partition("="))
-    where = f"--vary {text}"
-    if not equals or not name or not asked:
-        raise CaseError(f"{where}: write KEY=VALUES, such as indenter.friction=0.2,0.3 or material.mu=+-15%")
-    if name.partition(".")[0] == "fit":
-        raise CaseError(f"{where}: a key of the search does not change a force; vary another key")
-    if match := PERCENT.fullmatch(asked):
-        own, share = _own_number(case, name, where), float(match[1]) / 100
-        values = [_text(own * (1 - share)), _text(own * (1 + share))]
-    elif match := SPAN.fullmatch(asked):
-        values = _span(where, *match.groups())
-    else:
-        values = [part.strip() for part in _split(asked)]
-    if "" in values:
-        raise CaseError(f"{where}: a value is missing between the commas; take the extra comma away")
-    return Variation(name, tuple(dict.fromkeys(values)))
-
-
-def number(value):
-    """The number that a value of a Variation is written as, or None."""
-    try:
-        return float(value)
-    except ValueError:
-        return None
-
-
-def _own_number(case, name, where):
-    """The number that the case itself has for a key."""
-    found = _own_value(case, name)
-    if isinstance(found, bool) or not isinstance(found, int | float) or not found:
-        shown = "no value" if found is None else f"the value {found!r}"
-        raise CaseError(f"{where}: the case has {shown} for it, and percents of that mean nothing; give a list of values")
-    return float(found)
-
-
-def _own_value(case, name):
-    section, _, rest = name.partition(".")
-    if section == "material" and rest.removeprefix("parameters.").removesuffix(".start") in case.start_values():
-        return case.start_values()[rest.removeprefix("parameters.").removesuffix(".start")]
-    if section == "test":
-        for n, test in enumerate(case.tests):
-            for label in (test.name, str(n)):
-                if rest.startswith(label + "."):
-                    return getattr(test, rest[len(label) + 1 :], None)
-        return None
-    value = getattr(getattr(case, section, None), rest, None)
-    return None if isinstance(value, Range) or callable(value) else value
-
-
-def _span(where, first, last, count):
-    low, high = number(first), number(last)
-    if low is None or high is None or not 2 <= int(count) <= MOST_POINTS:
-        raise CaseError(f"{where}: a range is FIRST:LAST:NUMBER, two numbers and how many values, such as 0.2:0.5:4")
-    return [_text(value) for value in np.linspace(low, high, int(count))]
-
-
-def _split(text):
-    """Parts between commas that are not within brackets or quotes."""
-    parts, depth, quote = [""], 0, ""
-    for letter in text:
-        quote = "" if letter == quote else letter if letter in "\"'" and not quote else quote
-        depth += 0 if quote else (letter in "[{") - (letter in "]}")
-        if letter == "," and not depth and not quote:
-            parts.append("")
-        else:
-            parts[-1] += letter
-    return parts
-
-
-def _text(value):
-    return f"{value:.10g}"
-
-
-def _combinations(variations, grid):
-    """The keys and values of each point."""
-    if grid:
-        keys = [one.key for one in variations]
-        return [dict(zip(keys, one, strict=True)) for one in itertools.product(*(one.values for one in variations))]
-    return [{one.key: value} for one in variations for value in one.values]
-
-
-def _cases(case, combinations):
-    """The Case of each point; every wrong one is named before any is run."""
-    if len(combinations) > MOST_POINTS:
-        raise CaseError(f"--grid: {len(combinations):,} points are too many; give fewer values")
-    cases, problems = [], []
-    for values in combinations:
-        try:
-            cases.append(changed_case(case, [f"{key}={value}" for key, value in values.items()]))
-        except CaseError as error:
-            problems += error.faults
-    if problems:
-        raise CaseError([line.replace("(--set)", "(--vary)") for line in dict.fromkeys(problems)])
-    return cases
-
-
-# ---- what the runs say -------------------------------------------------------------------------------------------
-
-
-def stiffness(curve):
+def stiffness(curve: Curve) -> float:
     """Slope of the straight line fitted to a curve, mN/mm."""
     return float(np.polyfit(curve.displacement, curve.force, 1)[0]) if curve.force.size > 1 else float("nan")
 
 
-def _point(values, case: Case, evaluation, own):
+def _refits(plan: SweepPlan, execution: Execution) -> tuple[Refit, ...]:
+    """The fits of the case as it is and of each point; a varied parameter is held."""
+    labels = [", ".join(f"{key} = {value}" for key, value in values.items()) or "the case" for values, _ in plan.points]
+    return refits(list(zip(labels, plan.cases, strict=True)), execution)
+
+
+def _point(values: dict[str, str], case: Case, evaluation: Evaluation, base: Point | None) -> Point:
+    numbers = {key: number if isinstance(number := own_value(case, key), int | float) else None for key in values}
     if evaluation.forces is None:
-        return Point(values, _numbers(case, values), None, evaluation.cause, evaluation.seconds)
+        return Point(values, numbers, None, evaluation.cause, evaluation.seconds)
     tests = {}
     for test, measured, force in zip(case.tests, case.curves, evaluation.forces, strict=True):
-        curve = Curve(case.outputs(test), force)
-        given = None if own is None or own.tests is None else own.tests.get(test.name)
-        slope = stiffness(curve)
-        tests[test.name] = TestPoint(
-            force=float(force[-1]),
-            stiffness=slope,
-            force_change=given and float(force[-1]) / given.force - 1,
-            stiffness_change=given and slope / given.stiffness - 1,
-            rmse=None if measured is None else rmse(_Measured(measured), force),
-            curve=curve,
-        )
-    return Point(values, _numbers(case, values), tests, None, evaluation.seconds)
+        own = None if base is None or base.tests is None else base.tests.get(test.name)
+        tests[test.name] = _test_point(Curve(case.outputs(test), force), measured, own)
+    return Point(values, numbers, tests, None, evaluation.seconds)
 
 
-def _numbers(case, values):
-    return {key: own if isinstance(own := _own_value(case, key), int | float) else None for key in values}
+def _test_point(curve: Curve, measured: Curve | None, own: TestPoint | None) -> TestPoint:
+    last, slope = float(curve.force[-1]), stiffness(curve)
+    return TestPoint(
+        force=last,
+        stiffness=slope,
+        force_change=None if own is None else last / own.force - 1,
+        stiffness_change=None if own is None else slope / own.stiffness - 1,
+        rmse=None if measured is None else float(np.sqrt(np.mean((curve.force - measured.force) ** 2))),
+        curve=curve,
+    )
 
 
-@dataclass(frozen=True)
-class _Measured:
-    curve: Curve
-
-
-def _sensitivities(case, one, own, points):
+def _sensitivities(case: Case, varied: Variation, base: Point, points: Sequence[Point]) -> Iterator[Sensitivity]:
     """Sensitivity of each test to one key; none where fewer than two values, the case's own among them, were computed."""
-    mine = [point for point in points if set(point.values) == {one.key} and point.tests is not None]
-    own_number = _numbers(case, [one.key])[one.key]
-    if own.tests is None or not mine:
+    mine = [(point.numbers[varied.key], point.tests) for point in points if set(point.values) == {varied.key} and point.tests]
+    own = own_value(case, varied.key)
+    if base.tests is None or not mine:
         return
+    mine.append((own if isinstance(own, int | float) else None, base.tests))
     for test in case.tests:
-        pairs = [(point.numbers[one.key], point.tests[test.name]) for point in mine]
-        pairs.append((own_number, own.tests[test.name]))
-        forces = np.array([point.force for _, point in pairs])
-        slopes = np.array([point.stiffness for _, point in pairs])
-        numbers = [(x, point.force) for x, point in pairs if x is not None]
+        pairs = [(value, tests[test.name]) for value, tests in mine]
+        numbers = [(value, result.force) for value, result in pairs if value is not None]
         yield Sensitivity(
-            one.key,
+            varied.key,
             test.name,
-            float(np.ptp(forces)) / abs(own.tests[test.name].force),
-            float(np.ptp(slopes)) / abs(own.tests[test.name].stiffness),
+            float(np.ptp([result.force for _, result in pairs])) / abs(base.tests[test.name].force),
+            float(np.ptp([result.stiffness for _, result in pairs])) / abs(base.tests[test.name].stiffness),
             _elasticity(numbers),
             _trend(numbers),
         )
 
 
-def _elasticity(numbers):
+def _elasticity(numbers: Iterable[tuple[float, float]]) -> float | None:
     """Slope of ln(force) over ln(value), by least squares."""
-    x, F = np.array(sorted(set(numbers))).reshape(-1, 2).T
-    if np.unique(x).size < 2 or x.min() <= 0 or F.min() <= 0:
+    pairs: Array = np.array(sorted(set(numbers))).reshape(-1, 2)
+    values, forces = pairs.T
+    if np.unique(values).size < 2 or values.min() <= 0 or forces.min() <= 0:
         return None
-    return float(np.polyfit(np.log(x), np.log(F), 1)[0])
+    return float(np.polyfit(np.log(values), np.log(forces), 1)[0])
 
 
-def _trend(numbers):
+def _trend(numbers: Iterable[tuple[float, float]]) -> str:
     """Whether the force "rises" or "falls" with the value throughout, is "flat", "turns", or "unordered" as words are."""
     ordered = sorted(set(numbers))
-    if len({x for x, _ in ordered}) < 2:
+    if len({value for value, _ in ordered}) < 2:
         return "unordered"
     steps = np.diff([force for _, force in ordered])
     if abs(steps).sum() < FLAT * abs(ordered[0][1]):
@@ -335,23 +347,7 @@ def _trend(numbers):
     return "rises" if (steps > 0).all() else "falls" if (steps < 0).all() else "turns"
 
 
-def _ranked(found):
+def _ranked(sensitivities: Sequence[Sensitivity]) -> tuple[Sensitivity, ...]:
     """Keys in falling order of what they do to the test that they do most to."""
-    largest = {one.key: max(other.force_span for other in found if other.key == one.key) for one in found}
-    return tuple(sorted(found, key=lambda one: -largest[one.key]))
-
-
-def _point_json(point):
-    tests = point.tests and {
-        name: {
-            "force_mN": one.force,
-            "stiffness_mN_per_mm": one.stiffness,
-            "force_change": one.force_change,
-            "stiffness_change": one.stiffness_change,
-            "rmse_mN": one.rmse,
-            "displacement_mm": one.curve.displacement.tolist(),
-            "forces_mN": one.curve.force.tolist(),
-        }
-        for name, one in point.tests.items()
-    }
-    return {"values": point.values, "numbers": point.numbers, "tests": tests, "cause": point.cause, "seconds": point.seconds}
+    spans = {key: max(s.force_span for s in sensitivities if s.key == key) for key in {s.key for s in sensitivities}}
+    return tuple(sorted(sensitivities, key=lambda s: -spans[s.key]))

@@ -1,0 +1,77 @@
+"""Tables of facts about mesh, solver and work, and the stress pictures: what the pages of fits and of simulations share."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from indentfit.report.html_case import number, percent
+from indentfit.report.page import Figures, Part, Section, Table, Text, image
+
+STRESSES = (
+    "Cauchy stresses at the last displacement, averaged at the nodes; at a sharp edge they grow without limit as the mesh is "
+    "refined."
+)
+PEAKS = (
+    "Component", "Largest (kPa)", "Smallest (kPa)", "Largest magnitude (kPa)", "Exceeded at 1 % of nodes (kPa)",
+    "Where, undeformed x, y, z (mm)",
+)  # fmt: skip
+SHARES = ("penalty_error", "edge_slip", "residual_error")
+FACTS = {
+    "elements": "Elements of the quarter sample",
+    "dofs": "Degrees of freedom",
+    "element": "Element (q2p1: quadratic, linear pressure; q1p0: mean dilatation)",
+    "smallest_mm": "Size of the smallest element (mm)",
+    "linear": "Linear solver",
+    "assembly": "Assembly",
+    "workers": "Worker processes",
+    "run_seconds": "Time of all runs (s)",
+    "loose_steps": "Steps left at a loose residual",
+    "penalty_error": "Share of the force that the contact penalty withholds",
+    "residual_error": "Share of the force that loose residuals stand for",
+    "edge_slip": "Slip across the sharp edge, share of the half-width",
+    "nfev": "Sets of parameters",
+    "runs": "Solves of one test",
+    "seconds": "Time (s)",
+    "method": "Method of the search",
+    "seed": "Seed",
+    "newton_iterations": "Newton iterations",
+    "wall_seconds": "Time of the runs (s)",
+    "setup_seconds": "Time of the set-up (s)",
+}
+
+
+def facts_table(caption: str, facts: Mapping[str, Any]) -> Table:
+    """A row for each fact (name -> number or word)."""
+    rows = tuple(
+        (FACTS.get(name, name.replace("_", " ").capitalize()), percent(value) if name in SHARES else number(value, 5))
+        for name, value in facts.items()
+    )
+    return Table(caption, ("What", "Value"), rows)
+
+
+def stress_sections(folder: Path) -> list[Section]:
+    """The section of the stress pictures in a result folder's fields/, if there are any."""
+    index = folder / "fields" / "pictures.json"
+    if not index.is_file():
+        return []
+    listed = json.loads(index.read_text(encoding="utf-8"))
+    figures = tuple(
+        image(folder / "fields" / picture["file"], picture["caption"], picture["alt"])
+        for picture in listed["pictures"]
+        if _is_beside(folder / "fields", picture["file"])
+    )
+    parts: list[Part] = [Figures(figures), Text(STRESSES)]
+    for peaks in listed["peaks"]:
+        rows = tuple(map(_peak_row, peaks["rows"]))
+        parts += [Table(f"Peak stresses, {peaks['test']} ({peaks['angle']}°)", PEAKS, rows), Text(peaks["words"])]
+    return [Section("stresses", "Displacements and stresses", tuple(parts))]
+
+
+def _is_beside(folder: Path, name: str) -> bool:
+    return "/" not in name and "\\" not in name and (folder / name).is_file()
+
+
+def _peak_row(peak: Mapping[str, Any]) -> tuple[str, ...]:
+    numbers = (number(peak[name]) for name in ("largest", "smallest", "magnitude", "usual"))
+    return (peak["component"], *numbers, peak["place"])

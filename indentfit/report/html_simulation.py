@@ -1,0 +1,55 @@
+"""The page of a simulation."""
+
+from indentfit.curve import Curve
+from indentfit.report import plots
+from indentfit.report.html_case import again_section, case_words, number, percent, tests_table
+from indentfit.report.html_facts import facts_table, stress_sections
+from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
+from indentfit.report.schema import Stored, StoredSimulation
+
+FORCES = ("Test", "Angle (°)", "Force (mN)", "Displacement (mm)", "Penalty error")
+
+
+def simulation_page(stored: Stored, simulation: StoredSimulation) -> Page:
+    """Page of a simulation's result folder."""
+    facts = facts_table("Mesh and solver", {**simulation.mesh.as_json(), **simulation.solver.as_json()})
+    sections = [
+        _what(stored, simulation),
+        _forces(simulation),
+        *stress_sections(stored.folder),
+        Section("solver", "Mesh and solver", (facts,)),
+        again_section(stored, "simulate"),
+    ]
+    ends = "; ".join(
+        f"{test.name}: {test.curve.force[-1]:.4g} mN at {test.curve.displacement[-1]:.3g} mm" for test in simulation.tests
+    )
+    return Page(simulation.title or "Simulation", "Finite-element simulation", "Computed.", f"{ends}.", True, tuple(sections))
+
+
+def _what(stored: Stored, simulation: StoredSimulation) -> Section:
+    parts: list[Part] = [Lines(case_words(stored.case)), tests_table(stored.case, "Tests")] if stored.case else []
+    rows = tuple((name, number(value, 6)) for name, value in simulation.parameters.items())
+    parts.append(Table("Parameters of the material", ("Parameter", "Value"), rows))
+    return Section("what", "What was computed", tuple(parts))
+
+
+def _forces(simulation: StoredSimulation) -> Section:
+    curves = [(test.name, test.curve) for test in simulation.tests]
+    figure = plots.force_displacement([], curves, None)
+    rows = tuple(
+        (
+            test.name,
+            str(test.angle),
+            number(float(test.curve.force[-1]), 5),
+            number(float(test.curve.displacement[-1])),
+            percent(test.facts.penalty_error),
+        )
+        for test in simulation.tests
+    )
+    pictures = Figures((drawn(figure, "Force of the full sample against displacement.", _alt(curves)),))
+    return Section("forces", "Forces", (pictures, Table("Forces at the last displacement", FORCES, rows)))
+
+
+def _alt(curves: list[tuple[str, Curve]]) -> str:
+    ends = "; ".join(f"{name} rises to {curve.force[-1]:.3g} mN at {curve.displacement[-1]:.3g} mm" for name, curve in curves)
+    return f"Force against displacement: {ends}"

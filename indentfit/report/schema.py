@@ -1,0 +1,226 @@
+"""What a result folder holds, as objects: one versioned schema for each kind of result, version 0.1 included.
+
+Each kind has the tag "indentfit.KIND/2" under the key `format` of its JSON file. Version 0.1 wrote `format_version: 1` for a fit
+and "indentfit.KIND/1" for the others; its files are read too.
+"""
+
+import inspect
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from indentfit import indenters, samples
+from indentfit.case import Case, MaterialChoice, Mesh
+from indentfit.curve import Curve
+from indentfit.errors import OutputError
+from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+from indentfit.inference.result import FitResult
+from indentfit.shapes import Registry
+from indentfit.study.mesh_check import MeshCheck
+from indentfit.study.sweep import Sweep
+
+RESULT_FILES = ("result.json", "simulation.json")
+SIMULATION = "indentfit.simulation/2"
+
+
+@dataclass(frozen=True)
+class TestFacts:
+    """One test of a case, as a report tells it: curve or record is the file's name, depth in mm."""
+
+    __test__ = False  # not a test of pytest's
+
+    name: str
+    angle: int
+    source: str | None
+    points: int
+    depth: float
+    weight: float | None
+
+
+@dataclass(frozen=True)
+class CaseFacts:
+    """What a report says of a case.
+
+    Parameters
+    ----------
+    sample, indenter : str
+        In words.
+    mesh, material : tables of the case
+    element : str
+        "q1p0" or "q2p1".
+    tests : tuple of TestFacts
+    equation : str
+        The energy of the material, with its source.
+    units : dict of parameter -> unit
+        "1" for none.
+    """
+
+    sample: str
+    indenter: str
+    mesh: Mesh
+    material: MaterialChoice
+    element: str
+    tests: tuple[TestFacts, ...]
+    equation: str
+    units: dict[str, str]
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "CaseFacts":
+        """The facts that `case_json` wrote."""
+        return cls(
+            sample=_sample_words(value["sample"]),
+            indenter=_indenter_words(value["indenter"]),
+            mesh=Mesh.model_validate(_given(value["mesh"])),
+            material=MaterialChoice.model_validate(_given(value["material"])),
+            element=value["solver"]["element"],
+            tests=tuple(_test_facts(test) for test in value["tests"]),
+            equation=value.get("equation", ""),
+            units=dict(value.get("units", {})),
+        )
+
+
+@dataclass(frozen=True)
+class SimulatedTest:
+    """One simulated test: its curve, and the facts of its solution."""
+
+    name: str
+    angle: int
+    curve: Curve
+    facts: SolveFacts
+
+
+@dataclass(frozen=True)
+class StoredSimulation:
+    """A simulation as simulation.json holds it; parameters: name -> value, in their units."""
+
+    title: str
+    parameters: dict[str, float]
+    tests: tuple[SimulatedTest, ...]
+    mesh: MeshFacts
+    solver: SolverFacts
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "StoredSimulation":
+        tests = tuple(
+            SimulatedTest(
+                test["name"], test["angle"], Curve(test["displacement_mm"], test["force_mN"]), SolveFacts.from_json(test["facts"])
+            )
+            for test in value["tests"]
+        )
+        facts = MeshFacts(**value["mesh"]), SolverFacts(**value["solver"])
+        return cls(value["title"], value["parameters"], tests, *facts)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A result as its folder holds it.
+
+    Parameters
+    ----------
+    folder : Path
+    result : FitResult, Sweep, MeshCheck or StoredSimulation
+    case : CaseFacts or None
+    overrides : tuple of "KEY=VALUE"
+        With which the copy of the case is the one that was run.
+    case_hash : str or None
+    versions : dict of package -> version
+    """
+
+    folder: Path
+    result: "FitResult | Sweep | MeshCheck | StoredSimulation"
+    case: CaseFacts | None
+    overrides: tuple[str, ...]
+    case_hash: str | None
+    versions: dict[str, str]
+
+    def unit(self, parameter: str) -> str:
+        """The unit of a parameter of the material, "1" for none."""
+        return self.case.units.get(parameter, "1") if self.case else "1"
+
+
+Reader = Callable[[Mapping[str, Any]], Any]
+READERS: dict[str, Reader] = {
+    FitResult.FORMAT: FitResult.from_json,
+    Sweep.FORMAT: Sweep.from_json,
+    MeshCheck.FORMAT: MeshCheck.from_json,
+    SIMULATION: StoredSimulation.from_json,
+}
+FIRST_VERSION = {  # tags of version 0.1
+    "indentfit.sweep/1": Sweep.FORMAT,
+    "indentfit.mesh-check/1": MeshCheck.FORMAT,
+    "indentfit.simulation/1": SIMULATION,
+}
+
+
+def read_result(folder: str | Path) -> Stored:
+    """The result that a folder holds.
+
+    Raises
+    ------
+    OutputError
+        The folder is no result folder, or of a version that is not known.
+    LookupError, TypeError, ValueError and their kin
+        The result file is damaged.
+    """
+    folder = Path(folder)
+    value = _value(folder)
+    tag = str(value.get("format", FitResult.FORMAT if "format_version" in value else None))
+    tag = FIRST_VERSION.get(tag, tag)
+    if tag not in READERS:
+        raise OutputError(f"{folder}: a result of an unknown format ({tag[:60]!r}); use the indentfit that wrote it")
+    case = CaseFacts.from_json(value["case"]) if value.get("case") else None
+    overrides, versions = tuple(value.get("overrides", ())), dict(value.get("versions") or {})
+    return Stored(folder, READERS[tag](value), case, overrides, value.get("case_hash"), versions)
+
+
+def case_json(case: Case) -> dict[str, Any]:
+    """What a result's JSON file says of its case: its tables, its tests with their number of points and depth, the energy of its
+    material and the units of its parameters."""
+    sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
+    tests = [{**_test_json(test), "n": len(case.outputs(test)), "depth_mm": float(case.outputs(test)[-1])} for test in case.tests]
+    units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
+    return {**sections, "tests": tests, "equation": inspect.getdoc(case.law) or "", "units": units}
+
+
+def _test_json(test: Any) -> dict[str, Any]:
+    keys = test.model_dump(mode="json", exclude={"curve"})
+    return {**keys, "curve": test.curve if isinstance(test.curve, str) else None}
+
+
+def _test_facts(test: Mapping[str, Any]) -> TestFacts:
+    source = test.get("curve") or test.get("record")
+    return TestFacts(test["name"], test["angle"], source, test["n"], test["depth_mm"], test["weight"])
+
+
+def _sample_words(table: Mapping[str, Any]) -> str:
+    return f"{_shape_words(samples.SHAPES, table)}, thickness {table['thickness']:.4g} mm, {table['base']} base"
+
+
+def _indenter_words(table: Mapping[str, Any]) -> str:
+    friction = "sticking" if table["friction"] == "stick" else f"friction coefficient {table['friction']:.4g}"
+    return f"rigid {_shape_words(indenters.SHAPES, table)}, {friction}"
+
+
+def _shape_words(shapes: Registry[Any], table: Mapping[str, Any]) -> str:
+    """A shape in its own words; its name alone where the package that offers it is not installed here."""
+    shape = shapes.make(table)
+    return str(shape.words()) if shape else str(table["shape"])
+
+
+def _given(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a table that have a value: a table dumped whole names those of other shapes too."""
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def _value(folder: Path) -> dict[str, Any]:
+    for name in RESULT_FILES:
+        if (folder / name).is_file():
+            try:
+                value = json.loads((folder / name).read_text(encoding="utf-8"))
+            except (ValueError, OSError, RecursionError) as error:
+                raise OutputError(f"{folder / name}: cannot be read ({error}); run the command again") from error
+            if isinstance(value, dict):
+                return value
+    raise OutputError(f"{folder}: not a result folder of indentfit: it has no result.json; name the folder of a result")

@@ -1,0 +1,207 @@
+"""Sweeps, mesh-checks and designs as text for a terminal, and as small tables for a notebook."""
+
+import html
+from collections.abc import Iterator, Sequence
+
+from indentfit.study.convergence import Approach, Index
+from indentfit.study.design import Design
+from indentfit.study.mesh_check import MeshCheck, MeshResult
+from indentfit.study.refit import Refit
+from indentfit.study.sweep import Point, Sweep
+
+Row = list[str]
+SHOWN = 12  # further tests in the table of a design
+
+
+# ---- sweep -------------------------------------------------------------------------------------------------------
+
+
+def sweep_lines(sweep: Sweep) -> Iterator[str]:
+    """A Sweep in words, line by line."""
+    yield from aligned(sweep_rows(sweep))
+    for point in sweep.every_point:
+        if point.cause:
+            yield f"failed    {point.label}: {point.cause}"
+    if sweep.sensitivities:
+        yield ""
+        yield from aligned(_sensitivity_rows(sweep))
+    yield from refit_lines(sweep.refits)
+
+
+def sweep_rows(sweep: Sweep) -> list[Row]:
+    """A row for each point: force and stiffness of each test with their changes."""
+    rows = [["", *(f"{name} ({angle}°)" for name, angle in sweep.tests.items() for _ in range(2))]]
+    rows.append(["point", *(word for _ in sweep.tests for word in ("force, mN", "stiffness, mN/mm"))])
+    return rows + [[point.label, *_point_cells(point, list(sweep.tests))] for point in sweep.every_point]
+
+
+def _point_cells(point: Point, tests: Sequence[str]) -> Row:
+    if point.tests is None:
+        return ["failed" for _ in tests for _ in range(2)]
+    cells = []
+    for name in tests:
+        test = point.tests[name]
+        for value, change in ((test.force, test.force_change), (test.stiffness, test.stiffness_change)):
+            cells.append(f"{value:.3f}" + ("" if change is None else f" ({change:+.2%})"))
+    return cells
+
+
+def _sensitivity_rows(sweep: Sweep) -> list[Row]:
+    rows = [["rank", "key", "test", "spread of force", "of stiffness", "elasticity", "force with value"]]
+    ranks = {key: n for n, key in enumerate(dict.fromkeys(s.key for s in sweep.sensitivities), start=1)}
+    for s in sweep.sensitivities:
+        elasticity = "" if s.elasticity is None else f"{s.elasticity:.3f}"
+        rows.append([str(ranks[s.key]), s.key, s.test, f"{s.force_span:.2%}", f"{s.stiffness_span:.2%}", elasticity, s.trend])
+    return rows
+
+
+# ---- mesh-check --------------------------------------------------------------------------------------------------
+
+
+def mesh_check_lines(check: MeshCheck) -> Iterator[str]:
+    """A MeshCheck in words, line by line."""
+    yield from aligned(mesh_rows(check))
+    for mesh in check.meshes:
+        if mesh.measured.cause:
+            yield f"failed    {mesh.asked}: {mesh.measured.cause}"
+        elif not mesh.measured.counts:
+            yield f"second try {mesh.asked}: solved with other springs or on a coarser rim, so not counted as one of the family"
+    yield ""
+    yield from aligned(_quantity_rows(check))
+    if check.changes:
+        yield ""
+        yield from aligned(_change_rows(check))
+    yield ""
+    yield f"verdict   {check.verdict}"
+    yield from refit_lines(check.refits)
+
+
+def mesh_rows(check: MeshCheck) -> list[Row]:
+    """A row for each mesh: its size, its cost, the last force of each test, and the misfits to measured curves."""
+    names = list(check.tests)
+    measured = [name for name in names if any(mesh.rmse and name in mesh.rmse for mesh in check.meshes)]
+    head = ["mesh", "elements", "dofs", "h, mm", "Newton", "CPU, s", "MB", *(f"{name}, mN" for name in names)]
+    head += [f"RMSE {name}, mN" for name in measured]
+    return [head, *(_mesh_row(mesh, len(head)) for mesh in check.meshes)]
+
+
+def _mesh_row(mesh: MeshResult, width: int) -> Row:
+    facts = mesh.measured
+    row = [mesh.asked, f"{facts.elements:,}", f"{facts.dofs:,}"]
+    if facts.forces is None:
+        return [*row, *[""] * (width - 4), "failed"]
+    row += [f"{facts.h:.4f}", str(facts.newton_iterations), f"{facts.cpu_seconds:.2f}", f"{facts.memory / 1e6:.0f}"]
+    row += [f"{force[-1]:.3f}" for force in facts.forces]
+    return row + [f"{error:.3f}" for error in (mesh.rmse or {}).values()]
+
+
+def _quantity_rows(check: MeshCheck) -> list[Row]:
+    head = ["test", "quantity", "finest", "at h = 0", "95 % interval, or wider", "Eca-Hoekstra of the finest", "order"]
+    rows = [[*head, "GCI of the finest"]]
+    for quantity in check.quantities:
+        finest, approach = quantity.finest, quantity.approach
+        row = [quantity.test, f"{quantity.kind}, {quantity.unit}", "" if finest is None else f"{finest:.3f}"]
+        if approach is None:
+            rows.append([*row, "", "", "", "", gci_words(quantity.index)])
+            continue
+        low, high = approach.interval
+        row += [f"{approach.value:.3f}", f"{low:.3f} to {high:.3f}", f"+-{quantity.finest_uncertainty:.3f}"]
+        rows.append([*row, order_words(approach), gci_words(quantity.index)])
+    return rows
+
+
+def _change_rows(check: MeshCheck) -> list[Row]:
+    names = list(check.tests)
+    rows = [["key", "value", *(f"change of {name}'s last force" for name in names)]]
+    for change in check.changes:
+        if change.changes:
+            cells = [f"{change.changes[name]:+.3%}" for name in names]
+        else:
+            cells = [f"failed: {change.cause}", *[""] * (len(names) - 1)]
+        rows.append([change.key, f"{change.value:g}", *cells])
+    return rows
+
+
+def order_words(approach: Approach) -> str:
+    """The observed order, or what was taken in its place."""
+    if approach.order is not None:
+        return f"{approach.order:.2f}"
+    taken = " and ".join(f"{p:g}" for p in approach.exponents)
+    return f"{approach.raw_order:.2g}, not believed; {taken} taken"
+
+
+def gci_words(index: Index | None) -> str:
+    """Roache's index in words."""
+    if index is None:
+        return "needs three meshes"
+    return f"{index.index:.2%} (order {index.order:.2f})" if index.index is not None else f"none: the three finest are {index.kind}"
+
+
+# ---- refits ------------------------------------------------------------------------------------------------------
+
+
+def refit_lines(refits: Sequence[Refit]) -> Iterator[str]:
+    """Refits as a table, after an empty line; nothing where there are none."""
+    if not refits:
+        return
+    names = list(dict.fromkeys(name for refit in refits for name in refit.parameters))
+    yield ""
+    yield from aligned([["fitted with", *names, "objective, mN"], *(_refit_row(refit, names) for refit in refits)])
+
+
+def _refit_row(refit: Refit, names: Sequence[str]) -> Row:
+    if refit.cause:
+        return [refit.label, f"failed: {refit.cause}", *[""] * len(names)]
+    cells = []
+    for name in names:
+        estimate = refit.parameters.get(name)
+        error = f" +- {estimate.stderr:.2g}" if estimate and estimate.stderr else ""
+        cells.append("held" if estimate is None else f"{estimate.value:.4g}{error}")
+    return [refit.label, *cells, f"{refit.objective:.4g}{'' if refit.success else ' (not converged)'}"]
+
+
+# ---- design ------------------------------------------------------------------------------------------------------
+
+
+def design_lines(design: Design) -> Iterator[str]:
+    """A Design in words, line by line."""
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in design.parameters.items())
+    yield f"at {values}; noise {design.noise:.3g} mN; {design.runs} runs"
+    yield f"the tests of the case leave {design.worst} worst: standard error {design.stderr[design.worst]:.3g}"
+    yield ""
+    yield from (f"  {line}" for line in aligned(design_rows(design)))
+    for test in design.candidates:
+        if test.cause:
+            yield f"failed    {test.change}, {test.angle}: {test.cause}"
+    best = next((test for test in design.candidates if test.stderr), None)
+    if best and best.stderr:
+        gain = design.stderr[design.worst] / best.stderr[design.worst]
+        what = f"{best.words}, angle {best.angle}, to {best.depth:.3g} mm"
+        yield ""
+        yield f"best for {design.worst}: {what}: its standard error falls {gain:.2g} times"
+
+
+def design_rows(design: Design) -> list[Row]:
+    """A row for each of the best further tests: its change, angle, depth, and the standard errors with it."""
+    rows = [["further test", "angle", "depth mm", *(f"se {name}" for name in design.stderr)]]
+    for test in design.candidates[:SHOWN]:
+        if test.stderr:
+            rows.append([test.words, str(test.angle), f"{test.depth:.3g}", *(f"{test.stderr[name]:.3g}" for name in design.stderr)])
+    return rows
+
+
+# ---- tables ------------------------------------------------------------------------------------------------------
+
+
+def aligned(rows: Sequence[Row]) -> Iterator[str]:
+    """Lines of a table of words."""
+    widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
+    for row in rows:
+        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def html_table(caption: str, rows: Sequence[Row]) -> str:
+    """A small HTML table, for notebooks; its first row is the header."""
+    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in rows[0])
+    body = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows[1:])
+    return f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -1,0 +1,174 @@
+"""What a sweep varies: keys of the case with the values that each takes, and the cases that follow from them."""
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from indentfit.case import Case, Range
+from indentfit.errors import CaseError
+from indentfit.experiment.measured import changed_case
+
+PERCENT = re.compile(r"(?:\+-|\+/-|±)\s*(\d+\.?\d*|\.\d+)\s*%")
+SPAN = re.compile(r"([^:]+):([^:]+):(\d+)")
+MOST_POINTS = 10_000
+
+Vary = Mapping[str, Sequence[float | str]] | Sequence[str]
+"""Key of the case -> its values, or texts such as "indenter.friction=0.2,0.3" or "material.mu=+-15%"."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One key of the case and the values that it takes, as they are written after `--set KEY=`."""
+
+    key: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """What a sweep computes: the case as it is, then each point, as (values as written, Case)."""
+
+    variations: tuple[Variation, ...]
+    grid: bool
+    points: tuple[tuple[dict[str, str], Case], ...]
+
+    @property
+    def cases(self) -> list[Case]:
+        return [case for _, case in self.points]
+
+
+def plan_sweep(case: Case, vary: Vary, grid: bool = False) -> SweepPlan:
+    """The plan of a sweep over keys of a case.
+
+    Parameters
+    ----------
+    case : Case
+    vary : mapping of key to values, or texts KEY=VALUES
+    grid : bool
+        Every combination of the values, instead of one key at a time.
+
+    Raises
+    ------
+    CaseError
+        One line for each key or value that the case cannot have.
+    """
+    texts = [f"{key}={','.join(map(_text, values))}" for key, values in vary.items()] if isinstance(vary, Mapping) else vary
+    variations = tuple(variation(case, text) for text in texts)
+    combinations = _combinations(variations, grid)
+    return SweepPlan(variations, grid, (({}, case), *zip(combinations, _cases(case, combinations), strict=True)))
+
+
+def variation(case: Case, text: str) -> Variation:
+    """The Variation of a text KEY=LIST (`0.2,0.3`), KEY=FIRST:LAST:NUMBER (evenly spaced) or KEY=+-PERCENT% of the case's value.
+
+    Raises
+    ------
+    CaseError
+        The text is no variation; one line.
+    """
+    name, equals, asked = (part.strip() for part in text.partition("="))
+    where = f"--vary {text}"
+    if not equals or not name or not asked:
+        raise CaseError(f"{where}: write KEY=VALUES, such as indenter.friction=0.2,0.3 or material.mu=+-15%")
+    if name.partition(".")[0] == "fit":
+        raise CaseError(f"{where}: a key of the search does not change a force; vary another key")
+    values = _values(case, name, asked, where)
+    if "" in values:
+        raise CaseError(f"{where}: a value is missing between the commas; take the extra comma away")
+    return Variation(name, tuple(dict.fromkeys(values)))
+
+
+def number(value: str) -> float | None:
+    """The number that a value of a Variation is written as, or None."""
+    try:
+        return float(value)
+    except ValueError:
+        return None
+
+
+def own_value(case: Case, name: str) -> float | str | None:
+    """The value that the case itself has for a key; None where it has none."""
+    section, _, rest = name.partition(".")
+    parameter = rest.removeprefix("parameters.").removesuffix(".start")
+    if section == "material" and parameter in case.start_values():
+        return case.start_values()[parameter]
+    if section == "test":
+        return _of_test(case, rest)
+    value = getattr(getattr(case, section, None), rest, None)
+    return value if isinstance(value, int | float | str) and not isinstance(value, Range) else None
+
+
+def _of_test(case: Case, rest: str) -> float | str | None:
+    for n, test in enumerate(case.tests):
+        for label in (test.name, str(n)):
+            if rest.startswith(label + "."):
+                value = getattr(test, rest[len(label) + 1 :], None)
+                return value if isinstance(value, int | float | str) else None
+    return None
+
+
+def _values(case: Case, name: str, asked: str, where: str) -> list[str]:
+    if match := PERCENT.fullmatch(asked):
+        own, share = _own_number(case, name, where), float(match[1]) / 100
+        return [_text(own * (1 - share)), _text(own * (1 + share))]
+    if match := SPAN.fullmatch(asked):
+        return _span(where, *match.groups())
+    return [part.strip() for part in _split(asked)]
+
+
+def _own_number(case: Case, name: str, where: str) -> float:
+    own = own_value(case, name)
+    if isinstance(own, bool) or not isinstance(own, int | float) or not own:
+        shown = "no value" if own is None else f"the value {own!r}"
+        raise CaseError(f"{where}: the case has {shown} for it, and percents of that mean nothing; give a list of values")
+    return float(own)
+
+
+def _span(where: str, first: str, last: str, count: str) -> list[str]:
+    low, high = number(first), number(last)
+    if low is None or high is None or not 2 <= int(count) <= MOST_POINTS:
+        raise CaseError(f"{where}: a range is FIRST:LAST:NUMBER, two numbers and how many values, such as 0.2:0.5:4")
+    return [_text(value) for value in np.linspace(low, high, int(count))]
+
+
+def _split(text: str) -> list[str]:
+    """Parts between commas that are not within brackets or quotes."""
+    parts, depth, quote = [""], 0, ""
+    for letter in text:
+        quote = "" if letter == quote else letter if letter in "\"'" and not quote else quote
+        depth += 0 if quote else (letter in "[{") - (letter in "]}")
+        if letter == "," and not depth and not quote:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.10g}"
+
+
+def _combinations(variations: Sequence[Variation], grid: bool) -> list[dict[str, str]]:
+    """The keys and values of each point."""
+    if grid:
+        keys = [varied.key for varied in variations]
+        return [dict(zip(keys, values, strict=True)) for values in itertools.product(*(varied.values for varied in variations))]
+    return [{varied.key: value} for varied in variations for value in varied.values]
+
+
+def _cases(case: Case, combinations: Sequence[Mapping[str, str]]) -> list[Case]:
+    """The Case of each point; every wrong one is named before any is run."""
+    if len(combinations) > MOST_POINTS:
+        raise CaseError(f"--grid: {len(combinations):,} points are too many; give fewer values")
+    cases, faults = [], []
+    for values in combinations:
+        try:
+            cases.append(changed_case(case, [f"{key}={value}" for key, value in values.items()]))
+        except CaseError as error:
+            faults += error.faults
+    if faults:
+        raise CaseError([line.replace("(--set)", "(--vary)") for line in dict.fromkeys(faults)])
+    return cases
