@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from indentfit.case import Indenter, Mesh, Sample
-from indentfit.fem.contact import STICK, Contact, History, Springs
+from indentfit.fem.contact import STICK, ContactFace
+from indentfit.fem.contact_state import History, Springs
 from indentfit.fem.element import Solid
 from indentfit.fem.mesh import quarter
 
@@ -34,11 +35,11 @@ by_indenter = pytest.mark.parametrize("name", INDENTERS)
 
 
 def contact_of(indenter, friction, element="q1p0", elements=200):
-    """Contact (and its solid) of a block of 4 x 1 x 4 mm."""
+    """ContactFace (and its solid) of a block of 4 x 1 x 4 mm."""
     sample = Sample(shape="block", length=4, width=4, thickness=1, base="sliding")
     punch = Indenter(friction=friction, **indenter)
     solid = Solid(quarter(sample, punch, Mesh(elements=elements)), element)
-    return Contact(solid, punch, sample.thickness), solid
+    return ContactFace(solid, punch, sample.thickness), solid
 
 
 def shifted(solid, by):
@@ -89,7 +90,7 @@ def test_areas_and_moments_of_the_nodes_are_those_of_a_footprint_on_a_disc(shape
     sample = Sample(shape="disc", diameter=2 * R, thickness=3.3, base="sliding")
     size = {"diameter": 2.0} if shape == "cylinder" else {"width": 2 * B, "length": 20}
     punch = Indenter(shape=shape, friction=0.5, **size)
-    contact = Contact(Solid(quarter(sample, punch, Mesh(), element), element), punch, 3.3)
+    contact = ContactFace(Solid(quarter(sample, punch, Mesh(), element), element), punch, 3.3)
     weights, X = contact.weights[contact.under], contact.X[contact.under]
     assert (weights.sum(), np.sum(weights * X[..., 2])) == pytest.approx(expected, rel=exact)
 
@@ -442,9 +443,9 @@ def test_a_touch_and_its_history_change_as_differences_say(name, friction):
         assert_allclose(getattr(change, field), expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))), err_msg=field)
     after = change.advanced(here, rate, turn, step)
     assert contact.tied.all() or not np.all(here.advanced(rate, step).pressure)  # some cannot come to pull
-    for found, a, b in zip(fields(after), fields(later), fields(earlier), strict=True):
+    for derivative, a, b in zip(fields(after), fields(later), fields(earlier), strict=True):
         expected = (a - b) / (2 * h)
-        assert_allclose(found, expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))))
+        assert_allclose(derivative, expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))))
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5, "stick"])
@@ -453,7 +454,7 @@ def test_the_tangent_at_rest_changes_with_the_springs_as_differences_say(name, f
     """It is linear in the springs, so that a difference of any size is exact."""
     contact, solid = contact_of(INDENTERS[name], friction)
     springs = [Springs(SPRINGS.normal + s * 70.0, SPRINGS.tangential - s * 30.0) for s in (1, 0, -1)]
-    more, rest, less = (contact.touch(np.zeros(solid.n_dofs), 0.0, contact.rest(), one) for one in springs)
+    more, rest, less = (contact.touch(np.zeros(solid.n_dofs), 0.0, contact.rest(), stiffness) for stiffness in springs)
     assert rest.touching.any()
     assert_allclose(contact.stiffness_change(rest, Springs(70.0, -30.0)), (more.D - less.D) / 2, atol=1e-9)
 

@@ -122,7 +122,8 @@ def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
 
 def _rivals(section: str, key: str, table: Tree) -> set[str]:
     """The keys that do not go together with this one."""
-    shapes: Registry[Any] | None = {"sample": samples.SHAPES, "indenter": indenters.SHAPES}.get(section)
+    registries: dict[str, Registry[Any]] = {"sample": samples.SHAPES, "indenter": indenters.SHAPES}
+    shapes = registries.get(section)
     shape = shapes.find_or_none(table[key]) if shapes is not None and key == "shape" else None
     if shapes is None or shape is None:
         return RIVALS.get(section, {}).get(key, set())

@@ -7,14 +7,15 @@ footprint with gradient n = dg/dx, moved by x - c relative to the indenter,
     friction   T = (1 - n n) (T0 + e_t (x - c - anchor)),  |T| <= f p   (radial return)
     traction on the body  p n - T
 
-p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each step: they take over the last
-step's p and T and their rates, while the anchor of a sticking point stays where the point began to stick. What the
-springs e and e_t still give way is therefore a step's departure from the straight path, not the whole traction; its
-effect on the force is reported with every result (`Contact.penalty_error`). The springs can so be soft enough for a short Newton
-iteration: stiffer ones make points chatter between stick and slip.
+A point sticks while the force of its tangential spring stays within the limit f p, and slips where the limit is reached.
 
-The points are the facets' nodes (trapezoidal rule; Simpson's on quadratic facets): one point, one state, so no element is
-asked to stick and slip at once.
+p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each step: they take over the last
+step's p and T and their rates, while the anchor of a sticking point stays where the point began to stick. The springs e and e_t
+therefore give way by a step's departure from the straight path only, not by the whole traction; the effect of this on the force,
+the penalty error, is reported with every result (`ContactFace.penalty_error`). So the springs can be soft enough for few Newton
+iterations: under stiffer ones points chatter, that is, they change between stick and slip from one iteration to the next.
+
+The points are the facets' nodes (`contact_points`): one point has one state, so no element has to stick and slip at once.
 
 Friction "stick" under a sharp edge ties the footprint to the indenter: a point that may let go while it carries friction has
 no continuous law. Where the contact grows (sphere, rounded edge, beside the footprint) "stick" is a friction coefficient of STICK.
@@ -23,115 +24,67 @@ A sharp edge (edge_radius = 0) has no normal. There the material face of the ini
 unilateral, free to slip. A rounded edge is a signed distance in the current configuration.
 
 Two things keep a corner of the surface from folding up where the body itself would not:
-- On a face of radius r a point under the pressure p that sticks has the stiffness e_t - p / r against rolling off: the normal turns
-  away under it. Springs of e_t + GRIP p0 / r hold what real friction holds; softer ones let the whole edge buckle.
-- Where a strip overhangs the sample, the sample's side rolls up against it (as in upsetting between rough plates), so the side
-  below the strip is a candidate too.
+- On a face of radius r a point that sticks under the pressure p has the stiffness e_t - p / r against rolling off: the normal turns
+  away under the point. Springs of e_t + GRIP p0 / r hold what real friction holds; under softer ones the whole edge buckles.
+- Where a strip overhangs the sample, the sample's side rolls up against the strip (side roll-up, as in upsetting between rough
+  plates): the side below the strip is a candidate too.
 """
 
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from indentfit.indenters import UP, has_sharp_edge
+from indentfit.arrays import Array, Bools
+from indentfit.case import Indenter
+from indentfit.fem.contact_points import facet_nodes
+from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs, dot
+from indentfit.fem.element import Solid
+from indentfit.indenters import UP, Distance, has_sharp_edge
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
 GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over radius: the pressure may grow in a step
-RULE = {"q1p0": np.array([1 / 2, 0, 1 / 2]), "q2p1": np.array([1 / 6, 4 / 6, 1 / 6])}  # weights at the ends and in the middle
 
 
 @dataclass(frozen=True)
-class Springs:
-    """Stiffnesses of the contact against penetration and slip, kPa/mm."""
+class _Trial:
+    """What the radial return starts from: distances, pressures, and the friction by which every touching point would stick.
 
-    normal: float
-    tangential: float
-
-    def scaled(self, share):
-        return Springs(self.normal * share, self.tangential * share)
-
-
-@dataclass(frozen=True)
-class History:
-    """Multipliers p0 (n_f, n_q) and T0 (n_f, n_q, 3) in kPa and the anchors (n_f, n_q, 3) in mm, in the indenter's frame."""
-
-    pressure: np.ndarray
-    friction: np.ndarray
-    anchor: np.ndarray
-
-
-@dataclass(frozen=True)
-class Touch:
-    """The contact at one displacement: pressure (n_f, n_q) and friction (n_f, n_q, 3) in kPa, and what follows.
-
-    place: positions in the indenter's frame, mm; normal, bend: gradient and Hessian of the gap; traction: of the body on the
-    indenter, T - p n, kPa; D: its derivative (n_f, n_q, 3, 3) by the position; touching, slipping: (n_f, n_q) of bool;
-    history: the one it started from; unilateral: (n_f, 1) of bool, False where a point is tied.
+    pull (n_f, n_q, 3), kPa: that friction before it is laid into the face; along: `pull` within the face; size (n_f, n_q): length
+    of `along`, 1 where it is zero; grip (n_f, n_q), kPa/mm: stiffness against slip.
     """
 
-    place: np.ndarray
-    gap: np.ndarray
-    normal: np.ndarray
-    bend: np.ndarray | None = field(repr=False)
-    pressure: np.ndarray
-    friction: np.ndarray
-    traction: np.ndarray
-    touching: np.ndarray
-    slipping: np.ndarray
-    history: History = field(repr=False)
-    unilateral: np.ndarray = field(repr=False)
-    D: np.ndarray | None = field(repr=False)
-
-    def advanced(self, rate=None, step=0.0):
-        """History for a step of the depth in mm: multipliers extrapolated with the traction's rate (n_f, n_q, 3), kPa/mm.
-
-        A point that slips, or does not touch, is anchored where it is now.
-        """
-        moved = (self.slipping | ~self.touching)[..., None]
-        anchor = np.where(moved, self.place, self.history.anchor)
-        if rate is None:
-            return History(self.pressure, self.friction, anchor)
-        along = np.einsum("fqi,fqi->fq", rate, self.normal)
-        pressure = self.pressure - step * along
-        friction = self.friction + step * (rate - along[..., None] * self.normal) * ~moved
-        return History(np.where(self.unilateral, np.maximum(pressure, 0), pressure), friction, anchor)
+    distance: Distance
+    pressure: Array
+    pull: Array
+    along: Array
+    size: Array
+    grip: Array
+    touching: Bools
+    slipping: Bools
 
 
-@dataclass(frozen=True)
-class Change:
-    """How a touch changes with something: derivatives of its fields and, as a History, of the history that it started from."""
-
-    place: np.ndarray
-    normal: np.ndarray
-    pressure: np.ndarray
-    friction: np.ndarray
-    traction: np.ndarray
-    history: History = field(repr=False)
-
-    def advanced(self, touch, rate, rate_change, step):
-        """Derivative of `touch.advanced(rate, step)`, where the rate changes by rate_change (n_f, n_q, 3)."""
-        moved = (touch.slipping | ~touch.touching)[..., None]
-        anchor = np.where(moved, self.place, self.history.anchor)
-        n, dn = touch.normal, self.normal
-        along, change = _dot(rate, n), _dot(rate_change, n) + _dot(rate, dn)
-        pressure = (self.pressure - step * change) * (~touch.unilateral | (touch.pressure - step * along > 0))
-        turned = rate_change - change[..., None] * n - along[..., None] * dn
-        return History(pressure, self.friction + step * turned * ~moved, anchor)
-
-
-class Contact:
+class ContactFace:
     """The facets of a quarter sample that may touch one indenter: the footprint, then the side that it overhangs.
 
-    solid: fem.element.Solid; indenter: the case's table; friction: number or "stick"; thickness in mm.
     X: contact points (n_f, n_q, 3), mm, and dofs (n_f, n_q, 3) of the nodes they are; weights: their areas (n_f, n_q), mm^2;
-    surface: dofs (n_s,) that the contact acts on, rising; under: (n_f,) of bool, the footprint.
+    surface: dofs (n_s,) that the contact acts on, rising; under: (n_f,) of bool, the footprint; tied: (n_f, 1) of bool, the points
+    that cannot let go; shape: the indenter's; friction: its coefficient.
+
+    Parameters
+    ----------
+    solid : Solid
+        The body, whose mesh has the boundaries footprint and overhung.
+    indenter : table of a case
+    thickness : float, mm
     """
 
-    def __init__(self, solid, indenter, thickness):
+    def __init__(self, solid: Solid, indenter: Indenter, thickness: float) -> None:
         parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
         facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
-        elements, nodes, areas = _nodes(solid, facets)
+        elements, nodes, areas = facet_nodes(solid, facets)
         self.thickness, self.shape = thickness, indenter.geometry
         sticks = indenter.friction == "stick"
         self.tied = self.under[:, None] & (has_sharp_edge(self.shape) and sticks)
@@ -146,162 +99,193 @@ class Contact:
         block = 3 * solid.positions[elements, nodes, nodes]
         self._entries = (solid.indptr[self.dofs] + block[..., None])[..., None] + np.arange(3)
 
-    def rest(self):
+    def rest(self) -> History:
         """History of the untouched sample."""
         return History(np.zeros(self.weights.shape), np.zeros_like(self.X), self.X)
 
-    def no_change(self):
+    def no_change(self) -> History:
         """Derivative of the untouched sample's history, which depends on nothing."""
         return History(np.zeros(self.weights.shape), np.zeros_like(self.X), np.zeros_like(self.X))
 
-    def field(self, u):
-        """Displacements (n_f, n_q, 3) at the contact points."""
+    def field(self, u: Array) -> Array:
+        """Displacements (n_f, n_q, 3), mm, at the contact points, of those of all nodes u (n,)."""
         return u[self.dofs]
 
-    def touch(self, u, depth, history, springs, derivative=True):
-        """Contact at displacements u (n,) and a depth in mm, after a history, with Springs."""
+    def touch(self, u: Array, depth: float, history: History, springs: Springs, derivative: bool = True) -> ContactState:
+        """The contact at displacements u (n,) and a depth, both in mm, after a history; derivative: whether with D."""
         place = self.X + self.field(u) + depth * UP
-        gap, n, H = self.shape.distance(place, self.thickness)
-        p = history.pressure - springs.normal * gap
+        trial = self._trial(place, history, springs)
+        T, n, p = trial.along, trial.distance.normal, trial.pressure
+        if trial.slipping.any():
+            limit = self._limit(p)
+            T = np.where(trial.slipping, limit / trial.size, 1.0)[..., None] * T
+        D = self._derivative(trial, springs.normal) if derivative else None
+        return ContactState(
+            place=place,
+            gap=trial.distance.gap,
+            normal=n,
+            bend=trial.distance.bend,
+            pressure=p,
+            friction=T,
+            traction=T - p[..., None] * n,
+            touching=trial.touching,
+            slipping=trial.slipping,
+            history=history,
+            unilateral=~self.tied,
+            D=D,
+        )
+
+    def _trial(self, place: Array, history: History, springs: Springs) -> _Trial:
+        """What touches at places (n_f, n_q, 3), how hard, and what would slip."""
+        distance = self.shape.distance(place, self.thickness)
+        n, p = distance.normal, history.pressure - springs.normal * distance.gap
         touching = (p >= 0) | self.tied
         p = np.where(touching, p, 0.0)
         pull = self._pull(place, history, springs, touching)
-        trial = pull - np.einsum("fqi,fqi->fq", pull, n)[..., None] * n
-        size = np.sqrt(np.einsum("fqi,fqi->fq", trial, trial))
-        limit = np.where(self.tied, np.inf, self.friction * p)
-        slipping = touching & (size > limit)
+        along = pull - dot(pull, n)[..., None] * n
+        size = np.sqrt(dot(along, along))
+        slipping = touching & (size > self._limit(p))
         size = np.where(size > 0, size, 1.0)
-        T = np.where(slipping, limit / size, 1.0)[..., None] * trial if slipping.any() else trial
-        grip = self._grip(springs, history.pressure)
-        D = self._derivative(springs.normal, grip, n, H, p, pull, trial, size, slipping, touching) if derivative else None
-        return Touch(place, gap, n, H, p, T, T - p[..., None] * n, touching, slipping, history, ~self.tied, D)
+        return _Trial(distance, p, pull, along, size, self._grip(springs, history.pressure), touching, slipping)
 
-    def _grip(self, springs, pressure):
+    def _limit(self, pressure: Array) -> Array:
+        """Largest friction (n_f, n_q), kPa, under a pressure."""
+        return np.where(self.tied, np.inf, self.friction * pressure)
+
+    def _grip(self, springs: Springs, pressure: Array) -> Array:
         """Stiffness (n_f, n_q) against slip, kPa/mm, at a history's pressure; linear in both."""
         return springs.tangential + GRIP * self.curvature * pressure
 
-    def _pull(self, place, history, springs, touching):
+    def _pull(self, place: Array, history: History, springs: Springs, touching: Bools) -> Array:
         """Friction (n_f, n_q, 3) that sticking would need."""
         if self.friction == 0:
             return np.zeros_like(place)
         grip = self._grip(springs, history.pressure)[..., None]
         return (history.friction + grip * (place - history.anchor)) * touching[..., None]
 
-    def _derivative(self, normal, grip, n, H, p, pull, trial, size, slipping, touching):
-        """D = d(T - p n)/dx, consistent with the radial return."""
+    def _derivative(self, trial: _Trial, normal: float) -> Array:
+        """D = d(T - p n)/dx, consistent with the radial return; normal: the spring, kPa/mm."""
+        n, H, p = trial.distance.normal, trial.distance.bend, trial.pressure
         nn = n[..., :, None] * n[..., None, :]
-        D = touching[..., None, None] * normal * nn
+        D = trial.touching[..., None, None] * normal * nn
         if H is not None:
             D = D - p[..., None, None] * H
         if self.friction == 0:
             return D
-        stick = grip[..., None, None] * (np.eye(3) - nn)
+        stick = trial.grip[..., None, None] * (np.eye(3) - nn)
         if H is not None:
-            pn = np.einsum("fqi,fqi->fq", pull, n)
-            stick = stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", pull, H)[..., None, :]
-        if slipping.any():
-            f, m = self.friction, trial / size[..., None]
+            pn = dot(trial.pull, n)
+            stick = stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", trial.pull, H)[..., None, :]
+        if trial.slipping.any():
+            f, m = self.friction, trial.along / trial.size[..., None]
             turn = stick - m[..., :, None] * np.einsum("fqi,fqij->fqj", m, stick)[..., None, :]
-            slip = (f * p / size)[..., None, None] * turn - f * normal * m[..., :, None] * n[..., None, :]
-            stick = np.where(slipping[..., None, None], slip, stick)
-        return D + touching[..., None, None] * stick
+            slip = (f * p / trial.size)[..., None, None] * turn - f * normal * m[..., :, None] * n[..., None, :]
+            stick = np.where(trial.slipping[..., None, None], slip, stick)
+        return D + trial.touching[..., None, None] * stick
 
-    def change(self, touch, springs, spring_change, friction_change, history, place):
-        """Change of a touch: derivatives by something that changes springs and friction, the history (a History) and the
-        places (n_f, n_q, 3) so; contact states stay."""
-        n, H, touching = touch.normal, touch.bend, touch.touching
+    def change(
+        self, state: ContactState, springs: Springs, spring_change: Springs, friction_change: float, history: History, place: Array
+    ) -> ContactChange:
+        """Derivative of a state by something that changes springs and friction, the history and the places; no point changes
+        whether it touches or slips.
+
+        Parameters
+        ----------
+        state : ContactState
+        springs : Springs
+            Those of the state.
+        spring_change : Springs
+        friction_change : float
+            Derivative of the coefficient of friction.
+        history : History
+            Derivative of the state's history.
+        place : array (n_f, n_q, 3)
+            Derivative of the state's places.
+        """
+        n, H = state.normal, state.bend
         dn = np.zeros_like(place) if H is None else np.einsum("fqij,fqj->fqi", H, place)
-        p = history.pressure - spring_change.normal * touch.gap - springs.normal * _dot(n, place)
-        p = np.where(touching, p, 0.0)
+        p = history.pressure - spring_change.normal * state.gap - springs.normal * dot(n, place)
+        p = np.where(state.touching, p, 0.0)
         if self.friction == 0:
             T = np.zeros_like(place)
         else:
-            pull = self._pull(touch.place, touch.history, springs, touching)
-            grip, grip_change = self._grip(springs, touch.history.pressure), self._grip(spring_change, history.pressure)
-            dpull = history.friction + grip_change[..., None] * (touch.place - touch.history.anchor)
-            dpull = (dpull + grip[..., None] * (place - history.anchor)) * touching[..., None]
-            along = _dot(pull, n)[..., None]
-            T = dpull - (_dot(dpull, n) + _dot(pull, dn))[..., None] * n - along * dn
-            if touch.slipping.any():
-                trial = pull - along * n
-                size = np.sqrt(_dot(trial, trial))[..., None]
-                m = trial / np.where(size > 0, size, 1.0)
-                turn = (T - m * _dot(m, T)[..., None]) / np.where(size > 0, size, 1.0)
-                limit = friction_change * touch.pressure + self.friction * p
-                slip = limit[..., None] * m + (self.friction * touch.pressure)[..., None] * turn
-                T = np.where(touch.slipping[..., None], slip, T)
-        traction = T - p[..., None] * n - touch.pressure[..., None] * dn
-        return Change(place, dn, p, T, traction, history)
+            pull = self._pull(state.place, state.history, springs, state.touching)
+            dpull = self._pull_change(state, springs, spring_change, history, place)
+            along = dot(pull, n)[..., None]
+            T = dpull - (dot(dpull, n) + dot(pull, dn))[..., None] * n - along * dn
+            if state.slipping.any():
+                limit = friction_change * state.pressure + self.friction * p
+                T = np.where(state.slipping[..., None], self._slip_change(state, pull - along * n, T, limit), T)
+        traction = T - p[..., None] * n - state.pressure[..., None] * dn
+        return ContactChange(place, dn, p, T, traction, history)
 
-    def stiffness_change(self, touch, spring_change):
-        """Derivative of the D of an untouched sample, whose pressures and friction are zero."""
-        n = touch.normal
+    def _pull_change(self, state: ContactState, springs: Springs, spring_change: Springs, history: History, place: Array) -> Array:
+        """Derivative of `_pull` at a state; arguments as of `change`."""
+        grip, grip_change = self._grip(springs, state.history.pressure), self._grip(spring_change, history.pressure)
+        change = history.friction + grip_change[..., None] * (state.place - state.history.anchor)
+        return (change + grip[..., None] * (place - history.anchor)) * state.touching[..., None]
+
+    def _slip_change(self, state: ContactState, trial: Array, trial_change: Array, limit_change: Array) -> Array:
+        """Derivative of the friction of slipping points, whose trial friction in the face and whose limit change so."""
+        size = np.sqrt(dot(trial, trial))[..., None]
+        m = trial / np.where(size > 0, size, 1.0)
+        turn = (trial_change - m * dot(m, trial_change)[..., None]) / np.where(size > 0, size, 1.0)
+        return limit_change[..., None] * m + (self.friction * state.pressure)[..., None] * turn
+
+    def stiffness_change(self, state: ContactState, spring_change: Springs) -> Array:
+        """Derivative (n_f, n_q, 3, 3) of the D of an untouched sample, whose pressures and friction are zero."""
+        n = state.normal
         nn = n[..., :, None] * n[..., None, :]
         tangential = spring_change.tangential if self.friction else 0.0
-        return touch.touching[..., None, None] * (spring_change.normal * nn + tangential * (np.eye(3) - nn))
+        return state.touching[..., None, None] * (spring_change.normal * nn + tangential * (np.eye(3) - nn))
 
-    def residual(self, touch):
+    def residual(self, state: ContactState) -> Array:
         """Nodal forces (n,) of the contact in the residual, mN."""
-        return self.spread(touch.traction)
+        return self.spread(state.traction)
 
-    def spread(self, traction):
-        """Nodal forces (n,) of tractions (n_f, n_q, 3)."""
+    def spread(self, traction: Array) -> Array:
+        """Nodal forces (n,), mN, of tractions (n_f, n_q, 3), kPa."""
         out = np.zeros(self.n_dofs)
         np.add.at(out, self.dofs, self.weights[..., None] * traction)
         return out
 
-    def add_tangent(self, touch, values):
-        """Adds the contact's tangent to the CSR data of the solid's; returns it as a dense matrix on the dofs `surface`, mN/mm."""
-        blocks = self.weights[..., None, None] * touch.D
+    def add_tangent(self, state: ContactState, values: Array) -> Array:
+        """Add the contact's tangent to the CSR values (nnz,) of the body's.
+
+        Returns
+        -------
+        array (n_s, n_s), mN/mm
+            The contact's tangent as a dense matrix on the dofs `surface`.
+        """
+        blocks = self.weights[..., None, None] * state.stiffness
         dense = np.zeros((self.surface.size,) * 2)
         np.add.at(values, self._entries, blocks)
         np.add.at(dense, (self._places[..., :, None], self._places[..., None, :]), blocks)
         return dense
 
-    def by_depth(self, touch):
+    def by_depth(self, state: ContactState) -> Array:
         """Derivative (n,) of the contact's residual by the depth at fixed displacements, mN/mm."""
-        return self.spread(touch.D @ UP)
+        return self.spread(state.stiffness @ UP)
 
-    def force(self, touch):
+    def force(self, state: ContactState) -> float:
         """Force on the indenter that the quarter carries, mN, positive when pressing."""
-        return self.total(touch.traction)
+        return self.total(state.traction)
 
-    def total(self, traction):
-        """Upward force of tractions (n_f, n_q, 3) on the indenter, mN."""
+    def total(self, traction: Array) -> float:
+        """Upward force of tractions (n_f, n_q, 3), kPa, on the indenter, mN."""
         return float(np.sum(self.weights * traction[..., 1]))
 
-    def rate(self, touch, v):
+    def rate(self, state: ContactState, v: Array) -> Array:
         """Change (n_f, n_q, 3) of the traction on the indenter with the depth, kPa/mm; v (n,): du/d(depth)."""
-        return np.einsum("fqij,fqj->fqi", touch.D, self.field(v) + UP)
+        return np.einsum("fqij,fqj->fqi", state.stiffness, self.field(v) + UP)
 
-    def penalty_error(self, touch, rate, springs):
-        """Force of the quarter that the springs' give withholds, mN, to first order.
+    def penalty_error(self, state: ContactState, rate: Array, springs: Springs) -> float:
+        """Penalty error: the force of the quarter, mN, that is missing because the springs give way, to first order.
 
         By reciprocity a motion r imposed on the contact changes the force by the integral of r . dt/d(depth).
         """
-        give = (touch.pressure - touch.history.pressure) / springs.normal
-        grip = self._grip(springs, touch.history.pressure)[..., None]
-        slip = (touch.friction - touch.history.friction) / grip * ~touch.slipping[..., None]
-        r = (slip - give[..., None] * touch.normal) * touch.touching[..., None]
+        give = (state.pressure - state.history.pressure) / springs.normal
+        grip = self._grip(springs, state.history.pressure)[..., None]
+        slip = (state.friction - state.history.friction) / grip * ~state.slipping[..., None]
+        r = (slip - give[..., None] * state.normal) * state.touching[..., None]
         return float(np.sum(self.weights[..., None] * r * rate))
-
-
-def _dot(a, b):
-    return np.einsum("fqi,fqi->fq", a, b)
-
-
-def _nodes(solid, facets):
-    """Elements (n_f, 1) of facets, the numbers (n_f, n_q) that their nodes have there, and the nodes' shares of the area, mm^2."""
-    mesh, places = solid.mesh, solid.basis.elem.elem.doflocs  # (n_n, 3) of the reference element
-    elements = mesh.f2t[0, facets]
-    sides = [(axis, np.flatnonzero(places[:, axis] == at)) for axis in range(3) for at in (0, 1)]
-    nodes, areas = (np.empty((len(facets), len(sides[0][1])), dtype=kind) for kind in (int, float))
-    corners = np.sort(mesh.facets[:, facets], axis=0)
-    for axis, on in sides:
-        vertices = on[on < mesh.t.shape[0]]
-        here = np.all(np.sort(mesh.t[vertices][:, elements], axis=0) == corners, axis=0)
-        DF = solid.basis.mapping.DF(places[on].T, tind=elements[here])  # (3, 3, n_f, n_q)
-        a, b = (np.moveaxis(DF[:, other], 0, -1) for other in range(3) if other != axis)
-        share = np.prod([RULE[solid.element][(2 * places[on, other]).astype(int)] for other in range(3) if other != axis], axis=0)
-        nodes[here], areas[here] = on, np.linalg.norm(np.cross(a, b), axis=-1) * share
-    return elements[:, None], nodes, areas

@@ -12,7 +12,8 @@ from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError
 from indentfit.fem.body import Body, BodyState
 from indentfit.fem.constraints import Fixed
-from indentfit.fem.contact import Contact, History, Springs, Touch
+from indentfit.fem.contact import ContactFace
+from indentfit.fem.contact_state import ContactState, History, Springs
 from indentfit.fem.directions import Direction
 from indentfit.fem.linear.tangent import Tangent
 from indentfit.material import Material
@@ -25,7 +26,7 @@ class Equations:
     """What does not change along a path: the body, the face of the contact, and the dofs held at zero."""
 
     body: Body
-    face: Contact
+    face: ContactFace
     fixed: Fixed
 
 
@@ -118,7 +119,7 @@ class Increment:
         """The same depth after another history."""
         return replace(self, history=history, changes=changes)
 
-    def contact(self, u: Array, derivative: bool = True) -> Touch:
+    def contact(self, u: Array, derivative: bool = True) -> ContactState:
         """State of the contact at displacements u (n,)."""
         return self.equations.face.touch(u, self.depth, self.history, self.loading.springs, derivative)
 
@@ -178,7 +179,7 @@ class Linearisation:
     at : Iterate
     state : BodyState
         Of the body.
-    contact : Touch
+    contact : ContactState
         State of the contact.
     dilatation : array (n_el, n_m, n_n, k)
         Derivative of the pressure modes of J.
@@ -193,7 +194,7 @@ class Linearisation:
     increment: Increment
     at: Iterate
     state: BodyState
-    contact: Touch
+    contact: ContactState
     dilatation: Array = field(repr=False)
     residual: Array = field(repr=False)
     unbalanced: np.float64

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from indentfit.arrays import Array
 from indentfit.fem import sensitivity
-from indentfit.fem.contact import Touch
+from indentfit.fem.contact_state import ContactState
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.equations import Iterate, Linearisation
 from indentfit.fem.linear.solver import LinearSolver
@@ -20,7 +20,7 @@ class Equilibrium:
     u : array (n,), mm
     pressure : array (n_el, n_m)
         Pressure modes.
-    contact : Touch
+    contact : ContactState
         State of the contact.
     force : float, mN
     stiffness : float, mN/mm
@@ -40,7 +40,7 @@ class Equilibrium:
     depth: float
     u: Array
     pressure: Array
-    contact: Touch
+    contact: ContactState
     force: float
     stiffness: float
     penalty_error: float

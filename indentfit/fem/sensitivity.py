@@ -16,11 +16,12 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.fem.body import BodyState
-from indentfit.fem.contact import UP, Change, History, Touch
+from indentfit.fem.contact_state import ContactChange, ContactState, History
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.directions import Direction
 from indentfit.fem.equations import Linearisation
 from indentfit.fem.linear.solver import LinearSolver
+from indentfit.indenters import UP
 
 ACCURACY = 1e-9  # relative residual of the linear solves
 AT_REST = 1e-6  # mm per mm of depth: a motion so small that the body's forces are linear in it
@@ -35,7 +36,7 @@ class PathDerivatives:
     """
 
     force: Array
-    changes: tuple[Change, ...] = field(repr=False)
+    changes: tuple[ContactChange, ...] = field(repr=False)
     rates: tuple[Array, ...] = field(repr=False)
     stiffness: Array | None = None
 
@@ -44,7 +45,7 @@ class PathDerivatives:
         pairs = zip(self.changes, before.changes, strict=True)
         return replace(self, rates=tuple((here.traction - there.traction) / step for here, there in pairs))
 
-    def advanced(self, contact: Touch, rate: Array, step: float) -> tuple[History, ...]:
+    def advanced(self, contact: ContactState, rate: Array, step: float) -> tuple[History, ...]:
         """Derivatives of `contact.advanced(rate, step)`: a History for each Direction."""
         return tuple(change.advanced(contact, rate, rates, step) for change, rates in zip(self.changes, self.rates, strict=True))
 
@@ -79,12 +80,12 @@ class _Back:
         return self.solver.solve(self.there.tangent, -forces, ACCURACY, deadline=self.deadline)
 
 
-def _along(back: _Back, way: Direction, history: History) -> Change:
+def _along(back: _Back, way: Direction, history: History) -> ContactChange:
     """Change of the contact at an equilibrium along one Direction, the history changing with it."""
     there, increment = back.there, back.there.increment
     face, springs, contact = increment.equations.face, increment.loading.springs, there.contact
 
-    def change(place: Array) -> Change:
+    def change(place: Array) -> ContactChange:
         return face.change(contact, springs, springs.scaled(way.springs), way.friction, history, place)
 
     held = change(np.zeros_like(contact.place))

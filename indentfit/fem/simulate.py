@@ -15,7 +15,8 @@ from threadpoolctl import ThreadpoolController
 from indentfit.arrays import Array, Ints
 from indentfit.errors import ConvergenceError
 from indentfit.fem.constraints import Fixed
-from indentfit.fem.contact import NORMAL, TANGENTIAL, Contact, Springs
+from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
+from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import Controls, Work
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import OFFSET, Direction, directions
@@ -76,7 +77,7 @@ class Model:
         started = time.perf_counter()
         self.mesh = quarter(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth, rim)
         self.body = _body(self.mesh, setup.solver.assembly, setup.solver.element)
-        self.contact = Contact(self.body, setup.indenter, setup.sample.thickness)
+        self.contact = ContactFace(self.body, setup.indenter, setup.sample.thickness)
         self.fixed = Fixed(self.body, _held(self.body.basis, setup.sample.base))
         kind = choice(setup.solver.linear, self.body.n_dofs)
         modes = self.fixed.freed(rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None

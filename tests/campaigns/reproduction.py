@@ -166,10 +166,10 @@ def slip(home, workers, extra):
     """Rows of the friction effect where a point that sticks gives way elastically before it slips, as under the penalty friction
     of the paper's software: by ELASTIC_SLIP at the mean pressure of the last displacement."""
     from indentfit.experiment.measured import read_case
-    from indentfit.fem import contact, simulate
+    from indentfit.fem import contact, contact_state, simulate
     from indentfit.runs import forward
 
-    rows, own = [], (contact.Contact.touch, contact.Touch.advanced, simulate.TANGENTIAL)
+    rows, own = [], (contact.ContactFace.touch, contact_state.ContactState.advanced, simulate.TANGENTIAL)
 
     def touch(self, u, depth, history, springs, derivative=True):
         found = own[0](self, u, depth, history, springs, derivative)
@@ -179,7 +179,7 @@ def slip(home, workers, extra):
     def advanced(self, rate=None, step=0.0):
         """No multiplier takes over the friction: its spring has to be stretched by all of it."""
         found = own[1](self, rate, step)
-        return contact.History(found.pressure, 0 * found.friction, self.place - self.friction / self.spring)
+        return contact_state.History(found.pressure, 0 * found.friction, self.place - self.friction / self.spring)
 
     def forces(friction, elastic):
         case = read_case(CASES / "white_matter_2017" / "case.toml", [OPTIMUM, *extra, f"indenter.friction={friction}"])
@@ -192,10 +192,10 @@ def slip(home, workers, extra):
     for elastic in (None, *ELASTIC_SLIP):
         try:
             if elastic:
-                contact.Contact.touch, contact.Touch.advanced = touch, advanced
+                contact.ContactFace.touch, contact_state.ContactState.advanced = touch, advanced
             rough, smooth = forces(0.5, elastic), forces(0.2, elastic)
         finally:
-            contact.Contact.touch, contact.Touch.advanced, simulate.TANGENTIAL = own
+            contact.ContactFace.touch, contact_state.ContactState.advanced, simulate.TANGENTIAL = own
         words = "; ".join(f"{smooth[name] / rough[name] - 1:+.2%} from {rough[name]:.2f} mN" for name in PAPER)
         rows.append((f"friction 0.5 to 0.2, elastic slip {f'{1e3 * elastic:g} um' if elastic else 'none'}", "0; about -8 %", words))
     return rows
