@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array, Ints
-from indentfit.fem.contact import Contact, Touch
+from indentfit.fem.contact import ContactFace
+from indentfit.fem.contact_state import ContactState
 from indentfit.fem.element import XX, YY, ZZ, Solid
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.result import TestResult
@@ -91,7 +92,7 @@ def nodal_stress(body: Solid, stress: Array) -> Array:
     return np.array([_sums(nodes, component, n_nodes) for component in total]).T / _sums(nodes, share, n_nodes)[:, None]
 
 
-def contact_pressure(body: Solid, face: Contact, contact: Touch) -> Array:
+def contact_pressure(body: Solid, face: ContactFace, contact: ContactState) -> Array:
     """Contact pressure (n_v,) in kPa: that of the contact points at each node, mean of its facets by area."""
     nodes, n_nodes = face.dofs[:, :, 0] // 3, body.n_dofs // 3
     total = _sums(nodes, face.weights * contact.pressure, n_nodes)
