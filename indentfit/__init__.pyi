@@ -4,6 +4,8 @@ from .case import Indenter as Indenter
 from .case import MaterialChoice as MaterialChoice
 from .case import Mesh as Mesh
 from .case import Range as Range
+from .case import Record as Record
+from .case import RecordChannel as RecordChannel
 from .case import Sample as Sample
 from .case import Solver as Solver
 from .case import Test as Test
@@ -13,6 +15,7 @@ from .curve import write_curve as write_curve
 from .errors import IndentfitError as IndentfitError
 from .experiment.measured import read_case as read_case
 from .experiment.process import process as process
+from .experiment.record import RawRecord as RawRecord
 from .inference.fit import fit as fit
 from .material import Material as Material
 from .material import Parameter as Parameter

@@ -223,10 +223,10 @@ def test_a_fit_starts_from_the_rig_s_files_and_its_folder_can_be_run_again():
     words = [word for key in keys for word in ("--set", key)]
     result = run(CASE / "case.toml", *words, "-o", "out", "--json", command="fit")
     assert result.exit_code == 0, result.stderr
-    found = json.loads(result.stdout)["parameters"]["mu"]["value"]
+    mu = json.loads(result.stdout)["parameters"]["mu"]["value"]
     copy = read_case("out/case.toml", keys)
     assert copy.hash == read_case(CASE / "case.toml", keys).hash
-    assert fit(copy).parameters["mu"].value == pytest.approx(found, rel=1e-9)
+    assert fit(copy).parameters["mu"].value == pytest.approx(mu, rel=1e-9)
 
 
 BASE = """
@@ -286,9 +286,9 @@ def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
     result = run(made, *words, "--per-sample", "-o", "each", "--json", command="fit")
     assert result.exit_code == 0, result.stderr
     written = json.loads(result.stdout)
-    assert [one["sample"] for one in written["samples"]] == ["S0", "S1", "S2"]
-    assert [one["thickness_mm"] for one in written["samples"]] == [3.0, 3.1, 3.2]
-    mu = [one["parameters"]["mu"]["value"] for one in written["samples"]]
+    assert [sample["sample"] for sample in written["samples"]] == ["S0", "S1", "S2"]
+    assert [sample["thickness_mm"] for sample in written["samples"]] == [3.0, 3.1, 3.2]
+    mu = [sample["parameters"]["mu"]["value"] for sample in written["samples"]]
     assert written["spread"]["mu"]["n"] == 3
     assert written["spread"]["mu"]["mean"] == pytest.approx(np.mean(mu))
     assert written["spread"]["mu"]["sd"] == pytest.approx(np.std(mu, ddof=1))

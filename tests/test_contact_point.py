@@ -82,8 +82,8 @@ def test_the_window_is_where_the_stage_moves_at_one_velocity():
     noise = np.random.default_rng(0).standard_normal((2, time.size))
     ramp = find_ramp(RawRecord(time, displacement + 0.002 * noise[0], force + 0.02 * noise[1]))
     contact = find_contact_point(ramp)
-    window, found = constant_velocity(ramp, contact.index)
-    assert found == pytest.approx(velocity, rel=0.02)
+    window, steady = constant_velocity(ramp, contact.index)
+    assert steady == pytest.approx(velocity, rel=0.02)
     assert time[window.start] > 0.5
     assert time[window.stop] < 1.1
     assert time[window.stop] - time[window.start] > 0.35

@@ -23,9 +23,9 @@ from indentfit.report.html import write_report
 def refused(error, function, *arguments):
     """The one line of an error, which comes within ten seconds."""
     started = time.perf_counter()
-    with pytest.raises(error) as found:
+    with pytest.raises(error) as caught:
         function(*arguments)
-    line = str(found.value)
+    line = str(caught.value)
     assert "\n" not in line and len(line) < 600 and time.perf_counter() - started < 10
     return line
 

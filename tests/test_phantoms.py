@@ -84,9 +84,9 @@ def test_mu_fitted_to_the_raw_record_is_that_of_hayes_factor(number, elements, t
     """
     record = RECORDS / f"phantom_{number}_raw.csv"
     (tmp_path / "case.toml").write_text(CASE.format(thickness=THICKNESS[number], elements=elements, record=record))
-    found = fit(read_case(tmp_path / "case.toml"))
+    result = fit(read_case(tmp_path / "case.toml"))
     done = process_record(read_record(record, LAYOUT))
     hayes = done.peak / done.depth * 0.5 / (4 * 1.0 * float(HAYES(1 / THICKNESS[number])))
-    assert found.success
-    assert found.parameters["mu"].value == pytest.approx(hayes, rel=0.05)
+    assert result.success
+    assert result.parameters["mu"].value == pytest.approx(hayes, rel=0.05)
     assert np.isclose(hayes, 5.7 if number == 1 else 4.6, rtol=0.03)  # by hand, with k = 1.236 and 1.205

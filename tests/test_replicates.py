@@ -46,16 +46,16 @@ def test_twelve_samples_in_two_directions_give_back_the_means_the_ratio_and_the_
     """Means within 1.5 % (a noisy ramp of 0.35 s), their ratio within 2 %, p-values within a fifth of a decade of the truth's."""
     manifest, true = replicates
     outcomes = process_all(read_manifest(manifest), LAYOUT)
-    found = statistics(outcomes)
+    result = statistics(outcomes)
     k0, k90 = true.T
-    assert [found.stiffness[d].n for d in (0, 90)] == [12, 12]
-    assert found.stiffness[0].mean == pytest.approx(72.9, rel=0.015)
-    assert found.stiffness[90].mean == pytest.approx(170.5, rel=0.015)
-    assert found.stiffness[0].sd == pytest.approx(k0.std(ddof=1), rel=0.05)
-    assert found.stiffness[90].sd == pytest.approx(k90.std(ddof=1), rel=0.05)
-    assert found.ratio.mean == pytest.approx(2.83, rel=0.02)
-    assert found.ratio.sd == pytest.approx(1.32, rel=0.05)
-    p = {one.test: one.p for one in found.differences}
+    assert [result.stiffness[d].n for d in (0, 90)] == [12, 12]
+    assert result.stiffness[0].mean == pytest.approx(72.9, rel=0.015)
+    assert result.stiffness[90].mean == pytest.approx(170.5, rel=0.015)
+    assert result.stiffness[0].sd == pytest.approx(k0.std(ddof=1), rel=0.05)
+    assert result.stiffness[90].sd == pytest.approx(k90.std(ddof=1), rel=0.05)
+    assert result.ratio.mean == pytest.approx(2.83, rel=0.02)
+    assert result.ratio.sd == pytest.approx(1.32, rel=0.05)
+    p = {difference.test: difference.p for difference in result.differences}
     truth = {
         "paired t-test": stats.ttest_rel(k90, k0).pvalue,
         "Wilcoxon signed-rank test": stats.wilcoxon(k90, k0).pvalue,
@@ -66,7 +66,10 @@ def test_twelve_samples_in_two_directions_give_back_the_means_the_ratio_and_the_
     assert all(value < 0.001 for value in p.values())  # as the paper
     assert [np.log10(p[name]) for name in truth] == pytest.approx([np.log10(value) for value in truth.values()], abs=0.2)
     truth = {(row["sample"], int(row["direction"])): row for row in csv.DictReader((manifest.parent / "truth.csv").open())}
-    contacts = [(one.processed.contact, float(truth[one.entry.sample, one.entry.direction]["contact_mm"])) for one in outcomes]
+    contacts = [
+        (outcome.processed.contact, float(truth[outcome.entry.sample, outcome.entry.direction]["contact_mm"]))
+        for outcome in outcomes
+    ]
     errors = np.array([abs(contact.displacement - true) for contact, true in contacts])
     assert np.median(errors) < 0.005
     assert sum(errors <= [contact.uncertainty for contact, _ in contacts]) >= 18  # of 24: 90 % less three standard deviations
@@ -74,7 +77,7 @@ def test_twelve_samples_in_two_directions_give_back_the_means_the_ratio_and_the_
     for direction in (0, 90):
         assert means[direction].count == 12
         slope = np.polyfit(means[direction].displacement, means[direction].force, 1)[0]
-        assert slope == pytest.approx(found.stiffness[direction].mean, rel=0.02)
+        assert slope == pytest.approx(result.stiffness[direction].mean, rel=0.02)
     assert means[90].parabola.curvature > 3 * means[0].parabola.curvature  # the paper's reason for a quadratic target
 
 
@@ -84,12 +87,12 @@ def test_statistics_are_those_of_a_worked_example():
     """
     first = [0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0]
     second = [1.9, 0.8, 1.1, 0.1, -0.1, 4.4, 5.5, 1.6, 4.6, 3.4]
-    found = statistics(outcomes_of({0: first, 90: second}, shift=10))  # away from 0: ratios are taken, too
-    t = {one.test: (one.statistic, one.p) for one in found.differences}
+    result = statistics(outcomes_of({0: first, 90: second}, shift=10))  # away from 0: ratios are taken, too
+    t = {difference.test: (difference.statistic, difference.p) for difference in result.differences}
     assert t["paired t-test"] == pytest.approx((4.0621, 0.002833), rel=1e-3)
     assert t["unpaired t-test (Student, equal variances)"] == pytest.approx((1.8608, 0.07919), rel=1e-3)
     assert t["unpaired t-test (Welch)"] == pytest.approx((1.8608, 0.07939), rel=1e-3)
-    paired = next(one for one in found.differences if one.test == "paired t-test")
+    paired = next(difference for difference in result.differences if difference.test == "paired t-test")
     assert paired.interval == pytest.approx((0.7001142, 2.4598858), rel=1e-5)
 
 
@@ -111,9 +114,9 @@ def test_an_interval_of_the_mean_is_student_s():
     """Nine values with mean 10 and standard deviation 3: 10 -+ 2.306 (t of 8 degrees of freedom, tables) x 1."""
     values = np.arange(9.0) - 4
     values = 10 + 3 * values / values.std(ddof=1)
-    found = spread({str(n): value for n, value in enumerate(values)})
-    assert (found.mean, found.sd, found.stderr) == pytest.approx((10, 3, 1))
-    assert found.interval == pytest.approx((10 - 2.306, 10 + 2.306), abs=5e-4)
+    moments = spread({str(n): value for n, value in enumerate(values)})
+    assert (moments.mean, moments.sd, moments.stderr) == pytest.approx((10, 3, 1))
+    assert moments.interval == pytest.approx((10 - 2.306, 10 + 2.306), abs=5e-4)
 
 
 def test_outliers_are_named_but_counted():
@@ -126,9 +129,9 @@ def test_outliers_are_named_but_counted():
 
 def test_a_sample_measured_in_one_direction_counts_there_only():
     outcomes = outcomes_of({0: [10, 11, 12], 90: [21, 20, 25, 30]})
-    found = statistics(outcomes)
-    assert (found.stiffness[0].n, found.stiffness[90].n, found.ratio.n) == (3, 4, 3)
-    assert {one.test: one.n for one in found.differences}["unpaired t-test (Welch)"] == (4, 3)
+    result = statistics(outcomes)
+    assert (result.stiffness[0].n, result.stiffness[90].n, result.ratio.n) == (3, 4, 3)
+    assert {difference.test: difference.n for difference in result.differences}["unpaired t-test (Welch)"] == (4, 3)
     assert statistics(outcomes_of({0: [10, 11]})).ratio is None
     alone = statistics(outcomes_of({0: [10], 90: [20]}))
     assert alone.ratio.mean == 2 and alone.differences == ()
@@ -150,8 +153,8 @@ def test_every_row_that_cannot_be_read_is_named_and_the_others_are_processed(tmp
     ]
     (tmp_path / "manifest.csv").write_text(HEADER + "\n".join(rows))
     outcomes = process_all(read_manifest(tmp_path / "manifest.csv"), LAYOUT)
-    assert [one.entry.sample for one in outcomes if one.processed] == ["A"]
-    told = [one.problem for one in outcomes[1:]]
+    assert [outcome.entry.sample for outcome in outcomes if outcome.processed] == ["A"]
+    told = [outcome.problem for outcome in outcomes[1:]]
     for text, words in zip(
         told,
         (

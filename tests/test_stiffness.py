@@ -32,7 +32,7 @@ def test_the_standard_error_of_a_slope_is_its_scatter_where_noise_is_correlated(
     rng = np.random.default_rng(1)
     x = np.linspace(0, 0.4, 500)
     noise = lfilter([1], [1, -0.9], rng.standard_normal((300, 700)), axis=1)[:, 200:]
-    lines = [linear_fit(x, 60 * x + one) for one in noise]
+    lines = [linear_fit(x, 60 * x + added) for added in noise]
     scatter = np.std([line.slope for line in lines])
     assert np.mean([line.stderr for line in lines]) == pytest.approx(scatter, rel=0.25)
     assert stats.linregress(x, 60 * x + noise[0]).stderr < 0.4 * scatter

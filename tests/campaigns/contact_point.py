@@ -48,15 +48,15 @@ def sample_curve(name):
 
 def trials(curve, rig, method, count, seed=0, indenter="flat"):
     """Errors and stated uncertainties, mm, (count, 2) of a method on records of their own; nan where it finds no contact."""
-    found = np.full((count, 2), np.nan)
+    errors = np.full((count, 2), np.nan)
     for n in range(count):
         record, truth = rig.run(curve, np.random.default_rng([seed, n]))
         try:
             contact = find_contact_point(find_ramp(record), method, indenter)
         except RecordError:
             continue
-        found[n] = contact.displacement - truth, contact.uncertainty
-    return found
+        errors[n] = contact.displacement - truth, contact.uncertainty
+    return errors
 
 
 def main():
