@@ -16,13 +16,17 @@ from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.mesh import quarter
 from indentfit.inference import certainty, inputs, profiles
-from indentfit.inference.fit import METHODS, fit
+from indentfit.inference.alone import alone, scan_weights
+from indentfit.inference.bootstrap import bootstrap
+from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability
+from indentfit.inference.inputs import Solution
 from indentfit.inference.noise import correlations, errors
-from indentfit.inverse import genetic
+from indentfit.inverse import genetic, methods
 from indentfit.inverse.exploration import Watched, explore
-from indentfit.inverse.least_squares import least_squares, polish
+from indentfit.inverse.least_squares import least_squares
 from indentfit.inverse.objective import Target
+from indentfit.inverse.polish import polish
 from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.surrogate import learn, linearised
 from indentfit.runs.forward import Evaluation, simulate
@@ -38,7 +42,7 @@ def share_inside(noises):
     for noise in noises:
         slopes, weights = [DESIGN] * len(noise), [1.0] * len(noise)
         theta, *_ = np.linalg.lstsq(np.concatenate(slopes), np.concatenate(noise), rcond=None)
-        _, found = errors(slopes, [DESIGN @ theta - one for one in noise], weights)
+        _, found = errors(slopes, [DESIGN @ theta - draw for draw in noise], weights)
         half = np.sqrt(np.diag(found.covar)) * student.ppf(0.975, found.freedom)
         inside.append(np.abs(theta) <= half)
     return np.mean(inside, axis=0)
@@ -71,7 +75,7 @@ def test_the_autocorrelation_found_is_that_of_the_noise():
     for _ in range(200):
         noise = root @ rng.standard_normal(25)
         theta, *_ = np.linalg.lstsq(DESIGN, noise, rcond=None)
-        found.append(errors([DESIGN], [DESIGN @ theta - noise], [1.0])[0].autocorrelation[0])
+        found.append(errors([DESIGN], [DESIGN @ theta - noise], [1.0])[0][0].autocorrelation)
     assert np.median(found) == pytest.approx(0.6, abs=0.08)
 
 
@@ -115,30 +119,30 @@ def test_the_bootstrap_of_a_linear_model_has_its_standard_errors():
     """400 draws: the standard deviation of a standard deviation is 3.5 %; the tolerance three of these."""
     whole = line(np.random.default_rng(3).standard_normal(25))
     best, known, surrogate = solved(whole, Line())
-    found = profiles.bootstrap(whole, surrogate, best, known, 0, draws=400)
+    found = bootstrap(whole, surrogate, best, known, 0, draws=400)
     for n, name in enumerate("ab"):
-        assert found[name]["stderr"] == pytest.approx(known.stderr[n], rel=0.11)
+        assert found[name].stderr == pytest.approx(known.stderr[n], rel=0.11)
 
 
 def test_ends_of_profiles_are_proved_by_runs():
     whole, pool = line(np.random.default_rng(3).standard_normal(25)), Line()
     best, known, surrogate = solved(whole, pool)
     found = profiles.profiles(whole, surrogate, best, known)
-    rows = profiles.prove(whole, pool, surrogate, found, known, best)
+    rows = profiles.Proving(whole, pool, surrogate, best, known).prove(found)
     for name in "ab":
         assert len(rows[name]) == 2
         for row in rows[name]:
-            assert row["predicted"] == pytest.approx(row["chi2"], rel=1e-6)
-            assert row["chi2"] == pytest.approx(found[name].limit, rel=0.25)  # ends near each other share a run
+            assert row.predicted == pytest.approx(row.chi2, rel=1e-6)
+            assert row.chi2 == pytest.approx(found[name].limit, rel=0.25)  # ends near each other share a run
 
 
 def test_a_run_that_fails_at_an_end_is_told_with_its_cause():
     whole = line(np.random.default_rng(3).standard_normal(25))
     best, known, surrogate = solved(whole, Line())
     found = profiles.profiles(whole, surrogate, best, known)
-    rows = profiles.prove(whole, Line(broken=lambda point: True), surrogate, found, known, best)
-    assert {row["cause"] for pair in rows.values() for row in pair} == {"broken here"}
-    assert all(row["chi2"] is None for pair in rows.values() for row in pair)
+    rows = profiles.Proving(whole, Line(broken=lambda point: True), surrogate, best, known).prove(found)
+    assert {row.cause for pair in rows.values() for row in pair} == {"broken here"}
+    assert all(row.chi2 is None for pair in rows.values() for row in pair)
 
 
 # Profiles, on the two curves of `formula`
@@ -147,7 +151,7 @@ def test_a_run_that_fails_at_an_end_is_told_with_its_cause():
 @pytest.fixture(scope="module")
 def explored():
     whole, pool = problem(bent(1, 0.05)), Watched(Formula())
-    exploration = explore(whole, pool, Fit(), genetic.search, lambda share, note: None)
+    exploration = explore(whole, pool, Fit(), genetic.search)
     end = polish(whole, pool, exploration.search.best, surrogate=exploration.surrogate)
     known = identifiability(whole, end.best, end.derivatives, equation_one=True)
     return whole, pool, learn(whole, pool.known), end.best, known
@@ -156,33 +160,33 @@ def explored():
 def test_one_test_alone_leaves_open_what_it_does_not_see(explored):
     """Along, mu (40 + zeta / 2) is all that is seen: mu may lie between the values that zeta = 20 and zeta = 0 ask for."""
     whole, pool, surrogate, _, _ = explored
-    alone = profiles.alone(whole, pool, surrogate, 0)["parallel"]
-    assert alone["parameters"]["zeta"]["interval"] == [0.0, 20.0]
-    assert "not determined" in alone["parameters"]["zeta"]["verdict"]
-    low, high = alone["parameters"]["mu"]["interval"]
+    parallel = alone(whole, pool, surrogate, 0)["parallel"]
+    assert parallel.parameters["zeta"].interval == (0.0, 20.0)
+    assert "not determined" in parallel.parameters["zeta"].verdict
+    low, high = parallel.parameters["mu"].interval
     force = TRUTH["mu"] * (40 + 0.5 * TRUTH["zeta"])
     assert low == pytest.approx(force / 50, rel=0.02)
     assert high == pytest.approx(force / 40, rel=0.02)
-    assert alone["confirmed_rmse"] == pytest.approx(alone["rmse"], rel=0.02)
+    assert parallel.confirmed_rmse == pytest.approx(parallel.rmse, rel=0.02)
 
 
 def test_one_test_alone_has_the_error_of_the_mesh_too():
     """Only mu is free: forces that may be wrong by 5 % make it 5 % uncertain, 1.96 of which are half of the interval."""
     whole, pool = problem(bent(1, 0.05), free={"mu": FREE["mu"]}), Watched(Formula())
     surrogate = linearised(whole, whole.judge(TRUTH, formula(**{**TRUTH, "mu": 1.0})), [np.zeros((15, 1))] * 2)
-    for found in profiles.alone(whole, pool, surrogate, 0, 0.05).values():
-        low, high = found["parameters"]["mu"]["interval"]
+    for single in alone(whole, pool, surrogate, 0, 0.05).values():
+        low, high = single.parameters["mu"].interval
         assert (high - low) / 2 == pytest.approx(norm.ppf(0.975) * 0.05 * TRUTH["mu"], rel=0.01)
 
 
 def test_weights_move_the_fit_from_one_test_to_the_other(explored):
     whole, _, surrogate, best, _ = explored
-    rows = profiles.scan_weights(whole, surrogate, 0)
-    assert [row["weights"][0] for row in rows] == [float(f"{1 - n / 10:.6g}") for n in range(11)]
+    rows = scan_weights(whole, surrogate, 0)
+    assert [row.weights[0] for row in rows] == [float(f"{1 - n / 10:.6g}") for n in range(11)]
     for name, better in (("parallel", -1), ("perpendicular", 1)):
-        sizes = [row["rmse"][name] for row in rows][1:-1]
+        sizes = [row.rmse[name] for row in rows][1:-1]
         assert np.all(better * np.diff(sizes) <= 1e-3 * max(sizes))
-    even = rows[5]["parameters"]
+    even = rows[5].parameters
     assert even["mu"] == pytest.approx(best.parameters["mu"], rel=0.005)
 
 
@@ -197,28 +201,24 @@ def test_intervals_of_profiles_cover_the_truth_as_often_as_they_say(explored):
 # Profiles of searches without a surrogate
 
 
-class Counted(Watched):
-    """A Watched formula that counts the sets of parameters it was asked for, as a Pool does."""
-
-    evaluations = property(lambda self: len({tuple(one.parameters.items()) for one in self.known}))
-
-
 @pytest.mark.parametrize("method", ["least_squares", "ga", "differential_evolution", "cma"])
 def test_profiles_of_every_method_end_where_the_misfit_has_grown_to_its_limit(method):
     """Direct searches on `formula`: at each end the other parameters are fitted by SciPy, and chi2 is the limit within 10 %."""
-    whole, pool = problem(bent(1, 0.05)), Counted(Formula())
+    whole, pool = problem(bent(1, 0.05)), Watched(Formula())
     options = Fit(method=method, direct=True, uncertain=Uncertain(mesh=0))
-    optimum, exploration, _ = METHODS[method](whole, pool, options, lambda *_: None)
+    solved = methods.solve(whole, pool, options)
+    optimum = solved.optimum
     spent = pool.evaluations
-    found, known = certainty.certainty(SimpleNamespace(fit=options), whole, pool, optimum, exploration, lambda *_: None)
+    found = certainty.certainty(SimpleNamespace(fit=options), whole, pool, solved)
+    known = found.known
     assert pool.evaluations - spent <= 9  # six ends, each test alone, and one more
-    said = " ".join(found["notes"])
+    said = " ".join(found.notes)
     if method == "least_squares":
         assert pool.evaluations <= max(spent, 12)
-        assert f"{sum(len(one['confirmed']) for one in found['profiles'].values())} of their 6 ends confirmed" in said
+        assert f"{sum(len(profile.confirmed) for profile in found.findings.profiles.values())} of their 6 ends confirmed" in said
     else:
         assert f"{pool.evaluations - spent} more sets of parameters were run" in said
-    assert set(found["profiles"]) == {"mu", "zeta", "phi"}
+    assert set(found.findings.profiles) == {"mu", "zeta", "phi"}
     roots = [np.sqrt(weight) for weight in known.weights]
 
     def squares(x, bounds):
@@ -231,26 +231,26 @@ def test_profiles_of_every_method_end_where_the_misfit_has_grown_to_its_limit(me
     bounds = np.array([[one.min, one.max] for one in whole.free.values()]).T
     x = [optimum.best.parameters[name] for name in whole.free]
     least = squares(x, bounds)
-    for n, (name, profile) in enumerate(found["profiles"].items()):
-        assert found["parameters"][name]["interval"] == profile["interval"]
-        for end in profile["interval"]:
+    for n, (name, profile) in enumerate(found.findings.profiles.items()):
+        assert found.estimates[name].interval == profile.interval
+        for end in profile.interval:
             if end in bounds[:, n]:
                 continue
             held = bounds.copy()
             held[:, n] = end - 1e-9, end + 1e-9
             chi2 = (squares(x, held) - least) * known.errors.plain[n, n] / known.errors.covar[n, n]
-            assert chi2 == pytest.approx(profile["limit"], rel=0.1), (name, end)
+            assert chi2 == pytest.approx(profile.limit, rel=0.1), (name, end)
 
 
 def test_linearised_curves_have_the_profiles_and_the_bootstrap_of_linear_theory():
     """Where no surrogate is to be had; 200 draws: three standard deviations of a standard deviation are 15 %."""
     whole = line(np.random.default_rng(3).standard_normal(25))
     best, known, _ = solved(whole, Line())
-    found = certainty._linearised(whole, best, (DESIGN * 100,), known, 0)
+    found = certainty.linear_findings(whole, best, (DESIGN * 100,), known, 0)
     for n, name in enumerate("ab"):
-        np.testing.assert_allclose(found["profiles"][name]["interval"], known.interval[n], rtol=1e-3)
-        assert found["bootstrap"][name]["stderr"] == pytest.approx(known.stderr[n], rel=0.15)
-    assert "linearised" in found["notes"][0]
+        np.testing.assert_allclose(found.profiles[name].interval, known.interval[n], rtol=1e-3)
+        assert found.bootstrap[name].stderr == pytest.approx(known.stderr[n], rel=0.15)
+    assert "linearised" in found.notes[0]
 
 
 def test_linearised_curves_are_exact_in_the_scale():
@@ -271,13 +271,13 @@ def test_an_uncertain_input_moves_an_estimate_by_what_it_moves_the_curve(monkeyp
     whole = line(np.random.default_rng(3).standard_normal(25))
     best, known, _ = solved(whole, Line())
     case = coarse_white_matter({"friction": 0.5})
-    monkeypatch.setattr(inputs, "derivatives", lambda *_: [D])
-    found = inputs.shares(case, whole, Line(), best, known)
+    monkeypatch.setattr(inputs, "input_derivatives", lambda *_: [D])
+    found = inputs.shares(Solution(case, whole, Line(), best, known))
     row = found.rows["friction"]
-    assert row["effect"]["a"] == pytest.approx(-0.5, rel=1e-9)
-    assert row["effect"]["b"] == pytest.approx(0.0, abs=1e-9)
+    assert row.effect["a"] == pytest.approx(-0.5, rel=1e-9)
+    assert row.effect["b"] == pytest.approx(0.0, abs=1e-9)
     total = np.hypot(known.stderr[0], 0.5)
-    assert row["share"]["a"] == pytest.approx((0.5 / total) ** 2, rel=1e-9)
+    assert row.share["a"] == pytest.approx((0.5 / total) ** 2, rel=1e-9)
     np.testing.assert_allclose(found.covar, [[0.25, 0], [0, 0]], atol=1e-9)
 
 
@@ -286,11 +286,11 @@ def test_forces_that_are_wrong_as_a_whole_move_a_linear_estimate_as_much():
     distribution's, since what a case states has no degrees of freedom to lose."""
     whole = line(np.zeros(25))
     best, known, _ = solved(whole, Line())
-    wider, found = certainty.with_inputs(coarse_white_matter({"force": 0.02}), whole, Line(), best, known)
+    wider, found, _ = certainty.with_inputs(Solution(coarse_white_matter({"force": 0.02}), whole, Line(), best, known))
     for n, (name, value) in enumerate((("a", 30.0), ("b", 20.0))):
-        assert found["inputs"]["force"]["effect"][name] == pytest.approx(0.02 * value, rel=1e-6)
-        assert found["stderr_total"][name] == pytest.approx(0.02 * value, rel=1e-6)
-        assert np.ptp(wider.interval[n]) == pytest.approx(2 * norm.ppf(0.975) * 0.02 * value, rel=1e-4)
+        assert found.inputs["force"].effect[name] == pytest.approx(0.02 * value, rel=1e-6)
+        assert found.stderr_total[name] == pytest.approx(0.02 * value, rel=1e-6)
+        assert np.ptp(wider.known.interval[n]) == pytest.approx(2 * norm.ppf(0.975) * 0.02 * value, rel=1e-4)
 
 
 def coarse_white_matter(uncertain, *more):
@@ -314,7 +314,7 @@ def test_derivatives_by_inputs_have_the_sign_of_mechanics():
     with RunPool(case, 1) as pool:
         whole, best = at_its_start(case, pool)
         names = ("friction", "bulk_ratio", "thickness", "offset")
-        by = {name: inputs.derivatives(case, whole, pool, best, name)[1] for name in names}
+        by = {name: inputs.input_derivatives(case, whole, pool, best, name)[1] for name in names}
         assert pool.evaluations == 3  # at the start, with all exact ones; on two thicknesses
     assert by["friction"][-1] > 0
     assert by["bulk_ratio"][-1] > 0
@@ -330,10 +330,10 @@ def test_on_another_base_the_parameters_would_be_what_a_fit_there_finds():
     with RunPool(case, 1) as pool:
         whole, best = at_its_start(case, pool)
         slopes = [whole.range("mu") / 1.49 * force[:, None] for force in best.forces]
-        found = inputs.shares(case, whole, pool, best, identifiability(whole, best, slopes))
+        found = inputs.shares(Solution(case, whole, pool, best, identifiability(whole, best, slopes)))
     there = 1.49 * (bonded @ best.forces[1]) / (bonded @ bonded)
     assert there < 0.9 * 1.49
-    assert found.rows["base"]["effect"]["mu"] == pytest.approx(there - 1.49, rel=1e-4)
+    assert found.rows["base"].effect["mu"] == pytest.approx(there - 1.49, rel=1e-4)
     assert found.covar[0, 0] == pytest.approx(0.3 * (there - 1.49) ** 2, rel=1e-3)  # the mean square, were it so in 30 %
 
 
@@ -341,7 +341,7 @@ def test_an_input_whose_runs_fail_is_named_and_the_others_stand():
     whole = line(np.random.default_rng(3).standard_normal(25))
     best, known, _ = solved(whole, Line())
     case = coarse_white_matter({"mesh": 1, "force": 0.02})
-    found = inputs.shares(case, whole, Line(broken=lambda point: "mesh.elements" in point), best, known)
+    found = inputs.shares(Solution(case, whole, Line(broken=lambda point: "mesh.elements" in point), best, known))
     assert found.missing == {"mesh": "broken here"}
     assert set(found.rows) == {"force"}
 
@@ -429,10 +429,10 @@ def test_the_error_of_the_mesh_is_in_the_intervals_by_default():
     with RunPool(case, 1) as pool:
         whole, best = at_its_start(case, pool)
         known = identifiability(whole, best, [whole.range("mu") / 1.49 * force[:, None] for force in best.forces])
-        wider, found = certainty.with_inputs(case, whole, pool, best, known)
-    assert abs(found["inputs"]["mesh"]["effect"]["mu"]) == pytest.approx(share * 1.49, rel=1e-3)
-    assert found["inputs"]["mesh"]["share"]["mu"] + found["noise"]["share"]["mu"] == pytest.approx(1, rel=1e-9)
-    assert wider.interval[0, 1] - best.parameters["mu"] == pytest.approx(1.96 * share * 1.49, rel=0.01)
+        wider, found, _ = certainty.with_inputs(Solution(case, whole, pool, best, known))
+    assert abs(found.inputs["mesh"].effect["mu"]) == pytest.approx(share * 1.49, rel=1e-3)
+    assert found.inputs["mesh"].share["mu"] + found.noise.share["mu"] == pytest.approx(1, rel=1e-9)
+    assert wider.known.interval[0, 1] - best.parameters["mu"] == pytest.approx(1.96 * share * 1.49, rel=0.01)
     assert not white_matter(*keys, "fit.uncertain.mesh=0").fit.uncertain.given
 
 

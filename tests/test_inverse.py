@@ -11,17 +11,20 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from indentfit.case import Fit, Range
+from indentfit.case import Range
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
-from indentfit.inference.identifiability import identifiability, verdict
+from indentfit.inference.identifiability import identifiability
+from indentfit.inference.verdicts import verdict
 from indentfit.inverse import genetic
-from indentfit.inverse.least_squares import least_squares, polish
+from indentfit.inverse.least_squares import least_squares
 from indentfit.inverse.objective import Target, best_scale, equation_one, misfit, rmse, sum_of_squares
+from indentfit.inverse.polish import polish
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
+from indentfit.inverse.settings import SearchSettings
 from indentfit.runs import bench
 from indentfit.runs.forward import Evaluation, presses_of, simulate
 from indentfit.runs.mechanics import mechanics_of
@@ -51,7 +54,10 @@ class Formula:
     def __init__(self, broken=lambda parameters: False):
         self.broken, self.runs, self.failures = broken, 0, []
 
-    def evaluate(self, points, progress=None):
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
         self.runs += 2 * len(points)
         evaluations = [self.evaluation(point) for point in points]
         self.failures += [one for one in evaluations if one.cause]
@@ -135,9 +141,9 @@ def test_least_squares_comes_back_to_the_truth(scale):
 
 
 def test_the_genetic_algorithm_and_its_polish_come_back_to_the_truth():
-    options = Fit(population=12, generations=12, seed=1)
+    options = SearchSettings(12, 12, seed=1)
     found = genetic.search(problem(), Formula(), options)
-    objectives = [row["objective"] for row in found.history]
+    objectives = [step.objective for step in found.history]
     assert len(objectives) == 12
     assert objectives == sorted(objectives, reverse=True)
     end = polish(problem(), Formula(), found.best)
@@ -181,7 +187,7 @@ def test_an_optimum_outside_of_the_bounds_ends_at_the_bound_and_says_so():
 def test_failures_never_stop_a_search_and_are_never_its_result():
     """A third of the range does not converge, the start among it."""
     pool = Formula(broken=lambda parameters: parameters["zeta"] > 6.5)
-    found = genetic.search(problem(), pool, Fit(population=12, generations=10))
+    found = genetic.search(problem(), pool, SearchSettings(12, 10))
     assert pool.failures
     assert found.best.objective < 1.0
     assert found.best.parameters["zeta"] <= 6.5
@@ -200,7 +206,7 @@ def test_least_squares_steps_around_what_fails():
 
 def test_a_search_that_fails_everywhere_says_why():
     pool = Formula(broken=lambda parameters: True)
-    assert genetic.search(problem(), pool, Fit(population=4, generations=2)).best is None
+    assert genetic.search(problem(), pool, SearchSettings(4, 2)).best is None
     found = least_squares(problem(), pool, problem().start)
     assert (found.best, found.success) == (None, False)
     assert "broken here" in found.message
@@ -217,7 +223,7 @@ def test_a_derivative_that_cannot_be_had_ends_the_search_with_its_best():
 
 def test_only_the_scale_free_needs_one_run():
     whole, pool = problem(free={"mu": FREE["mu"]}), Formula()
-    found = genetic.search(whole, pool, Fit())
+    found = genetic.search(whole, pool, SearchSettings(80, 60))
     assert found.best.parameters["mu"] == pytest.approx(1.5, rel=1e-12)
     assert pool.runs == 2
 

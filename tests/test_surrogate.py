@@ -7,20 +7,18 @@ from test_inverse import DEPTH, FREE, TRUTH, Formula, bent, formula, problem
 
 from indentfit.case import Fit, Range
 from indentfit.curve import Curve
-from indentfit.inference import fit
-from indentfit.inverse import evolution, genetic, surrogate
+from indentfit.inverse import evolution, genetic, methods, polynomials
 from indentfit.inverse.exploration import Watched, explore
-from indentfit.inverse.least_squares import least_squares, multi_start, polish
+from indentfit.inverse.least_squares import least_squares, multi_start
 from indentfit.inverse.objective import Target, equation_one
+from indentfit.inverse.polish import polish
+from indentfit.inverse.polynomials import design_points
 from indentfit.inverse.problem import InverseProblem
-from indentfit.inverse.surrogate import Predicted, design_points, learn
+from indentfit.inverse.progress import SILENT
+from indentfit.inverse.surrogate import fit_polynomial, learn
 from indentfit.runs.forward import Evaluation
 
 SEARCHES = {"ga": genetic.search, "differential_evolution": evolution.differential_evolution, "cma": evolution.cma}
-
-
-def quiet(share, note):
-    pass
 
 
 def smooth(zeta, phi):
@@ -43,7 +41,7 @@ def runs(function, places, slopes=False):
             continue
         sides = {name: [function(**{**point, name: point[name] + h}) for h in (1e-6, -1e-6)] for name in point}
         by_name = {name: (a - b) / 2e-6 for name, (a, b) in sides.items()}
-        found.append(Predicted(point, (function(**point),), None, 0.0, ({},), (by_name,)))
+        found.append(Evaluation(point, (function(**point),), None, 0.0, ({},), (by_name,)))
     return found
 
 
@@ -75,14 +73,14 @@ def test_its_slopes_are_the_differences_of_its_curves():
 @pytest.mark.parametrize("slopes", [False, True])
 def test_the_error_it_states_is_that_of_leaving_each_run_out(slopes, monkeypatch):
     """The oracle fits again without each run."""
-    monkeypatch.setattr(surrogate, "SPARE", 1.0)
+    monkeypatch.setattr(polynomials, "SPARE", 1.0)
     whole = one_test(smooth(4.0, 0.7), "zeta", "phi")
     found = learn(whole, runs(smooth, design_points(2, slopes, 0, 3), slopes))
     errors = []
     for n, left in enumerate(found.samples):
         rest = found.samples[:n] + found.samples[n + 1 :]
-        _, coefficients = surrogate._fit(rest, found.betas, found.degree)
-        predicted = surrogate._values(left.place[None], found.betas, found.degree) @ coefficients
+        again = fit_polynomial(rest, found.fitted.betas, found.degree)
+        predicted = polynomials.values(left.place[None], found.fitted.betas, found.degree) @ again.coefficients
         errors.append(np.sqrt(np.sum((predicted[0] - left.curves) ** 2)) * left.weight)
     points = found.samples[0].curves.size
     assert found.error == pytest.approx(np.sqrt(np.mean(np.square(errors)) / points), rel=1e-6)
@@ -99,7 +97,7 @@ def test_sensitivities_save_runs():
 
 def test_the_first_runs_determine_a_polynomial_better_than_random_ones():
     def determinant(places):
-        A = surrogate._values(places, np.full(2, surrogate.USUAL_BETA), 3)
+        A = polynomials.values(places, np.full(2, polynomials.USUAL_BETA), 3)
         return np.linalg.slogdet(A.T @ A)[1]
 
     chosen = design_points(2, False, 0)
@@ -123,13 +121,13 @@ def test_where_the_nearest_run_failed_it_says_nothing():
 def test_a_search_on_the_surrogate_ends_at_the_true_optimum(method):
     """The oracle is Nelder-Mead on equation (1) of the true curves; at most 25 sets of parameters are run."""
     whole, pool = problem(bent(1, 0.3)), Watched(Formula())
-    explored = explore(whole, pool, Fit(), SEARCHES[method], quiet)
+    explored = explore(whole, pool, Fit(), SEARCHES[method], SILENT)
     end = polish(whole, pool, explored.search.best, surrogate=explored.surrogate)
     oracle = minimize(
         lambda x: equation_one(whole.tests, formula(*x)) if min(x) >= 0 else 1e9,
         [1.5, 4.0, 0.7], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000},
     )  # fmt: skip
-    assert explored.facts["reached"]
+    assert explored.facts.reached
     assert pool.runs / 2 <= 25
     assert end.best.objective <= oracle.fun * (1 + 1e-4)
     assert end.best.parameters["mu"] == pytest.approx(oracle.x[0], rel=0.005)
@@ -142,9 +140,9 @@ def test_the_surrogate_finds_what_the_direct_search_finds():
     for direct in (False, True):
         pool = Watched(Formula())
         options = Fit(population=20, generations=25, direct=True) if direct else Fit()
-        optimum, _, said = fit._global(whole, pool, options, quiet)
-        assert ("surrogate" in said) != direct
-        ends.append((optimum.best, pool.runs))
+        solved = methods.global_search(whole, pool, options, SILENT)
+        assert ("surrogate" in solved.said) != direct
+        ends.append((solved.optimum.best, pool.runs))
     (learnt, cheap), (slow, dear) = ends
     assert cheap < dear / 10
     assert learnt.objective <= slow.objective * (1 + 1e-4)
@@ -155,19 +153,20 @@ def test_the_surrogate_finds_what_the_direct_search_finds():
 def test_what_was_held_out_was_not_known():
     """The errors stated are those of predictions: the run of each is no run of the first ones."""
     whole, pool = problem(bent(1, 0.3)), Watched(Formula())
-    explored = explore(whole, pool, Fit(), genetic.search, quiet)
+    explored = explore(whole, pool, Fit(), genetic.search, SILENT)
     first = {(e.parameters["zeta"], e.parameters["phi"]) for e in pool.known[:13]}
-    for row in explored.facts["held_out"]:
-        assert (row["parameters"]["zeta"], row["parameters"]["phi"]) not in first
-    assert explored.facts["held_out"][-1]["error"] <= explored.facts["held_out"][-1]["allowed"]
+    for proof in explored.facts.held_out:
+        assert (proof.parameters["zeta"], proof.parameters["phi"]) not in first
+    last = explored.facts.held_out[-1]
+    assert last.error <= last.allowed and last.right
 
 
 def test_regions_that_fail_do_not_stop_it_and_are_never_its_result():
     pool = Watched(Formula(broken=lambda parameters: parameters["zeta"] > 9 and parameters["phi"] < 2))
-    explored = explore(problem(), pool, Fit(), genetic.search, quiet)
+    explored = explore(problem(), pool, Fit(), genetic.search, SILENT)
     assert pool.failures
     assert explored.search.best.parameters["zeta"] == pytest.approx(4.0, rel=0.05)
-    assert explored.facts["failed"] == len({(e.parameters["zeta"], e.parameters["phi"]) for e in pool.failures})
+    assert explored.facts.failed == len({(e.parameters["zeta"], e.parameters["phi"]) for e in pool.failures})
 
 
 def test_many_parameters_are_searched_without_a_surrogate_and_it_is_said():
@@ -181,10 +180,10 @@ def test_many_parameters_are_searched_without_a_surrogate_and_it_is_said():
 
     free = {name: Range(start=1.0, min=0.0, max=5.0) for name in names}
     whole = InverseProblem((Target("t", Curve(DEPTH, truth @ powers), 1.0),), dict.fromkeys(names, 1.0), free, None)
-    optimum, _, said = fit._global(whole, Watched(Linear()), Fit(), quiet)
-    assert "5 free parameters are many for a surrogate: least squares" in said
+    solved = methods.global_search(whole, Watched(Linear()), Fit(), SILENT)
+    assert "5 free parameters are many for a surrogate: least squares" in solved.said
     for name, value in zip(names, truth, strict=True):
-        assert optimum.best.parameters[name] == pytest.approx(value, abs=1e-3)
+        assert solved.optimum.best.parameters[name] == pytest.approx(value, abs=1e-3)
 
 
 def test_several_starts_leave_a_local_optimum_that_one_start_is_caught_in():
@@ -207,7 +206,10 @@ def test_least_squares_with_sensitivities_needs_few_runs():
     """At most twelve sets of parameters, starts included."""
 
     class Derivable(Formula):
-        def evaluate(self, points, progress=None, sensitivities=()):
+        def differentiable(self):
+            return frozenset(TRUTH)
+
+        def evaluate(self, points, report=None, sensitivities=()):
             evaluations = super().evaluate(points)
             return [self.with_slopes(one, sensitivities) for one in evaluations] if sensitivities else evaluations
 
@@ -217,11 +219,11 @@ def test_least_squares_with_sensitivities_needs_few_runs():
                 ends = [formula(**{**point, name: point[name] + h}) for h in (1e-6, -1e-6)]
                 for test in range(2):
                     by_test[test][name] = (ends[0][test] - ends[1][test]) / 2e-6
-            return Predicted(point, one.forces, None, 0.0, ({}, {}), tuple(by_test))
+            return Evaluation(point, one.forces, None, 0.0, ({}, {}), tuple(by_test))
 
     pool = Derivable()
-    optimum, _, _ = fit._least_squares(problem(bent(1, 0.1)), pool, Fit(), quiet)
-    slow, _, _ = fit._least_squares(problem(bent(1, 0.1)), Formula(), Fit(), quiet)
+    optimum = methods.local_search(problem(bent(1, 0.1)), pool, Fit(), SILENT).optimum
+    slow = methods.local_search(problem(bent(1, 0.1)), Formula(), Fit(), SILENT).optimum
     assert optimum.success
-    assert len({tuple(row.items()) for row in map(lambda r: {"runs": r["runs"]}, optimum.history)}) + 4 <= 12
+    assert len({step.runs for step in optimum.history}) + 4 <= 12
     assert optimum.best.sum_of_squares <= slow.best.sum_of_squares * (1 + 1e-6)

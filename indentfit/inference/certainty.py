@@ -1,12 +1,40 @@
-"""What a fit knows and what it doesn't, as plain numbers for the result: everything that follows once an optimum is found."""
+"""What a fit knows and what it does not: everything that follows once an optimum is known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from indentfit.inference import inputs, profiles
-from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, identifiability, noise_of, verdict, widened
+from indentfit.arrays import Array, Bools
+from indentfit.case import Case
+from indentfit.inference import profiles
+from indentfit.inference.alone import alone, scan_weights
+from indentfit.inference.bootstrap import bootstrap
+from indentfit.inference.estimate import estimate
+from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, Identifiability, identifiability, noise_of, widened
+from indentfit.inference.inputs import Solution, shares
+from indentfit.inference.result import (
+    BootstrapError,
+    ConfirmedPoint,
+    CurveNoise,
+    Interval,
+    NoiseShare,
+    ParameterEstimate,
+    Profile,
+    PublishedComparison,
+    RivalOptimum,
+    TestAlone,
+    UncertainInputs,
+    WeightsFit,
+)
+from indentfit.inference.verdicts import conclusions, verdict
+from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
-from indentfit.inverse.exploration import MANY, facts_of
-from indentfit.inverse.surrogate import learn, linearised
+from indentfit.inverse.exploration import MANY, Exploration, Watched, facts_of
+from indentfit.inverse.methods import Solved
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.progress import SILENT, Progress
+from indentfit.inverse.surrogate import Surrogate, learn, linearised
 
 TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
 RIGHT = 0.15  # of a profile's limit: how well a run must meet what was predicted of it
@@ -17,66 +45,129 @@ UNPROVED = (
 )
 OF_RUNS = "profiles by a surrogate of the search's {runs} runs; {more} more sets of parameters were run to confirm them"
 LINEARISED = (
-    "profiles and bootstrap are of the curves linearised at the optimum: no surrogate can be trusted, or the parameters are many"
+    "profiles and bootstrap use the curves linearised at the optimum, since no surrogate can be trusted, or the parameters are many"
 )
 
 
-def certainty(case, problem, pool, optimum, exploration, progress):
-    """Keys of the result, and the Identifiability (None where no derivatives were found): profiles, bootstrap, tests alone,
-    weights, uncertain inputs, published values; parameters: name -> interval and verdict, by profile where there is one."""
-    if not optimum.derivatives:
-        return {}, None
-    best, seed = optimum.best, case.fit.seed
-    known = identifiability(problem, best, optimum.derivatives, exploration.equation_one)
-    found = {"noise": noise_of(problem, known), "notes": _notes(known), "uncertain": {}}
-    alone = known
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What the profiles of a fit say, and what is found beside them on the same surrogate."""
+
+    profiles: dict[str, Profile] = field(default_factory=dict)
+    bootstrap: dict[str, BootstrapError] = field(default_factory=dict)
+    tests_alone: dict[str, TestAlone] = field(default_factory=dict)
+    weights_scan: tuple[WeightsFit, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty:
+    """What is known of the parameters of a fit; `known` is None where no derivatives could be had: then all is empty.
+
+    Parameters
+    ----------
+    known : Identifiability or None
+        By the noise alone.
+    estimates : dict of free parameter -> ParameterEstimate
+    findings : Findings
+    noise, uncertain, rivals, surrogate, published, conclusions, notes
+        As of `FitResult`.
+    """
+
+    known: Identifiability | None = None
+    estimates: dict[str, ParameterEstimate] = field(default_factory=dict)
+    findings: Findings = field(default_factory=Findings)
+    noise: dict[str, CurveNoise] = field(default_factory=dict)
+    uncertain: UncertainInputs = field(default_factory=UncertainInputs)
+    rivals: tuple[RivalOptimum, ...] = ()
+    surrogate: SurrogateFacts | None = None
+    published: PublishedComparison | None = None
+    conclusions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solved, progress: Progress = SILENT) -> Certainty:
+    """The errors of a solved inverse problem and everything that follows.
+
+    Parameters
+    ----------
+    case : Case
+    problem : InverseProblem
+    model : Watched
+        It remembers the runs of the search; further runs confirm ends of profiles and uncertain inputs.
+    solved : Solved
+    progress : Progress
+
+    Returns
+    -------
+    Certainty
+    """
+    optimum, exploration = solved.optimum, solved.exploration
+    if not optimum.derivatives or optimum.best is None:
+        return Certainty()
+    alone_known = identifiability(problem, optimum.best, optimum.derivatives, exploration.equation_one)
+    solution = Solution(case, problem, model, optimum.best, alone_known)
+    notes, uncertain = _notes(alone_known), UncertainInputs()
     if case.fit.uncertain.given:
         progress(0.0, "uncertain inputs")
-        known, found["uncertain"] = with_inputs(case, problem, pool, best, known)
-        missing = found["uncertain"].pop("missing")
-        found["notes"] += [f"the error by {name} is not in the intervals: {why}" for name, why in missing.items()]
-    found["surrogate"] = exploration.facts or None
+        solution, uncertain, missing = with_inputs(solution)
+        notes += [f"the error by {name} is not in the intervals: {why}" for name, why in missing.items()]
+    findings, facts = Findings(), exploration.facts
     if case.fit.profiles:
         progress(0.0, "profiles")
-        surrogate = _learned(problem, pool, exploration)
-        if surrogate is None:
-            more = _linearised(problem, best, optimum.derivatives, known, seed)
-        else:
-            found["surrogate"] = exploration.facts or facts_of(surrogate)
-            most = None if exploration.equation_one else max(SOLVES - pool.evaluations - bool(case.fit.published), 0)
-            spent = pool.evaluations
-            made = found["uncertain"].get("inputs", {})
-            forces = np.hypot(*(made.get(name, {"sd": 0.0})["sd"] for name in ("mesh", "force")))
-            more = _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most, forces)
-            if most is None and exploration.surrogate is None:
-                more["notes"].append(OF_RUNS.format(runs=len(surrogate.samples), more=pool.evaluations - spent))
-        found |= more | {"notes": found["notes"] + more["notes"]}
-    found["rivals"] = [
-        {"parameters": {name: one.parameters[name] for name in problem.free}, "objective": one.objective}
-        for one in exploration.rivals
-    ]
-    found["parameters"] = _parameters(problem, best, known, found)
-    found["published"] = _published(case, problem, pool, best, found["parameters"])
-    found["summary"] = _summary(problem, found)
-    return found, alone
+        findings, facts = _profiled(solution, model, solved, uncertain, progress)
+    estimates = _estimates(solution, alone_known, findings, uncertain)
+    published = _published(solution, estimates)
+    return Certainty(
+        known=alone_known,
+        estimates=estimates,
+        findings=findings,
+        noise=noise_of(problem, alone_known),
+        uncertain=uncertain,
+        rivals=tuple(RivalOptimum(_free(problem, rival), rival.objective) for rival in exploration.rivals),
+        surrogate=facts,
+        published=published,
+        conclusions=conclusions(estimates, len(problem.tests), published),
+        notes=(*notes, *findings.notes),
+    )
 
 
-def with_inputs(case, problem, pool, best, known):
-    """The Identifiability whose intervals hold the errors of uncertain inputs too, and these in plain numbers."""
-    shares = inputs.shares(case, problem, pool, best, known)
-    wider = widened(problem, best, known, shares.covar)
-    total = np.sqrt(np.diag(wider.errors.covar))
-    stderr = {name: float(one) if np.isfinite(one) else None for name, one in zip(problem.free, total, strict=True)}
-    found = {"inputs": shares.rows, "noise": {"share": shares.noise}, "stderr_total": stderr, "missing": shares.missing}
-    return wider, found
+def with_inputs(solution: Solution) -> tuple[Solution, UncertainInputs, dict[str, str]]:
+    """The solution whose intervals hold the errors of uncertain inputs too.
 
-
-def coverage(problem, surrogate, truth, sigma, draws, seed=0):
-    """Whether the profile intervals of least-squares fits hold the truth: bool (draws, n_free).
-
-    Curves are the surrogate's at the truth (name -> value) with white noise of sigma mN in each test.
+    Returns
+    -------
+    Solution; UncertainInputs, what each input does; dict of input -> why its error is not in the intervals
     """
-    exact = problem.scaled(truth, evaluate_at_reference(problem, surrogate, [truth])[0].forces)
+    added = shares(solution)
+    wider = widened(solution.problem, solution.best, solution.known, added.covar)
+    total = np.sqrt(np.diag(wider.errors.covar))
+    pairs = zip(solution.problem.free, total, strict=True)
+    stderr = {name: float(error) if np.isfinite(error) else None for name, error in pairs}
+    uncertain = UncertainInputs(added.rows, NoiseShare(added.noise), stderr)
+    return replace(solution, known=wider), uncertain, added.missing
+
+
+def coverage(
+    problem: InverseProblem, surrogate: Surrogate, truth: dict[str, float], sigma: Sequence[float], draws: int, seed: int = 0
+) -> Bools:
+    """Whether the profile intervals of least-squares fits hold the truth.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    surrogate : Surrogate
+    truth : dict of name -> value
+        The curves are the surrogate's at the truth, with white noise.
+    sigma : sequence of float, mN
+        Standard deviation of the noise in each test.
+    draws, seed : int
+
+    Returns
+    -------
+    array of bool (draws, n_free)
+    """
+    exact = problem.scaled(truth, evaluate_at_reference(problem, surrogate, [truth])[0].forces or ())
     rng, x, inside = np.random.default_rng(seed), problem.units(truth), []
     for _ in range(draws):
         forces = [force + s * rng.standard_normal(force.size) for force, s in zip(exact, sigma, strict=True)]
@@ -84,129 +175,140 @@ def coverage(problem, surrogate, truth, sigma, draws, seed=0):
     return np.array(inside)
 
 
-def holds(problem, surrogate, truth, x):
+def holds(problem: InverseProblem, surrogate: Surrogate, truth: dict[str, float], x: Array) -> list[bool]:
     """Whether each profile interval of a fit on the surrogate, started at x in units of the ranges, holds the truth."""
-    weights = [test.weight / test.curve.force.size for test in problem.tests]
-    parameters = problem.parameters(profiles.estimate(problem, surrogate, weights, x)[0])
-    best = problem.judge(parameters, evaluate_at_reference(problem, surrogate, [parameters])[0].forces)
+    parameters = problem.parameters(estimate(problem, surrogate, problem.weights, x)[0])
+    best = problem.judge(parameters, evaluate_at_reference(problem, surrogate, [parameters])[0].forces or ())
     known = identifiability(problem, best, curve_derivatives(problem, surrogate, problem.units(parameters)))
     return [
-        profiles.chi2_at(problem, surrogate, best, known, name, truth[name]) <= known.quantile[n] ** 2
+        bool(profiles.chi2_at(problem, surrogate, best, known, name, truth[name]) <= known.quantile[n] ** 2)
         for n, name in enumerate(problem.free)
     ]
 
 
-def _learned(problem, pool, exploration):
+def linear_findings(
+    problem: InverseProblem, best: Candidate, derivatives: Sequence[Array], known: Identifiability, seed: int
+) -> Findings:
+    """Profiles and bootstrap without a run, of the curves linearised at the optimum: within the bounds, exact in the scale."""
+    surrogate = linearised(problem, best, derivatives)
+    paths = profiles.profiles(problem, surrogate, best, known)
+    return Findings(
+        profiles={name: path.shown() for name, path in paths.items()},
+        bootstrap=bootstrap(problem, surrogate, best, known, seed),
+        notes=(LINEARISED,) if problem.searched else (),
+    )
+
+
+def _profiled(
+    solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs, progress: Progress
+) -> tuple[Findings, SurrogateFacts | None]:
+    """The Findings, by a surrogate where one can be trusted, and the facts of that surrogate."""
+    problem, exploration, options = solution.problem, solved.exploration, solution.case.fit
+    surrogate = _learned(problem, model, exploration)
+    if surrogate is None:
+        slopes = solved.optimum.derivatives or ()
+        return linear_findings(problem, solution.best, slopes, solution.known, options.seed), exploration.facts
+    facts = exploration.facts or facts_of(surrogate)
+    if not exploration.equation_one:
+        most = max(SOLVES - model.evaluations - bool(options.published), 0)
+        return _findings(solution, model, surrogate, most, progress), facts
+    spent = model.evaluations
+    fits = alone(problem, model, surrogate, options.seed, _of_forces(uncertain))  # of a single test too: its run teaches something
+    findings = _findings(solution, model, surrogate, None, progress)
+    findings = replace(findings, tests_alone=fits if len(problem.tests) > 1 else {})
+    last = learn(problem, model.known) or surrogate
+    findings = replace(findings, weights_scan=scan_weights(problem, last, options.seed))
+    if exploration.surrogate is None:
+        said = OF_RUNS.format(runs=len(surrogate.samples), more=model.evaluations - spent)
+        findings = replace(findings, notes=(*findings.notes, said))
+    return findings, facts
+
+
+def _learned(problem: InverseProblem, model: Watched, exploration: Exploration) -> Surrogate | None:
     """The surrogate that all runs so far teach, None where it cannot be trusted or the parameters are too many for one."""
-    surrogate = learn(problem, pool.known) if len(problem.free) <= MANY else None
-    trusted = surrogate and (exploration.facts.get("reached") or surrogate.error <= TRUSTED)
+    surrogate = learn(problem, model.known) if len(problem.free) <= MANY else None
+    trusted = surrogate is not None and (exploration.reached or surrogate.error <= TRUSTED)
     return surrogate if trusted else None
 
 
-def _on_surrogate(problem, pool, surrogate, best, known, seed, progress, most, forces):
-    """Profiles, proved by runs at their ends (sets of parameters, `most` of them where that is limited), and what follows; fits
-    with one test alone and under other weights only where the search went all over the ranges, and runs are not limited."""
-    first, found = profiles.profiles(problem, surrogate, best, known), {}
-    if most is None:
-        alone = profiles.alone(problem, pool, surrogate, seed, forces)
-        found["tests_alone"] = alone if len(problem.tests) > 1 else {}
-    report = lambda done, total: progress(0.9 * done / total, "runs at the ends of profiles")  # noqa: E731
-    proofs = profiles.prove(problem, pool, surrogate, first, known, best, report, most)
-    surrogate = learn(problem, pool.known)
+def _of_forces(uncertain: UncertainInputs) -> float:
+    """Relative standard deviation of a test's forces as a whole, by the mesh and by the stated error of the force."""
+    mesh, force = (uncertain.inputs[name].sd or 0.0 if name in uncertain.inputs else 0.0 for name in ("mesh", "force"))
+    return float(np.hypot(mesh, force))
+
+
+def _findings(solution: Solution, model: Watched, surrogate: Surrogate, most: int | None, progress: Progress) -> Findings:
+    """Profiles, confirmed by runs at their ends (`most` sets of parameters where that is limited), and the bootstrap."""
+    problem, best, known = solution.problem, solution.best, solution.known
+    first = profiles.profiles(problem, surrogate, best, known)
+    proving = profiles.Proving(problem, model, surrogate, best, known, most)
+    confirmed = proving.prove(first, progress.part(0, 0.9).of_runs("runs at the ends of profiles"))
+    surrogate = learn(problem, model.known) or surrogate
     last = profiles.profiles(problem, surrogate, best, known)
     notes = []
-    wrong = [name for name, rows in proofs.items() if not all(_right(row, last[name].limit) for row in rows)]
+    wrong = [name for name, points in confirmed.items() if not all(_right(point, last[name].limit) for point in points)]
     if wrong:
         notes.append(f"the profiles of {', '.join(wrong)} were predicted badly at their ends, and corrected by the runs there")
     if most is not None:
-        proved = sum(len(rows) for rows in proofs.values())
+        proved = sum(len(points) for points in confirmed.values())
         notes.append(UNPROVED.format(runs=len(surrogate.samples), solves=SOLVES, proved=proved, ends=2 * len(last)))
     progress(0.95, "bootstrap")
-    return found | {
-        "notes": notes,
-        "profiles": {name: {**_plain(one), "confirmed": proofs[name]} for name, one in last.items()},
-        "bootstrap": profiles.bootstrap(problem, surrogate, best, known, seed),
-        "weights_scan": profiles.scan_weights(problem, surrogate, seed) if most is None else [],
-    }
+    return Findings(
+        profiles={name: path.shown(confirmed[name]) for name, path in last.items()},
+        bootstrap=bootstrap(problem, surrogate, best, known, solution.case.fit.seed),
+        notes=tuple(notes),
+    )
 
 
-def _linearised(problem, best, derivatives, known, seed):
-    """Profiles and bootstrap without a run, of the curves linearised at the optimum: within the bounds, exact in the scale."""
-    surrogate = linearised(problem, best, derivatives)
-    found = profiles.profiles(problem, surrogate, best, known)
-    return {
-        "notes": [LINEARISED] if problem.searched else [],
-        "profiles": {name: {**_plain(one), "confirmed": []} for name, one in found.items()},
-        "bootstrap": profiles.bootstrap(problem, surrogate, best, known, seed),
-    }
-
-
-def _right(row, limit):
-    if row["chi2"] is None or not np.isfinite(row["predicted"]):
+def _right(point: ConfirmedPoint, limit: float) -> bool:
+    if point.chi2 is None or point.predicted is None or not np.isfinite(point.predicted):
         return False
-    return abs(np.sqrt(row["chi2"]) - np.sqrt(row["predicted"])) <= RIGHT * np.sqrt(limit)
+    return bool(abs(np.sqrt(point.chi2) - np.sqrt(point.predicted)) <= RIGHT * np.sqrt(limit))
 
 
-def _plain(profile):
-    return {
-        "values": profile.values.tolist(),
-        "chi2": profile.chi2.tolist(),
-        "limit": profile.limit if np.isfinite(profile.limit) else None,
-        "interval": list(profile.interval),
-    }
-
-
-def _notes(known):
-    smooth = any(one > SMOOTH for one in known.noise.autocorrelation)
+def _notes(known: Identifiability) -> list[str]:
+    smooth = any(noise.autocorrelation > SMOOTH for noise in known.noise)
     return [NOTE, *([MISFIT] if smooth else [])]
 
 
-def _parameters(problem, best, known, found):
-    """name -> interval and verdict, by profile where there is one, and the linear interval; wider by uncertain inputs."""
-    rows = {}
+def _free(problem: InverseProblem, candidate: Candidate) -> dict[str, float]:
+    return {name: candidate.parameters[name] for name in problem.free}
+
+
+def _estimates(
+    solution: Solution, alone_known: Identifiability, findings: Findings, uncertain: UncertainInputs
+) -> dict[str, ParameterEstimate]:
+    """Each free parameter with its interval, by profile where there is one; wider by uncertain inputs. Units are the caller's."""
+    problem, best, known = solution.problem, solution.best, solution.known
+    estimates = {}
     for n, (name, bounds) in enumerate(problem.free.items()):
-        linear = known.interval[n].tolist()
-        interval = found.get("profiles", {}).get(name, {}).get("interval", linear)
-        said = verdict(best.parameters[name], interval, bounds, known.at_bound[n])
-        rows[name] = {"interval": interval, "interval_linear": linear, "verdict": said}
-        total = found["uncertain"].get("stderr_total", {}).get(name)
-        if total is not None:
-            rows[name]["stderr_total"] = total
-    return rows
+        linear: Interval = (float(known.interval[n, 0]), float(known.interval[n, 1]))
+        interval = findings.profiles[name].interval if name in findings.profiles else linear
+        error = float(alone_known.stderr[n])
+        estimates[name] = ParameterEstimate(
+            value=best.parameters[name],
+            unit="1",
+            start=bounds.start,
+            min=bounds.min,
+            max=bounds.max,
+            stderr=error if np.isfinite(error) else None,
+            at_bound=known.at_bound[n] or None,
+            interval=interval,
+            interval_linear=linear,
+            verdict=verdict(best.parameters[name], interval, bounds, known.at_bound[n]),
+            stderr_total=uncertain.stderr_total.get(name),
+        )
+    return estimates
 
 
-def _published(case, problem, pool, best, parameters):
+def _published(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:
     """The published parameters that the case names: their objective here, and whether each lies inside its interval."""
-    if not case.fit.published:
+    published = solution.case.fit.published
+    if not published:
         return None
-    point = {**best.parameters, **case.fit.published}
-    run = evaluate_at_reference(problem, pool, [point])[0]
-    judged = problem.judge(point, run.forces) if run.forces else None
-    inside = {
-        name: bool(parameters[name]["interval"][0] <= value <= parameters[name]["interval"][1])
-        for name, value in case.fit.published.items()
-        if name in parameters
-    }
-    return {"parameters": dict(case.fit.published), "objective": judged and judged.objective, "inside": inside}
-
-
-def _summary(problem, found):
-    """Sentences: what these tests determine, with intervals, what they don't, and where published values lie."""
-    kinds: dict = {"determined": [], "weakly determined": [], "not determined": []}
-    for name, one in found["parameters"].items():
-        said = one["verdict"].rpartition("; ")[2] if "bound" in one["verdict"] else one["verdict"]
-        kind = next((kind for kind in kinds if said.startswith(kind)), "not determined")
-        low, high = one["interval"]
-        kinds[kind].append(f"{name} ({low:.3g} to {high:.3g})")
-    number = {1: "this curve", 2: "these two curves"}.get(len(problem.tests), f"these {len(problem.tests)} curves")
-    sentences = [f"{kind} by {number}: {', '.join(names)}" for kind, names in kinds.items() if names]
-    published = found["published"]
-    if published:
-        said = [
-            f"{name} = {published['parameters'][name]:g} {'inside' if inside else 'outside'}"
-            for name, inside in published["inside"].items()
-        ]
-        value = published["objective"]
-        objective = f"; together their objective is {value:.4g} mN" if value is not None else ""
-        sentences.append(f"published values and the 95 % intervals: {', '.join(said)}{objective}")
-    return sentences
+    point = {**solution.best.parameters, **published}
+    run = evaluate_at_reference(solution.problem, solution.model, [point])[0]
+    objective = solution.problem.judge(point, run.forces).objective if run.forces else None
+    intervals = {name: estimates[name].interval for name in published if name in estimates}
+    inside = {name: bool(between[0] <= published[name] <= between[1]) for name, between in intervals.items() if between}
+    return PublishedComparison(dict(published), objective, inside)

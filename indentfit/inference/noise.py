@@ -1,55 +1,62 @@
 """What the residuals say about the noise, and what that noise does to the parameters.
 
 Each test has noise of its own size and, where its residuals say so, an autocorrelation: AR(1), whose coefficient is the one
-under which residuals of such a fit would be as smooth as these are. Smooth residuals are mostly misfit of the model: then
-this is no more than an honest width for what the model cannot follow, and a note says so.
+under which the residuals of such a fit would be as smooth as these are. Smooth residuals are mostly misfit of the model: then
+the errors are no more than an honest width for what the model cannot follow, and a note says so.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
+
+from indentfit.arrays import Array
+from indentfit.inference.result import CurveNoise
 
 SIGNIFICANT = 1.645  # standard errors of an autocorrelation from zero: below, the noise counts as independent
 SMALLEST = 1e-12  # of the forces: residuals below are zero
 SINGULAR = 1e-8  # of the largest singular value
 
 
-@dataclass(frozen=True)
-class CurveNoise:
-    """Of each test that counts: sigma, mN, autocorrelation of neighbours, effective number of points, number of points."""
-
-    sigma: tuple[float, ...]
-    autocorrelation: tuple[float, ...]
-    effective: tuple[float, ...]
-    points: tuple[int, ...]
-
-    def draw(self, rng):
-        """One draw of the noise of each test, mN."""
-        return tuple(
-            s * np.linalg.cholesky(correlations(n, r) + 1e-12 * np.eye(n)) @ rng.standard_normal(n)
-            for s, r, n in zip(self.sigma, self.autocorrelation, self.points, strict=True)
-        )
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Errors:
-    """covar (p, p) of the estimates; plain (p, p) = (J^T W J)^-1; freedom (p,), by Welch and Satterthwaite; estimator: the
-    matrices (p, n) that turn small changes of each curve into those of the estimates; typical: plain over covar, over all
-    directions that the curves see."""
+    """Errors of the estimates that p parameters are.
 
-    covar: np.ndarray
-    plain: np.ndarray
+    Parameters
+    ----------
+    covar : array (p, p)
+    plain : array (p, p)
+        (J^T W J)^-1.
+    typical : float
+        plain over covar, over all directions that the curves see.
+    freedom : array (p,)
+        Degrees of freedom by Welch and Satterthwaite.
+    estimator : tuple of arrays (p, n)
+        What turns small changes of each curve into those of the estimates.
+    """
+
+    covar: Array
+    plain: Array
     typical: float
-    freedom: np.ndarray
-    estimator: tuple[np.ndarray, ...]
+    freedom: Array
+    estimator: tuple[Array, ...]
 
 
-def errors(slopes, residuals, weights):
-    """(CurveNoise, Errors) of an estimate that minimises sum w |r|^2 over the tests.
+def errors(slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequence[float]) -> tuple[tuple[CurveNoise, ...], Errors]:
+    """Noise of the curves, and errors of the estimate that minimises sum w |r|^2 over the tests.
 
-    slopes: (n, p) for each test, mN per unit of each parameter; residuals: (n,), mN; weights: one number each, above 0.
-    The covariance is that of this estimator under the noise found, not of the best one (a "sandwich").
+    The covariance is that of this estimator under the noise that the residuals show, not of the best one (a "sandwich").
+
+    Parameters
+    ----------
+    slopes : sequence of arrays (n, p), mN per unit of each parameter
+    residuals : sequence of arrays (n,), mN
+    weights : sequence of float, above 0
+
+    Returns
+    -------
+    tuple of CurveNoise, one for each test; Errors
     """
     J = np.concatenate([np.sqrt(w) * s for w, s in zip(weights, slopes, strict=True)])
     plain = inverse(J)
@@ -60,64 +67,72 @@ def errors(slopes, residuals, weights):
         for k, (s, r) in enumerate(zip(slopes, residuals, strict=True))
     ]
     rho = [_autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]
-    R = [correlations(len(r), one) for r, one in zip(residuals, rho, strict=True)]
+    R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
-    covar = sum(v * b @ r @ b.T for v, b, r in zip(variance, B, R, strict=True))
+    covar = sum((v * b @ r @ b.T for v, b, r in zip(variance, B, R, strict=True)), np.zeros_like(plain))
     typical = np.linalg.matrix_rank(A) / max(np.trace(J.T @ J @ covar), 1e-300)
     covar = np.where(np.isfinite(plain), covar, plain)
     with np.errstate(invalid="ignore", divide="ignore"):
         welch = parts.sum(axis=0) ** 2 / (parts**2 / np.array(freedom)[:, None]).sum(axis=0)
     total = sum(freedom)
     welch = np.where(np.isfinite(welch), np.minimum(welch, total), total)
-    effective = [len(r) / _inflation(len(r), one) for r, one in zip(residuals, rho, strict=True)]
-    noise = CurveNoise(tuple(np.sqrt(variance).tolist()), tuple(rho), tuple(effective), tuple(len(r) for r in residuals))
-    return noise, Errors(covar, plain, typical, welch, tuple(B))
+    noise = tuple(
+        CurveNoise(sigma, coefficient, len(r) / _inflation(len(r), coefficient), len(r))
+        for sigma, coefficient, r in zip(np.sqrt(variance).tolist(), rho, residuals, strict=True)
+    )
+    return noise, Errors(covar, plain, float(typical), welch, tuple(B))
 
 
-def correlations(n, rho):
+def draw(noise: CurveNoise, rng: np.random.Generator) -> Array:
+    """One draw of the noise of one curve, mN, (n,)."""
+    root = np.linalg.cholesky(correlations(noise.points, noise.autocorrelation) + 1e-12 * np.eye(noise.points))
+    return (noise.sigma or 0.0) * root @ rng.standard_normal(noise.points)
+
+
+def correlations(n: int, rho: float) -> Array:
     """AR(1) correlations of n equally spaced points, (n, n)."""
     steps = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     return float(rho) ** steps if rho else np.eye(n)
 
 
-def inverse(J):
+def inverse(J: Array) -> Array:
     """(J^T J)^-1; infinite for parameters in a direction that the curves do not see."""
     _, singular_values, directions = np.linalg.svd(J, full_matrices=False)
     n = J.shape[1]
     seen = singular_values > SINGULAR * singular_values[0]
-    found = _seen(J)
+    covar = _seen(J)
     hidden = np.linalg.norm(np.eye(n) - directions[seen].T @ directions[seen], axis=0) > 1e-6
-    found[hidden] = found[:, hidden] = np.nan
-    found[hidden, hidden] = np.inf
-    return found
+    covar[hidden] = covar[:, hidden] = np.nan
+    covar[hidden, hidden] = np.inf
+    return covar
 
 
-def _seen(J):
+def _seen(J: Array) -> Array:
     """The pseudo-inverse of J^T J, without the directions that the curves do not see."""
     _, singular_values, directions = np.linalg.svd(J, full_matrices=False)
     seen = singular_values > SINGULAR * singular_values[0]
     return (directions[seen].T / singular_values[seen] ** 2) @ directions[seen]
 
 
-def _autocorrelation(M, residuals):
+def _autocorrelation(M: Array, residuals: Array) -> float:
     """The AR(1) coefficient under which the fit's residuals, M times the noise, would have the lag-1 product found."""
     n = len(residuals)
     if n < 4 or not residuals.any():
         return 0.0
-    found = residuals[1:] @ residuals[:-1] / (residuals @ residuals)
+    shown = residuals[1:] @ residuals[:-1] / (residuals @ residuals)
 
-    def expected(rho):
+    def expected(rho: float) -> float:
         V = M @ correlations(n, rho) @ M.T
         return np.trace(V, offset=1) / np.trace(V)
 
     most = float(np.exp(-1 / n))  # the noise of one test forgets itself within the test, or nothing could be learnt
-    if np.trace(M @ M.T) < 1e-9 or found - expected(0.0) < SIGNIFICANT / np.sqrt(n):
+    if np.trace(M @ M.T) < 1e-9 or shown - expected(0.0) < SIGNIFICANT / np.sqrt(n):
         return 0.0
-    return most if found >= expected(most) else float(brentq(lambda rho: expected(rho) - found, 0.0, most, xtol=1e-6))
+    return most if shown >= expected(most) else float(brentq(lambda rho: expected(rho) - shown, 0.0, most, xtol=1e-6))
 
 
-def _variances(M, R, residuals):
+def _variances(M: list[list[Array]], R: list[Array], residuals: Sequence[Array]) -> tuple[Array, list[float]]:
     """Noise variance of each test, mN^2, unbiased under its correlations, and its degrees of freedom."""
     tests = range(len(R))
     squares = np.array([r @ r for r in residuals])
@@ -136,6 +151,6 @@ def _variances(M, R, residuals):
     return (together if (together >= 0).all() and np.isfinite(alone).all() else alone), freedom
 
 
-def _inflation(n, rho):
+def _inflation(n: int, rho: float) -> float:
     """How much the variance of a mean of n points grows by their correlation."""
     return float(correlations(n, rho).sum() / n)

@@ -11,7 +11,8 @@ from indentfit.case import Case, require_fittable
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.specimens import Specimen
-from indentfit.inference.fit import FitResult, fit
+from indentfit.inference.fit import fit
+from indentfit.inference.result import FitResult
 from indentfit.runs.ledger import Ledger
 from indentfit.shapes import keys_of
 

@@ -13,6 +13,7 @@ from pydantic import InstanceOf, TypeAdapter
 
 from indentfit.case import Case
 from indentfit.curve import Curve
+from indentfit.fem.facts import MeshFacts
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
 
 Interval = tuple[float, float]
@@ -79,7 +80,7 @@ class ParameterEstimate:
 
 
 @dataclass(frozen=True)
-class TestNoise:
+class CurveNoise:
     """The noise of one test, as far as its residuals show it.
 
     Parameters
@@ -90,8 +91,6 @@ class TestNoise:
     effective_points, points : float, int
         Number of independent points that would tell as much, and the number of points.
     """
-
-    __test__: ClassVar[bool] = False
 
     sigma: float | None
     autocorrelation: float
@@ -273,16 +272,6 @@ class FitSolver:
     edge_slip: float | None = None
 
 
-@dataclass(frozen=True)
-class MeshFacts:
-    """The mesh: elements of the quarter sample, degrees of freedom, kind of element, size of the smallest one, mm."""
-
-    elements: int
-    dofs: int
-    element: str = ""
-    smallest_mm: float | None = None
-
-
 @dataclass(frozen=True, repr=False, eq=False)
 class FitResult:
     """What `fit` found.
@@ -341,7 +330,7 @@ class FitResult:
     case_hash: str = ""
     title: str = ""
     versions: dict[str, str] = field(default_factory=dict)
-    noise: dict[str, TestNoise] = field(default_factory=dict)
+    noise: dict[str, CurveNoise] = field(default_factory=dict)
     profiles: dict[str, Profile] = field(default_factory=dict)
     bootstrap: dict[str, BootstrapError] = field(default_factory=dict)
     tests_alone: dict[str, TestAlone] = field(default_factory=dict)

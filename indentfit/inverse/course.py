@@ -1,6 +1,6 @@
 """What a search leaves behind for the result of a fit: its steps, and how far its surrogate could be trusted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,10 @@ class HistoryStep:
     step: int
     objective: float | None
     runs: int
+
+    def at(self, runs: int) -> "HistoryStep":
+        """The same step, counted with other runs: a search on a surrogate needs none of its own."""
+        return replace(self, runs=runs)
 
 
 @dataclass(frozen=True)

@@ -1,200 +1,263 @@
 """The search on a surrogate: runs placed where they teach most, a global search on what they taught, and its proof.
 
-First runs determine a polynomial best; then the surrogate's own optimum is predicted, run, and added, until a prediction
-was right within a stated share of the misfit. Only then does the global search speak, and its winner and rivals are run.
+The first runs are those that determine a polynomial best. Then the model is run at the surrogate's own optimum, and the
+surrogate learns from the run; this repeats until the prediction error at the optimum is below a stated share of the misfit. Only
+then does the global search use the surrogate, and its winner and rivals are run.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
 
-from indentfit.inverse.derivatives import asked, evaluate_at_reference, given_by, may_bring_sensitivities
-from indentfit.inverse.generations import Search, judged, parameters_of
-from indentfit.inverse.least_squares import polish
-from indentfit.inverse.problem import Candidate
-from indentfit.inverse.surrogate import Surrogate, design_points, learn
+from indentfit.arrays import Array
+from indentfit.case import Fit
+from indentfit.inverse.course import Proof, SurrogateFacts
+from indentfit.inverse.derivatives import evaluate_at_reference, given_by, may_bring_sensitivities
+from indentfit.inverse.generations import Search, by_objective, judged, parameters_of
+from indentfit.inverse.polish import polish
+from indentfit.inverse.polynomials import design_points
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.progress import SILENT, Progress
+from indentfit.inverse.settings import SearchSettings, sized
+from indentfit.inverse.surrogate import Surrogate, learn
+from indentfit.runs.forward import Evaluation, ForwardModel, Report
 
 MANY = 4  # free parameters up to which a surrogate is worth its runs
 ERROR = 0.02  # of the misfit: what the surrogate may be wrong by at a run that it has not seen
 FINEST = 3e-4  # of the measured forces' root mean square: finer the solver itself is not
 ROUNDS = 8  # of prediction and proof, at most
 SCANNED = 1024  # places
+SHOWN = 8  # optima of a scan, at most
 KNOWN = 2e-3  # of the ranges: nearer to a run there is nothing to prove
 RIVAL, APART = 1.25, 0.05  # a rival's objective at most, relative to the best; its distance, of the ranges
 RIVALS = 2
 PEOPLE, GENERATIONS = 80, 60  # of a search on the surrogate, where the case does not say
 SHARE_OF_DESIGN = 0.6  # of the progress
 
+GlobalSearch = Callable[[InverseProblem, ForwardModel, SearchSettings, Progress], Search]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Exploration:
-    """surrogate (None where the search was on the model itself, or too few runs succeeded); search: the Search, its best run on
-    the true model; rivals: other optima, run; facts: of the surrogate, for the result; equation_one: what the search made
-    least, else the sum of squares."""
+    """What was seen of the whole ranges before the local search.
+
+    Parameters
+    ----------
+    surrogate : Surrogate or None
+        None where the search was on the model itself, or too few runs succeeded.
+    search : Search
+        Its best Candidate was run on the true model.
+    rivals : tuple of Candidate
+        Other optima, run too.
+    facts : SurrogateFacts or None
+    equation_one : bool
+        Whether the search minimised equation (1); else the sum of squares.
+    """
 
     surrogate: Surrogate | None
     search: Search
     rivals: tuple[Candidate, ...] = ()
-    facts: dict = field(default_factory=dict)
+    facts: SurrogateFacts | None = None
     equation_one: bool = True
+
+    @property
+    def reached(self) -> bool:
+        """Whether the surrogate's predictions were proved right."""
+        return self.facts is not None and self.facts.reached
 
 
 class Watched:
-    """A Pool that remembers its evaluations, for a surrogate to learn from."""
+    """A ForwardModel that remembers the evaluations of another one, for a surrogate to learn from."""
 
-    def __init__(self, pool):
-        self.pool, self.known = pool, []
+    def __init__(self, model: ForwardModel) -> None:
+        self.model = model
+        self.known: list[Evaluation] = []
 
-    def evaluate(self, points, progress=None, sensitivities=()):
-        found = asked(self.pool, points, progress, sensitivities)
-        self.known += found
-        return found
+    @property
+    def runs(self) -> int:
+        """Runs of the mechanics."""
+        return self.model.runs
 
-    def __getattr__(self, name):
-        return getattr(self.pool, name)
+    @property
+    def failures(self) -> Sequence[Evaluation]:
+        """Evaluations that failed."""
+        return self.model.failures
+
+    @property
+    def evaluations(self) -> int:
+        """The number of different sets of parameters that were evaluated."""
+        return len({tuple(known.parameters.items()) for known in self.known})
+
+    def differentiable(self) -> frozenset[str]:
+        """What the model can bring sensitivities of."""
+        return self.model.differentiable()
+
+    def evaluate(
+        self, points: Sequence[Mapping[str, Any]], report: Report | None = None, sensitivities: Collection[str] = ()
+    ) -> list[Evaluation]:
+        """Evaluations of points by the model; they are remembered."""
+        evaluations = self.model.evaluate(points, report, sensitivities)
+        self.known += evaluations
+        return evaluations
 
 
-def explore(problem, pool, options, search, progress):
-    """Exploration of an InverseProblem; search: of `genetic` or `evolution`; pool: Watched. progress: called with (share, note)."""
-    _first_runs(problem, pool, options, progress)
-    surrogate = learn(problem, pool.known)
+def explore(
+    problem: InverseProblem, model: Watched, options: Fit, search: GlobalSearch, progress: Progress = SILENT
+) -> Exploration:
+    """Explore the ranges of an inverse problem by a global search on a surrogate.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    model : Watched
+    options : Fit
+        Seed, population and generations as in the case's [fit].
+    search : `genetic.search`, or one of `evolution`
+    progress : Progress
+
+    Returns
+    -------
+    Exploration
+    """
+    _first_runs(problem, model, options, progress.part(0, SHARE_OF_DESIGN))
+    surrogate = learn(problem, model.known)
     if surrogate is None:
-        return Exploration(None, Search(None, [], "too few runs succeeded"))
-    held_out: list[dict] = []
-    for number in range(ROUNDS):
-        progress(SHARE_OF_DESIGN + (1 - SHARE_OF_DESIGN) * number / ROUNDS, f"surrogate of {len(surrogate.samples)} runs")
-        proofs = _prove(problem, pool, surrogate, _worth_proving(problem, surrogate, options))
-        held_out += reversed(proofs)  # that of the optimum last, which decides
-        surrogate = learn(problem, pool.known)
-        if _is_proved(proofs[0]):
-            break
-    found = search(problem, surrogate, _large(options))
-    best, *rivals = _optima(problem, surrogate, [found.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
-    confirmed = [one for one in judged(problem, pool, [c.parameters for c in [best, *rivals]]) if one]
-    confirmed = sorted([*confirmed, *_best_known(problem, pool)], key=lambda one: one.objective)
-    message = f"{found.message} on a surrogate of {len(surrogate.samples)} runs"
-    search_ = Search(confirmed[0], [{**row, "runs": pool.runs} for row in found.history], message)
-    surrogate = learn(problem, pool.known)
-    return Exploration(surrogate, search_, tuple(confirmed[1 : 1 + len(rivals)]), facts_of(surrogate, held_out))
+        return Exploration(None, Search(None, (), "too few runs succeeded"))
+    surrogate, held_out = _proved(problem, model, surrogate, options, progress.part(SHARE_OF_DESIGN, 1))
+    searched = search(problem, surrogate, sized(options, PEOPLE, GENERATIONS), SILENT)
+    best, *rivals = _optima(problem, surrogate, [searched.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
+    runs = judged(problem, model, [optimum.parameters for optimum in [best, *rivals]])
+    confirmed = [run for run in runs if run]
+    confirmed = sorted([*confirmed, _best_known(problem, model)], key=by_objective)
+    message = f"{searched.message} on a surrogate of {len(surrogate.samples)} runs"
+    history = tuple(step.at(model.runs) for step in searched.history)
+    surrogate = learn(problem, model.known) or surrogate
+    facts = facts_of(surrogate, held_out)
+    return Exploration(surrogate, Search(confirmed[0], history, message), tuple(confirmed[1 : 1 + len(rivals)]), facts)
 
 
-def facts_of(surrogate, held_out=()):
-    """What the result says of a Surrogate; held_out: its errors at runs that it had not seen."""
-    return {
-        "runs": len(surrogate.samples),
-        "failed": len(surrogate.failed),
-        "degree": surrogate.degree,
-        "left_out_error": surrogate.error,  # of each run predicted from the others, as a share of its misfit
-        "held_out": list(held_out),
-        "reached": any(_is_proved(one) for one in held_out),
-    }
+def facts_of(surrogate: Surrogate, held_out: Sequence[Proof] = ()) -> SurrogateFacts:
+    """What the result says of a Surrogate, and of its predictions at runs that it had not seen."""
+    return SurrogateFacts(
+        runs=len(surrogate.samples),
+        failed=len(surrogate.failed),
+        degree=surrogate.degree,
+        left_out_error=surrogate.error,
+        held_out=tuple(held_out),
+        reached=any(proof.right for proof in held_out),
+    )
 
 
-def scanned(problem, surrogate, seed=0):
-    """Places (m, d) all over the ranges that lie nowhere near a failure, and the sums of squares there at best scale."""
+def scanned(problem: InverseProblem, surrogate: Surrogate, seed: int = 0) -> tuple[Array, Array]:
+    """Places (m, d) all over the ranges that lie nowhere near a failure, and the sums of squares (m,) there at best scale."""
     places = qmc.Sobol(len(problem.searched), seed=seed).random(SCANNED)
     places = places[~surrogate.near_failure(places)]
     curves = surrogate.curves(places)
     weights = np.concatenate([np.full(t.curve.force.size, t.weight / t.curve.force.size) for t in problem.tests])
-    target = np.concatenate([t.curve.force for t in problem.tests])
+    target = np.concatenate([test.curve.force for test in problem.tests])
     scale = np.ones(len(places))
     if problem.scale:
-        bounds = problem.free[problem.scale]
         scale = (curves * weights) @ target / np.maximum((curves**2) @ weights, 1e-300)
-        scale = np.clip(scale, bounds.min / problem.reference, bounds.max / problem.reference)
+        scale = np.clip(scale, *problem.factor_bounds())
     return places, ((scale[:, None] * curves - target) ** 2) @ weights
 
 
-def _first_runs(problem, pool, options, progress):
+def _first_runs(problem: InverseProblem, model: Watched, options: Fit, progress: Progress) -> None:
     """The start values and the design, which is smaller where runs can bring sensitivities; where none did, the larger one too."""
-    report = lambda done, total: progress(SHARE_OF_DESIGN * done / total, f"{total} first runs")  # noqa: E731
-    d, hoped = len(problem.searched), may_bring_sensitivities(problem, pool)
-    found = evaluate_at_reference(problem, pool, [problem.start, *_designed(problem, hoped, options)], report)
-    if hoped and not any(len(given_by(problem, one)) == d for one in found):
-        evaluate_at_reference(problem, pool, _designed(problem, False, options), report)
+    hoped = may_bring_sensitivities(problem, model)
+    points = [problem.start, *_designed(problem, hoped, options)]
+    evaluations = evaluate_at_reference(problem, model, points, progress.of_runs("first runs"))
+    if hoped and not any(len(given_by(problem, known)) == len(problem.searched) for known in evaluations):
+        evaluate_at_reference(problem, model, _designed(problem, False, options), progress.of_runs("first runs"))
 
 
-def _designed(problem, slopes, options):
+def _designed(problem: InverseProblem, slopes: bool, options: Fit) -> list[dict[str, float]]:
     return [parameters_of(problem, place) for place in design_points(len(problem.searched), slopes, options.seed)]
 
 
-def _worth_proving(problem, surrogate, options):
+def _proved(
+    problem: InverseProblem, model: Watched, surrogate: Surrogate, options: Fit, progress: Progress
+) -> tuple[Surrogate, list[Proof]]:
+    """The surrogate after rounds of prediction and proof, and the proofs; that of the optimum last in each round."""
+    held_out: list[Proof] = []
+    for number in range(ROUNDS):
+        progress(number / ROUNDS, f"surrogate of {len(surrogate.samples)} runs")
+        proofs = _prove(problem, model, surrogate, _worth_proving(problem, surrogate, options))
+        held_out += reversed(proofs)
+        surrogate = learn(problem, model.known) or surrogate
+        if proofs[0].right:
+            break
+    return surrogate, held_out
+
+
+def _worth_proving(problem: InverseProblem, surrogate: Surrogate, options: Fit) -> list[dict[str, float]]:
     """The surrogate's optimum, where that was not run already, and the places among the good ones that are farthest from all
     runs: two in all, for a round of one leaves a worker idle at its end."""
-    known = np.array([sample.place for sample in surrogate.samples])
-    wanted = []
+    known = surrogate.known_places()
+    wanted: list[dict[str, float]] = []
     for best in _optima(problem, surrogate, _scan(problem, surrogate, options.seed)[:3]):
-        if not wanted and _distance(_place(problem, best.parameters), known) > KNOWN:
+        if not wanted and _distance(problem.place(best.parameters), known) > KNOWN:
             wanted.append(best.parameters)
-            known = np.vstack([known, _place(problem, best.parameters)])
+            known = np.vstack([known, problem.place(best.parameters)])
     places, squares = scanned(problem, surrogate, options.seed)
     places = places[squares <= 1.5**2 * squares.min()]
     while len(wanted) < 2:
-        farthest = max(places, key=lambda place: _distance(place, known))
+        farthest = places[int(np.argmax([_distance(place, known) for place in places]))]
         wanted.append(parameters_of(problem, farthest))
         known = np.vstack([known, farthest])
     return wanted
 
 
-def _prove(problem, pool, surrogate, points):
-    """Run what the surrogate predicts: of each point its error there, mN, rms over all points, and what is allowed."""
+def _prove(problem: InverseProblem, model: Watched, surrogate: Surrogate, points: list[dict[str, float]]) -> list[Proof]:
+    """Run what the surrogate predicts, and judge the prediction at each point."""
     predicted = evaluate_at_reference(problem, surrogate, points)
-    ran = evaluate_at_reference(problem, pool, points)
-    return [_proof(problem, *one) for one in zip(points, predicted, ran, strict=True)]
+    ran = evaluate_at_reference(problem, model, points)
+    return [_proof(problem, point, guess, run) for point, guess, run in zip(points, predicted, ran, strict=True)]
 
 
-def _proof(problem, parameters, predicted, ran):
+def _proof(problem: InverseProblem, parameters: dict[str, float], predicted: Evaluation, ran: Evaluation) -> Proof:
     if ran.forces is None:
-        return {"parameters": dict(parameters), "error": None, "allowed": None}
+        return Proof(dict(parameters), None, None)
     candidate = problem.judge_best_scale(parameters, ran.forces)
-    factor = candidate.parameters[problem.scale] / problem.reference if problem.scale else 1.0
-    difference = factor * (np.concatenate(predicted.forces) - np.concatenate(ran.forces))
+    factor = problem.factor(candidate.parameters)
+    difference = factor * (np.concatenate(predicted.forces or ()) - np.concatenate(ran.forces))
     size = np.sqrt(np.mean(np.concatenate([test.curve.force for test in problem.tests]) ** 2))
     misfit = np.sqrt(candidate.sum_of_squares / sum(test.weight for test in problem.tests))
     error = float(np.sqrt(np.mean(difference**2)))
-    return {"parameters": candidate.parameters, "error": error, "allowed": float(max(ERROR * misfit, FINEST * size))}
+    return Proof(candidate.parameters, error, float(max(ERROR * misfit, FINEST * size)))
 
 
-def _is_proved(proof):
-    return proof["error"] is not None and proof["error"] <= proof["allowed"]
-
-
-def _scan(problem, surrogate, seed):
+def _scan(problem: InverseProblem, surrogate: Surrogate, seed: int) -> list[Candidate]:
     """Candidates on the surrogate, best first, no two near each other."""
     places, squares = scanned(problem, surrogate, seed)
-    chosen: list = []
+    chosen: list[Array] = []
     for place in places[np.argsort(squares)]:
-        if len(chosen) < 8 and all(np.abs(place - other).max() > 4 * APART for other in chosen):
+        if len(chosen) < SHOWN and all(np.abs(place - other).max() > 4 * APART for other in chosen):
             chosen.append(place)
-    return [c for c in judged(problem, surrogate, [parameters_of(problem, place) for place in chosen]) if c]
+    candidates = judged(problem, surrogate, [parameters_of(problem, place) for place in chosen])
+    return [candidate for candidate in candidates if candidate]
 
 
-def _optima(problem, surrogate, starts):
+def _optima(problem: InverseProblem, surrogate: Surrogate, starts: Sequence[Candidate | None]) -> list[Candidate]:
     """Different optima of equation (1) on the surrogate, best first, those that rival the best."""
-    ends = sorted((polish(problem, surrogate, start).best for start in starts if start), key=lambda one: one.objective)
+    polished = [polish(problem, surrogate, start).best for start in starts if start]
+    ends = sorted((end for end in polished if end), key=by_objective)
     chosen = ends[:1]
     for end in ends[1:]:
-        far = all(np.abs(problem.units(end.parameters) - problem.units(o.parameters)).max() > APART for o in chosen)
+        far = all(np.abs(problem.units(end.parameters) - problem.units(other.parameters)).max() > APART for other in chosen)
         if far and end.objective <= RIVAL * ends[0].objective and len(chosen) <= RIVALS:
             chosen.append(end)
     return chosen
 
 
-def _best_known(problem, pool):
+def _best_known(problem: InverseProblem, model: Watched) -> Candidate:
     """The best of all runs so far: a search's result is never worse than what was seen on its way."""
-    candidates = [problem.judge_best_scale(e.parameters, e.forces) for e in pool.known if e.forces is not None]
-    return [min(candidates, key=lambda one: one.objective)]
+    candidates = [problem.judge_best_scale(run.parameters, run.forces) for run in model.known if run.forces is not None]
+    return min(candidates, key=by_objective)
 
 
-def _large(options):
-    sizes = {"population": options.population or PEOPLE, "generations": options.generations or GENERATIONS}
-    return options.model_copy(update=sizes)
-
-
-def _place(problem, parameters):
-    return problem.units(parameters)[[list(problem.free).index(name) for name in problem.searched]]
-
-
-def _distance(place, others):
+def _distance(place: Array, others: Array) -> float:
     return float(np.abs(others - place).max(axis=1).min())

@@ -4,58 +4,82 @@ Equation (1) of the source paper (J Mech Behav Biomed Mater 65:490) is the weigh
 square errors; least squares minimises the weighted sum of their squares. Both are reported, each under its name.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
 from scipy.optimize import brentq
 
+from indentfit.arrays import Array
 from indentfit.curve import Curve
 
 
 @dataclass(frozen=True)
 class Target:
-    """What one test measured, and its weight in the objective."""
+    """The measured curve of one test, and its weight in the objective."""
 
     name: str
     curve: Curve
     weight: float
 
 
-def misfit(test, force):
-    """Force residuals of one test, mN, shape (n,), scaled so that their squares sum to w RMSE^2."""
+def misfit(test: Target, force: Array) -> Array:
+    """Force residuals of one test, mN, (n,), scaled so that their squares sum to w RMSE^2."""
     return np.sqrt(test.weight / test.curve.force.size) * (force - test.curve.force)
 
 
-def rmse(test, force):
-    """Root mean square error of one test, mN."""
+def rmse(test: Target, force: Array) -> float:
+    """Root mean square error of one test.
+
+    Parameters
+    ----------
+    test : Target
+    force : array (n,), mN
+        Simulated force at the displacements of `test.curve`.
+
+    Returns
+    -------
+    float, mN
+    """
     return float(np.sqrt(np.mean((force - test.curve.force) ** 2)))
 
 
-def equation_one(tests, forces):
-    """The weighted sum of the tests' RMSEs, mN: equation (1) of the source paper."""
+def equation_one(tests: Sequence[Target], forces: Sequence[Array]) -> float:
+    """Equation (1) of the source paper: the weighted sum of the tests' RMSEs, mN, of simulated forces (n,), mN, one for each."""
     return sum(test.weight * rmse(test, force) for test, force in zip(tests, forces, strict=True))
 
 
-def sum_of_squares(tests, forces):
+def sum_of_squares(tests: Sequence[Target], forces: Sequence[Array]) -> float:
     """The weighted sum of the tests' squared RMSEs, mN^2."""
     return sum(test.weight * rmse(test, force) ** 2 for test, force in zip(tests, forces, strict=True))
 
 
-def best_scale(tests, forces, low=0.0, high=np.inf):
-    """The factor s in low..high that makes s * forces best under equation (1).
+def best_scale(tests: Sequence[Target], forces: Sequence[Array], low: float = 0.0, high: float = np.inf) -> float:
+    """The factor that makes factor * forces best under equation (1).
 
-    Equation (1) is convex in s and its least lies between the best factors of the single tests, where its slope
+    Equation (1) is convex in the factor. Its least value lies between the best factors of the single tests, where its slope
     changes sign; it may also lie at one of them, if the curve of that test is met exactly.
+
+    Parameters
+    ----------
+    tests : sequence of Target
+    forces : sequence of arrays (n,), mN
+    low, high : float
+        Bounds of the factor.
+
+    Returns
+    -------
+    float
     """
     parts = [_part(test, force) for test, force in zip(tests, forces, strict=True) if test.weight]
-    alone = [best for _, _, best, _ in parts]
+    alone = [part.best for part in parts]
 
-    def value(s):
-        return sum(weight * hypot(size * (s - best), left) for weight, size, best, left in parts)
+    def value(factor: float) -> float:
+        return sum(part.weight * hypot(part.size * (factor - part.best), part.left) for part in parts)
 
-    def slope(s):
-        return sum(weight * size**2 * (s - best) / (hypot(size * (s - best), left) or 1.0) for weight, size, best, left in parts)
+    def slope(factor: float) -> float:
+        return sum(part.slope(factor) for part in parts)
 
     candidates, ends = list(alone), (min(alone), max(alone))
     if slope(ends[0]) < 0 < slope(ends[1]):
@@ -63,9 +87,23 @@ def best_scale(tests, forces, low=0.0, high=np.inf):
     return float(np.clip(min(candidates, key=value), low, high))
 
 
-def _part(test, force):
-    """A test's weight, the norm of its curve, its best factor alone, and what that leaves: |s f - target|^2 is
-    (|f| (s - best))^2 + left^2."""
+@dataclass(frozen=True)
+class _Part:
+    """One test in equation (1) as a function of the factor s: |s f - target|^2 is (size (s - best))^2 + left^2.
+
+    weight: of the norm; size: norm of the curve; best: its best factor alone; left: the norm that this factor leaves.
+    """
+
+    weight: float
+    size: float
+    best: float
+    left: float
+
+    def slope(self, factor: float) -> float:
+        return self.weight * self.size**2 * (factor - self.best) / (hypot(self.size * (factor - self.best), self.left) or 1.0)
+
+
+def _part(test: Target, force: Array) -> _Part:
     target, size = test.curve.force, float(np.linalg.norm(force))
     best = float(force @ target) / size**2 if size else 0.0
-    return test.weight / np.sqrt(len(force)), size, best, float(np.linalg.norm(best * force - target))
+    return _Part(test.weight / np.sqrt(len(force)), size, best, float(np.linalg.norm(best * force - target)))

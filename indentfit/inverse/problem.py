@@ -1,30 +1,57 @@
-"""The inverse problem: the tests, the free parameters, and the one that the force is proportional to."""
+"""The inverse problem: the tests, the free parameters, and the one among them that the force is proportional to."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from indentfit.arrays import Array
 from indentfit.case import Case, Range
 from indentfit.curve import Curve
 from indentfit.inverse.objective import Target, best_scale, equation_one, sum_of_squares
 
+Values = Mapping[str, Any]  # name -> value of a parameter, or of a key of the case
+
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters with their curves and how good they are: `objective` is equation (1), mN."""
+    """Parameters with their curves and how good they are.
+
+    Parameters
+    ----------
+    parameters : dict of name -> value
+    forces : tuple of arrays (n,), mN, one for each test
+    objective : float, mN
+        Equation (1).
+    sum_of_squares : float, mN^2
+    """
 
     parameters: dict[str, float]
-    forces: tuple[np.ndarray, ...]
+    forces: tuple[Array, ...]
     objective: float
     sum_of_squares: float
 
 
 @dataclass(frozen=True)
 class InverseProblem:
-    """What is searched: the tests, the free parameters, and the one among them that the force is proportional to.
+    """What is searched for: the free parameters that make the curves of the tests.
 
     Free parameters are counted in units of their range, 0 at min and 1 at max, in the order of the model. The forward
-    model is only ever run at one `reference` value of the scale; forces at other values follow exactly.
+    model is only ever run at one reference value of the scale; forces at other values follow exactly.
+
+    Parameters
+    ----------
+    tests : tuple of Target
+    start : dict of name -> value
+        All parameters, free ones at their start values.
+    free : dict of name -> Range
+    scale : str or None
+        The free parameter that the force is proportional to.
+    reference : float
+        The value of the scale that the forward model is run at.
+    differences : tuple of str
+        Free parameters that the mechanics cannot be differentiated by.
     """
 
     tests: tuple[Target, ...]
@@ -32,23 +59,50 @@ class InverseProblem:
     free: dict[str, Range]
     scale: str | None
     reference: float = 1.0
-    differences: tuple[str, ...] = ()  # parameters that the model has no sensitivities of
+    differences: tuple[str, ...] = ()
 
     @property
-    def searched(self):
+    def searched(self) -> list[str]:
         """The free parameters that are left to search for, without the scale."""
         return [name for name in self.free if name != self.scale]
 
-    def range(self, name):
+    @property
+    def searched_numbers(self) -> list[int]:
+        """The numbers of these among the free parameters."""
+        return [number for number, name in enumerate(self.free) if name != self.scale]
+
+    @property
+    def weights(self) -> list[float]:
+        """What the square of one force residual of each test weighs in the sum of squares."""
+        return [test.weight / test.curve.force.size for test in self.tests]
+
+    def number(self, name: str) -> int:
+        """The number of a free parameter."""
+        return list(self.free).index(name)
+
+    def range(self, name: str) -> float:
         """The width of a free parameter's range, in its unit."""
         return self.free[name].max - self.free[name].min
 
-    def units(self, parameters):
-        """The free parameters in units of their ranges, shape (n,)."""
-        return np.array([(parameters[name] - r.min) / (r.max - r.min) for name, r in self.free.items()])
+    @property
+    def ranges(self) -> Array:
+        """The widths of the ranges of all free parameters, (n_free,), in their units."""
+        return np.array([self.range(name) for name in self.free])
 
-    def parameters(self, units):
-        """All parameters by name, at free ones given in units of their ranges, shape (n,)."""
+    def values(self, parameters: Values) -> Array:
+        """The free parameters among others, (n_free,), in their units."""
+        return np.array([parameters[name] for name in self.free])
+
+    def units(self, parameters: Values) -> Array:
+        """The free parameters in units of their ranges, (n_free,)."""
+        return np.array([(parameters[name] - bounds.min) / (bounds.max - bounds.min) for name, bounds in self.free.items()])
+
+    def place(self, parameters: Values) -> Array:
+        """The searched parameters in units of their ranges, (n_searched,)."""
+        return np.array([(parameters[name] - self.free[name].min) / self.range(name) for name in self.searched])
+
+    def parameters(self, units: Sequence[float] | Array) -> dict[str, float]:
+        """All parameters by name, at free ones given in units of their ranges, (n_free,)."""
         values = dict(self.start)
         for unit, (name, bounds) in zip(units, self.free.items(), strict=True):
             value = bounds.min + unit * (bounds.max - bounds.min)
@@ -56,35 +110,45 @@ class InverseProblem:
             values[name] = min(max(value, bounds.min), bounds.max)
         return values
 
-    def at_reference(self, parameters):
+    def factor(self, parameters: Values) -> float:
+        """What turns forces at the reference into those of `parameters`."""
+        return parameters[self.scale] / self.reference if self.scale else 1.0
+
+    def factor_bounds(self) -> tuple[float, float]:
+        """The least and the largest of these factors."""
+        if self.scale is None:
+            return 1.0, 1.0
+        return self.free[self.scale].min / self.reference, self.free[self.scale].max / self.reference
+
+    def at_reference(self, parameters: Values) -> dict[str, Any]:
         """The parameters that the forward model is to be run with."""
         return {**parameters, self.scale: self.reference} if self.scale else dict(parameters)
 
-    def scaled(self, parameters, forces):
+    def scaled(self, parameters: Values, forces: Sequence[Array]) -> tuple[Array, ...]:
         """The curves of `parameters` from those of their `at_reference`."""
-        factor = parameters[self.scale] / self.reference if self.scale else 1.0
+        factor = self.factor(parameters)
         return tuple(factor * force for force in forces)
 
-    def weighted(self, weights):
+    def weighted(self, weights: Sequence[float]) -> "InverseProblem":
         """The same problem with other weights of its tests; weight 0 leaves a test out."""
-        tests = tuple(replace(test, weight=w) for test, w in zip(self.tests, weights, strict=True))
+        tests = tuple(replace(test, weight=weight) for test, weight in zip(self.tests, weights, strict=True))
         return replace(self, tests=tests)
 
-    def measured(self, forces):
+    def measured(self, forces: Sequence[Array]) -> "InverseProblem":
         """The same problem with other measured forces, mN, at the same displacements."""
         pairs = zip(self.tests, forces, strict=True)
-        return replace(self, tests=tuple(replace(t, curve=Curve(t.curve.displacement, f)) for t, f in pairs))
+        return replace(self, tests=tuple(replace(test, curve=Curve(test.curve.displacement, force)) for test, force in pairs))
 
-    def judge(self, parameters, forces):
+    def judge(self, parameters: Values, forces: Sequence[Array]) -> Candidate:
         """The Candidate of `parameters`, given the curves of their `at_reference`."""
-        forces = self.scaled(parameters, forces)
-        return Candidate(dict(parameters), forces, equation_one(self.tests, forces), sum_of_squares(self.tests, forces))
+        scaled = self.scaled(parameters, forces)
+        return Candidate(dict(parameters), scaled, equation_one(self.tests, scaled), sum_of_squares(self.tests, scaled))
 
-    def judge_best_scale(self, parameters, forces):
+    def judge_best_scale(self, parameters: Values, forces: Sequence[Array]) -> Candidate:
         """The Candidate with the best scale for the other parameters, given the curves of their `at_reference`."""
         if self.scale:
             bounds = self.free[self.scale]
-            factor = best_scale(self.tests, forces, bounds.min / self.reference, bounds.max / self.reference)
+            factor = best_scale(self.tests, forces, *self.factor_bounds())
             value = float(np.clip(factor * self.reference, bounds.min, bounds.max))
             parameters = {**parameters, self.scale: value}
         return self.judge(parameters, forces)
@@ -98,21 +162,23 @@ def inverse_problem(case: Case) -> InverseProblem:
     return InverseProblem(tests, start, case.fitted, *scale_of(case), differences_of(case))
 
 
-def scale_of(case):
-    """The free parameter that the force is proportional to: the material's scale, where kappa goes with it, or None; and the
-    value of it that the forward model is run at.
+def scale_of(case: Case) -> tuple[str | None, float]:
+    """The free parameter that the force is proportional to, or None, and the value of it that the forward model is run at.
 
-    Pressures, contact stiffness and tolerances are all relative to the shear modulus; a kappa in kPa is not.
+    It is the scale of the material's law, where kappa goes with it: pressures, contact stiffness and tolerances are all
+    relative to the shear modulus; a kappa in kPa is not.
     """
     name = case.law.scale
     relative = case.material.kappa is None
-    if not relative or name not in case.free or case.free[name].max <= 0:
+    if name is None or not relative or name not in case.free or case.free[name].max <= 0:
         return None, 1.0
     bounds = case.free[name]
     return name, bounds.start if bounds.start > 0 else bounds.max
 
 
-def differences_of(case):
-    """The fitted parameters by which the model cannot be differentiated: all, where kappa does not go with the shear modulus,
-    as the model takes it to; otherwise the thickness."""
+def differences_of(case: Case) -> tuple[str, ...]:
+    """The fitted parameters that the mechanics cannot be differentiated by.
+
+    These are all of them where kappa does not go with the shear modulus, as the mechanics takes it to; otherwise the thickness.
+    """
     return tuple(case.fitted) if case.material.kappa is not None else tuple({"thickness"} & set(case.fit.uncertain.fitted))

@@ -27,9 +27,10 @@ from indentfit.experiment.measured import read_case
 from indentfit.inference import profiles
 from indentfit.inference.certainty import coverage, with_inputs
 from indentfit.inference.identifiability import identifiability
+from indentfit.inference.inputs import Solution
 from indentfit.inverse import genetic
 from indentfit.inverse.exploration import Watched, explore
-from indentfit.inverse.least_squares import polish
+from indentfit.inverse.polish import polish
 from indentfit.inverse.problem import inverse_problem
 from indentfit.inverse.surrogate import learn
 from indentfit.runs.forward import simulate
@@ -55,11 +56,11 @@ def noisy(forces, rng):
 
 def inside(problem, pool, case, truth):
     """Whether each profile interval of a whole fit holds the truth, and the fit's values."""
-    exploration = explore(problem, pool, case.fit, genetic.search, lambda share, note: None)
+    exploration = explore(problem, pool, case.fit, genetic.search)
     end = polish(problem, pool, exploration.search.best, surrogate=exploration.surrogate)
     known = identifiability(problem, end.best, end.derivatives, equation_one=True)
     if case.fit.uncertain.given:
-        known, _ = with_inputs(case, problem, pool, end.best, known)
+        known = with_inputs(Solution(case, problem, pool, end.best, known))[0].known
     found = profiles.profiles(problem, learn(problem, pool.known), end.best, known)
     return {name: found[name].interval[0] <= truth[name] <= found[name].interval[1] for name in RANGES}, end.best.parameters
 

@@ -84,7 +84,7 @@ def rate(case, search, workers, cluster):
             sizes = {"population": case.fit.population or 8, "generations": case.fit.generations or 4}
             genetic.search(problem, pool, case.fit.model_copy(update=sizes))
         else:
-            explore(problem, pool, case.fit, genetic.search, lambda share, note: None)
+            explore(problem, pool, case.fit, genetic.search)
         seconds, runs = time.perf_counter() - started, running.runs - before
         busy, inside, cpu = running.seconds - busy, pool.seconds_in, cpu_seconds(running) - cpu
     shares = busy / workers / seconds, (inside - busy / workers) / seconds, (seconds - inside) / seconds
@@ -136,10 +136,10 @@ def timed(workers):
     class Timed(Watched):
         seconds_in = 0.0
 
-        def evaluate(self, points, progress=None, sensitivities=()):
+        def evaluate(self, points, report=None, sensitivities=()):
             started = time.perf_counter()
             try:
-                return super().evaluate(points, progress, sensitivities)
+                return super().evaluate(points, report, sensitivities)
             finally:
                 self.seconds_in += time.perf_counter() - started
 

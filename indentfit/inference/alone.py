@@ -1,0 +1,74 @@
+"""Fits with one test alone, and fits under other weights of the tests, on a surrogate."""
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.inference.estimate import best_on
+from indentfit.inference.identifiability import Identifiability, identifiability, verdict, widened
+from indentfit.inference.profiles import profiles
+from indentfit.inference.result import AloneEstimate, TestAlone, WeightsFit
+from indentfit.inverse.derivatives import Underivable, curve_derivatives
+from indentfit.inverse.generations import judged
+from indentfit.inverse.objective import rmse
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.surrogate import Surrogate
+from indentfit.runs.forward import ForwardModel
+
+WEIGHTS = np.linspace(0, 1, 11)
+
+
+def alone(
+    problem: InverseProblem, model: ForwardModel, surrogate: Surrogate, seed: int, forces: float = 0.0
+) -> dict[str, TestAlone]:
+    """What each test alone determines.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    model : ForwardModel
+        Runs prove the optimum of each fit.
+    surrogate : Surrogate
+    seed : int
+    forces : float
+        Relative standard deviation of a test's forces as a whole, as by the mesh; the intervals hold it.
+
+    Returns
+    -------
+    dict of test -> TestAlone
+        Without tests that have no derivatives.
+    """
+    fits = {}
+    for n, test in enumerate(problem.tests):
+        single = problem.weighted([float(n == k) for k in range(len(problem.tests))])
+        best = best_on(single, surrogate, seed)
+        run = judged(single, model, [best.parameters])[0]
+        try:
+            slopes = curve_derivatives(single, surrogate, single.units(best.parameters))
+        except Underivable:
+            continue
+        known = identifiability(single, best, slopes)
+        move = forces * known.errors.estimator[0] @ best.forces[n]
+        known = widened(single, best, known, np.outer(move, move))
+        fits[test.name] = TestAlone(best.objective, run.objective if run else None, _estimates(single, surrogate, best, known))
+    return fits
+
+
+def scan_weights(problem: InverseProblem, surrogate: Surrogate, seed: int) -> tuple[WeightsFit, ...]:
+    """Fits of two tests under other weights, by equation (1) on the surrogate; none where there are not two tests."""
+    return tuple(_weighted(problem, surrogate, seed, weight) for weight in (WEIGHTS if len(problem.tests) == 2 else ()))
+
+
+def _estimates(problem: InverseProblem, surrogate: Surrogate, best: Candidate, known: Identifiability) -> dict[str, AloneEstimate]:
+    estimates = {}
+    for n, (name, profile) in enumerate(profiles(problem, surrogate, best, known).items()):
+        said = verdict(best.parameters[name], profile.interval, problem.free[name], known.at_bound[n])
+        estimates[name] = AloneEstimate(best.parameters[name], profile.interval, said)
+    return estimates
+
+
+def _weighted(problem: InverseProblem, surrogate: Surrogate, seed: int, weight: float | Array) -> WeightsFit:
+    weights = (float(f"{1 - weight:.6g}"), float(f"{weight:.6g}"))
+    other = problem.weighted(weights)
+    best = best_on(other, surrogate, seed)
+    sizes = {test.name: rmse(test, force) for test, force in zip(other.tests, best.forces, strict=True)}
+    return WeightsFit(weights, {name: best.parameters[name] for name in problem.free}, sizes)

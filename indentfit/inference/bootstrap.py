@@ -1,0 +1,48 @@
+"""A parametric bootstrap on a surrogate: how estimates scatter under the noise that the residuals show."""
+
+import numpy as np
+
+from indentfit.inference.estimate import estimate
+from indentfit.inference.identifiability import Identifiability
+from indentfit.inference.noise import draw
+from indentfit.inference.result import BootstrapError
+from indentfit.inverse.derivatives import evaluate_at_reference
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.surrogate import Surrogate
+
+DRAWS = 200
+
+
+def bootstrap(
+    problem: InverseProblem, surrogate: Surrogate, candidate: Candidate, known: Identifiability, seed: int, draws: int = DRAWS
+) -> dict[str, BootstrapError]:
+    """Standard errors and 95 % intervals (percentiles) of estimates from curves with new draws of the noise.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    surrogate : Surrogate
+    candidate : Candidate
+        The curves without noise are the surrogate's at this place.
+    known : Identifiability
+        Holds the noise.
+    seed, draws : int
+
+    Returns
+    -------
+    dict of name -> BootstrapError
+    """
+    x = problem.units(candidate.parameters)
+    forces = evaluate_at_reference(problem, surrogate, [candidate.parameters])[0].forces or ()
+    there = problem.scaled(candidate.parameters, forces)
+    rng, heavy = np.random.default_rng(seed), [n for n, weight in enumerate(known.weights) if weight]
+    estimates = []
+    for _ in range(draws):
+        targets = list(there)
+        for n, noise in zip(heavy, known.noise, strict=True):
+            targets[n] = targets[n] + draw(noise, rng)
+        estimates.append(estimate(problem, surrogate, known.weights, x, targets=targets)[0])
+    values = np.array([problem.values(problem.parameters(row)) for row in estimates])
+    low, high = np.percentile(values, [2.5, 97.5], axis=0)
+    rows = zip(problem.free, values.std(axis=0, ddof=1), low, high, strict=True)
+    return {name: BootstrapError(float(stderr), (float(lower), float(upper))) for name, stderr, lower, upper in rows}

@@ -1,0 +1,112 @@
+"""Estimates on a surrogate: the parameters that make weighted squares least, some of them held."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from indentfit.arrays import Array
+from indentfit.inverse.exploration import scanned
+from indentfit.inverse.generations import by_objective, judged, parameters_of
+from indentfit.inverse.polish import polish
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.surrogate import Surrogate
+
+
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """Weighted residuals of a surrogate's curves, and their derivatives, by the free parameters in units of their ranges."""
+
+    problem: InverseProblem
+    surrogate: Surrogate
+    roots: Array
+    targets: Array
+
+    def at(self, x: Array) -> Array:
+        """(N,) at x, (n_free,)."""
+        curves = self.surrogate.curves(x[None, self.problem.searched_numbers])[0]
+        return self.roots * (self._factor(x) * curves - self.targets)
+
+    def jacobian(self, x: Array) -> Array:
+        """(N, n_free) at x, (n_free,)."""
+        problem, searched = self.problem, self.problem.searched_numbers
+        J = np.zeros((self.targets.size, len(x)))
+        J[:, searched] = self._factor(x) * self.surrogate.slopes(x[None, searched])[0].T
+        if problem.scale is not None:
+            steepness = problem.range(problem.scale) / problem.reference
+            J[:, problem.number(problem.scale)] = steepness * self.surrogate.curves(x[None, searched])[0]
+        return self.roots[:, None] * J
+
+    def _factor(self, x: Array) -> float:
+        problem = self.problem
+        if problem.scale is None:
+            return 1.0
+        unit = x[problem.number(problem.scale)]
+        return (problem.free[problem.scale].min + unit * problem.range(problem.scale)) / problem.reference
+
+
+def estimate(
+    problem: InverseProblem,
+    surrogate: Surrogate,
+    weights: Sequence[float],
+    x: Array,
+    fixed: int | None = None,
+    targets: Sequence[Array] | None = None,
+) -> tuple[Array, float]:
+    """The parameters that make sum w |r|^2 least on a surrogate, within the bounds.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    surrogate : Surrogate
+    weights : sequence of float
+        Of the squared residuals of each test.
+    x : array (n_free,), units of the ranges
+        Where the search begins.
+    fixed : int or None
+        Number of a parameter that stays where x has it.
+    targets : sequence of arrays (n,), mN, or None
+        Curves in place of the measured ones.
+
+    Returns
+    -------
+    array (n_free,), units of the ranges; float, the least sum
+    """
+    moving = [n for n in range(len(x)) if n != fixed]
+    wanted = targets if targets is not None else [test.curve.force for test in problem.tests]
+    roots = [np.full(test.curve.force.size, np.sqrt(w)) for test, w in zip(problem.tests, weights, strict=True)]
+    residuals = _Residuals(problem, surrogate, np.concatenate(roots), np.concatenate(wanted))
+
+    def whole(part: Array) -> Array:
+        full = np.array(x, dtype=float)
+        full[moving] = part
+        return full
+
+    def residuals_of(part: Array) -> Array:
+        return residuals.at(whole(part))
+
+    def jacobian_of(part: Array) -> Array:
+        return residuals.jacobian(whole(part))[:, moving]
+
+    if not moving:
+        return np.array(x), float(np.sum(residuals.at(np.array(x, dtype=float)) ** 2))
+    start = np.clip(np.asarray(x)[moving], 0, 1)
+    tolerances = {"ftol": 1e-10, "xtol": 1e-8, "gtol": 1e-12}
+    ended = least_squares(residuals_of, start, jacobian_of, bounds=(0, 1), method="dogbox", max_nfev=60, **tolerances)
+    return whole(ended.x), float(2 * ended.cost)
+
+
+def best_on(problem: InverseProblem, surrogate: Surrogate, seed: int) -> Candidate:
+    """The Candidate of least objective on the surrogate, from the best places of a scan."""
+    if not problem.searched:
+        return _required(judged(problem, surrogate, [problem.start])[0])
+    places, squares = scanned(problem, surrogate, seed)
+    starts = judged(problem, surrogate, [parameters_of(problem, place) for place in places[np.argsort(squares)[:3]]])
+    ends = [_required(polish(problem, surrogate, start).best) for start in starts if start]
+    return min(ends, key=by_objective)
+
+
+def _required(candidate: Candidate | None) -> Candidate:
+    assert candidate is not None, "a surrogate fails only near failed runs, and no scan goes there"
+    return candidate

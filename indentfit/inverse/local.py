@@ -1,0 +1,97 @@
+"""What the local searches share: where they end, and the evaluations on their way."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.inverse.course import HistoryStep
+from indentfit.inverse.derivatives import brings_sensitivities, curve_derivatives, evaluate_at_reference
+from indentfit.inverse.objective import Target
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.progress import SILENT, Progress
+from indentfit.runs.forward import ForwardModel
+
+RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
+WIDEST = 0.5  # of the ranges: the first trust region
+SHORTEST = 1e-4  # of the ranges: a shorter step is no step
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where a local search ended.
+
+    Parameters
+    ----------
+    best : Candidate or None
+        None where not even the start could be evaluated.
+    derivatives : tuple of arrays (n, n_free), or None
+        Derivatives of the curves there, mN per range of a free parameter, one for each test; None where they failed.
+    success : bool
+    message : str
+        Why the search ended.
+    history : tuple of HistoryStep
+    """
+
+    best: Candidate | None
+    derivatives: tuple[Array, ...] | None
+    success: bool
+    message: str
+    history: tuple[HistoryStep, ...]
+
+
+class Course:
+    """The evaluations of one local search, remembered, and their derivatives.
+
+    `value` is what the search makes least; `phase` is its name in the history.
+    """
+
+    def __init__(
+        self,
+        problem: InverseProblem,
+        model: ForwardModel,
+        phase: str,
+        value: Callable[[Candidate], float],
+        progress: Progress = SILENT,
+    ) -> None:
+        self.problem, self.model, self.phase, self.value, self.progress = problem, model, phase, value, progress
+        self.best: Candidate | None = None
+        self.history: list[HistoryStep] = []
+
+    def candidate(self, x: Array) -> Candidate | None:
+        """The Candidate at x, (n_free,), or None where the mechanics failed."""
+        parameters = self.problem.parameters(x)
+        evaluation = evaluate_at_reference(self.problem, self.model, [parameters], self._report)[0]
+        if evaluation.forces is None:
+            return None
+        candidate = self.problem.judge(parameters, evaluation.forces)
+        if self.best is None or self.value(candidate) < self.value(self.best):
+            self.best = candidate
+        if not self.history or self.history[-1].runs < self.model.runs:
+            self.history.append(HistoryStep(self.phase, len(self.history) + 1, self.best.objective, self.model.runs))
+        return candidate
+
+    def derivatives(self, x: Array, surrogate: ForwardModel | None = None) -> tuple[Array, ...]:
+        """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test.
+
+        A surrogate, if given, supplies those that would need runs of their own. Raises Underivable.
+        """
+        if surrogate is not None and not brings_sensitivities(self.problem, self.model, x):
+            return curve_derivatives(self.problem, surrogate, x)
+        return curve_derivatives(self.problem, self.model, x, self._report)
+
+    def ended(self, best: Candidate, derivatives: tuple[Array, ...] | None, success: bool, message: str) -> Optimum:
+        """The Optimum at the end of this course."""
+        return Optimum(best, derivatives, success, message, tuple(self.history))
+
+    def _report(self, done: int, total: int) -> None:
+        share = 1 - 0.7 ** (1 + len(self.history) / 2)  # how many steps it takes is not known beforehand
+        note = f"{self.phase.replace('_', ' ')}" + (f", objective {self.best.objective:.4g} mN" if self.best else "")
+        self.progress(share, note)
+
+
+def stacked(tests: Sequence[Target], slopes: Sequence[Array]) -> Array:
+    """Derivatives of the misfits of all tests, (N, n_free), from those of their curves."""
+    weighted = [np.sqrt(t.weight / t.curve.force.size) * d for t, d in zip(tests, slopes, strict=True)]
+    return np.concatenate(weighted)

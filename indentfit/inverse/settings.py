@@ -1,0 +1,28 @@
+"""How a global search is sized."""
+
+from dataclasses import dataclass
+
+from indentfit.case import Fit
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Size, seed and end of a global search.
+
+    Parameters
+    ----------
+    population, generations : int
+    seed : int
+    tolerance : float
+        Relative change of the objective below which the search ends.
+    """
+
+    population: int
+    generations: int
+    seed: int = 0
+    tolerance: float = 1e-6
+
+
+def sized(options: Fit, population: int, generations: int) -> SearchSettings:
+    """The settings that a case asks for; population and generations are used where it does not say."""
+    return SearchSettings(options.population or population, options.generations or generations, options.seed, options.tolerance)
