@@ -1,8 +1,10 @@
 """The house of the project: a module imports only from rooms above its own, and names say what things are."""
 
 import ast
+import graphlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
@@ -143,3 +145,67 @@ def test_nothing_that_is_read_is_run_as_code(path):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }
     assert called & {"eval", "exec", "compile"} <= ({"exec", "compile"} if path == HOUSE / "material" / "plugins.py" else set())
+
+
+# ---- sizes -------------------------------------------------------------------------------------------------------
+
+COMPILED = {"fem/element.py"}  # a compiled loop, and why it is long is said there
+SOLVER = ("fem",)
+
+
+def functions(path):
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, kinds)]
+
+
+def lines_of_code(function):
+    """Lines of a function without its docstring."""
+    first = function.body[0]
+    documented = ast.get_docstring(function) is not None
+    return function.end_lineno - function.lineno + 1 - (first.end_lineno - first.lineno + 1 if documented else 0)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOUSE)))
+def test_no_file_is_longer_than_500_lines(path):
+    if path.relative_to(HOUSE).as_posix() not in COMPILED:
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 500
+
+
+def test_functions_fit_on_a_part_of_the_screen():
+    lengths = np.array([lines_of_code(function) for path in MODULES for function in functions(path)])
+    assert np.median(lengths) <= 7
+    assert np.percentile(lengths, 90) <= 19
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in MODULES if path.relative_to(HOUSE).parts[0] in SOLVER], ids=lambda path: path.name
+)
+def test_no_function_of_the_solver_takes_nine_positional_arguments(path):
+    """Compiled kernels may: they know arrays and numbers only."""
+    for function in functions(path):
+        decorators = " ".join(map(ast.unparse, function.decorator_list))
+        kernel = any(word in decorators for word in ("kernel", "inlined", "compiled"))
+        assert kernel or len(function.args.posonlyargs) + len(function.args.args) < 9, function.name
+
+
+def test_no_import_goes_round_in_a_circle():
+    """The graph of imports at module level; what is imported inside of a function is no part of it."""
+    names = {module_name(path): path for path in MODULES}
+    graph = {name: {used for used in imports_at_once(path) if used in names} for name, path in names.items()}
+    sorter = graphlib.TopologicalSorter(graph)
+    sorter.prepare()  # raises CycleError
+
+
+def module_name(path):
+    parts = path.relative_to(HOUSE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports_at_once(path):
+    """Modules that a module imports when it is imported itself, `if TYPE_CHECKING` left out."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
