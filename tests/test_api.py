@@ -1,0 +1,50 @@
+"""The package as it is used from a notebook: the public names, and the README's example."""
+
+import os
+import re
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import indentfit
+
+README = Path(__file__).parent.parent / "README.md"
+STUB = Path(indentfit.__file__).with_name("__init__.pyi")
+HAYES = 2.232  # k of a bonded layer, nu = 0.5, a/h = 2 / 3.3: Hayes et al. 1972, between 2.213 at 0.6 and 2.860 at 0.8
+
+
+def in_a_new_process(text, folder):
+    environment = {**os.environ, "MPLBACKEND": "agg"}
+    done = subprocess.run([sys.executable, "-c", text], cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_public_name_of_the_stub_is_there(tmp_path):
+    names = re.findall(r" as (\w+)$", STUB.read_text(), flags=re.M)
+    assert len(names) > 20
+    for name in names:
+        assert getattr(indentfit, name).__name__ == name
+    assert set(names) == set(indentfit.__all__) <= set(dir(indentfit))
+
+
+def test_importing_the_package_imports_none_of_the_libraries(tmp_path):
+    heavy = ["numpy", "scipy", "sympy", "numba", "matplotlib", "skfem", "pydantic", "pint"]
+    said = in_a_new_process(
+        f"import sys, indentfit; indentfit.__version__; print([n for n in {heavy} if n in sys.modules])", tmp_path
+    )
+    assert said.strip() == "[]"
+
+
+def test_the_example_of_the_readme_finds_the_modulus_of_the_elastic_layer(tmp_path):
+    """A frictionless flat punch on a bonded layer: F = 4 G a w k / (1 - nu); the example's force belongs to G = 0.60 kPa."""
+    example = re.search(r"## In Python\n\n.*\n\n((?:    .*\n|\n)+)", README.read_text(encoding="utf-8"))[1]
+    said = in_a_new_process(textwrap.dedent(example) + "\nprint('END', mu.value, *mu.interval)", tmp_path)
+    value, low, high = map(float, said.rsplit("END", 1)[1].split())
+    G = 21.4 * 0.5 / (4 * 2 * HAYES)
+    assert low < G < high
+    assert abs(value / G - 1) < 0.1
+    assert {"result.json", "report.html", "case.toml", "fit.png"} <= {path.name for path in (tmp_path / "gel-result").iterdir()}
+    again = indentfit.read_case(tmp_path / "gel-result" / "case.toml")
+    assert again.curves[0].force[-1] == 21.4 * 0.3
