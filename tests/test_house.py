@@ -22,6 +22,7 @@ LAZY = {
     "inference/result.py": {
         "indentfit.report.fit_folder.write_fit", "indentfit.report.plots.force_displacement", "indentfit.report.text.fit_lines",
     },
+    "inference/per_sample.py": {"indentfit.report.per_sample.sample_lines", "indentfit.report.per_sample.samples_figure"},
     "study/sweep.py": {
         "indentfit.report.study_folder.write_study", "indentfit.report.study_text.html_table",
         "indentfit.report.study_text.sweep_lines", "indentfit.report.study_text.sweep_rows", "indentfit.report.sweep.overview",

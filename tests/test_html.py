@@ -51,10 +51,12 @@ def pages(case, tmp_path_factory):
     family = {"--elements": "24,30,36,44"}
     run("mesh-check", case, *(word for pair in family.items() for word in pair), "--mesh-only", "-o", home / "mesh-check")
     run("simulate", case, "--vtu", "-o", home / "simulate")
+    run("design", case, *free, "-o", home / "design")
     return {path.name: path / "report.html" for path in home.iterdir() if path.is_dir()}
 
 
-KINDS = ("fit", "sweep", "mesh-check", "simulate")
+KINDS = ("fit", "sweep", "mesh-check", "simulate", "design")
+PICTURES = {"design": 1}  # at least two in pages of other kinds
 
 
 class Outline(HTMLParser):
@@ -220,7 +222,7 @@ def test_in_a_browser_no_picture_is_missing_cut_or_overlapping(pages, chromium, 
     assert found["width"] == width and found["edge"] == "5px" and not found["harmed"]
     assert found["background"] == ("rgb(20, 23, 27)" if dark else "rgb(255, 255, 255)")
     assert found["scrolls"] <= width and not found["wide"]  # nor does a table or a listing
-    assert len(found["pictures"]) >= 2
+    assert len(found["pictures"]) >= PICTURES.get(kind, 2)
     for picture in found["pictures"]:
         left, top, right, bottom = picture["box"]
         assert picture["whole"] and left >= 0 and right <= width and right - left > 250 and bottom - top > 100, picture

@@ -22,8 +22,8 @@ from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import QUARTERS, Model
-from indentfit.inference.per_sample import SampleFit, parameter_spread
-from indentfit.inference.result import ParameterEstimate
+from indentfit.inference.per_sample import PerSample, SampleFit, parameter_spread
+from indentfit.inference.result import ParameterEstimate, Profile
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
 from indentfit.report.mirror import whole
 from indentfit.report.per_sample import sample_lines
@@ -404,9 +404,10 @@ def test_profiles_without_a_confirmed_run_are_as_wide_as_others():
     """Markers of no runs, not clipped, would count as one at the figure's corner and push the panels together."""
     from indentfit.report import plots
 
-    one = {"values": [1.0, 2.0, 3.0], "chi2": [4.0, 0.0, 4.0], "limit": 3.0, "interval": [1.2, 2.8], "confirmed": []}
     names = ("mu", "zeta", "phi")
-    figure = plots.profiles(dict.fromkeys(names, one), {name: {"value": 2.0, "unit": ""} for name in names}, None)
+    profile = Profile((1.0, 2.0, 3.0), (4.0, 0.0, 4.0), 3.0, (1.2, 2.8))
+    known = dict.fromkeys(names, ParameterEstimate(2.0, ""))
+    figure = plots.profiles(SimpleNamespace(profiles=dict.fromkeys(names, profile), parameters=known))
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # "axes sizes collapsed to zero"
         figure.canvas.draw()
@@ -423,13 +424,13 @@ def test_fits_of_samples_are_a_table_and_the_spread_of_those_that_converged():
         SampleFit("a", None, fitted(1.0)), SampleFit("b", None, fitted(2.0, stderr=None)),
         SampleFit("c", None, fitted(50.0, success=False)), SampleFit("d", None, None, "the fibres buckle"),
     ]  # fmt: skip
-    head, *rows, gap, spread = sample_lines(fits, parameter_spread(fits))
+    head, *rows, gap, spread = sample_lines(PerSample.of(fits, [fitted.sample for fitted in fits]))
     assert head.split() == ["sample", "mu", "mu_stderr", "objective_mN", "success"]
     assert [row.split(maxsplit=4) for row in rows[:3]] == [
         ["a", "1", "0.1", "0.25", "True"], ["b", "2", "unknown", "0.25", "True"], ["c", "50", "0.1", "0.25", "False"],
     ]  # fmt: skip
     assert rows[3].split(maxsplit=1) == ["d", "the fibres buckle"] and gap == ""
     assert spread == "mu        1.5 +- 0.707 (SD) kPa, 1 to 2, n = 2"
-    (alone,) = list(sample_lines(fits[:1], parameter_spread(fits[:1])))[3:]
+    (alone,) = list(sample_lines(PerSample.of(fits[:1], ["a"])))[3:]
     assert alone == "mu        1 kPa, 1 to 1, n = 1"
     assert parameter_spread(fits[2:]) == {}

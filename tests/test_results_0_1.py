@@ -74,3 +74,24 @@ def test_a_mesh_check_of_version_0_1(drawn):
     for change in result["changes"]:
         assert all(f"{100 * share:+.2f} %" in page for share in change["changes"].values())
     assert page.count("<svg") == 1 + len(result["quantities"])
+
+
+def test_a_design_of_version_0_1(drawn):
+    result, page = drawn("design", "design.json")
+    assert "format" not in result and len(result["candidates"]) == 36
+    best = result["candidates"][0]
+    assert f"Best for {result['worst']}: {best['change']}, angle {best['angle']}°" in page
+    for test in result["candidates"]:
+        assert (test["change"] or "as the case is") in page
+        assert all(f"{error:.3g}" in page for error in test["stderr"].values())
+    assert result["case_hash"] in page and page.count("<svg") == 1
+
+
+def test_fits_of_samples_of_version_0_1(drawn):
+    result, page = drawn("per_sample", "per_sample.json")
+    assert result["format"] == "indentfit.per_sample/1"
+    for sample in result["samples"]:
+        mu = sample["parameters"]["mu"]
+        assert f"{mu['value']:.4g} ± {mu['stderr']:.2g}" in page and f"{sample['folder']}/report.html" in page
+    spread = result["spread"]["mu"]
+    assert f"{spread['mean']:.4g} +- {spread['sd']:.3g} (SD) kPa" in page and page.count("<svg") == 1

@@ -98,8 +98,9 @@ def command(
 def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_json):
     """Fit each sample of the table beside the case; a result folder with a folder and a ledger for each of them."""
     from ..experiment.specimens import TABLE, read_specimens
-    from ..inference.per_sample import parameter_spread, sample_cases
-    from ..report.per_sample import per_sample_json, sample_lines, write_samples_table
+    from ..inference.per_sample import PerSample, sample_cases
+    from ..report.html import write_report
+    from ..report.per_sample import write_samples_table
     from ..report.vtu import file_names
 
     cases = sample_cases(path, read_specimens(Path(path).parent / TABLE), overrides)
@@ -112,11 +113,11 @@ def _fit_samples(path, overrides, output, overwrite, resume, reuse, cluster, as_
     with stopping() as stop, lasting_folder(output, overwrite) as folder:
         clear_all_but(folder, named)
         fits = _fits(folder, named, resume, target, reuse, cluster, stop)
-        spread = parameter_spread(fits)
-        written = per_sample_json(fits, list(named), spread)
-        write_json(folder / "per_sample.json", written)
-        write_samples_table(folder / "per_sample.csv", fits)
-    click.echo(json_text(written) if as_json else "\n".join([*sample_lines(fits, spread), f"written   {output}"]))
+        result = PerSample.of(fits, list(named))
+        write_json(folder / "per_sample.json", result.as_json())
+        write_samples_table(folder / "per_sample.csv", result)
+        write_report(folder)
+    click.echo(json_text(result.as_json()) if as_json else f"{result.summary()}\nwritten   {output}")
     if failed := [one.sample for one in fits if not (one.result and one.result.success)]:
         raise FitError(f"the fit of {', '.join(failed)} did not converge; the results are in {output}")
 

@@ -1,18 +1,19 @@
 """One fit for each sample of a set: the same case with the sample's own curves and size; then the spread of the parameters."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from indentfit.case import Case, require_fittable
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.specimens import Specimen
 from indentfit.inference.fit import fit
-from indentfit.inference.result import FitResult
+from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.runs.ledger import Ledger
 from indentfit.shapes import keys_of
 
@@ -42,7 +43,125 @@ class ParameterSpread:
     max: float
 
     def as_json(self) -> dict[str, Any]:
+        """The keys of the spread in per_sample.json."""
         return asdict(self)
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit not in ("", "1") else ""
+        sd = "" if self.sd is None else f" +- {self.sd:.3g} (SD)"
+        return f"{self.mean:.4g}{sd}{unit}"
+
+
+@dataclass(frozen=True)
+class SampleSummary:
+    """One sample of a set: the parameters of its fit, or the problem that prevented the fit.
+
+    Parameters
+    ----------
+    folder : str
+        Name of the sample's own result folder.
+    success : bool
+        Whether the fit converged.
+    objective : float or None, mN
+        Equation (1).
+    thickness, diameter : float or None, mm
+        Of the sample.
+    problem : str or None
+    """
+
+    sample: str
+    folder: str = ""
+    success: bool = False
+    parameters: dict[str, ParameterEstimate] = field(default_factory=dict)
+    objective: float | None = None
+    thickness: float | None = None
+    diameter: float | None = None
+    problem: str | None = None
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that were fitted."""
+        return tuple(name for name, parameter in self.parameters.items() if not parameter.fixed)
+
+    @classmethod
+    def of(cls, fitted: SampleFit, folder: str) -> "SampleSummary":
+        """The summary of a SampleFit that is written into a folder of that name."""
+        if fitted.result is None:
+            return cls(fitted.sample, problem=fitted.problem)
+        result, sample = fitted.result, fitted.case and fitted.case.sample
+        sizes = (sample.thickness, sample.diameter) if sample else (None, None)
+        return cls(fitted.sample, folder, result.success, dict(result.parameters), result.objective, *sizes)
+
+    def as_json(self) -> dict[str, Any]:
+        """The sample's keys in per_sample.json."""
+        if self.problem is not None:
+            return {"sample": self.sample, "problem": self.problem}
+        return {
+            "sample": self.sample,
+            "folder": self.folder,
+            "success": self.success,
+            "parameters": {name: parameter.as_json() for name, parameter in self.parameters.items()},
+            "objective": self.objective,
+            "thickness_mm": self.thickness,
+            "diameter_mm": self.diameter,
+        }
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "SampleSummary":
+        """The summary that `as_json` wrote."""
+        if "problem" in value:
+            return cls(value["sample"], problem=value["problem"])
+        parameters = TypeAdapter(dict[str, ParameterEstimate]).validate_python(value["parameters"])
+        sizes = value["thickness_mm"], value["diameter_mm"]
+        return cls(value["sample"], value["folder"], value["success"], parameters, value["objective"], *sizes)
+
+
+@dataclass(frozen=True, repr=False)
+class PerSample:
+    """The fits of a set of samples, and the spread of each free parameter over those that converged."""
+
+    FORMAT: ClassVar[str] = "indentfit.per_sample/2"
+
+    samples: tuple[SampleSummary, ...]
+    spread: dict[str, ParameterSpread]
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that were fitted."""
+        return next((summary.free for summary in self.samples if summary.free), ())
+
+    @classmethod
+    def of(cls, fits: Sequence[SampleFit], folders: Sequence[str]) -> "PerSample":
+        """The fits of samples, each with the name of its own result folder."""
+        samples = tuple(SampleSummary.of(fitted, folder) for fitted, folder in zip(fits, folders, strict=True))
+        return cls(samples, parameter_spread(fits))
+
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of per_sample.json, under the tag `format`."""
+        samples = [summary.as_json() for summary in self.samples]
+        return {"format": self.FORMAT, "samples": samples, "spread": {name: over.as_json() for name, over in self.spread.items()}}
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "PerSample":
+        """What per_sample.json holds, in the form of this version or of 0.1."""
+        spread = {name: ParameterSpread(**over) for name, over in value["spread"].items()}
+        return cls(tuple(map(SampleSummary.from_json, value["samples"])), spread)
+
+    def summary(self) -> str:
+        """The fits in words, as the command prints them."""
+        from indentfit.report.per_sample import sample_lines
+
+        return "\n".join(sample_lines(self))
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """The matplotlib Figure of the parameters of all samples; saved as SVG and PNG where a path is given."""
+        from indentfit.report.per_sample import samples_figure
+
+        return samples_figure(self, path)
+
+    def __repr__(self) -> str:
+        spread = ", ".join(f"{name} = {over}" for name, over in self.spread.items())
+        return f"PerSample({len(self.samples)} samples: {spread or 'no fit converged'})"
 
 
 def sample_cases(path: str | Path, specimens: Sequence[Specimen], overrides: Sequence[str] = ()) -> list[tuple[str, Case]]:

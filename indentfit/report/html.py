@@ -9,12 +9,16 @@ from pathlib import Path
 import jinja2
 
 from indentfit.errors import IndentfitError, OutputError
+from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
+from indentfit.report.html_design import design_page
 from indentfit.report.html_fit import fit_page
+from indentfit.report.html_samples import per_sample_page
 from indentfit.report.html_simulation import simulation_page
 from indentfit.report.html_studies import mesh_check_page, sweep_page
 from indentfit.report.page import Page, render
 from indentfit.report.schema import Stored, read_result
+from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
 
@@ -58,4 +62,8 @@ def _page(stored: Stored) -> Page:
         return fit_page(stored, result)
     if isinstance(result, Sweep):
         return sweep_page(stored, result)
-    return mesh_check_page(stored, result) if isinstance(result, MeshCheck) else simulation_page(stored, result)
+    if isinstance(result, MeshCheck):
+        return mesh_check_page(stored, result)
+    if isinstance(result, Design):
+        return design_page(stored, result)
+    return per_sample_page(stored, result) if isinstance(result, PerSample) else simulation_page(stored, result)

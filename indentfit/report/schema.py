@@ -16,12 +16,14 @@ from indentfit.case import Case, MaterialChoice, Mesh
 from indentfit.curve import Curve
 from indentfit.errors import OutputError
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
 from indentfit.shapes import Registry
+from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
 
-RESULT_FILES = ("result.json", "simulation.json")
+RESULT_FILES = ("result.json", "simulation.json", "design.json", "per_sample.json")
 SIMULATION = "indentfit.simulation/2"
 
 
@@ -120,7 +122,7 @@ class Stored:
     Parameters
     ----------
     folder : Path
-    result : FitResult, Sweep, MeshCheck or StoredSimulation
+    result : FitResult, PerSample, Sweep, MeshCheck, Design or StoredSimulation
     case : CaseFacts or None
     overrides : tuple of "KEY=VALUE"
         With which the copy of the case is the one that was run.
@@ -129,7 +131,7 @@ class Stored:
     """
 
     folder: Path
-    result: "FitResult | Sweep | MeshCheck | StoredSimulation"
+    result: "FitResult | PerSample | Sweep | MeshCheck | Design | StoredSimulation"
     case: CaseFacts | None
     overrides: tuple[str, ...]
     case_hash: str | None
@@ -146,12 +148,16 @@ READERS: dict[str, Reader] = {
     Sweep.FORMAT: Sweep.from_json,
     MeshCheck.FORMAT: MeshCheck.from_json,
     SIMULATION: StoredSimulation.from_json,
+    Design.FORMAT: Design.from_json,
+    PerSample.FORMAT: PerSample.from_json,
 }
 FIRST_VERSION = {  # tags of version 0.1
     "indentfit.sweep/1": Sweep.FORMAT,
     "indentfit.mesh-check/1": MeshCheck.FORMAT,
     "indentfit.simulation/1": SIMULATION,
+    "indentfit.per_sample/1": PerSample.FORMAT,
 }
+UNTAGGED = {"format_version": FitResult.FORMAT, "candidates": Design.FORMAT}  # keys by which 0.1's files without a tag are known
 
 
 def read_result(folder: str | Path) -> Stored:
@@ -166,7 +172,7 @@ def read_result(folder: str | Path) -> Stored:
     """
     folder = Path(folder)
     value = _value(folder)
-    tag = str(value.get("format", FitResult.FORMAT if "format_version" in value else None))
+    tag = str(value.get("format", next((kind for key, kind in UNTAGGED.items() if key in value), None)))
     tag = FIRST_VERSION.get(tag, tag)
     if tag not in READERS:
         raise OutputError(f"{folder}: a result of an unknown format ({tag[:60]!r}); use the indentfit that wrote it")

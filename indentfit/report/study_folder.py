@@ -50,8 +50,10 @@ def write_design(design: Design, path: str | Path, overwrite: bool = False) -> N
     case = _case_of(design, Path(path))
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
-        write_json(folder / "design.json", {**design.as_json(), "case_hash": case.hash, "overrides": list(again)})
+        origin = {"case_hash": case.hash, "overrides": list(again), "case": case_json(case)}
+        write_json(folder / "design.json", {**design.as_json(), **origin})
         designs(design, folder / "design")
+        write_report(folder)
 
 
 @dataclass(frozen=True)

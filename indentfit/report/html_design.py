@@ -1,0 +1,62 @@
+"""The page of a design: the next experiment."""
+
+from indentfit.case import Range
+from indentfit.report import plots
+from indentfit.report.html_case import again_section, case_words, number, tests_table
+from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
+from indentfit.report.schema import Stored
+from indentfit.study.design import Design
+
+
+def design_page(stored: Stored, design: Design) -> Page:
+    """Page of a design's result folder."""
+    sections = (_what(stored, design), _tests(design), again_section(stored, _command(stored, design)))
+    best = next((test for test in design.candidates if test.stderr), None)
+    headline = "No further test could be computed."
+    lead = f"The tests of the case leave {design.worst} worst: standard error {number(design.stderr[design.worst], 3)}."
+    if best is not None and best.stderr is not None:
+        gain = design.stderr[design.worst] / best.stderr[design.worst]
+        headline = f"Best for {design.worst}: {best.words}, angle {best.angle}°, to {best.depth:.3g} mm."
+        lead += f" With that test it falls {gain:.2g} times."
+    return Page("The next experiment", "Design by Fisher's information", headline, lead, best is not None, sections)
+
+
+def _what(stored: Stored, design: Design) -> Section:
+    parts: list[Part] = []
+    if stored.case:
+        parts += [Lines(case_words(stored.case)), tests_table(stored.case, "Tests of the case")]
+    rows = tuple((name, number(value, 6), number(design.stderr.get(name), 3)) for name, value in design.parameters.items())
+    header = ("Parameter", "Value", "Standard error by the tests of the case")
+    parts.append(Table(f"Where the information is taken; noise of a force {number(design.noise, 3)} mN", header, rows))
+    return Section("what", "What was asked", tuple(parts))
+
+
+def _tests(design: Design) -> Section:
+    names = list(design.stderr)
+    failed = any(test.cause for test in design.candidates)
+    header = ("Change", "Angle (°)", "Depth (mm)", *(f"Standard error of {name}" for name in names), *(["Cause"] if failed else []))
+    rows = tuple(
+        (
+            test.words,
+            str(test.angle),
+            number(test.depth, 3),
+            *(number(test.stderr[name] if test.stderr else None, 3) for name in names),
+            *([test.cause or "–"] if failed else []),
+        )
+        for test in design.candidates
+    )
+    parts: list[Part] = [Table(f"Further tests, the best for {design.worst} first", header, rows)]
+    if any(test.stderr for test in design.candidates):
+        caption = f"Standard error of {design.worst} with each further test; the dashed line is without a further test."
+        alt = f"Bars of the standard error of {design.worst}. The numbers are in the table."
+        parts.insert(0, Figures((drawn(plots.designs(design), caption, alt),)))
+    return Section("tests", "Further tests", tuple(parts))
+
+
+def _command(stored: Stored, design: Design) -> str:
+    """The command that gives the design again: with the noise, and the parameters where the case starts from others."""
+    given = stored.case.material.parameters if stored.case else {}
+    start = {name: value.start for name, value in given.items() if isinstance(value, Range)}
+    moved = {name: design.parameters[name] for name in start if design.parameters[name] != start[name]}
+    options = "".join(f" --set material.{name}.start={value!r}" for name, value in moved.items())
+    return f"design --noise {design.noise!r}{options}"
