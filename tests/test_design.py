@@ -31,7 +31,10 @@ class Springs:
     def __exit__(self, *_):
         pass
 
-    def evaluate(self, points, progress=None):
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
         return [Evaluation(point, tuple(self.forces(point)), None, 0.0, ()) for point in points]
 
     def forces(self, point):
@@ -82,7 +85,7 @@ def test_across_the_fibres_tells_more_of_them_than_along():
 
 def test_what_does_not_converge_is_a_line_and_no_number(springs, monkeypatch):
     class Wide(Springs):
-        def evaluate(self, points, progress=None):
+        def evaluate(self, points, report=None, sensitivities=()):
             if self.case.indenter.width == 4:
                 return [Evaluation(point, None, "too wide", 0.0, ()) for point in points]
             return super().evaluate(points)

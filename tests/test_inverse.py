@@ -3,6 +3,7 @@
 Most searches here run on curves in closed form, `Formula`, where truth and derivatives are known exactly.
 """
 
+import json
 import os
 import signal
 from types import SimpleNamespace
@@ -11,13 +12,14 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from indentfit.case import Range
+from indentfit.case import Case, Range, Test
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability
+from indentfit.inference.result import FitResult
 from indentfit.inference.verdicts import verdict
 from indentfit.inverse import genetic
 from indentfit.inverse.least_squares import least_squares
@@ -454,3 +456,32 @@ def test_a_candidate_keeps_its_parameters():
     parameters["mu"] = 9.0
     assert isinstance(candidate, Candidate)
     assert candidate.parameters["mu"] == 1.5
+
+
+def test_a_result_is_read_back_from_its_json_and_is_shown_in_one_line(case):
+    """Version 2, and version 0.1, whose tag was another and which a result may have been written by without later keys."""
+    result = fit(case("fit.uncertain.mesh=0"))
+    written = json.loads(json.dumps(result.as_json()))
+    assert written["format"] == "indentfit.fit/2"
+    again = FitResult.from_json(written)
+    assert again.as_json() == result.as_json() and again.case is None
+    old = {key: value for key, value in written.items() if key not in ("format", "rivals", "published", "summary")}
+    assert FitResult.from_json(old | {"format_version": 1}).parameters == result.parameters
+    with pytest.raises(ValueError, match="parameters"):
+        FitResult.from_json({"format_version": 1})
+    low, high = result.parameters["mu"].interval
+    assert repr(again).startswith(f"FitResult('': mu = {result.parameters['mu'].value:.4g} kPa ({low:.3g} to {high:.3g}), zeta = ")
+    assert repr(again).count("\n") == 0 and repr(again).endswith(f"objective {result.objective:.3g} mN)")
+    assert f"<td>{low:.4g} to {high:.4g}</td>" in again._repr_html_()
+    assert result.summary().startswith("parameter") and f"{result.nfev} sets of parameters" in again.summary()
+
+
+def test_a_case_in_memory_is_fitted_as_one_from_a_file(case):
+    tests = [Test(name=t.name, angle=t.angle, curve=c) for t, c in zip(case().tests, case().curves, strict=True)]
+    read = case("fit.profiles=false", "fit.uncertain.mesh=0")
+    tables = {name: getattr(read, name) for name in ("sample", "indenter", "mesh", "material", "solver", "fit")}
+    made = Case(**tables, tests=tests)
+    assert made.path is None
+    there, here = fit(read), fit(made)
+    assert here.parameters == there.parameters and here.objective == there.objective
+    assert list(here.measured) == list(here.curves) == ["parallel", "perpendicular"]
