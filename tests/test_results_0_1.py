@@ -95,3 +95,16 @@ def test_fits_of_samples_of_version_0_1(drawn):
         assert f"{mu['value']:.4g} ± {mu['stderr']:.2g}" in page and f"{sample['folder']}/report.html" in page
     spread = result["spread"]["mu"]
     assert f"{spread['mean']:.4g} +- {spread['sd']:.3g} (SD) kPa" in page and page.count("<svg") == 1
+
+
+def test_processed_records_of_version_0_1(drawn):
+    result, page = drawn("process", "summary.json")
+    assert result["format"] == "indentfit.records/1" and "4 of 4 records could be used" in page
+    for record in result["records"]:
+        line, contact = record["linear"], record["contact"]
+        assert f"{record['sample']} {record['direction']}°" in page
+        assert f"{line['slope']:.4g} ± {line['stderr']:.2g}" in page
+        assert f"{contact['displacement']:.4f} ± {contact['uncertainty']:.4f}" in page
+    for spread in (*result["stiffness_mN_per_mm"].values(), result["ratio_90_to_0"]):
+        assert f"{spread['mean']:.4g}" in page and " to ".join(f"{end:.4g}" for end in spread["interval"]) in page
+    assert all(difference["test"] in page and f"{difference['p']:.3g}" in page for difference in result["differences"])

@@ -1,6 +1,5 @@
 """The result folder of `process`."""
 
-import importlib.metadata
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -64,9 +63,12 @@ def write_process(
 
             for warning in write_case(folder, result, case):
                 listener.warn(warning)
-        if figures:
-            _draw(folder, result, listener)
         write_json(folder / "summary.json", result.as_json())
+        if figures:
+            from indentfit.report.html import write_report
+
+            _draw(folder, result, listener)
+            write_report(folder)
 
 
 def _write_tables(folder: Path, result: ProcessResult) -> None:
@@ -79,18 +81,13 @@ def _write_tables(folder: Path, result: ProcessResult) -> None:
 
 
 def _draw(folder: Path, result: ProcessResult, listener: Listener) -> None:
-    """Draw a figure of each record, one of the replicates, and the page that shows them all."""
+    """Draw a figure of each record, and one of the replicates."""
     from indentfit.report.plots import save  # matplotlib is slow to import, and --no-figures does without it
     from indentfit.report.record_figures import record_figure, replicate_figure
-    from indentfit.report.record_page import write_page
 
     (folder / "figures").mkdir()
-    pictures = {}
     for n, (name, file) in enumerate(curve_files(result).items(), start=1):
-        pictures[name] = record_figure(name, result.records[name])
-        save(pictures[name], folder / "figures" / f"{Path(file).stem}.svg")
+        save(record_figure(name, result.records[name]), folder / "figures" / f"{Path(file).stem}.svg")
         listener.drawn(n, name)
-    replicates = replicate_figure(result) if result.means else None
-    if replicates:
-        save(replicates, folder / "figures" / "replicates.svg")
-    write_page(folder / "report.html", result, pictures, replicates, importlib.metadata.version("indentfit"))
+    if result.means:
+        save(replicate_figure(result), folder / "figures" / "replicates.svg")

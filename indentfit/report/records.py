@@ -180,7 +180,7 @@ def more_lines(result: ProcessResult) -> Iterator[str]:
     """The holds and the statistics in words."""
     for outcome in usable(result.outcomes):
         if outcome.processed.relaxation:
-            yield _relaxation_line(outcome.name, outcome.processed.relaxation)
+            yield f"relaxation  {outcome.name}: {relaxation_words(outcome.processed.relaxation)}"
     yield from _statistics_lines(result.statistics)
 
 
@@ -208,17 +208,16 @@ def _cells(record: ProcessedRecord) -> list[str]:
     ]
 
 
-def _relaxation_line(name: str, series: Prony) -> str:
+def relaxation_words(series: Prony) -> str:
+    """A Prony series in words: the ratio of the moduli, and each share with its time."""
     columns = zip(series.shares, series.shares_stderr, series.times, series.times_stderr, strict=True)
     terms = ", ".join(
         f"{share:.3g} +- {share_stderr:.1g} at {time:.3g} +- {time_stderr:.1g} s"
         for share, share_stderr, time, time_stderr in columns
     )
-    others = ", ".join(f"{ratio:.3f} with {n}" for n, ratio in series.by_terms.items() if n != len(series.shares))
-    return (
-        f"relaxation  {name}: Ginf/G0 = {series.ratio:.3f} +- {series.ratio_stderr:.1g} with "
-        f"{len(series.shares)} Prony terms ({others}); shares {terms}"
-    )
+    others = ", ".join(f"{other:.3f} with {n}" for n, other in series.by_terms.items() if n != len(series.shares))
+    ratio, count = f"{series.ratio:.3f} +- {series.ratio_stderr:.1g}", len(series.shares)
+    return f"Ginf/G0 = {ratio} with {count} Prony terms ({others}); shares {terms}"
 
 
 def _statistics_lines(statistics: Statistics) -> Iterator[str]:
@@ -231,10 +230,14 @@ def _statistics_lines(statistics: Statistics) -> Iterator[str]:
 
 
 def _difference_line(difference: Difference) -> str:
-    first, second = difference.n
-    n = f"{first} pairs" if difference.test.startswith(("paired", "Wilcoxon")) else f"{first} + {second}"
     between = f"; difference{_interval(difference.interval)[1:]} mN/mm" if difference.interval else ""
-    return f"difference  {difference.test}, {n}: p = {difference.p:.3g}{between}"
+    return f"difference  {difference.test}, {difference_size(difference)}: p = {difference.p:.3g}{between}"
+
+
+def difference_size(difference: Difference) -> str:
+    """How many values a test of a difference compares: pairs, or the numbers of both directions."""
+    first, second = difference.n
+    return f"{first} pairs" if difference.test.startswith(("paired", "Wilcoxon")) else f"{first} + {second}"
 
 
 def _mean(spread: Spread) -> str:

@@ -18,12 +18,13 @@ from indentfit.errors import OutputError
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
+from indentfit.report.stored_process import StoredProcess
 from indentfit.shapes import Registry
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
 
-RESULT_FILES = ("result.json", "simulation.json", "design.json", "per_sample.json")
+RESULT_FILES = ("result.json", "simulation.json", "design.json", "per_sample.json", "summary.json")
 SIMULATION = "indentfit.simulation/2"
 
 
@@ -122,7 +123,7 @@ class Stored:
     Parameters
     ----------
     folder : Path
-    result : FitResult, PerSample, Sweep, MeshCheck, Design or StoredSimulation
+    result : FitResult, PerSample, Sweep, MeshCheck, Design, StoredSimulation or StoredProcess
     case : CaseFacts or None
     overrides : tuple of "KEY=VALUE"
         With which the copy of the case is the one that was run.
@@ -131,7 +132,7 @@ class Stored:
     """
 
     folder: Path
-    result: "FitResult | PerSample | Sweep | MeshCheck | Design | StoredSimulation"
+    result: "FitResult | PerSample | Sweep | MeshCheck | Design | StoredSimulation | StoredProcess"
     case: CaseFacts | None
     overrides: tuple[str, ...]
     case_hash: str | None
@@ -150,12 +151,14 @@ READERS: dict[str, Reader] = {
     SIMULATION: StoredSimulation.from_json,
     Design.FORMAT: Design.from_json,
     PerSample.FORMAT: PerSample.from_json,
+    StoredProcess.FORMAT: StoredProcess.from_json,
 }
 FIRST_VERSION = {  # tags of version 0.1
     "indentfit.sweep/1": Sweep.FORMAT,
     "indentfit.mesh-check/1": MeshCheck.FORMAT,
     "indentfit.simulation/1": SIMULATION,
     "indentfit.per_sample/1": PerSample.FORMAT,
+    "indentfit.records/1": StoredProcess.FORMAT,
 }
 UNTAGGED = {"format_version": FitResult.FORMAT, "candidates": Design.FORMAT}  # keys by which 0.1's files without a tag are known
 

@@ -1,0 +1,115 @@
+"""The page of processed records."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from indentfit.experiment.replicates import Spread
+from indentfit.report.html_case import number
+from indentfit.report.page import Figures, Lines, Page, Part, Picture, Section, Table, Text, image
+from indentfit.report.records import difference_size, outlier_names, relaxation_words
+from indentfit.report.schema import Stored
+from indentfit.report.stored_process import StoredProcess, StoredRecord
+
+RECORDS = (
+    "Record", "Stiffness (mN/mm)", "R²", "Contact (mm)", "Velocity (mm/s)", "Strain rate (1/s)", "Depth (mm)", "Peak (mN)",
+    "G∞/G0", "Remarks",
+)  # fmt: skip
+SPREADS = ("Of", "Records", "Mean", "Standard deviation", "95 % interval of the mean", "Median", "Outliers")
+DIFFERENCES = ("Test", "Number", "p", "95 % interval of the difference (mN/mm)")
+ERRORS = (
+    "The uncertainty of a contact point is half of its 90 % interval, that of a stiffness one standard error. Outliers are shown, "
+    "and every number counts them."
+)
+DRAWN = (
+    "{name}: force (grey: raw) and displacement over time with the contact point; force over displacement with the fitted line; "
+    "the hold with its Prony series, where there is one."
+)
+
+
+def process_page(stored: Stored, result: StoredProcess) -> Page:
+    """Page of the result folder of `process`."""
+    number_of_records = len(result.records) + len(result.problems)
+    headline = f"{len(result.records)} of {number_of_records} records could be used."
+    stiffness = result.statistics.stiffness.items()
+    lead = "; ".join(f"{direction}°: stiffness {number(spread.mean)} mN/mm, n = {spread.n}" for direction, spread in stiffness)
+    sections = [_records(result), *_statistics(stored.folder, result), *_relaxations(result), *_pictures(stored.folder, result)]
+    end = f"{lead}." if lead else ""
+    return Page("Processed records", "Raw records of a rig", headline, end, not result.problems, tuple(sections))
+
+
+def _records(result: StoredProcess) -> Section:
+    outlying = outlier_names(result.statistics)
+    rows = [_row(name, record, name in outlying) for name, record in result.records.items()]
+    parts: list[Part] = [Text(ERRORS), Table("Records that could be used", RECORDS, tuple(rows))]
+    if result.problems:
+        parts.append(Table("Records that could not be used", ("Record", "Problem"), tuple(result.problems.items())))
+    return Section("records", "Records", tuple(parts))
+
+
+def _row(name: str, record: StoredRecord, outlying: bool) -> tuple[str, ...]:
+    remarks = [*(["outlier?"] if outlying else []), *record.notes]
+    return (
+        name,
+        f"{record.slope:.4g} ± {record.slope_stderr:.2g}",
+        f"{record.r_squared:.4f}",
+        f"{record.contact:.4f} ± {record.contact_uncertainty:.4f}",
+        number(record.velocity, 3),
+        number(record.strain_rate, 3),
+        f"{record.depth:.4f}",
+        number(record.peak),
+        "–" if record.relaxation is None else f"{record.relaxation.ratio:.3f}",
+        "; ".join(remarks) or "–",
+    )
+
+
+def _statistics(folder: Path, result: StoredProcess) -> Iterator[Section]:
+    """Spreads and differences of the directions, with the figure of the replicates; nothing where no direction is known."""
+    found = result.statistics
+    if not found.stiffness:
+        return
+    rows = [_spread_row(f"stiffness, {direction}° (mN/mm)", spread) for direction, spread in found.stiffness.items()]
+    rows += [_spread_row("ratio 90° / 0°, per sample", found.ratio)] if found.ratio else []
+    parts: list[Part] = [Table("Stiffness by direction", SPREADS, tuple(rows))]
+    if found.differences:
+        tests = ((test.test, difference_size(test), number(test.p, 3), _between(test.interval)) for test in found.differences)
+        parts.append(Table("Tests of the difference between the directions", DIFFERENCES, tuple(tests)))
+    caption = "A typical curve of each direction with its line; stiffness of each record; mean curves with their fits."
+    alt = "Stiffness by direction. " + "; ".join(f"{row[0]}: {row[2]}" for row in rows)
+    if picture := _picture(folder, "replicates", caption, alt):
+        parts.append(Figures((picture,)))
+    yield Section("statistics", "Statistics", tuple(parts))
+
+
+def _spread_row(what: str, spread: Spread) -> tuple[str, ...]:
+    numbers = number(spread.mean), _known(spread.sd), _between(spread.interval), number(spread.median)
+    return (what, str(spread.n), *numbers, ", ".join(spread.outliers) or "–")
+
+
+def _known(value: float) -> str:
+    return number(None if math.isnan(value) else value, 3)
+
+
+def _between(interval: tuple[float, float] | None) -> str:
+    return "–" if interval is None or math.isnan(interval[0]) else f"{number(interval[0])} to {number(interval[1])}"
+
+
+def _relaxations(result: StoredProcess) -> Iterator[Section]:
+    lines = [f"{name}: {relaxation_words(record.relaxation)}" for name, record in result.records.items() if record.relaxation]
+    if lines:
+        yield Section("relaxation", "Relaxation", (Text("Prony series fitted to the holds:"), Lines(tuple(lines))))
+
+
+def _pictures(folder: Path, result: StoredProcess) -> Iterator[Section]:
+    """The figures of the records, where they were drawn."""
+    pictures = []
+    for name, record in result.records.items():
+        alt = f"Record {name}: contact at {record.contact:.4f} mm, stiffness {record.slope:.4g} mN/mm"
+        pictures.append(_picture(folder, Path(record.curve).stem, DRAWN.format(name=name), alt))
+    if shown := tuple(picture for picture in pictures if picture):
+        yield Section("figures", "Figures of the records", (Figures(shown),))
+
+
+def _picture(folder: Path, stem: str, caption: str, alt: str) -> Picture | None:
+    path = folder / "figures" / f"{stem}.png"
+    return image(path, caption, alt) if path.is_file() else None
