@@ -23,6 +23,10 @@ LAZY = {
         "indentfit.report.fit_folder.write_fit", "indentfit.report.plots.force_displacement", "indentfit.report.text.fit_lines",
     },
     "inference/per_sample.py": {"indentfit.report.per_sample.sample_lines", "indentfit.report.per_sample.samples_figure"},
+    "runs/simulated.py": {
+        "indentfit.report.fields.FieldChoice", "indentfit.report.plots.force_displacement",
+        "indentfit.report.study_folder.write_simulation", "indentfit.report.text.simulation_lines",
+    },
     "study/sweep.py": {
         "indentfit.report.study_folder.write_study", "indentfit.report.study_text.html_table",
         "indentfit.report.study_text.sweep_lines", "indentfit.report.study_text.sweep_rows", "indentfit.report.sweep.overview",

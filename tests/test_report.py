@@ -25,10 +25,12 @@ from indentfit.fem.simulate import QUARTERS, Model
 from indentfit.inference.per_sample import PerSample, SampleFit, parameter_spread
 from indentfit.inference.result import ParameterEstimate, Profile
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
+from indentfit.report.html import write_report
 from indentfit.report.mirror import whole
 from indentfit.report.per_sample import sample_lines
 from indentfit.report.plots import force_displacement, residual
 from indentfit.report.vtu import file_names, write_vtu
+from indentfit.runs.forward import simulate
 from indentfit.runs.points import setup_of
 
 # ---- fields ------------------------------------------------------------------------------------------------------
@@ -434,3 +436,20 @@ def test_fits_of_samples_are_a_table_and_the_spread_of_those_that_converged():
     (alone,) = list(sample_lines(PerSample.of(fits[:1], ["a"])))[3:]
     assert alone == "mu        1 kPa, 1 to 1, n = 1"
     assert parameter_spread(fits[2:]) == {}
+
+
+def test_a_simulation_of_a_case_in_memory_is_said_drawn_written_and_drawn_again(tmp_path):
+    """All that `simulate` of the package gives is that of its curves; the page is read from what it has written."""
+    case = white_matter("mesh.elements=24", "solver.element=q1p0").model_copy(update={"path": None})
+    simulated = simulate(case)
+    last = {name: curve.force[-1] for name, curve in simulated.curves.items()}
+    assert all(
+        f"{name} {force:.4g} mN" in repr(simulated) and f"{force:.3f}" in simulated.summary() for name, force in last.items()
+    )
+    assert len(simulated.plot().axes) == 2  # with what is left over, since there are measured curves
+    simulated.write(tmp_path / "out")
+    stored = json.loads((tmp_path / "out" / "simulation.json").read_text(encoding="utf-8"))
+    assert next(iter(stored.items())) == ("format", "indentfit.simulation/2")
+    assert {test["name"]: test["force_mN"][-1] for test in stored["tests"]} == last
+    assert all(f"{force:.5g}" in write_report(tmp_path / "out").read_text(encoding="utf-8") for force in last.values())
+    assert read_case(tmp_path / "out" / "case.toml").hash == case.hash

@@ -8,9 +8,7 @@ from indentfit.cli.progress import progress
 
 if TYPE_CHECKING:
     from indentfit.case import Case
-    from indentfit.fem.result import Simulation
-    from indentfit.fem.simulate import Model
-    from indentfit.material import Material
+    from indentfit.runs.simulated import SimulatedCase
 
 
 @click.command(short_help="Compute the curves of a case, and its stresses.")
@@ -38,12 +36,7 @@ def command(
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.experiment.measured import read_case
-    from indentfit.fem.simulate import Model
-    from indentfit.report.fields import FieldChoice
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.study_folder import SimulatedCase, write_simulation
-    from indentfit.report.text import simulation_lines
-    from indentfit.runs.points import setup_of
 
     needing = {"--vtu": vtu, "--series": series, "--whole": whole, "--overwrite": overwrite}
     if output is None and any(needing.values()):
@@ -53,25 +46,25 @@ def command(
         refuse_existing(output, overwrite)
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)
-    material = read.law(**read.start_values())
-    model = Model(setup_of(read))
-    simulation = _simulated(model, material, read)
+    simulated = _simulated(read)
     if output is not None:
-        simulated = SimulatedCase(read, model, material, simulation)
+        from indentfit.report.fields import FieldChoice
+        from indentfit.report.study_folder import write_simulation
+
         choice = FieldChoice(series=series, whole=whole) if vtu or series or whole else None
         write_simulation(simulated, output, choice, overwrite)
     if as_json:
-        click.echo(json_text(simulation.as_json()))
+        click.echo(json_text(simulated.as_json()))
         return
-    click.echo("\n".join(simulation_lines(simulation, read, material)))
+    click.echo(simulated.summary())
     if output is not None:
         click.echo(f"written   {output}")
 
 
-def _simulated(model: "Model", material: "Material", case: "Case") -> "Simulation":
-    """The Simulation, with its progress on stderr."""
-    from indentfit.runs.forward import presses_of
+def _simulated(case: "Case") -> "SimulatedCase":
+    """The simulated case, with its progress on stderr."""
+    from indentfit.runs.forward import simulate
 
     order = {test.name: n for n, test in enumerate(case.tests)}
     with progress("simulate", total=len(case.tests)) as step:
-        return model.simulate(presses_of(case, material), lambda name, share: step(order[name] + share, name))
+        return simulate(case, progress=lambda name, share: step(order[name] + share, name))

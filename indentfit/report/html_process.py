@@ -65,14 +65,14 @@ def _row(name: str, record: StoredRecord, outlying: bool) -> tuple[str, ...]:
 
 def _statistics(folder: Path, result: StoredProcess) -> Iterator[Section]:
     """Spreads and differences of the directions, with the figure of the replicates; nothing where no direction is known."""
-    found = result.statistics
-    if not found.stiffness:
+    statistics = result.statistics
+    if not statistics.stiffness:
         return
-    rows = [_spread_row(f"stiffness, {direction}° (mN/mm)", spread) for direction, spread in found.stiffness.items()]
-    rows += [_spread_row("ratio 90° / 0°, per sample", found.ratio)] if found.ratio else []
+    rows = [_spread_row(f"stiffness, {direction}° (mN/mm)", spread) for direction, spread in statistics.stiffness.items()]
+    rows += [_spread_row("ratio 90° / 0°, per sample", statistics.ratio)] if statistics.ratio else []
     parts: list[Part] = [Table("Stiffness by direction", SPREADS, tuple(rows))]
-    if found.differences:
-        tests = ((test.test, difference_size(test), number(test.p, 3), _between(test.interval)) for test in found.differences)
+    if statistics.differences:
+        tests = ((test.test, difference_size(test), number(test.p, 3), _between(test.interval)) for test in statistics.differences)
         parts.append(Table("Tests of the difference between the directions", DIFFERENCES, tuple(tests)))
     caption = "A typical curve of each direction with its line; stiffness of each record; mean curves with their fits."
     alt = "Stiffness by direction. " + "; ".join(f"{row[0]}: {row[2]}" for row in rows)

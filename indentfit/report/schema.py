@@ -19,13 +19,13 @@ from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
 from indentfit.report.stored_process import StoredProcess
+from indentfit.runs.simulated import SimulatedCase
 from indentfit.shapes import Registry
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
 
 RESULT_FILES = ("result.json", "simulation.json", "design.json", "per_sample.json", "summary.json")
-SIMULATION = "indentfit.simulation/2"
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ READERS: dict[str, Reader] = {
     FitResult.FORMAT: FitResult.from_json,
     Sweep.FORMAT: Sweep.from_json,
     MeshCheck.FORMAT: MeshCheck.from_json,
-    SIMULATION: StoredSimulation.from_json,
+    SimulatedCase.FORMAT: StoredSimulation.from_json,
     Design.FORMAT: Design.from_json,
     PerSample.FORMAT: PerSample.from_json,
     StoredProcess.FORMAT: StoredProcess.from_json,
@@ -156,7 +156,7 @@ READERS: dict[str, Reader] = {
 FIRST_VERSION = {  # tags of version 0.1
     "indentfit.sweep/1": Sweep.FORMAT,
     "indentfit.mesh-check/1": MeshCheck.FORMAT,
-    "indentfit.simulation/1": SIMULATION,
+    "indentfit.simulation/1": SimulatedCase.FORMAT,
     "indentfit.per_sample/1": PerSample.FORMAT,
     "indentfit.records/1": StoredProcess.FORMAT,
 }

@@ -1,23 +1,18 @@
 """The result folders of a sweep, a mesh-check, a design and a simulation."""
 
-import importlib.metadata
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from indentfit.case import Case
-from indentfit.curve import Curve
 from indentfit.errors import OutputError
-from indentfit.fem.result import Simulation
-from indentfit.fem.simulate import Model
-from indentfit.material import Material
 from indentfit.report import mesh_check as mesh_check_report
 from indentfit.report import sweep as sweep_report
 from indentfit.report.fields import FieldChoice, Solved, write_fields
 from indentfit.report.folder import copy_case, result_folder, write_curves, write_json
 from indentfit.report.html import write_report
-from indentfit.report.plots import designs, force_displacement
-from indentfit.report.schema import SIMULATION, case_json
+from indentfit.report.plots import designs
+from indentfit.report.schema import case_json
+from indentfit.runs.simulated import SimulatedCase
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
@@ -56,16 +51,6 @@ def write_design(design: Design, path: str | Path, overwrite: bool = False) -> N
         write_report(folder)
 
 
-@dataclass(frozen=True)
-class SimulatedCase:
-    """A Simulation with what it was made of."""
-
-    case: Case
-    model: Model
-    material: Material
-    simulation: Simulation
-
-
 def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldChoice | None, overwrite: bool = False) -> None:
     """Write the result folder of a simulation, whole or not at all: simulation.json, curves.csv, the figure, the case, and the
     fields that are chosen.
@@ -74,17 +59,15 @@ def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldCh
     ------
     OutputError
     """
-    case, tests = simulated.case, simulated.simulation.tests
-    curves = {test.name: test.curve for test in tests}
+    case = simulated.case
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
-        facts = {**_origin(simulated, again), **simulated.simulation.as_json(), "case": case_json(case)}
-        write_json(folder / "simulation.json", facts)
-        write_curves(folder / "curves.csv", curves)
-        force_displacement(_measured(case), list(curves.items()), folder / "force_displacement")
+        write_json(folder / "simulation.json", {**simulated.as_json(), "overrides": list(again), "case": case_json(case)})
+        write_curves(folder / "curves.csv", simulated.curves)
+        simulated.plot(folder / "force_displacement")
         if choice is not None:
             kappa = case.material.bulk_modulus(simulated.material.shear_modulus)
-            write_fields(folder / "fields", Solved(simulated.model, simulated.material, kappa, tests), choice)
+            write_fields(folder / "fields", Solved(simulated.model, simulated.material, kappa, simulated.tests), choice)
         write_report(folder)
 
 
@@ -92,19 +75,3 @@ def _case_of(result: Sweep | MeshCheck | Design, place: Path) -> Case:
     if result.case is None:
         raise OutputError(f"{place}: this result was read from a file, without its case; copy its folder instead")
     return result.case
-
-
-def _measured(case: Case) -> list[tuple[str, Curve]]:
-    return [(test.name, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
-
-
-def _origin(simulated: SimulatedCase, overrides: tuple[str, ...]) -> dict[str, Any]:
-    """What the result is of: enough to get it again."""
-    return {
-        "format": SIMULATION,
-        "indentfit": importlib.metadata.version("indentfit"),
-        "title": simulated.case.title,
-        "case_hash": simulated.case.hash,
-        "overrides": list(overrides),
-        "parameters": simulated.material.values,
-    }

@@ -29,10 +29,15 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
 def _material(case: Case, material: Material) -> Iterator[str]:
     parameters = type(material).parameters
     values = ", ".join(
-        f"{name} = {getattr(material, name):g}{_unit(parameter)}{' (start value)' if name in case.free else ''}"
+        f"{name} = {getattr(material, name):g}{_unit(parameter)}{_start(name, material, case)}"
         for name, parameter in parameters.items()
     )
     yield f"{case.material.model or case.material.energy}: {values}"
+
+
+def _start(name: str, material: Material, case: Case) -> str:
+    at_start = name in case.free and material.values[name] == case.free[name].start
+    return " (start value)" if at_start else ""
 
 
 def _unit(parameter: Parameter) -> str:

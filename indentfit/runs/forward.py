@@ -9,12 +9,12 @@ from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.fem.result import Simulation
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import Material
 from indentfit.runs.points import press_of, setup_of
 from indentfit.runs.run import Point
+from indentfit.runs.simulated import SimulatedCase
 
 Report = Callable[[int, int], object]  # called with (runs done, runs asked for)
 
@@ -86,7 +86,7 @@ class ForwardModel(Protocol):
         ...
 
 
-def simulate(case: Case, parameters: Point | None = None, progress: Callable[[str, float], None] | None = None) -> Simulation:
+def simulate(case: Case, parameters: Point | None = None, progress: Callable[[str, float], None] | None = None) -> SimulatedCase:
     """Every test of a case, simulated at given parameters.
 
     Parameters
@@ -98,14 +98,15 @@ def simulate(case: Case, parameters: Point | None = None, progress: Callable[[st
 
     Returns
     -------
-    Simulation
+    SimulatedCase
 
     Raises
     ------
     ConvergenceError
     """
-    material = case.law(**(parameters or case.start_values()))
-    return Model(setup_of(case)).simulate(presses_of(case, material), progress)
+    material, model = case.law(**(parameters or case.start_values())), Model(setup_of(case))
+    simulation = model.simulate(presses_of(case, material), progress)
+    return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, model)
 
 
 def presses_of(case: Case, material: Material) -> list[Press]:

@@ -1,0 +1,98 @@
+"""The tests of a case, simulated: curves and facts with the case, material and model that they were made of."""
+
+import html
+import importlib.metadata
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from indentfit.case import Case
+from indentfit.curve import Curve
+from indentfit.fem.result import Simulation
+from indentfit.fem.simulate import Model
+from indentfit.material import Material
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedCase(Simulation):
+    """A Simulation of all tests of a case.
+
+    Parameters
+    ----------
+    tests, mesh, solver : as of Simulation
+    case : Case
+    material : Material
+        With the parameters at which the tests were simulated.
+    model : Model
+    """
+
+    FORMAT: ClassVar[str] = "indentfit.simulation/2"
+
+    case: Case
+    material: Material
+    model: Model
+
+    @property
+    def curves(self) -> dict[str, Curve]:
+        """Simulated curves by the names of their tests."""
+        return {test.name: test.curve for test in self.tests}
+
+    @property
+    def measured(self) -> dict[str, Curve]:
+        """Measured curves by the names of their tests, of those that have one."""
+        pairs = zip(self.case.tests, self.case.curves, strict=True)
+        return {test.name: curve for test, curve in pairs if curve is not None}
+
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of simulation.json and of `simulate --json`, under the tag `format`."""
+        return {
+            "format": self.FORMAT,
+            "indentfit": importlib.metadata.version("indentfit"),
+            "title": self.case.title,
+            "case_hash": self.case.hash,
+            "parameters": self.material.values,
+            **super().as_json(),
+        }
+
+    def summary(self) -> str:
+        """The simulation in words, as the command prints it."""
+        from indentfit.report.text import simulation_lines
+
+        return "\n".join(simulation_lines(self, self.case, self.material))
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """The matplotlib Figure of simulated and measured curves; saved as SVG and PNG where a path is given."""
+        from indentfit.report.plots import force_displacement
+
+        return force_displacement(list(self.measured.items()), list(self.curves.items()), path)
+
+    def write(self, folder: str | Path, fields: bool = False, overwrite: bool = False) -> None:
+        """Write the result folder.
+
+        Parameters
+        ----------
+        folder : path
+            The new folder.
+        fields : bool
+            With the stresses and displacements at the last depth of each test, as VTU files and pictures.
+        overwrite : bool
+            Replace an earlier result folder.
+
+        Raises
+        ------
+        OutputError
+            The folder exists already, or cannot be written.
+        """
+        from indentfit.report.fields import FieldChoice
+        from indentfit.report.study_folder import write_simulation
+
+        write_simulation(self, folder, FieldChoice() if fields else None, overwrite)
+
+    def __repr__(self) -> str:
+        ends = ", ".join(
+            f"{name} {curve.force[-1]:.4g} mN at {curve.displacement[-1]:.3g} mm" for name, curve in self.curves.items()
+        )
+        return f"SimulatedCase({self.case.title!r}: {ends})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.summary())}</pre>"
