@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from indentfit import cli, material
+from indentfit.case.keys import choices
 from indentfit.errors import ConvergenceError, FitError, MaterialError
 
 PAPER = Path(__file__).parent.parent / "cases" / "white_matter_2017" / "case.toml"
@@ -315,9 +316,37 @@ def test_help_and_version_are_quick_and_know_every_command():
     assert done.stdout == "[]\n"
 
 
+HEAVY = ("numba", "sympy", "scipy", "pymoo", "skfem", "matplotlib", "pint")
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_help_and_completion_of_a_command_import_no_library_that_is_slow(name):
+    """They take 0.5 s of CPU at most, and that for one reason: nothing slow is imported."""
+    script = f"""import os, sys
+from indentfit.cli import main
+from click.shell_completion import ShellComplete
+for words in (["{name}", "--help"],):
+    try:
+        main(words)
+    except SystemExit:
+        pass
+names = [item.value for item in ShellComplete(main, {{}}, "indentfit", "_X").get_completions(["{name}"], "--")]
+assert "--help" in names, names
+print("HEAVY", [name for name in {HEAVY} if name in sys.modules])"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.rstrip().endswith("HEAVY []")
+
+
+def test_the_choices_of_a_method_are_completed_from_the_case():
+    from click.shell_completion import ShellComplete
+
+    items = ShellComplete(cli.main, {}, "indentfit", "_X").get_completions(["fit", "--method"], "")
+    assert [item.value for item in items] == list(choices("fit.method"))
+
+
 def test_every_command_is_a_module_of_its_own_with_the_same_help():
     folder = Path(cli.__file__).parent
-    shared = {"--init--", "clusters", "ledgers", "progress", "stopping"}
+    shared = {"--init--", "clusters", "lazy", "progress", "speech", "stopping"}
     modules = {path.stem.replace("_", "-") for path in folder.glob("*.py")} - shared
     assert modules <= set(cli.COMMANDS)
     for name in modules:

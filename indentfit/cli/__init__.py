@@ -7,10 +7,12 @@ IndentfitError as its own lines on stderr with its own exit code, a usage error 
 import errno
 import importlib
 import traceback
+from collections.abc import Callable
+from typing import Any
 
 import click
 
-from ..errors import CaseError, IndentfitError, InputError, MaterialError
+from indentfit.errors import CaseError, IndentfitError, InputError, MaterialError
 
 COMMANDS = {
     "init": "Write a commented case to start from.",
@@ -30,19 +32,20 @@ INTERRUPTED = 130
 class Commands(click.Group):
     """Commands by name, each the click command `command` of the module of that name, imported when it is run."""
 
-    def list_commands(self, ctx):
+    def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
 
-    def get_command(self, ctx, name):
-        if name not in COMMANDS:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
             return None
-        return importlib.import_module(f"{__name__}.{name.replace('-', '_')}").command
+        command: click.Command = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
+        return command
 
-    def format_commands(self, ctx, formatter):
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
-    def invoke(self, ctx):
+    def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
         except IndentfitError as error:
@@ -75,22 +78,22 @@ class Commands(click.Group):
 @click.option("--no-plugins", is_flag=True, help="Refuse materials that are not indentfit's own: run no code of others.")
 @click.version_option(None, "--version", package_name="indentfit", message="%(prog)s %(version)s")
 @click.pass_context
-def main(context, debug, no_plugins):
+def main(context: click.Context, debug: bool, no_plugins: bool) -> None:
     """Material parameters of soft tissue from indentation, by inverse finite elements."""
-    from ..material import foreign_code  # NumPy is slow to import, for --help
+    from indentfit.material import foreign_code  # NumPy is slow to import, for --help
 
     context.with_resource(foreign_code(_refused if no_plugins else _announced()))
 
 
-def _refused(code):
+def _refused(code: str) -> None:
     raise MaterialError(f"{code} is not run, because of --no-plugins; leave that out if you trust it, or name another material")
 
 
-def _announced():
-    """Says what code is run, each once and before it is."""
-    known = set()
+def _announced() -> Callable[[str], None]:
+    """A function that names foreign code on stderr before that code is run, each only once."""
+    known: set[str] = set()
 
-    def announce(code):
+    def announce(code: str) -> None:
         if code not in known:
             known.add(code)
             click.echo(f"note: the material runs {code}", err=True)
@@ -98,13 +101,13 @@ def _announced():
     return announce
 
 
-def _of_system(error):
+def _of_system(error: OSError) -> InputError:
     """What the system refused, where nothing nearer to it could say so."""
     place = error.filename or "the working folder"
     return InputError(f"{place}: {error.strerror or error}; see that it is there and has room, then give the command again")
 
 
-def _say(error, debug):
+def _say(error: IndentfitError, debug: bool) -> None:
     """The lines of an expected error on stderr."""
     if debug:
         traceback.print_exception(error)
@@ -112,7 +115,7 @@ def _say(error, debug):
         click.echo(f"error: {' '.join(line.splitlines())}", err=True)
 
 
-def _report(error, debug):
+def _report(error: Exception, debug: bool) -> None:
     """One line on stderr for an error that nobody foresaw; its traceback only when asked for."""
     if debug:
         traceback.print_exception(error)

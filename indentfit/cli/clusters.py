@@ -1,9 +1,14 @@
 """Where a command's runs are made: on this machine, or on a Dask cluster."""
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 import click
 
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
-def options(command):
+
+def options(command: Decorated) -> Decorated:
     """The options --cluster and --scheduler of a command."""
     for option in (
         click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is at tcp://HOST:PORT."),
@@ -13,7 +18,7 @@ def options(command):
     return command
 
 
-def chosen(cluster, scheduler):
+def chosen(cluster: str | None, scheduler: str | None) -> str | None:
     """The word "local", the address of a scheduler, or None. Raises click.UsageError where the options are no choice."""
     if cluster and scheduler:
         raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")

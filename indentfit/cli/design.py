@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from indentfit.cli.progress import progress
+from indentfit.cli.speech import warn
 from indentfit.errors import CaseError
 
 if TYPE_CHECKING:
@@ -49,8 +50,7 @@ def command(
     parameters = _parameters(read, result) if result else read.start_values()
     if output is not None:
         refuse_existing(output, overwrite)
-    for warning in read.warnings():
-        click.echo(f"warning: {warning}", err=True)
+    warn(read.warnings())
     with progress("design", total=1) as step:
         designed = design(read, parameters, noise, Execution(progress=step))
     if output is not None:

@@ -2,17 +2,19 @@
 
 import inspect
 import json
+from typing import Any
 
 import click
 
-from .. import material
-from ..errors import MaterialError
+from indentfit import material
+from indentfit.errors import MaterialError
+from indentfit.material import Material, Parameter
 
 
 @click.command(short_help="List, describe or check materials.")
 @click.argument("words", nargs=-1, metavar="[NAME | check NAME]")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def command(words, as_json):
+def command(words: tuple[str, ...], as_json: bool) -> None:
     """List the materials; with NAME, describe one; with check NAME, hold it to the conformance kit.
 
     NAME is that of an installed material, or file.py:Class, whose code is then run. A failed check ends with 2.
@@ -27,40 +29,47 @@ def command(words, as_json):
         raise click.UsageError("give nothing, NAME, or check NAME")
 
 
-def _list(as_json):
-    found = material.installed()
+def _list(as_json: bool) -> None:
+    laws = material.installed()
     if as_json:
         rows = {
-            name: {"error": str(one)} if isinstance(one, MaterialError) else {"parameters": list(one.parameters)}
-            for name, one in found.items()
+            name: {"error": str(law)} if isinstance(law, MaterialError) else {"parameters": list(law.parameters)}
+            for name, law in laws.items()
         }
         click.echo(json.dumps(rows, indent=2))
         return
-    width = max(map(len, found), default=0)
-    for name, one in found.items():
-        if isinstance(one, MaterialError):
-            click.echo(f"{name:<{width}}  BROKEN: {one}")
+    width = max(map(len, laws), default=0)
+    for name, law in laws.items():
+        if isinstance(law, MaterialError):
+            click.echo(f"{name:<{width}}  BROKEN: {law}")
         else:
-            click.echo(f"{name:<{width}}  {', '.join(one.parameters)}: {_doc(one).splitlines()[0]}")
+            click.echo(f"{name:<{width}}  {', '.join(law.parameters)}: {_doc(law).splitlines()[0]}")
 
 
-def _describe(name, as_json):
+def _describe(name: str, as_json: bool) -> None:
     kind = material.load(name)
-    rows = {
-        name: {"unit": one.unit, "min": one.min, "max": one.max, "meaning": one.meaning, "scale": one.scale}
-        for name, one in kind.parameters.items()
-    }
     if as_json:
+        rows = {parameter: _row(known) for parameter, known in kind.parameters.items()}
         click.echo(json.dumps({"material": name, "equation": _doc(kind), "parameters": rows}, indent=2))
         return
     click.echo(f"{name}\n\n{_doc(kind)}\n")
-    width = max(map(len, rows), default=0)
-    for parameter, row in rows.items():
-        scale = "; the energy is proportional to it" if row["scale"] else ""
-        click.echo(f"  {parameter:<{width}}  {row['unit']:<4} {_bounds(row):<16} {row['meaning']}{scale}")
+    width = max(map(len, kind.parameters), default=0)
+    for parameter, known in kind.parameters.items():
+        scale = "; the energy is proportional to it" if known.scale else ""
+        click.echo(f"  {parameter:<{width}}  {known.unit:<4} {_bounds(known):<16} {known.meaning}{scale}")
 
 
-def _check(name, as_json):
+def _row(parameter: Parameter) -> dict[str, Any]:
+    return {
+        "unit": parameter.unit,
+        "min": parameter.min,
+        "max": parameter.max,
+        "meaning": parameter.meaning,
+        "scale": parameter.scale,
+    }
+
+
+def _check(name: str, as_json: bool) -> None:
     checks = material.check(material.load(name))
     if as_json:
         rows = [{"name": check.name, "ok": check.ok, "detail": check.detail} for check in checks]
@@ -74,12 +83,12 @@ def _check(name, as_json):
         raise MaterialError(f"{name}: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}")
 
 
-def _doc(kind):
+def _doc(kind: type[Material]) -> str:
     return inspect.getdoc(kind) or "(no equation in its docstring)"
 
 
-def _bounds(row):
-    low, high = row["min"], row["max"]
+def _bounds(parameter: Parameter) -> str:
+    low, high = parameter.min, parameter.max
     return " and ".join(
         text for text in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "") if text
     )

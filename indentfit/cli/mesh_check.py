@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from indentfit.cli.ledgers import opened, saying_what_is_kept, saying_what_was_done
 from indentfit.cli.progress import progress
+from indentfit.cli.speech import say, warn
 from indentfit.errors import CaseError, ConvergenceError
 
 AGAIN = "the same command"
@@ -44,6 +44,7 @@ def command(
     from indentfit.case import require_fittable
     from indentfit.experiment.measured import read_case
     from indentfit.report.folder import clear, json_text, lasting_folder, refuse_existing
+    from indentfit.report.lasting import opened, say_what_was_done, saying_what_is_kept
     from indentfit.report.study_folder import fill_study
     from indentfit.study.mesh_check import run_mesh_check
     from indentfit.study.mesh_family import own_checks, own_family, parse_family, plan_mesh_check
@@ -59,16 +60,15 @@ def command(
     plan = plan_mesh_check(read, family or own_family(read), {} if mesh_only else own_checks(read))
     output = output or f"{Path(case).resolve().parent.name or 'case'}-mesh-check"
     target = refuse_existing(output, overwrite)
-    for warning in read.warnings():
-        click.echo(f"warning: {warning}", err=True)
+    warn(read.warnings())
     with (
         lasting_folder(output, overwrite) as folder,
-        opened(folder, read, False, [target], None, plan.cases) as ledger,
+        opened(folder, read, False, [target], None, plan.cases, say) as ledger,
         saying_what_is_kept(ledger, "check", AGAIN),
         progress("mesh-check", total=1) as step,
     ):
         clear(folder)
-        saying_what_was_done(ledger)
+        say_what_was_done(ledger, say)
         result = run_mesh_check(plan, wanted / 100, refit, Execution(ledger=ledger, progress=step))
         written = fill_study(folder, result)
     click.echo(json_text(written) if as_json else f"{result.summary()}\nwritten   {output}")

@@ -8,14 +8,17 @@ import contextlib
 import os
 import sys
 import time
+from collections.abc import Callable, Iterator
 
 import click
+
+Step = Callable[..., None]  # called with (done, note)
 
 INTERVAL = 10.0  # seconds between two lines
 
 
 @contextlib.contextmanager
-def progress(title, total):
+def progress(title: str, total: float) -> Iterator[Step]:
     """Context that gives a function step(done, note=""): how much of `total` is done, whole or not, and a remark."""
     if sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
         with _bar(title, total) as step:
@@ -25,7 +28,7 @@ def progress(title, total):
 
 
 @contextlib.contextmanager
-def _bar(title, total):
+def _bar(title: str, total: float) -> Iterator[Step]:
     from rich import progress as parts
     from rich.console import Console
 
@@ -41,17 +44,21 @@ def _bar(title, total):
     # stdout is the result: rich must leave it alone
     with parts.Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
         task = bar.add_task(title, total=total, note="")
-        yield lambda done, note="": bar.update(task, completed=done, note=note)
+
+        def step(done: float, note: str = "") -> None:
+            bar.update(task, completed=done, note=note)
+
+        yield step
 
 
 class _Lines:
     """Says where the work is, but not more often than every INTERVAL seconds."""
 
-    def __init__(self, title, total):
+    def __init__(self, title: str, total: float) -> None:
         self.title, self.total = title, total
         self.started = self.spoken = time.monotonic()
 
-    def step(self, done, note=""):
+    def step(self, done: float, note: str = "") -> None:
         now = time.monotonic()
         if now - self.spoken < INTERVAL:
             return
@@ -62,7 +69,7 @@ class _Lines:
         click.echo(f"{self.title}: {share:.0%} after {_duration(past)}{left}{f'; {note}' if note else ''}", err=True)
 
 
-def _duration(seconds):
+def _duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -5,8 +5,8 @@ import click
 
 @click.command(short_help="Draw the report of a result folder again.")
 @click.argument("folder", metavar="DIR", type=click.Path())
-def command(folder):
+def command(folder: str) -> None:
     """Write report.html into DIR, the result folder of another command, from what lies there."""
-    from ..report.html import write_report  # matplotlib is slow to import
+    from indentfit.report.html import write_report  # matplotlib is slow to import
 
     click.echo(write_report(folder))

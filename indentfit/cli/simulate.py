@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import click
 
 from indentfit.cli.progress import progress
+from indentfit.cli.speech import warn
 
 if TYPE_CHECKING:
     from indentfit.case import Case
@@ -44,8 +45,7 @@ def command(
     read = read_case(case, overrides)
     if output is not None:
         refuse_existing(output, overwrite)
-    for warning in read.warnings():
-        click.echo(f"warning: {warning}", err=True)
+    warn(read.warnings())
     simulated = _simulated(read)
     if output is not None:
         from indentfit.report.fields import FieldChoice

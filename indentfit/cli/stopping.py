@@ -1,21 +1,22 @@
-"""Ctrl-C and SIGTERM during long work: the first asks it to stop once what it is at is done, the second stops it now."""
+"""Ctrl-C and SIGTERM during long work: the first signal lets the running solves finish, the second stops at once."""
 
 import contextlib
 import os
 import signal
+from collections.abc import Callable, Iterator
 
-ASKED = b"\nstopping as soon as the runs at work are done; once more to stop now\n"
+ASKED = b"\nthe running solves finish, then the command stops; a second signal stops at once\n"
 
 
 @contextlib.contextmanager
-def stopping():
+def stopping() -> Iterator[Callable[[], int]]:
     """Context that gives a function stop(): the number of the signal that has asked to stop, 0 until then.
 
     The second signal raises KeyboardInterrupt. Outside of the main thread, signals are left alone.
     """
     asked: list[int] = []
 
-    def ask(number, _):
+    def ask(number: int, _: object) -> None:
         asked.append(number)
         if len(asked) > 1:
             raise KeyboardInterrupt

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from indentfit.cli import clusters
-from indentfit.cli.ledgers import opened, saying_what_is_kept, saying_what_was_done
 from indentfit.cli.progress import progress
+from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
 from indentfit.errors import ConvergenceError
 
@@ -52,6 +52,7 @@ def command(
     from indentfit.case import require_fittable
     from indentfit.experiment.measured import read_case
     from indentfit.report.folder import clear, json_text, lasting_folder, refuse_existing
+    from indentfit.report.lasting import opened, say_what_was_done, saying_what_is_kept
     from indentfit.report.study_folder import fill_study
     from indentfit.study.runs import Execution
     from indentfit.study.sweep import run_sweep
@@ -65,17 +66,16 @@ def command(
     name = Path(case).resolve().parent.name or "case"
     output = output or f"{name}-sweep"
     earlier = [refuse_existing(output, overwrite), Path(f"{name}-result")]
-    for warning in read.warnings():
-        click.echo(f"warning: {warning}", err=True)
+    warn(read.warnings())
     with (
         stopping() as stop,
         lasting_folder(output, overwrite) as folder,
-        opened(folder, read, False, earlier, reuse, plan.cases) as ledger,
+        opened(folder, read, False, earlier, reuse, plan.cases, say) as ledger,
         saying_what_is_kept(ledger, "sweep", AGAIN),
         progress("sweep", total=1) as step,
     ):
         clear(folder)
-        saying_what_was_done(ledger)
+        say_what_was_done(ledger, say)
         result = run_sweep(plan, refit, Execution(ledger=ledger, cluster=where, stop=stop, progress=step))
         written = fill_study(folder, result)
     click.echo(json_text(written) if as_json else f"{result.summary()}\nwritten   {output}")

@@ -1,0 +1,249 @@
+"""The folder of a long command: its ledger is opened and locked there, runs of earlier results are taken over, and the folder gets
+its name once the result is whole. A command that is stopped or killed leaves its runs, and says what goes on from there."""
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from indentfit.case import Case
+from indentfit.errors import LedgerError, OutputError, Stopped, WorkerError
+from indentfit.inference.fit import fit
+from indentfit.inference.per_sample import PerSample, SampleFit, fit_sample
+from indentfit.inference.result import FitResult
+from indentfit.report.fit_folder import fill_fit
+from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished, write_json
+from indentfit.report.html import write_report
+from indentfit.report.per_sample import write_samples_table
+from indentfit.runs.ledger import Ledger, refuse_in_use
+
+Say = Callable[[str], object]
+"""Called with a line for the user, such as "warning: ..."."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a long command writes.
+
+    Parameters
+    ----------
+    output : str
+        The result folder.
+    overwrite : bool
+        Replace an earlier result; its runs are used again.
+    resume : bool
+        Go on with a command that was stopped or killed.
+    reuse : str or None
+        Another result folder whose runs are used too.
+    """
+
+    output: str
+    overwrite: bool = False
+    resume: bool = False
+    reuse: str | None = None
+
+
+@dataclass(frozen=True)
+class Conduct:
+    """How a long command runs: who hears of its progress, called with (share done, note), who may stop it, where its runs are made
+    ("local", the address of a Dask scheduler, or None for this machine), and who is told what."""
+
+    progress: Callable[..., object]
+    stop: Callable[[], int]
+    say: Say
+    cluster: str | None = None
+
+
+def refuse_unfinished(place: Place, samples: bool) -> None:
+    """Refuse to begin where an earlier fit has not ended.
+
+    Parameters
+    ----------
+    place : Place
+    samples : bool
+        Whether this is a fit of samples, which only such a fit can resume.
+
+    Raises
+    ------
+    OutputError
+        An earlier fit was stopped, and is neither resumed nor replaced; or it is of another kind.
+    LedgerError
+        The earlier fit is still at work.
+    """
+    rest = unfinished(place.output)
+    left = ledgers(rest)
+    for ledger in left:
+        refuse_in_use(ledger)
+    if not left or place.overwrite:
+        return
+    if not place.resume:
+        remedy = "add --resume to go on with it, or --overwrite to start anew"
+        raise OutputError(f"{place.output}: an unfinished fit lies in {rest}; {remedy}")
+    if samples != (rest / LEDGER not in left):
+        kind, remedy = ("one case", "leave out --per-sample") if samples else ("samples", "add --per-sample")
+        raise OutputError(f"{place.output}: the unfinished fit in {rest} is of {kind}; {remedy}, or choose another folder")
+
+
+def fit_in_folder(case: Case, place: Place, conduct: Conduct, fields: bool) -> tuple[FitResult, dict[str, Any]]:
+    """Fit a case, and write its result folder.
+
+    Parameters
+    ----------
+    fields : bool
+        With the stresses at the optimum, by one more run.
+
+    Returns
+    -------
+    FitResult, and what its result.json holds
+
+    Raises
+    ------
+    OutputError, LedgerError, WorkerError, Stopped
+    """
+    target = refuse_existing(place.output, place.overwrite)
+    with (
+        lasting_folder(place.output, place.overwrite) as folder,
+        opened(folder, case, place.resume, [target], place.reuse, say=conduct.say) as ledger,
+    ):
+        clear(folder)
+        with saying_what_is_kept(ledger):
+            result = fit(case, conduct.progress, ledger=ledger, cluster=conduct.cluster, stop=conduct.stop)
+        return result, fill_fit(folder, result, fields, _warning(conduct.say))
+
+
+def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, conduct: Conduct) -> PerSample:
+    """Fit each sample of a set, with a folder and a ledger for each, and write the result folder of all.
+
+    Parameters
+    ----------
+    named : name of the sample's folder -> (name of the sample, its Case)
+
+    Raises
+    ------
+    OutputError, LedgerError, WorkerError, Stopped
+    """
+    target = refuse_existing(place.output, place.overwrite)
+    with lasting_folder(place.output, place.overwrite) as folder:
+        clear_all_but(folder, list(named))
+        fits = [
+            _fit_sample(folder / name, target / name, sample, case, place, _part(conduct, n, len(named), sample))
+            for n, (name, (sample, case)) in enumerate(named.items())
+        ]
+        result = PerSample.of(fits, list(named))
+        write_json(folder / "per_sample.json", result.as_json())
+        write_samples_table(folder / "per_sample.csv", result)
+        write_report(folder)
+    return result
+
+
+def _part(conduct: Conduct, n: int, number: int, sample: str) -> Conduct:
+    """The conduct of one of several fits: its progress is a part of all."""
+
+    def progress(share: float, note: str = "") -> None:
+        conduct.progress((n + share) / number, f"{sample} {note}")
+
+    return Conduct(progress, conduct.stop, conduct.say, conduct.cluster)
+
+
+def _fit_sample(folder: Path, earlier: Path, sample: str, case: Case, place: Place, conduct: Conduct) -> SampleFit:
+    """The fit of one sample, written into its own folder; one that was finished before a stop costs no run, and is the same."""
+    folder.mkdir(exist_ok=True)
+    reuse = place.reuse
+    if reuse and (Path(reuse) / folder.name).is_dir():
+        reuse = str(Path(reuse) / folder.name)
+    resume = place.resume and (folder / LEDGER).exists()
+    with opened(folder, case, resume, [earlier], reuse, say=conduct.say) as ledger:
+        clear(folder)
+        with saying_what_is_kept(ledger):
+            fitted = fit_sample(sample, case, conduct.progress, ledger, conduct.cluster, conduct.stop)
+    if fitted.result:
+        fill_fit(folder, fitted.result, False, _warning(conduct.say))
+    return fitted
+
+
+def _warning(say: Say) -> Say:
+    return lambda text: say(f"warning: {text}")
+
+
+@contextlib.contextmanager
+def opened(
+    folder: Path,
+    case: Case,
+    resume: bool,
+    earlier: Iterable[Path],
+    reuse: str | None,
+    others: Sequence[Case] = (),
+    say: Say = print,
+) -> Iterator[Ledger]:
+    """Context that gives the Ledger of a case in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    case : Case
+    resume : bool
+        The ledger of an earlier run of the same command must fit.
+    earlier : folders of earlier results, whose runs are taken over where there are any
+    reuse : a result folder whose runs are to be taken over
+    others : further cases whose runs belong to the ledger
+    say : called with notes and warnings
+
+    A ledger that nothing came into is taken away again where the block fails.
+    """
+    path = Path(folder) / LEDGER
+    if resume and not path.exists():
+        say(f"note: there is no unfinished fit in {folder}; it starts from its beginning")
+    with Ledger(path, case, resume and path.exists(), others) as ledger:
+        try:
+            for result in earlier:
+                if (result / LEDGER).is_file():
+                    _take_over(ledger, result / LEDGER, False, say)
+            if reuse is not None:
+                _take_over(ledger, Path(reuse) / LEDGER, True, say)
+            for remark in ledger.remarks:
+                say(f"warning: {remark}")
+            yield ledger
+        except BaseException:
+            if not ledger.has_own:
+                ledger.close()
+                path.unlink(missing_ok=True)
+            raise
+
+
+@contextlib.contextmanager
+def saying_what_is_kept(ledger: Ledger, what: str = "fit", remedy: str = "--resume") -> Iterator[None]:
+    """Context in which an error that ends a command early says what the command leaves, and what goes on from there."""
+    try:
+        yield
+    except Stopped as error:
+        raise Stopped(f"the {what} was {error}; {_kept(ledger, remedy)}", error.number) from error
+    except WorkerError as error:
+        raise WorkerError(f"{error}; {_kept(ledger, remedy)}") from error
+    except KeyboardInterrupt as error:
+        raise Stopped(f"the {what} was stopped at once; {_kept(ledger, remedy)}") from error
+
+
+def say_what_was_done(ledger: Ledger, say: Say) -> None:
+    """Say how many runs an earlier run of the same command has left."""
+    if ledger.has_own:
+        say(f"resumed: {len(ledger)} runs are there from an earlier run")
+
+
+def _take_over(ledger: Ledger, source: Path, needed: bool, say: Say) -> None:
+    """Take over the runs of another ledger, and say how many. A result that is only replaced does not end the command if its ledger
+    cannot be read."""
+    try:
+        taken = ledger.take_over(source)
+    except LedgerError as error:
+        if needed:
+            raise
+        say(f"warning: {error}")
+        return
+    none = "; none is of the same mechanics, material, depths and versions" if not taken else ""
+    if taken or needed:
+        say(f"note: {taken} runs taken over from {source}{none}")
+
+
+def _kept(ledger: Ledger, remedy: str) -> str:
+    return f"{len(ledger)} runs are kept, {remedy} goes on from there" if len(ledger) else "nothing was run yet"
