@@ -22,7 +22,7 @@ from indentfit.units import unit_factor
 
 MIN_POINTS = 5
 UNITS = {"displacement": "mm", "force": "mN"}
-Column = tuple[int, float]  # its place, and the factor that turns its numbers into ours
+Column = tuple[int, float]  # the column's place, and the factor that converts its numbers to mm or mN
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,14 @@ class Curve:
     Attributes
     ----------
     displacement : array (n,), mm
-        Of the indenter into the sample, from the contact point. Lists and columns of a pandas frame will do.
+        Displacement of the indenter into the sample, from the contact point. Lists and columns of a pandas frame are converted.
     force : array (n,), mN
-        Of the full sample, positive in compression.
+        Force on the full sample, positive in compression.
 
     Raises
     ------
     CurveError
-        Where the two are not numbers, or not as many.
+        The two hold other values than numbers, or different numbers of values.
     """
 
     displacement: Array
@@ -50,7 +50,7 @@ class Curve:
             try:
                 values = np.array(getattr(self, name), dtype=float)
             except (TypeError, ValueError) as error:
-                raise CurveError(f"the {name} of a curve must be numbers ({error}); correct or remove what is none") from None
+                raise CurveError(f"the {name} of a curve must be numbers ({error}); correct or remove the other values") from None
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         if self.displacement.ndim != 1 or self.displacement.shape != self.force.shape:
@@ -67,11 +67,19 @@ class Curve:
 def read_curve(path: str | Path) -> Curve:
     """The `Curve` of a CSV file, in mm and mN.
 
+    Parameters
+    ----------
+    path : path of a file in the form that this module describes
+
+    Returns
+    -------
+    Curve
+
     Raises
     ------
     CurveError
-        One line with the file, the line number, the value and the remedy, where the file is not such a table, holds fewer than 5
-        points, or its displacements do not rise.
+        The file is not such a table, holds fewer than 5 points, or its displacements do not rise. The error's text is one line
+        with the file, the line number, the value and the remedy.
     """
     path = Path(path)
     lines = list(_lines(path))
@@ -89,10 +97,14 @@ def read_curve(path: str | Path) -> Curve:
 def require_loading(curve: Curve) -> None:
     """Refuse a curve in memory that is not the loading part of one indentation.
 
+    Parameters
+    ----------
+    curve : Curve
+
     Raises
     ------
     CurveError
-        With the point that is at fault, counted from 0.
+        The error's text names the point that is at fault, counted from 0.
     """
     displacement, force = curve.displacement, curve.force
     if len(displacement) < MIN_POINTS:
@@ -104,12 +116,17 @@ def require_loading(curve: Curve) -> None:
 
 
 def write_curve(path: str | Path, curve: Curve) -> None:
-    """Write a `Curve` as CSV with the header displacement_mm,force_mN; the numbers read back exactly.
+    """Write a `Curve` as CSV with the header displacement_mm,force_mN; `read_curve` reads exactly the same numbers.
+
+    Parameters
+    ----------
+    path : path of the file, which is overwritten
+    curve : Curve
 
     Raises
     ------
     CurveError
-        Where the file cannot be written.
+        The file cannot be written.
     """
     rows = [f"{d!r},{f!r}\n" for d, f in zip(curve.displacement.tolist(), curve.force.tolist(), strict=True)]
     try:
@@ -119,7 +136,7 @@ def write_curve(path: str | Path, curve: Curve) -> None:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Number and text of each line that says something."""
+    """Number and text of each line that is neither empty nor a comment."""
     for number, line in enumerate(io.StringIO(_text(path), newline=None), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, line.rstrip("\n")
@@ -189,7 +206,7 @@ def _number(where: str, text: str, separator: str, factor: float) -> float:
 
 
 def _require_loading(path: Path, numbers: list[int], points: list[list[float]]) -> None:
-    """Refuse what is not the loading part of one indentation, naming the first line that is wrong."""
+    """Refuse points that are not the loading part of one indentation; the error names the first wrong line."""
     if len(points) < MIN_POINTS:
         raise CurveError(f"{path}: {len(points)} points; a curve needs at least {MIN_POINTS}")
     displacement, force = np.array(points).T
@@ -200,7 +217,9 @@ def _require_loading(path: Path, numbers: list[int], points: list[list[float]]) 
 def _not_loading(displacement: Array, force: Array) -> Iterator[tuple[int | None, str]]:
     """What is wrong with the loading part of an indentation, with the point's index where one is at fault."""
     if not (displacement > 0).any():
-        text = f"displacement {displacement[-1]:g} mm: none is positive; they are positive into the sample, change the sign"
+        text = (
+            f"displacement {displacement[-1]:g} mm: none is positive; displacements are positive into the sample, change the sign"
+        )
         yield len(displacement) - 1, text
     if displacement[0] < -1e-9 * np.abs(displacement).max():
         yield (

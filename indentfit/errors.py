@@ -1,4 +1,4 @@
-"""What can go wrong, each kind with the exit code that the command line ends with."""
+"""The errors that indentfit raises; each class carries the exit code with which the command line then ends."""
 
 from collections.abc import Iterable
 
@@ -16,7 +16,13 @@ class InputError(IndentfitError):
 
 
 class CaseError(InputError):
-    """A case that cannot be used. `faults` holds one line for each fault."""
+    """A case that cannot be used.
+
+    Attributes
+    ----------
+    faults : tuple of str
+        One line for each fault.
+    """
 
     def __init__(self, faults: str | Iterable[str]) -> None:
         self.faults = [faults] if isinstance(faults, str) else list(faults)
@@ -48,11 +54,11 @@ class LedgerError(InputError):
 
 
 class WorkerError(InputError):
-    """No process could be had to run the forward model on, here or in the cluster."""
+    """No process could be started, here or in the cluster, to run the forward model."""
 
 
 class Stopped(IndentfitError):
-    """A long command was stopped by a signal, as asked; `number` is the signal's."""
+    """A signal stopped a long command, as the user asked; `number` is the signal's number."""
 
     def __init__(self, text: str, number: int = 2) -> None:
         self.number, self.exit_code = number, 128 + number
@@ -62,8 +68,14 @@ class Stopped(IndentfitError):
 class ConvergenceError(IndentfitError):
     """The mechanics did not converge.
 
-    displacement: indenter displacement that could not be reached, mm; step, iteration: where the
-    solver stopped; cause: the likely reason, in words.
+    Attributes
+    ----------
+    cause : str
+        The likely reason, in words.
+    displacement : float, mm
+        Displacement of the indenter that could not be reached.
+    step, iteration : int
+        Where the solver stopped.
     """
 
     exit_code = 3
@@ -79,7 +91,10 @@ class ConvergenceError(IndentfitError):
 class OutOfTime(IndentfitError):
     """A run took longer than its limit.
 
-    limit: processor time that the run was given, s.
+    Attributes
+    ----------
+    limit : float, s
+        Processor time that the run was given.
     """
 
     exit_code = 3
@@ -99,6 +114,6 @@ class FitError(IndentfitError):
 
 
 class DesignError(IndentfitError):
-    """The mechanics failed where the design of an experiment needs them."""
+    """The mechanics failed at a point that the design of an experiment needs."""
 
     exit_code = 3

@@ -16,13 +16,22 @@ import numpy as np
 from indentfit.arrays import Array, Bools
 from indentfit.shapes import Registry
 
-WIDEST_INDENTER = 0.9  # of the sample: beyond it the free border is too narrow to mesh and to trust
+WIDEST_INDENTER = 0.9  # of the sample's width: the free border beside a wider indenter is too narrow to mesh and to trust
 UP, _DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])
 
 
 class Distance(NamedTuple):
-    """Signed distance of points from an indenter's face: gap (...), mm, positive outside; its gradient, the unit vectors `normal`
-    (..., 3); and its Hessian `bend` (..., 3, 3), 1/mm, None where the face is flat."""
+    """Signed distance of points from an indenter's face, with its derivatives.
+
+    Attributes
+    ----------
+    gap : array (...), mm
+        The distance, positive outside of the indenter.
+    normal : array (..., 3)
+        Gradient of the distance: unit vectors.
+    bend : array (..., 3, 3), 1/mm, or None
+        Hessian of the distance; None where the face is flat.
+    """
 
     gap: Array
     normal: Array
@@ -31,8 +40,12 @@ class Distance(NamedTuple):
 
 @dataclass(frozen=True)
 class Band:
-    """A rectangular contact: mesh lines follow its long sides x = any, z = half_width and, where they lie on the sample, its ends
-    x = half_length, mm. A contact that reaches beyond the sample along x overhangs it: the sample's side may roll up against it."""
+    """A rectangular contact; lengths in mm.
+
+    Mesh lines follow the long sides z = half_width, and the ends x = half_length where these lie on the sample. A contact that
+    reaches beyond the sample along x overhangs the sample, whose side may then roll up: it turns and comes to lie against the
+    indenter (side roll-up).
+    """
 
     half_length: float
     half_width: float
@@ -61,7 +74,7 @@ class Rings:
 
 
 class IndenterShape(Protocol):
-    """The shape of an indenter: all that the case, meshes, contact, studies and reports ask of it.
+    """The shape of an indenter: all that the case, meshes, contact, studies and reports ask of an indenter.
 
     A shape is a frozen dataclass (see `shapes.Registry` for what its fields are), so that it can be compared and hashed. It must
     be symmetric about the planes x = 0 and z = 0, because a quarter of the sample is computed.
@@ -75,12 +88,12 @@ class IndenterShape(Protocol):
 
     @property
     def half_width(self) -> float:
-        """Half of the indenter's width, mm: of its shorter side, or its radius."""
+        """Half of the indenter's shorter side, or its radius, mm."""
         ...
 
     @property
     def edge_radius(self) -> float | None:
-        """Radius of the edge of a flat face, mm; 0 of a sharp edge; None where the face has no edge.
+        """Radius of the edge of a flat face, mm; 0 for a sharp edge; None where the face has no edge.
 
         The contact with a sharp edge is confined to the material face of the footprint, and `distance` is that of the flat face.
         """
@@ -88,7 +101,7 @@ class IndenterShape(Protocol):
 
     @property
     def curvature(self) -> float:
-        """Largest curvature of the face that material may roll off, 1/mm; 0 of a flat one with a sharp edge."""
+        """Largest curvature of the face that material may roll off, 1/mm; 0 for a flat face with a sharp edge."""
         ...
 
     def faults(self) -> Iterator[tuple[str, str]]:
@@ -132,7 +145,7 @@ class IndenterShape(Protocol):
         ...
 
     def motion_off_edge(self, x: Array, u: Array) -> Array:
-        """Motion away from the indenter, mm, of those points that lie on its sharp edge; asked for only where there is one.
+        """Motion away from the indenter, mm, of those points that lie on its sharp edge; called only where there is a sharp edge.
 
         Parameters
         ----------
@@ -299,11 +312,11 @@ class Sphere:
         return 2 / self.diameter
 
     def faults(self) -> Iterator[tuple[str, str]]:
-        """No key can disagree with the only one."""
+        """No fault: a sphere has one key, with which no other key can disagree."""
         yield from ()
 
     def faults_on(self, extent: tuple[float, float], depth: float) -> Iterator[tuple[str, str]]:
-        """A sphere that sinks in by half, or whose imprint is too wide: the section of the sphere at the height of the top."""
+        """A sphere that sinks in by half, or whose section at the height of the sample's top is too wide."""
         if depth >= self.diameter / 2:
             yield "diameter", f"the sphere sinks in by half at {depth:g} mm; check the units"
             return
@@ -316,7 +329,7 @@ class Sphere:
         return Rings(min(np.sqrt(radius * depth), radius))
 
     def may_touch(self, x: Array, z: Array) -> Bools:
-        """All that is below the sphere."""
+        """All points below the sphere."""
         return np.hypot(x, z) < self.diameter / 2
 
     def distance(self, x: Array, bottom: float) -> Distance:
@@ -362,7 +375,7 @@ def _words_of_edge(radius: float) -> str:
 
 
 def _other_sizes(key: str, size: float, across: float) -> Iterator[tuple[str, float]]:
-    """Half and twice the size, as far as they leave a free border on a sample that is so wide."""
+    """Half and twice the size, where they leave a free border on a sample that is `across` mm wide."""
     yield from ((key, factor * size) for factor in (0.5, 2.0) if factor * size < WIDEST_INDENTER * across)
 
 

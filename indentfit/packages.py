@@ -9,7 +9,7 @@ from setuptools.command.build_py import build_py
 
 
 class BuildPy(build_py):
-    """setuptools' `build_py` over the packages found."""
+    """setuptools' `build_py` for the packages that exist below indentfit/ and for materials/."""
 
     def finalize_options(self) -> None:
         self.distribution.packages = ["indentfit.materials", *find_packages(include=["indentfit", "indentfit.*"])]

@@ -51,7 +51,7 @@ class Circle:
 
 @dataclass(frozen=True)
 class Rectangle:
-    """The outline of a sample with four straight sides; half-lengths along x and along z in mm. Members as those of `Circle`."""
+    """The outline of a sample with four straight sides; half-lengths along x and along z in mm. `Circle` has the same members."""
 
     half_length: float
     half_width: float
@@ -82,8 +82,11 @@ class Rectangle:
         return ()
 
     def facing(self, axis: str, angles: Array) -> Array:
-        """Points (2, n) of the side that an axis, "x" or "z", meets, mm. The last of the angles belongs to the corner: the angles'
-        tangents become shares of the side, so that the last point is the corner even where the angle is not quite its own."""
+        """Points (2, n) of the side that an axis, "x" or "z", meets, mm.
+
+        The last of the angles belongs to the corner. The angles' tangents become shares of the side, so that the last point is
+        exactly the corner in spite of round-off in the angle.
+        """
         if axis == "x":
             return np.array([np.full_like(angles, self.half_length), self.half_width * np.tan(angles) / np.tan(angles[-1])])
         across = np.pi / 2 - angles
@@ -94,7 +97,7 @@ Outline = Circle | Rectangle
 
 
 class SampleShape(Protocol):
-    """The shape of a sample, a right prism of some thickness along y: all that meshes, messages and reports ask of it.
+    """The shape of a sample, a right prism along y: all that meshes, messages and reports ask of a sample's shape.
 
     A shape is a frozen dataclass (see `shapes.Registry` for what its fields are), so that it can be compared and hashed.
     """

@@ -21,10 +21,10 @@ class Registry(Generic[Shape]):
     Parameters
     ----------
     kind : str
-        What the shapes are shapes of, for messages.
+        "indenter" or "sample", for messages.
     group : str
-        Entry-point group in which other packages register shapes. The group is read only when a name is asked for that is
-        not registered, so that a package that cannot be loaded harms only the cases that ask for its shape.
+        Entry-point group in which other packages register shapes. The group is read only when a case names a shape that is
+        not registered, so that a package that cannot be loaded harms only the cases that name its shape.
     """
 
     def __init__(self, kind: str, group: str) -> None:
@@ -32,7 +32,7 @@ class Registry(Generic[Shape]):
         self.known: dict[str, type[Shape]] = {}
 
     def register(self, shape: type[Registered]) -> type[Registered]:
-        """Make a shape known by its `name`; returns it, so that a class can be decorated."""
+        """Register a shape under its `name`, and return the shape, so that the method serves as a decorator of classes."""
         self.known[shape.name] = shape  # type: ignore[attr-defined,assignment]
         return shape
 
@@ -46,7 +46,7 @@ class Registry(Generic[Shape]):
         Raises
         ------
         InputError
-            Where a package offers the shape but cannot be loaded.
+            A package offers the shape but cannot be loaded.
         """
         if name not in self.known:
             for entry in entry_points(group=self.group, name=name):
@@ -54,7 +54,7 @@ class Registry(Generic[Shape]):
         return self.known.get(name)
 
     def find_or_none(self, name: object) -> type[Shape] | None:
-        """The shape of this name, None also where what should be a name is something else or cannot be loaded."""
+        """The shape of this name; None where there is none, where `name` is not text, or where the shape cannot be loaded."""
         with suppress(InputError):
             return self.find(name) if isinstance(name, str) else None
         return None
@@ -66,11 +66,11 @@ class Registry(Generic[Shape]):
             raise InputError(f"the package that offers the {self.kind} {entry.name!r} cannot be loaded: {error}") from None
 
     def make(self, values: Mapping[str, Any]) -> Shape | None:
-        """The shape that a table's keys describe; other keys than its own are left out.
+        """The shape that a table's keys describe; keys of other shapes are ignored.
 
         Parameters
         ----------
-        values : key -> value, "shape" among them
+        values : mapping of keys, "shape" among them, to values
 
         Returns
         -------
@@ -85,13 +85,20 @@ class Registry(Generic[Shape]):
         return shape(**own) if complete else None
 
     def disagreements(self, name: str | None, values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Iterator[tuple[str, bool]]:
-        """Keys of a table that do not go with a shape: (key, True where it is missing and False where it is too much).
+        """Keys of a table that do not agree with a shape.
 
         Parameters
         ----------
-        name : of the shape; nothing is wrong with the keys of an unknown one
-        values : the keys that are given; one that is not right alone is None
-        defaults : key -> default of the table
+        name : str or None
+            Name of the shape. The keys of an unknown shape are not judged.
+        values : mapping of the keys that are given to their values
+            None is the value of a key that is wrong by itself.
+        defaults : mapping of the keys of the table to their defaults
+
+        Yields
+        ------
+        (str, bool)
+            The key, and True where the shape lacks the key, False where the key belongs to another shape.
         """
         shape = self.find_or_none(name)
         if shape is None:
@@ -99,7 +106,7 @@ class Registry(Generic[Shape]):
         for key in sorted(self.all_keys()):
             if key in needed_by(shape) and key not in values:
                 yield key, True
-            elif key not in keys_of(shape) and key in values and _says_something(values[key], defaults.get(key)):
+            elif key not in keys_of(shape) and key in values and _differs(values[key], defaults.get(key)):
                 yield key, False
 
     def all_keys(self) -> set[str]:
@@ -107,8 +114,8 @@ class Registry(Generic[Shape]):
         return {key for shape in self.known.values() for key in keys_of(shape)}
 
 
-def _says_something(value: Any, default: Any) -> bool:
-    """Whether a key that is given differs from its default; a key without default says something always."""
+def _differs(value: Any, default: Any) -> bool:
+    """Whether the value of a key differs from the key's default; the value of a key without a default always does."""
     return default is None or value not in (None, default)
 
 

@@ -1,4 +1,4 @@
-"""Units at the edge: what a number in another unit is in ours, and numbers that are written with their unit."""
+"""Units at the edge: numbers in other units, or written with their unit, are converted to mm, mN, kPa and s here."""
 
 from __future__ import annotations
 
@@ -15,17 +15,22 @@ QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d.\
 
 @functools.cache
 def unit_factor(unit: str, target: str) -> float:
-    """The factor that turns a number in `unit` into one in `target`.
+    """The factor that converts a number in `unit` to a number in `target`.
 
     Parameters
     ----------
     unit, target : str
         Names of units that pint knows, such as "um", "N/m^2".
 
+    Returns
+    -------
+    float
+
     Raises
     ------
     ValueError
-        Where the unit is unknown or measures something else: a phrase to put after the name of what has the unit.
+        The unit is unknown or measures another quantity. The text is a phrase; the caller puts the name of the key or column
+        in front of it.
     """
     if unit == target:
         return 1.0
@@ -36,26 +41,37 @@ def unit_factor(unit: str, target: str) -> float:
     try:
         factor = _registry().Quantity(1.0, unit).to(target).magnitude
     except pint.DimensionalityError:
-        raise ValueError(f"is in {unit}, which cannot be turned into {target}; give it in {target}") from None
+        raise ValueError(f"is in {unit}, which cannot be converted to {target}; give it in {target}") from None
     except Exception:  # pint's parser has many ways to say that it does not know a unit
         raise ValueError(f"has the unknown unit {_shown(unit)}; use {target}") from None
     return float(f"{factor:.14g}")
 
 
 def number_in(unit: str, text: str) -> float:
-    """The number that a text such as "3.3 mm" stands for, in `unit`.
+    """The number that a text such as "3.3 mm" states, converted to `unit`.
+
+    Parameters
+    ----------
+    unit : str
+        Name of a unit, "1" for a pure number.
+    text : str
+
+    Returns
+    -------
+    float, in `unit`
 
     Raises
     ------
     ValueError
-        A phrase to put after the name of the key, where the text is no number with a unit of that kind.
+        The text is not a number with a unit of that kind. The error's text is a phrase; the caller puts the name of the key
+        in front of it.
     """
     if unit == "1":
         raise ValueError("must be a plain number, without unit and quotes")
     match = QUANTITY.fullmatch(text)
     if not match:
         raise ValueError(f'must be a number in {unit} or a string such as "1.5 {unit}"')
-    return float(f"{float(match[1]) * unit_factor(match[2], unit):.15g}")  # so that 3300 um is 3.3 mm and not a bit more
+    return float(f"{float(match[1]) * unit_factor(match[2], unit):.15g}")  # so that 3300 um is exactly 3.3 mm
 
 
 @functools.cache

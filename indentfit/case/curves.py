@@ -1,4 +1,4 @@
-"""Measured curves that a case holds in memory: the files that they are written to."""
+"""Names of files for the measured curves that a case holds in memory."""
 
 from __future__ import annotations
 
@@ -13,11 +13,18 @@ RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt"
 
 
 def curve_files(tests: Sequence[Any]) -> tuple[list[Any], list[Curve | None]]:
-    """The tests with the name of a file in place of each Curve, and the curves.
+    """Separate tests from the curves that they hold in memory.
 
     Parameters
     ----------
-    tests : tests, or their tables as dictionaries; anything else is left as it is, and is refused later
+    tests : sequence of Test, or of their tables as dictionaries
+        An item of another type is returned unchanged, and is refused later.
+
+    Returns
+    -------
+    tests : list
+        The tests, each with the name of a file in place of its `Curve`.
+    curves : list of Curve or None
     """
     named, curves, taken = [], [], set[str]()
     for test in tests:
@@ -31,7 +38,7 @@ def curve_files(tests: Sequence[Any]) -> tuple[list[Any], list[Curve | None]]:
 
 
 def file_for(name: object, taken: set[str]) -> str:
-    """The file for the curve of a test: a name that is safe on every system and not yet taken, and is taken now."""
+    """A file for the curve of a test, with a name that is safe on every system and not in `taken`, to which it is added."""
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", str(name)).strip("-.") or "test"
     if stem.split(".")[0].lower() in RESERVED:
         stem = f"test-{stem}"

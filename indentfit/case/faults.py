@@ -1,4 +1,4 @@
-"""What is wrong with a case whose tables are right alone: parameters that are not the law's, and tables that do not agree."""
+"""Faults of a case whose tables are each correct: parameters that the law does not have, and tables that contradict each other."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DEEPEST_INDENTATION = 0.5  # of the thickness
 
 @dataclass(frozen=True)
 class Parts:
-    """What could be read of a case: a table that is not right is None, and so is a key that is not right."""
+    """The parts of a case that could be read; None stands for a table, or a key, that has a fault."""
 
     title: str
     sample: Sample | None
@@ -81,7 +81,7 @@ def faults_of_stiffness(choice: MaterialChoice, law: type[Material]) -> Iterator
     try:
         with np.errstate(all="ignore"), blamed(law):
             if not shipped(law):
-                require_derivable(law)  # what is wrong with a lab's own law is said here, before any solve
+                require_derivable(law)  # a fault of a lab's own law is reported here, before any solve
             moduli = law(**start_values(choice, law)).moduli()
         wrong = "" if all(map(math.isfinite, moduli.values())) else "the material has no finite stiffness"
     except ArithmeticError:
@@ -93,13 +93,13 @@ def faults_of_stiffness(choice: MaterialChoice, law: type[Material]) -> Iterator
 
 
 def start_values(choice: MaterialChoice, law: type[Material]) -> dict[str, float]:
-    """Every parameter in the order of the law: the fixed number, or where its search starts."""
+    """Every parameter in the order of the law: its fixed number, or the start of its search."""
     values = {name: choice.parameters[name] for name in law.parameters}
     return {name: value.start if isinstance(value, Range) else value for name, value in values.items()}
 
 
 def plain(value: Any) -> Any:
-    """A range as a table of numbers; anything else as it is."""
+    """A range as a table of numbers; any other value unchanged."""
     return value.model_dump() if isinstance(value, Range) else value
 
 
@@ -107,7 +107,7 @@ def plain(value: Any) -> Any:
 
 
 def faults_across(parts: Parts) -> Iterator[Fault]:
-    """Faults between tables that are right alone."""
+    """Faults between tables that are each correct."""
     yield from _equal_names(parts.tests)
     if parts.sample is None:
         return
@@ -121,7 +121,7 @@ def faults_across(parts: Parts) -> Iterator[Fault]:
 
 
 def labels(names: Sequence[object]) -> list[str]:
-    """What each test is called in messages: its name, or its number where it has no name of its own."""
+    """The name of each test in messages: its own name, or its number where the name is missing or given twice."""
     return [name if isinstance(name, str) and name and names.count(name) == 1 else str(n) for n, name in enumerate(names)]
 
 
@@ -156,7 +156,7 @@ def _mesh_too_coarse(thickness: float, mesh: Mesh | None) -> Iterator[Fault]:
 
 
 def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
-    """Faults where an uncertain input is none of this case."""
+    """Faults where an input stated as uncertain does not exist in this case."""
     indenter, material = parts.indenter, parts.material
     if parts.fit is None or parts.fit.uncertain is None:
         return
@@ -177,7 +177,7 @@ def _indenter_too_wide(sample: Sample, indenter: Indenter, depth: float) -> Iter
 
 
 def faults_of_fit(free: Mapping[str, Range], tests: Sequence[Test], curves: Sequence[Curve | None]) -> Iterator[Fault]:
-    """Faults of a case that is right but cannot be fitted."""
+    """Faults of a case that can be simulated but not fitted."""
     if not free:
         text = "no parameter is free; give at least one as {start = ..., min = ..., max = ...}"
         yield Fault(("material", "parameters"), MISSING, text)

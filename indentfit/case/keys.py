@@ -39,19 +39,19 @@ class KeyFacts:
     table, name : str
         As in [table] and `name = ...`.
     unit : str
-        Unit of a plain number, empty where it has none.
+        Unit of a plain number, empty for a pure number or text.
     choices : tuple
         The values that the key can have, where these are few.
     limits : str
-        Such as "> 0".
+        Bounds of the value, such as "> 0".
     kind, meaning : str
-        What kind of value it is, and what it says.
+        Type of the value in words, and what the key stands for.
     required : bool
         Whether a case needs the key.
     default, example : Any
-        None where there is none.
+        None where the key has no default, or no example.
     inner : Section class or None
-        Where the key is a table of its own.
+        The class of the key's table, where the key is a table.
     """
 
     table: str
@@ -73,7 +73,7 @@ class KeyFacts:
 
 
 def keys() -> Iterator[KeyFacts]:
-    """Every key, table by table; the keys of a table inside of another come after that."""
+    """Every key, table by table; the keys of an inner table follow those of the table that holds it."""
     for model in TABLES:
         yield from keys_of(model)
 
@@ -128,7 +128,7 @@ def _parts(annotation: Any) -> Iterator[Any]:
 
 
 def _choices(annotation: Any) -> tuple[Any, ...]:
-    """The values of a Literal, or of one that may be left out."""
+    """The values of a Literal, or of an optional Literal."""
     kinds = [kind for kind in _alternatives(annotation) if kind is not type(None)]
     return get_args(kinds[0]) if len(kinds) == 1 and get_origin(kinds[0]) is Literal else ()
 
@@ -161,7 +161,7 @@ def _word(kind: Any) -> str:
 
 
 def _alternatives(annotation: Any) -> Iterator[Any]:
-    """The members of a union, without what annotates them."""
+    """The members of a union, without their annotations."""
     if get_origin(annotation) in (Union, types.UnionType):
         for member in get_args(annotation):
             yield from _alternatives(member)

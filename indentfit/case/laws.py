@@ -14,17 +14,26 @@ def open_law(model: str | None, energy: str | None, names: Sequence[str], folder
 
     Parameters
     ----------
-    model : name of an installed material, or file.py:Class relative to `folder`; None where there is an energy
-    energy : formula, kPa
-    names : parameters of the energy
+    model : str or None
+        Name of an installed material, or file.py:Class relative to `folder`; None where the table has an energy.
+    energy : str or None, kPa
+        Formula of the energy.
+    names : sequence of str
+        Parameters of the energy.
+    folder : path
+
+    Returns
+    -------
+    class of Material
 
     Raises
     ------
     MaterialError, OSError
+        The class cannot be found or loaded, or the energy cannot be used.
     """
     if energy is not None:
         return typed(energy, tuple(names))
-    assert model is not None  # a [material] table has one of the two
+    assert model is not None  # a [material] table has a model or an energy
     if plugin := plugin_file(model, folder):
         return load(f"{plugin}:{model.rpartition(':')[2]}")
     return _installed(model)

@@ -33,13 +33,19 @@ MISSING = _Missing()
 
 
 def line(source: object, fault: Fault, overridden: Iterable[Key] = ()) -> str:
-    """file: key = value: what is wrong; what to do.
+    """The line of a fault: "file: key = value: what is wrong; what to do".
 
     Parameters
     ----------
-    source : path of the case file, or None for a case that has none
+    source : path or None
+        The case file; None for a case that was made from values.
     fault : Fault
-    overridden : keys that `--set` gave
+    overridden : keys
+        The keys that `--set` gave.
+
+    Returns
+    -------
+    str
     """
     key = ".".join(short(str(step)) for step in fault.key)
     value = "" if fault.value is MISSING else f" = {shown(fault.value)}"
@@ -48,26 +54,26 @@ def line(source: object, fault: Fault, overridden: Iterable[Key] = ()) -> str:
 
 
 def lines(model: type[BaseModel], error: ValidationError, place: Key = ()) -> list[str]:
-    """A line for each fault that pydantic found in a value of `model` that was made by hand: the table at `place` of a case."""
+    """A line for each fault that pydantic reports of a table made in memory: a value of `model` at `place` of a case."""
     wrong = error.errors(include_url=False)
     faults = [Fault((*place, *key_of(flaw)), _given(flaw), wording(model, flaw)) for flaw in wrong if not _follows(flaw, wrong)]
     return list(dict.fromkeys(line(None, fault) for fault in faults))
 
 
 def key_of(flaw: ErrorDetails) -> Key:
-    """The path of the key that one of pydantic's errors is about, as a case file has it."""
+    """The path, as in a case file, of the key that one of pydantic's errors is about."""
     first, *rest = flaw["loc"] or ("",)
     return ("test" if first == "tests" else first), *rest
 
 
 def _follows(flaw: ErrorDetails, wrong: list[ErrorDetails]) -> bool:
-    """Whether an error says only that nothing of a list was right, where others say what is wrong with its items."""
+    """Whether an error only reports an empty list whose items all have errors of their own."""
     others = [other["loc"] for other in wrong if other is not flaw]
     return flaw["type"] == "too_short" and any(loc[: len(flaw["loc"])] == flaw["loc"] for loc in others)
 
 
 def wording(model: type[BaseModel], flaw: ErrorDetails, sections: Mapping[str, type[BaseModel]] | None = None) -> str:
-    """What is wrong and what to do, for one of pydantic's errors; sections: all tables, where a key may belong to another."""
+    """What is wrong and what to do, for one of pydantic's errors; `sections` are all tables, to one of which a key may belong."""
     kind, context, loc = flaw["type"], flaw.get("ctx", {}), flaw["loc"]
     model, key = _innermost(model, loc), str(loc[-1]) if loc else ""
     if kind in ("fault", "disagreement"):
@@ -78,7 +84,7 @@ def wording(model: type[BaseModel], flaw: ErrorDetails, sections: Mapping[str, t
         choices = re.findall(r"'(.*?)'", context["expected"])
         return f"must be {context['expected']}{nearest(flaw['input'], choices)}"
     if isinstance(flaw["input"], float) and math.isnan(flaw["input"]):
-        kind = "finite_number"  # not greater and not less than anything: say what it is
+        kind = "finite_number"  # nan is neither greater nor less than a bound: the message names the actual fault
     field = model.model_fields.get("tests" if key == "test" else key)
     wanted = f"give the {meaning(field)}" if field and field.description else "correct it"
     template = WORDS.get(kind)
@@ -117,13 +123,13 @@ def unknown(key: str, known: Iterable[str], what: str = "key", sections: Mapping
 
 
 def nearest(word: object, known: Iterable[object]) -> str:
-    """ "; did you mean X?" where a known word is near, else nothing."""
+    """The words "; did you mean X?" where a known word is near; empty where none is."""
     near = difflib.get_close_matches(str(word), [str(name) for name in known], n=1)
     return f"; did you mean {near[0]}?" if near else ""
 
 
 def shown(value: object) -> str:
-    """A value much as TOML writes it, on one line and short."""
+    """A value in the form of TOML, on one line and short."""
     try:
         return short(json.dumps(value, ensure_ascii=False))
     except (TypeError, ValueError, RecursionError):
@@ -131,12 +137,12 @@ def shown(value: object) -> str:
 
 
 def short(text: str) -> str:
-    """A text, cut where it is long."""
+    """A text, cut to a limited length."""
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def printable(text: str) -> str:
-    """A text with escapes in place of what no terminal should print."""
+    """A text with escapes in place of control characters."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -145,7 +151,7 @@ def _begins(key: Key, given: Key) -> bool:
 
 
 def _given(flaw: ErrorDetails) -> object:
-    """The value that is at fault; that of a missing key, which pydantic answers with the whole table, is MISSING."""
+    """The value that is at fault; MISSING for a missing key, for which pydantic gives the whole table."""
     if flaw["type"] == "missing" or flaw["input"] is None or isinstance(flaw["input"], BaseModel):
         return MISSING
     return flaw["input"]

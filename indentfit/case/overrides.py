@@ -1,4 +1,4 @@
-"""KEY=VALUE in place of keys of a case file."""
+"""Overrides: KEY=VALUE replaces a key of a case file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from indentfit.shapes import Registry, keys_of
 
 Tree = dict[str, Any]
 
-RIVALS: dict[str, dict[str, set[str]]] = {  # setting a key takes these of the same table out of the file
+RIVALS: dict[str, dict[str, set[str]]] = {  # setting a key removes these keys of the same table
     "mesh": {"size": {"elements"}, "elements": {"size"}},
     "material": {
         "model": {"energy"},
@@ -27,7 +27,20 @@ RIVALS: dict[str, dict[str, set[str]]] = {  # setting a key takes these of the s
 
 
 def override(tree: Tree, overrides: Sequence[str]) -> tuple[set[Key], list[Fault]]:
-    """Put each KEY=VALUE into the tree of a file. Returns the paths of the keys that were set, and faults."""
+    """Put each KEY=VALUE into the tree of a file.
+
+    Parameters
+    ----------
+    tree : dict
+        The tables of the file; changed in place.
+    overrides : sequence of str
+
+    Returns
+    -------
+    given : set of keys
+        Paths of the keys that were set.
+    faults : list of Fault
+    """
     given, faults = set[Key](), []
     for text in overrides:
         name, equals, value = text.partition("=")
@@ -47,7 +60,7 @@ def override(tree: Tree, overrides: Sequence[str]) -> tuple[set[Key], list[Fault
 
 
 def tests_of(tree: Tree) -> list[Any]:
-    """The tables of tests, as far as they are a list."""
+    """The tables of tests; empty where the file has no list of them."""
     tests = tree.get("test")
     return tests if isinstance(tests, list) else []
 
@@ -107,7 +120,7 @@ def _put(tree: Any, key: Key, value: Any) -> None:
 
 
 def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
-    """Take away the key of the file that an override replaces: size by elements, a disc's diameter by a block."""
+    """Remove the keys that an override makes obsolete: mesh.elements removes mesh.size, the shape "block" a disc's diameter."""
     *tables, last = key
     try:
         table: Any = functools.reduce(lambda inner, step: inner[step], tables, tree)  # type: ignore[index]
@@ -121,7 +134,7 @@ def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
 
 
 def _rivals(section: str, key: str, table: Tree) -> set[str]:
-    """The keys that do not go together with this one."""
+    """The keys that contradict this key."""
     registries: dict[str, Registry[Any]] = {"sample": samples.SHAPES, "indenter": indenters.SHAPES}
     shapes = registries.get(section)
     shape = shapes.find_or_none(table[key]) if shapes is not None and key == "shape" else None

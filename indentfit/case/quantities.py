@@ -19,7 +19,7 @@ from indentfit.units import number_in
 
 @dataclass(frozen=True)
 class Quantity:
-    """Marks a number with its unit: a string with another unit, such as "3300 um", is turned into that unit."""
+    """Marks a number with its unit: a string with another unit, such as "3300 um", is converted to that unit."""
 
     unit: str
 
@@ -27,7 +27,7 @@ class Quantity:
         return core_schema.no_info_before_validator_function(self._number, inner(source))
 
     def __get_pydantic_json_schema__(self, schema: Any, inner: Callable[[Any], Any]) -> dict[str, Any]:
-        return {"anyOf": [inner(schema), {"type": "string", "description": f"a number with a unit that turns into {self.unit}"}]}
+        return {"anyOf": [inner(schema), {"type": "string", "description": f"a number with a unit that converts to {self.unit}"}]}
 
     def _number(self, value: Any) -> Any:
         if not isinstance(value, str):
@@ -70,7 +70,7 @@ class Unit:
 
 
 def unit_of(*annotations: Any) -> str:
-    """The unit that marks a number, empty where it has none."""
+    """The unit that marks a number, empty where no unit does."""
     for part in annotations:
         if isinstance(part, Quantity | Unit):
             return part.unit
@@ -80,7 +80,7 @@ def unit_of(*annotations: Any) -> str:
 
 
 def meaning(field: FieldInfo) -> str:
-    """What a key says, with its unit."""
+    """The description of a key, with its unit."""
     unit, (head, semicolon, tail) = unit_of(*field.metadata, field.annotation), (field.description or "").partition(";")
     return f"{head}{f', {unit}' if unit else ''}{semicolon}{tail}"
 
@@ -127,7 +127,7 @@ def _printable(text: str) -> str:
 
 
 def as_tuple(value: Any) -> Any:
-    """A list as a tuple, anything else as it is."""
+    """A list as a tuple, any other value unchanged."""
     return tuple(value) if isinstance(value, list) else value
 
 

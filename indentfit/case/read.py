@@ -1,7 +1,7 @@
-"""A case file into a `Case`: TOML, overrides, units, and every fault at once.
+"""Reading a case file into a `Case`: TOML, overrides, units, and every fault at once.
 
 Quantities are plain numbers in the unit that the reference of keys states, or strings with a unit ("3.3 mm"). Reading runs no code
-that a case names: whoever wants the material's class and curves out of raw records passes `Openers` in (experiment.measured does).
+that a case names. A caller that needs the material's class, and the curves of raw records, passes `Openers` (experiment.measured).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Table = TypeVar("Table", bound=Section)
 
 
 class Openers(Protocol):
-    """Opens what a case only names: the class of its material, and raw records."""
+    """Opens the class of the material and the raw records that a case names."""
 
     def law(self, model: str | None, energy: str | None, names: Sequence[str], folder: Path) -> type[Material]:
         """The class of a material; raises MaterialError or OSError."""
@@ -50,15 +50,22 @@ def read_case_file(path: str | Path, overrides: Sequence[str] = (), openers: Ope
 
     Parameters
     ----------
-    path : the case file; names of other files in it are relative to its folder
-    overrides : "KEY=VALUE", such as "indenter.friction=0.2"
-    openers : Openers, or None: no plugin and no raw record is opened then. The parameters are not compared with the material's
-        and must be plain numbers, and the curve of a test with a raw record is None.
+    path : path
+        The case file; names of other files in it are relative to its folder.
+    overrides : sequence of str
+        KEY=VALUE, such as "indenter.friction=0.2".
+    openers : Openers or None
+        With None, no plugin and no raw record is opened: the parameters are not compared with the material's and must be plain
+        numbers, and the curve of a test with a raw record is None.
+
+    Returns
+    -------
+    Case
 
     Raises
     ------
     CaseError
-        With one line for each fault: file, key, value, what is wrong and what to do.
+        The error's text has one line for each fault: file, key, value, what is wrong and what to do.
     """
     path = Path(path)
     tree = _tree(path)
@@ -73,13 +80,20 @@ def override_case(case: Case, overrides: Sequence[str], openers: Openers | None 
 
     Parameters
     ----------
-    case : read from a file, which is read again with the case's own overrides and these; or made from values, whose curves are kept
-    overrides, openers : as of `read_case_file`
+    case : Case
+        A case that was read from a file: the file is read again with the case's own overrides and these. Or a case that was
+        made from values, whose curves are kept.
+    overrides, openers
+        As `read_case_file` takes them.
+
+    Returns
+    -------
+    Case
 
     Raises
     ------
     CaseError
-        With one line for each fault.
+        The error's text has one line for each fault.
     """
     if case.path is not None:
         return read_case_file(case.path, (*case.overrides, *overrides), openers)
@@ -95,7 +109,7 @@ def override_case(case: Case, overrides: Sequence[str], openers: Openers | None 
 
 @dataclass(frozen=True)
 class Sources:
-    """Where a case finds what it only names: folder of its files; openers of materials and records; curves held in memory."""
+    """Where a case finds what it names: the folder of its files, openers of materials and records, and curves in memory."""
 
     folder: Path
     openers: Openers | None = None
@@ -106,12 +120,23 @@ class Sources:
 
 
 def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) -> Record:
-    """The [record] table of a TOML file, a case or one that holds just that; `path` None: of the overrides alone.
+    """The [record] table of a TOML file.
+
+    Parameters
+    ----------
+    path : path or None
+        A case file, or a file with this table alone; with None the table is made of the overrides.
+    overrides : sequence of str
+        KEY=VALUE.
+
+    Returns
+    -------
+    Record
 
     Raises
     ------
     CaseError
-        With one line for each fault.
+        The error's text has one line for each fault.
     """
     tree = _tree(Path(path)) if path is not None else {}
     tree = {"record": tree.get("record", {})}
@@ -184,7 +209,7 @@ def _place(message: str, text: str) -> tuple[int, str]:
 
 
 def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
-    """What can be read of a case; appends to `faults` what cannot."""
+    """The parts of a case that can be read; the faults of the others are appended to `faults`."""
     faults += [Fault((key,), tree[key], unknown(key, KEYS, sections=SECTIONS)) for key in tree if key not in KEYS]
     title = _title(tree, faults)
     law = _law(table_of(tree, "material"), sources, faults)
@@ -210,7 +235,7 @@ def _title(tree: Tree, faults: list[Fault]) -> str:
 
 
 def _with_shape_of_records(parts: Parts) -> Parts:
-    """The parts, where raw records take the end of the indenter from [indenter]."""
+    """The parts, with the end of the indenter of [indenter] also in the table [record]."""
     shape = parts.indenter.geometry_if_right() if parts.indenter else None
     if parts.record is None or parts.record.indenter is not None or shape is None or shape.end == "flat":
         return parts
@@ -218,7 +243,7 @@ def _with_shape_of_records(parts: Parts) -> Parts:
 
 
 def _section(model: type[Table], place: Key, keys: Any, faults: list[Fault]) -> Table | None:
-    """One table as its model; where it has faults, what of it is right, the rest None."""
+    """One table as its model; a key that has a fault is None."""
     if keys is MISSING:
         faults.append(Fault(place, MISSING, f"missing; add a table [{place[0]}]"))
         return None
@@ -251,7 +276,7 @@ def _inmost(keys: Any, steps: Key) -> dict[Any, Any]:
 
 
 def _what_is_right(model: type[Table], keys: Tree, wrong: set[str]) -> Table:
-    """The keys that are right alone, in a model that was not checked as a whole."""
+    """The keys that are each correct, in a model that was not checked as a whole."""
     values: dict[str, Any] = dict.fromkeys(model.model_fields)
     for key, info in model.model_fields.items():
         if key in wrong:
@@ -268,7 +293,7 @@ def _what_is_right(model: type[Table], keys: Tree, wrong: set[str]) -> Table:
 
 
 def _law(keys: Tree, sources: Sources, faults: list[Fault]) -> type[Material] | None:
-    """The class that a [material] table asks for; None where nobody opens it or it cannot be opened, which is a fault."""
+    """The class that a [material] table asks for; None without openers, and with a fault where the class cannot be opened."""
     model, energy, parameters = keys.get("model"), keys.get("energy"), keys.get("parameters")
     if sources.openers is None or (model is None) == (energy is None):
         return None
@@ -302,14 +327,14 @@ def _convert_parameters(tree: Tree, law: type[Material] | None, faults: list[Fau
 
 
 def _number(unit: str | None, text: str) -> float:
-    """The number of a parameter; without its law nobody knows its unit, and only the law's own name could be wrong then."""
+    """The number of a parameter; without the law the parameter's unit is unknown, and a text with a unit is refused."""
     if unit is None:
         raise ValueError("has a unit, but the material that could tell the parameter's own unit is not opened; give a plain number")
     return number_in(unit, text)
 
 
 def _faults_of_material(choice: MaterialChoice | None, law: type[Material] | None, known: Iterable[Fault]) -> list[Fault]:
-    """What is wrong with the parameters, or else with the stiffness that they give."""
+    """Faults of the parameters; where these have none, faults of the stiffness that the parameters give."""
     if law is None or choice is None:
         return []
     faults = list(faults_of_parameters(choice, law))
@@ -344,7 +369,7 @@ def _names(tables: Sequence[Any]) -> list[Any]:
 
 
 def _curve(test: Test, label: str, record: Record | None, sources: Sources, faults: list[Fault]) -> Curve | None:
-    """The curve of a test, where it names one, or a raw record, and that can be read."""
+    """The curve of a test from its file or raw record; None where the test names neither, or the file cannot be read."""
     try:
         if test.record and record and not any(fault.key[0] == "record" for fault in faults):
             return sources.openers.curve(sources.folder / test.record, record) if sources.openers else None

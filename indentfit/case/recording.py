@@ -45,22 +45,22 @@ class Record(Section):
         default=RecordChannel.untouched(), examples=[{"column": "time_s"}], description="table of the time, where there is no rate"
     )
     rate: Rate | None = Field(default=None, examples=[1000.0], description="sampling rate")
-    skip_rows: int = Field(default=0, ge=0, description="rows before the table, beyond a header")
+    skip_rows: int = Field(default=0, ge=0, description="rows to skip above the table and its header")
     sheet: Annotated[int, Field(ge=1)] | Line | None = Field(
         default=None, examples=[1], description="sheet of a workbook, name or number"
     )
     encoding: Line | None = Field(
-        default=None, examples=["utf-16"], description="encoding, where it cannot be told: utf-8, utf-16, gbk, latin-1"
+        default=None, examples=["utf-16"], description="encoding, where it is not recognised: utf-8, utf-16, gbk, latin-1"
     )
     contact: Literal["piecewise", "threshold", "variance_ratio"] = Field(
         default="piecewise", description="method of the contact point"
     )
     indenter: Literal["flat", "sphere"] | None = Field(
-        default=None, examples=["flat"], description="end of the indenter, for the contact point; in a case that of [indenter]"
+        default=None, examples=["flat"], description="end of the indenter, for the contact point; by default that of [indenter]"
     )
     filter: Annotated[float, Field(gt=0, le=0.3)] = Field(default=0.1, description="length of the filter over the ramp's duration")
     points: int = Field(default=25, ge=5, le=10_000, description="points of a curve")
     strains: Annotated[tuple[Share, ...], BeforeValidator(as_tuple)] = Field(
-        default=(0.02, 0.05, 0.1), description="strains (depth over thickness) at which `process` tells the force"
+        default=(0.02, 0.05, 0.1), description="strains (depth over thickness) at which `process` reports the force"
     )
     prony_terms: Literal[0, 1, 2, 3, "auto"] = Field(default=2, description='terms of the Prony series, 0 to 3, or "auto"')

@@ -1,4 +1,4 @@
-"""The tables of a fit: how parameters are searched for, and which inputs are known with some error only."""
+"""The tables of a fit: how parameters are searched for, and which inputs are uncertain."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ SpreadOfLength = Annotated[float | Range, WrapValidator(_spread_or_range), Quant
 
 
 class Uncertain(Section):
-    """Inputs that are known with some error only: a standard deviation, whose share in the parameters' errors is reported,
-    or a range, in which the input is fitted together with the parameters."""
+    """Uncertain inputs: each has a standard deviation, whose share in the parameters' errors is reported, or a range, in which the
+    input is fitted together with the parameters."""
 
     place = "fit.uncertain"
 
@@ -44,29 +44,31 @@ class Uncertain(Section):
         default=None, examples=[0.05], description="standard deviation, or range, of the thickness"
     )
     offset: SpreadOfLength | None = Field(
-        default=None, examples=[0.005], description="standard deviation, or range, of the contact point: F(d - offset)"
+        default=None, examples=[0.005], description="standard deviation, or range, of the contact point's offset: F(d - offset)"
     )
     base: Odds = Field(
-        default=None, examples=[0.3], description="probability that the base is the other of sliding and bonded; true for even odds"
+        default=None,
+        examples=[0.3],
+        description="probability that the base is not as sample.base says (sliding or bonded); true means 0.5",
     )
     mesh: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
         default=1.0,
-        description="standard deviation of the forces by the mesh, in units of the change by halving the elements; 0 leaves it out",
+        description="error of the forces by the mesh: standard deviation over the change by halving the elements; 0 leaves it out",
     )
     force: Share | None = Field(
         default=None,
         examples=[0.01],
-        description="relative standard deviation that all forces of a test share: calibration of the load cell",
+        description="relative standard deviation common to all forces of a test: calibration of the load cell",
     )
 
     @property
     def given(self) -> dict[str, float]:
-        """name -> standard deviation (of the base: probability) of the inputs that have one."""
+        """Name -> standard deviation (for the base: probability) of the inputs that have one."""
         return {name: value for name, value in self if isinstance(value, float) and value}
 
     @property
     def fitted(self) -> dict[str, Range]:
-        """name -> Range of the inputs that are fitted."""
+        """Name -> Range of the inputs that are fitted."""
         return {name: value for name, value in self if isinstance(value, Range)}
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
@@ -102,4 +104,4 @@ class Fit(Section):
         examples=[{"mu": 1.49}],
         description="published parameters to compare the result with, such as mu = 1.49",
     )
-    uncertain: Uncertain = Field(default=Uncertain.untouched(), description="inputs known with some error, or fitted")
+    uncertain: Uncertain = Field(default=Uncertain.untouched(), description="table of the uncertain inputs")

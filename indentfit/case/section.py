@@ -18,9 +18,12 @@ if TYPE_CHECKING:
 
 
 class Section(BaseModel):
-    """One table of the case. Made by hand, it raises CaseError with a line for each fault.
+    """One table of the case. A table that is made in memory with faults raises CaseError, with a line for each fault.
 
-    place: name of the table in the file.
+    Attributes
+    ----------
+    place : str
+        Name of the table in the file.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)  # built when first used
@@ -30,20 +33,20 @@ class Section(BaseModel):
         try:
             super().__init__(**keys)
         except ValidationError as error:
-            from indentfit.case.messages import lines  # what words a fault decides no curve (see runs/closure.py)
+            from indentfit.case.messages import lines  # here, because the wording of faults decides no curve (see runs/closure.py)
 
             raise CaseError(lines(type(self), error, tuple(self.place.split(".")) if self.place else ())) from None
 
-    # Tells pydantic to make this table without __init__ where it is inside of another one, whose error then has the faults of all.
+    # pydantic makes an inner table without __init__, so that the error of the outer table lists the faults of both.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
     def untouched(cls) -> Self:
-        """The table with every key at its default; it costs no building of validators."""
+        """The table with every key at its default, made without building validators."""
         return cls.model_construct()
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
-        """(key, what is wrong) for keys that are right alone but not together; a key that is not right alone is None."""
+        """(key, what is wrong) for keys that are each correct but contradict each other; a key with a fault of its own is None."""
         yield from ()
 
     @model_validator(mode="before")
@@ -60,7 +63,7 @@ class Section(BaseModel):
         return self
 
     def of_shape(self, shapes: Registry[Any]) -> Iterator[tuple[str, str]]:
-        """Disagreements where keys of another shape than that of the key `shape` are given, or keys of this shape are missing."""
+        """Disagreements of the given keys with the shape that the key `shape` names: keys of other shapes, and missing keys."""
         known_keys, name = type(self).model_fields, dict(self).get("shape")
         values = {key: value for key, value in dict(self).items() if key in self.model_fields_set}
         for key, missing in shapes.disagreements(name, values, {key: field.default for key, field in known_keys.items()}):
@@ -83,5 +86,5 @@ def raise_disagreements(model: type[BaseModel], faults: Sequence[tuple[Key, Any,
 
 
 def known(*values: object) -> bool:
-    """Whether every value is right alone (one that is not is None)."""
+    """Whether no value is None, which stands for a value with a fault of its own."""
     return all(value is not None for value in values)

@@ -32,7 +32,7 @@ from indentfit.curve import Curve
 DEFAULT_BULK_RATIO = 1000.0
 SIZE = (  # the factors are those of fem.mesh.FAMILIES
     "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
-    "size wide and quadratic ones (q2p1) up to 3 sizes, at its edge 0.15 and 0.126 sizes, or less where it is narrow"
+    "size wide and quadratic bricks (q2p1) up to 3 sizes; at the indenter's edge 0.15 and 0.126 sizes, or less under a narrow one"
 )
 
 
@@ -47,7 +47,7 @@ class Sample(Section):
     width: Length | None = Field(default=None, examples=[14.0], description="size of the block along z")
     thickness: Length = Field(description="thickness of the sample along y, the axis of indentation")
     base: Literal["sliding", "bonded"] = Field(
-        description="support of the sample: it slides there, or is bonded to it; the force changes by half, so find out"
+        description="support of the sample: the sample slides on it, or is bonded to it; the force can differ by half"
     )
 
     @property
@@ -107,7 +107,7 @@ class Mesh(Section):
         ge=20,
         le=2_000_000,
         examples=[3000],
-        description="number of elements, about; without size and elements, the default mesh",
+        description="approximate number of elements; without size and elements, the default mesh is made",
     )
 
     @property
@@ -208,7 +208,7 @@ def _file_or_curve(value: Any) -> str | Curve | None:
 
 
 class Test(Section):
-    """One indentation: its direction, and the measured curve, the raw record of it, or just a depth to simulate."""
+    """One indentation: its direction, and a measured curve, a raw record, or only a depth to simulate."""
 
     __test__ = False  # not a test of pytest's
 
@@ -251,7 +251,7 @@ class Test(Section):
 
 
 class Solver(Section):
-    """How the mechanics are solved; the defaults suit every case known so far."""
+    """How the mechanics are solved; the defaults suit every case that was tested."""
 
     place = "solver"
 

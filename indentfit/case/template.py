@@ -21,12 +21,12 @@ HEAD = """\
 #     indentfit fit case.toml          the parameters
 #
 # Lengths are in mm, forces in mN, pressures and moduli in kPa; a string may carry another unit: "330 um", "1490 Pa".
-# A key behind # has a default, or takes the place of another key.
+# A key that is commented out has a default, or is an alternative to another key.
 
 title = ""
 """
 RANGES = {"mu": (1, 0.1, 10), "zeta": (3, 0, 20), "phi": (1, 0, 5)}
-START: dict[str, dict[str, Any]] = {  # the keys that are not behind #: a disc pressed by a sharp strip
+START: dict[str, dict[str, Any]] = {  # the keys that are not commented out: a disc pressed by a sharp strip
     "sample": {"shape": "disc", "diameter": 14, "thickness": 3.3, "base": "sliding"},
     "indenter": {"shape": "strip", "width": 2, "length": 20, "edge_radius": 0, "friction": 0.5},
     "material": {"model": "transversely_isotropic", "bulk_ratio": 1000},
@@ -34,7 +34,7 @@ START: dict[str, dict[str, Any]] = {  # the keys that are not behind #: a disc p
     "fit": {"method": "ga", "seed": 0},
 }
 SECOND_TEST = {"name": "perpendicular", "angle": 90, "curve": "curves/perpendicular.csv"}
-OPTIONAL = ("record",)  # tables that stand behind # as a whole
+OPTIONAL = ("record",)  # tables that are commented out as a whole
 
 
 def template() -> str:
@@ -70,7 +70,7 @@ def _table(model: type[Section]) -> Iterator[str]:
 
 
 def _inner(model: type[Section]) -> Iterator[str]:
-    """A table inside of another, behind #."""
+    """A table inside of another, commented out."""
     yield from _comment((model.__doc__ or "").split("\n\n")[0])
     yield f"# [{model.place}]"
     for key in keys_of(model):
@@ -87,7 +87,7 @@ def _parameters() -> Iterator[str]:
 
 
 def _key(key: KeyFacts, value: Any, behind: str) -> Iterator[str]:
-    """One key: with the value of the template, or else behind # with its example."""
+    """One key: with the value of the template, or commented out with its example."""
     text = f"{key.name} = {_value(key.example if value is None else value)}"
     unit = f"{key.unit}: " if key.unit else ""
     options = f"; one of {', '.join(map(str, key.choices))}" if key.choices else ""
@@ -96,7 +96,7 @@ def _key(key: KeyFacts, value: Any, behind: str) -> Iterator[str]:
 
 
 def _row(text: str, comment: str) -> Iterator[str]:
-    """A line with a comment beside it, which goes on below; above it where the line is long."""
+    """A line with a comment beside it, continued below; the comment stands above a long line."""
     if len(text) + len(comment) > WIDTH - 3 and len(text) >= COLUMN:
         yield from (*_comment(comment), text)
         return

@@ -1,4 +1,4 @@
-"""What a case is allowed to say but deserves a second look."""
+"""Warnings about values of a case that are allowed but unusual."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEEP = 0.2  # of the thickness: beyond it equilibrium may not be found
 
 
 def warnings_of(case: Case) -> Iterator[str]:
-    """One line for each thing that deserves a second look."""
+    """One line for each allowed but unusual value of a case."""
     yield from _unstable(case)
     yield from _compressible(case)
     for test, curve in zip(case.tests, case.curves, strict=True):
@@ -30,7 +30,7 @@ def warnings_of(case: Case) -> Iterator[str]:
             share = depth / case.sample.thickness
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {DEEP * 100:g} % equilibrium may not be found"
     if len(case.free) > 1 and len({test.angle for test in case.tests}) == 1:
-        yield f"every test has angle {case.tests[0].angle}: one direction alone cannot tell the fibre terms apart"
+        yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
 
 
 def _compressible(case: Case) -> Iterator[str]:
@@ -41,7 +41,7 @@ def _compressible(case: Case) -> Iterator[str]:
     if kappa < NEARLY_INCOMPRESSIBLE * stiffest:
         yield (
             f"kappa = {kappa:g} kPa is below {NEARLY_INCOMPRESSIBLE} x the largest small-strain modulus ({stiffest:g} kPa) at the "
-            "start values: the tissue is not nearly incompressible; raise material.bulk_ratio unless that is meant"
+            "start values: the tissue is not nearly incompressible; raise material.bulk_ratio unless this is intended"
         )
 
 

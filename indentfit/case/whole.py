@@ -42,14 +42,17 @@ class Case(BaseModel):
 
     Attributes
     ----------
-    tests, curves : `tests[i]` was measured as `curves[i]`, which is None where the test gives only a depth.
-    path : where the case was read, None for a case that was made from values.
-    overrides : KEY=VALUE that replaced keys of the file.
+    tests, curves : tuple of Test, tuple of Curve or None
+        `curves[i]` was measured in `tests[i]`; None where the test gives only a depth.
+    path : path or None
+        The case file; None for a case that was made from values.
+    overrides : tuple of str
+        KEY=VALUE that replaced keys of the file.
 
     Raises
     ------
     CaseError
-        With one line for each fault.
+        The error's text has one line for each fault.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True, defer_build=True)
@@ -134,7 +137,7 @@ class Case(BaseModel):
 
     @property
     def law(self) -> type[Material]:
-        """The class of the material; where the case names a file of it, that is run. Raises MaterialError."""
+        """The class of the material; a file of the class that the case names is run. Raises MaterialError."""
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
     @property
@@ -150,11 +153,11 @@ class Case(BaseModel):
 
     @property
     def fitted(self) -> dict[str, Range]:
-        """What a fit searches for: the free parameters, then the uncertain inputs that are to be fitted."""
+        """The parameters of a fit: the free parameters, then the uncertain inputs that are to be fitted."""
         return {**self.free, **self.fit.uncertain.fitted}
 
     def start_values(self) -> dict[str, float]:
-        """Every parameter in the order of the law: the fixed number, or where its search starts."""
+        """Every parameter in the order of the law: its fixed number, or the start of its search."""
         return start_values(self.material, self.law)
 
     def outputs(self, test: Test) -> Array:
@@ -167,26 +170,26 @@ class Case(BaseModel):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of everything that a result depends on; not of titles, comments, paths and the number of workers."""
+        """SHA-256 of everything that a result depends on; titles, comments, paths and the number of workers do not change it."""
         facts = self.model_dump(
             mode="json",
             exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
         )
         for test, curve in zip(facts["tests"], self.curves, strict=True):
-            del test["record"]  # what counts is the curve that it was turned into
+            del test["record"]  # the curve that the record became decides a result
             test["curve"] = curve and [curve.displacement.tolist(), curve.force.tolist()]
-        if plugin := plugin_file(self.material.model, self.folder):  # what the file says, not where it lies
+        if plugin := plugin_file(self.material.model, self.folder):  # the content of the file, not its place
             code = hashlib.sha256(plugin.read_bytes()).hexdigest()
             facts["material"]["model"] = facts["material"]["model"].rpartition(":")[2] + " " + code
         return hashlib.sha256(json.dumps(facts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def warnings(self) -> list[str]:
-        """What is allowed but deserves a second look, one line each."""
+        """One line for each allowed but unusual value."""
         return list(warnings_of(self))
 
 
 def require_fittable(case: Case) -> None:
-    """Raise CaseError unless the case has a free parameter and each test a curve, with some weight among them."""
+    """Raise CaseError unless the case has a free parameter, every test has a curve, and at least one test has a weight."""
     faults = list(faults_of_fit(case.free, case.tests, case.curves))
     if faults:
         raise CaseError([line(case.path, fault) for fault in faults])

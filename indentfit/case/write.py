@@ -1,4 +1,4 @@
-"""A case that was made from values as files: case.toml, its curves, and the file of its material."""
+"""Writing a case that was made from values to files: case.toml, its curves, and the file of its material."""
 
 from __future__ import annotations
 
@@ -16,40 +16,49 @@ from indentfit.errors import OutputError
 
 
 def case_toml(case: Case) -> str:
-    """The text of a case file that says what a case says; its curves are named, and not part of it.
+    """The text of a case file with the same content as a case; the text names the files of curves and does not hold them.
 
     Parameters
     ----------
     case : Case
-        Read from a file, with its overrides, or made from values.
+
+    Returns
+    -------
+    str
     """
     return tomli_w.dumps(case_tree(case))
 
 
 def case_tree(case: Case) -> dict[str, Any]:
-    """The tables of a case as a file holds them: no key that has its default value."""
+    """The tables of a case as a file holds them, without keys that have their default value."""
     tree = case.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude={"path", "overrides", "curves"})
     return {name: table for name, table in _without_none(tree).items() if table != {}}
 
 
 def write_case(case: Case, folder: str | Path) -> Path:
-    """Write case.toml, the curves it names, and the file of its material, into a folder; reading it gives a case of the same hash.
+    """Write case.toml, the curves that it names, and the file of the material; the written case has the same hash.
+
+    Parameters
+    ----------
+    case : Case
+    folder : path
 
     Returns
     -------
     Path
-        Of case.toml.
+        The path of case.toml.
 
     Raises
     ------
     OutputError
+        The folder cannot be written.
     """
     folder, tree, taken = Path(folder), case_tree(case), set[str]()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for test, curve in zip(tree["test"], case.curves, strict=True):
             if curve is not None:
-                test.pop("record", None)  # what it was turned into is written
+                test.pop("record", None)  # the curve that the record became is written
                 test["curve"] = file_for(test["name"], taken)
                 (folder / test["curve"]).parent.mkdir(parents=True, exist_ok=True)
                 write_curve(folder / test["curve"], curve)
@@ -64,7 +73,7 @@ def write_case(case: Case, folder: str | Path) -> Path:
 
 
 def _without_none(value: Any) -> Any:
-    """Tables without the keys that say nothing."""
+    """Tables without the keys whose value is None."""
     if isinstance(value, dict):
         return {key: _without_none(inner) for key, inner in value.items() if inner is not None}
     return [_without_none(inner) for inner in value] if isinstance(value, list) else value

@@ -45,12 +45,13 @@ def check(material_class: type[Material], seed: int = 0) -> list[Check]:
     ----------
     material_class : class of Material
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
     list of Check
-        Only the first, not ok, where the energy has no derivatives. A wrong material raises nothing: its checks are not ok.
+        Where the energy has no derivatives, the list holds the first check only, which is not ok. A wrong material raises no
+        exception: its checks are not ok.
     """
     rng = np.random.default_rng(seed)
     name = "the energy has derivatives"
@@ -98,7 +99,7 @@ def _stress_at_rest(material: Material, F: Array, a0: Array) -> float:
 
 
 def _derivatives_at_rest(material: Material, F: Array, a0: Array) -> float:
-    """Gradient and Hessian at rest against jets, which share nothing with SymPy; nothing where jets cannot evaluate the energy."""
+    """Error of gradient and Hessian at rest against jets, which do not use SymPy; 0 where jets cannot evaluate the energy."""
     jet = at_rest(law_of(type(material)).energy, material.values)
     if jet is None:
         return 0.0

@@ -51,9 +51,9 @@ class Compiled:
     Parameters
     ----------
     shape : tuple of int
-        Of the array at one state.
+        Shape of the array at one state.
     places : tuple
-        Where each value of the function goes, in an order like the function's.
+        The entry of the array that each value of the function fills, in the order of the function's values.
     function : function
         Values of the entries, at four invariants and the parameters.
     """

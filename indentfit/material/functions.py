@@ -102,7 +102,7 @@ ON_JETS: dict[str, Callable[[Jet], Jet]] = {
 }
 
 ON_ARRAYS: dict[str, Callable[[Any], Any]] = {"positive": lambda x: np.maximum(x, 0.0), "step": lambda x: np.greater(x, 0.0) * 1.0}
-"""What compiled derivatives compute for those of our SymPy functions that NumPy does not have."""
+"""The NumPy code of those of our SymPy functions that NumPy does not have, for compiled derivatives."""
 
 
 class Algebra(NamedTuple):

@@ -21,7 +21,7 @@ from indentfit.material.kinematics import INVARIANTS, REST
 class Jet:
     """A term of an energy at one state: its value, gradient (4,) and Hessian (4, 4) by the invariants.
 
-    What the arithmetic cannot give is nan or inf, and an operation that it does not know raises TypeError.
+    The result of an operation without a finite value is nan or inf; an operation that jets do not know raises TypeError.
     """
 
     value: np.float64
@@ -31,7 +31,7 @@ class Jet:
     __array_ufunc__ = None  # a NumPy number leaves arithmetic with a jet to the jet
 
     def chained(self, f: float, first: float, second: float) -> "Jet":
-        """A function of this jet: its value f, first and second derivative at this jet's value."""
+        """A function of this jet, from the function's value f, first and second derivative at this jet's value."""
         outer = np.outer(self.gradient, self.gradient)
         return Jet(np.float64(f), first * self.gradient, first * self.hessian + second * outer)
 
@@ -162,8 +162,8 @@ def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], param
     Returns
     -------
     Jet or None
-        None where jets cannot tell: the energy raised an exception, uses an operation that they do not know, or is not finite.
-        SymPy has the last word there.
+        None where the energy raises an exception, uses an operation that jets do not know, or is not finite. SymPy's derivatives
+        decide there.
     """
     theta = {name: Jet(np.float64(value), np.zeros(4), np.zeros((4, 4))) for name, value in parameters.items()}
     rest = {name: Jet(x, unit, np.zeros((4, 4))) for name, x, unit in zip(INVARIANTS, REST, np.eye(4), strict=True)}

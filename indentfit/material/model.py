@@ -191,7 +191,7 @@ class Material:
 
     @property
     def unstable(self) -> str:
-        """Which small-strain moduli are not positive, in words; nothing where the material is stable at small strain."""
+        """The small-strain moduli that are not positive, in words; empty where the material is stable at small strain."""
         try:
             wrong = {name: value for name, value in self.moduli().items() if not value > 0}
         except MaterialError as error:
@@ -224,7 +224,7 @@ class Material:
 
 
 def _rebuilt(source: Any, values: Mapping[str, float]) -> Material:
-    """A material unpickled: its class is importable, or (function that makes it, its arguments)."""
+    """A material from its pickle; `source` is the class, or a function that makes the class, with the function's arguments."""
     return (source if isinstance(source, type) else source[0](*source[1:]))(**values)
 
 
@@ -256,14 +256,14 @@ def _refuse_wrong_names(cls: type[Material], values: Mapping[str, Any]) -> None:
 
 
 def shipped(cls: type[Material]) -> bool:
-    """Whether the law is one that indentfit ships: the tests have derived it, and hold its moduli by jets against SymPy's."""
+    """Whether indentfit ships the law: the tests derive such a law, and compare its moduli by jets with those by SymPy."""
     return cls.__module__.startswith(f"{GROUP}.")
 
 
 def require_derivable(cls: type[Material]) -> Derived:
     """The energy's compiled derivatives, derived and checked once per class.
 
-    Reading a case calls this function for laws that are not indentfit's own: what is wrong with one is then said before any solve.
+    Reading a case calls this function for laws that are not indentfit's own, so that a wrong law is refused before any solve.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def law_of(cls: type[Material]) -> Law:
     """What `derive` needs to know of the class."""
 
     def energy(values: Mapping[str, Term], named: Mapping[str, Term]) -> Term:
-        """psi of terms instead of numbers, which `__init__` would refuse."""
+        """psi of terms instead of numbers; `__init__` would refuse terms."""
         template = object.__new__(cls)
         template.__dict__.update(values)
         return template.energy(**{name: named[name] for name in cls.invariants})

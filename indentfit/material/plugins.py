@@ -1,4 +1,4 @@
-"""Materials that are installed or lie in a file: finding them, loading them, and trusting none of their code."""
+"""Materials that are installed or lie in a file: how they are found and loaded, and how faults of their code are contained."""
 
 import contextlib
 import re
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def _permitted(code: str) -> None:
-    """Permits any code."""
+    """Permit any code."""
 
 
 _permit: ContextVar[Callable[[str], None]] = ContextVar("permit", default=_permitted)
@@ -37,7 +37,7 @@ def foreign_code(permit: Callable[[str], None]) -> Iterator[None]:
     Parameters
     ----------
     permit : function
-        Receives where the code is, in words; may raise MaterialError. In other processes and threads `permit` is not called:
+        Receives the place of the code, in words; may raise MaterialError. In other processes and threads `permit` is not called:
         the code that they run was permitted here first.
     """
     token = _permit.set(permit)
@@ -53,7 +53,7 @@ def installed() -> dict[str, type[Material] | MaterialError]:
     Returns
     -------
     dict of str to class of Material or MaterialError
-        By name; a material that cannot be loaded is given as its error.
+        The materials by name. The value of a material that cannot be loaded is the error.
     """
     classes: dict[str, type[Material] | MaterialError] = {}
     for entry in _entries():
@@ -101,7 +101,7 @@ def load(name: str) -> type[Material]:
 
 
 def _entries() -> list["EntryPoint"]:
-    """The entry points, ours first so that no other package can take their names."""
+    """The entry points, those of indentfit first, so that no other package can take their names."""
     from importlib import metadata  # an import and a search that not every command needs
 
     return sorted(metadata.entry_points(group=GROUP), key=lambda entry: (not _ours(entry), entry.name))
@@ -181,14 +181,14 @@ def _line(error: BaseException, path: Path) -> int | str | None:
     return lines[-1] if lines else "?"
 
 
-# Trusting none -------------------------------------------------------------------------------------------------------
+# Faults of foreign code ----------------------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
 def blamed(kind: type[Material]) -> Iterator[None]:
     """Context in which an exception from the code of a material class becomes a MaterialError that names the class.
 
-    Exceptions that indentfit raises on purpose, or that code of its own lets out, stay as they are.
+    Exceptions that indentfit raises on purpose, or that its own code does not catch, stay as they are.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def blamed(kind: type[Material]) -> Iterator[None]:
 
 
 def derivatives(material: Material, name: Literal["gradient", "hessian"], I: Array) -> Array:
-    """A material's gradient or Hessian as compiled loops read it: they look at no shape.
+    """A material's gradient or Hessian, checked for the compiled loops, which themselves check no shape.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def derivatives(material: Material, name: Literal["gradient", "hessian"], I: Arr
     Raises
     ------
     MaterialError
-        A plugin gives anything else.
+        A plugin returns an array of another shape or type.
     """
     array = np.ascontiguousarray(getattr(material, name)(I))
     shape = (4,) * {"gradient": 1, "hessian": 2}[name] + I.shape[1:]

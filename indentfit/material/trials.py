@@ -27,7 +27,7 @@ def trial_values(parameters: Mapping[str, Parameter], rng: "np.random.Generator"
 
 
 def trial_value(parameter: Parameter, rng: "np.random.Generator") -> float:
-    """A random admissible value: within the two bounds, or over two decades from the only one."""
+    """A random admissible value: between the two bounds, or within two decades of the only bound."""
     low, high, decade = parameter.min, parameter.max, 10 ** rng.uniform(-1, 1)
     if low is not None and high is not None:
         if low > 0 and high > 10 * low:

@@ -35,12 +35,12 @@ def typed(energy: str, parameters: Iterable[str] | Mapping[str, Parameter]) -> t
     Returns
     -------
     class of Material
-        One class in a process for the same text and parameters.
+        Within one process, the same text and parameters give the same class.
 
     Raises
     ------
     MaterialError
-        The text names something else, is beyond the limits, or is no energy (see `require_derivable`); the message names the
+        The text names something else, is beyond the limits, or is not an energy (see `require_derivable`). The message names the
         piece at fault.
     """
     if not isinstance(energy, str):

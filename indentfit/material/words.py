@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a message that offers the known name most like the given one; nothing where none is like it."""
+    """The end of a message that suggests the known name nearest to the given name; empty where no name is near."""
     close = difflib.get_close_matches(name, list(known), 1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
