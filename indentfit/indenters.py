@@ -43,8 +43,7 @@ class Band:
     """A rectangular contact; lengths in mm.
 
     Mesh lines follow the long sides z = half_width, and the ends x = half_length where these lie on the sample. A contact that
-    reaches beyond the sample along x overhangs the sample, whose side may then roll up: it turns and comes to lie against the
-    indenter (side roll-up).
+    reaches beyond the sample along x overhangs the sample, whose side may then roll up against the indenter (see fem/contact.py).
     """
 
     half_length: float

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.experiment.measured import read_case
-from indentfit.experiment.rig import Noise, Rig
+from indentfit.experiment.rig import Rig, SensorNoise
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 
@@ -40,7 +40,7 @@ def manifest(tmp_path):
     rng, rows = np.random.default_rng(0), ["sample,direction,file,thickness,diameter"]
     for n in range(3):
         for direction, slope in ((0, 60.0), (90, 120.0)):
-            rig = Rig(hold=0.3, noise=Noise(vibration=(0.1, 0.001)))
+            rig = Rig(hold=0.3, noise=SensorNoise(vibration=(0.1, 0.001)))
             record, _ = rig.run(Curve(d, slope * (1 + 0.1 * n) * d), rng)
             table = np.column_stack([record.time, record.displacement, record.force])
             np.savetxt(

@@ -11,7 +11,7 @@ from indentfit.experiment.contact_point import METHODS, find_contact_point
 from indentfit.experiment.loading import constant_velocity, find_ramp
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.record import RawRecord
-from indentfit.experiment.rig import Noise, Rig
+from indentfit.experiment.rig import Rig, SensorNoise
 
 _spec = importlib.util.spec_from_file_location("contact_point", Path(__file__).parent / "campaigns" / "contact_point.py")
 study = importlib.util.module_from_spec(_spec)
@@ -40,7 +40,7 @@ def test_the_default_method_is_the_best_or_as_good_in_every_trouble(kind):
 @pytest.mark.parametrize("sample", study.SAMPLES)
 def test_without_noise_every_method_finds_contact_within_its_reach(method, sample):
     """Within the filter's blur (a tenth of the ramp's depth) for the rules, within 2 um for the fit."""
-    still = Rig(approach_velocity=0.5, noise=Noise(force=1e-4, displacement=1e-6, vibration=(0, 0), resolution=(0, 0)))
+    still = Rig(approach_velocity=0.5, noise=SensorNoise(force=1e-4, displacement=1e-6, vibration=(0, 0), resolution=(0, 0)))
     ((error, _),) = study.trials(study.sample_curve(sample), still, method, 1)
     assert abs(error) < (0.002 if method == "piecewise" else 0.1 * study.SAMPLES[sample][2])
 
@@ -66,7 +66,7 @@ def test_contact_does_not_depend_on_the_zeros_of_the_sensors():
 
 def test_drift_of_the_load_cell_is_told_from_contact():
     """2 mN/s over a baseline of 2 s: twice the force at which contact would be guessed from a constant baseline."""
-    record, truth = Rig(rest=2.0, noise=Noise(drift=2.0)).run(study.sample_curve("along"), np.random.default_rng(5))
+    record, truth = Rig(rest=2.0, noise=SensorNoise(drift=2.0)).run(study.sample_curve("along"), np.random.default_rng(5))
     contact = find_contact_point(find_ramp(record))
     assert contact.displacement == pytest.approx(truth, abs=0.01)
     assert contact.drift == pytest.approx(2.0, abs=0.3)
@@ -100,7 +100,7 @@ def test_a_slow_approach_is_not_part_of_the_window():
 
 def test_the_filter_is_without_shift_in_time():
     """A straight ramp stays where it is."""
-    record, _ = Rig(noise=Noise(vibration=(0, 0))).run(study.sample_curve("gelatin"), np.random.default_rng(2))
+    record, _ = Rig(noise=SensorNoise(vibration=(0, 0))).run(study.sample_curve("gelatin"), np.random.default_rng(2))
     ramp = find_ramp(record)
     inside = slice(ramp.low, ramp.high)
     assert np.mean(ramp.displacement[inside] - record.displacement[inside]) == pytest.approx(0, abs=5e-4)

@@ -14,7 +14,7 @@ from indentfit.experiment.manifest import Entry
 from indentfit.experiment.mean_case import MeanCase
 from indentfit.experiment.process import process
 from indentfit.experiment.record import RawRecord
-from indentfit.experiment.rig import Noise, Rig
+from indentfit.experiment.rig import Rig, SensorNoise
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
 SLOPES = {0: 60.0, 90: 120.0}  # mN/mm
@@ -24,7 +24,7 @@ SLOPES = {0: 60.0, 90: 120.0}  # mN/mm
 def records():
     """Direction -> record of a straight curve of SLOPES, 0.3 mm deep, on a quiet rig with a hold."""
     d = np.linspace(0, 0.3, 40)[1:]
-    rig = Rig(hold=2.0, noise=Noise(vibration=(0.05, 0.0005)))
+    rig = Rig(hold=2.0, noise=SensorNoise(vibration=(0.05, 0.0005)))
     return {angle: rig.run(Curve(d, slope * d), np.random.default_rng(angle))[0] for angle, slope in SLOPES.items()}
 
 

@@ -13,7 +13,7 @@ from indentfit.experiment.formats.encodings import decoded
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.record import RawRecord
-from indentfit.experiment.rig import Noise, Rig
+from indentfit.experiment.rig import Rig, SensorNoise
 
 N = 60
 D = np.round(np.linspace(0.0, 0.59, N), 2)  # mm
@@ -213,7 +213,7 @@ def test_several_hundred_thousand_rows_take_about_a_second(tmp_path):
 
 
 def good(**changes):
-    rig = Rig(noise=Noise(vibration=(0.05, 0.0)), **changes)
+    rig = Rig(noise=SensorNoise(vibration=(0.05, 0.0)), **changes)
     d = np.linspace(0, 0.33, 34)[1:]
     from indentfit.curve import Curve
 

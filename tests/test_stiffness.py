@@ -9,10 +9,10 @@ from indentfit.case import Record
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.relaxation import fit_prony
-from indentfit.experiment.rig import Noise, Rig
+from indentfit.experiment.rig import Rig, SensorNoise
 from indentfit.experiment.stiffness import linear_fit, quadratic_fit, resampled
 
-STILL = Noise(force=1e-4, displacement=1e-6, vibration=(0, 0), resolution=(0, 0))
+STILL = SensorNoise(force=1e-4, displacement=1e-6, vibration=(0, 0), resolution=(0, 0))
 
 
 def test_a_line_through_white_noise_is_that_of_textbooks():

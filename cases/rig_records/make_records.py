@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from indentfit.curve import Curve
 from indentfit.experiment.measured import read_case
-from indentfit.experiment.rig import Noise, Rig
+from indentfit.experiment.rig import Rig, SensorNoise
 from indentfit.runs.forward import simulate
 
 HERE = Path(__file__).parent
@@ -76,7 +76,8 @@ def write_records(folder, samples, hold, seed=SEED):
 
 def _write_record(path, curve, stiffness, depth, hold, rng):
     """One record in volts, both channels falling under load; returns the displacement at contact, mm."""
-    rig = Rig(velocity=0.2 * depth / STRAIN, gap=float(np.round(rng.uniform(0.15, 0.3), 3)), hold=hold, noise=Noise(drift=0.05))
+    gap = float(np.round(rng.uniform(0.15, 0.3), 3))
+    rig = Rig(velocity=0.2 * depth / STRAIN, gap=gap, hold=hold, noise=SensorNoise(drift=0.05))
     d = np.linspace(0, depth, 60)[1:]
     elastic = np.interp(d, np.append(0, curve.displacement), np.append(0, curve.force))
     scale = stiffness / _stiffness_of_ramp(Curve(d, elastic), rig)
@@ -89,7 +90,7 @@ def _write_record(path, curve, stiffness, depth, hold, rng):
 
 def _stiffness_of_ramp(curve, rig):
     """Slope of the straight line, mN/mm, through what a rig without noise records at this velocity: with relaxation in it."""
-    still = Noise(force=0, displacement=0, vibration=(0, 0), resolution=(0, 0))
+    still = SensorNoise(force=0, displacement=0, vibration=(0, 0), resolution=(0, 0))
     record, contact = replace(rig, noise=still).run(curve, np.random.default_rng(0), RELAXATION)
     ramp = (record.displacement > contact) & (np.gradient(record.displacement) > 0)
     return np.polyfit(record.displacement[ramp], record.force[ramp], 1)[0]

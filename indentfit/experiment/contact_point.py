@@ -1,12 +1,12 @@
-"""The contact point: the displacement at which the indenter first touches the sample, by published methods, with its uncertainty.
+"""The contact point: the displacement at which the indenter first touches the sample, by published methods.
 
-`piecewise` (the default): baseline and a polynomial that leaves it at the contact point, by least squares (Rudoy et al. 2010, J R
-Stat Soc C 59:573; for a flat punch of degree 1, and 2 for the tissue's stiffening; for a sphere of degree 1.5, as Hertz has it,
-and 2.5). `threshold`: the filtered force exceeds the mean of the baseline by n standard deviations there, and stays above (Lin,
-Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such rules). `variance_ratio`: the variance of the force after that point
-exceeds the variance before it the most (Gavara 2016, Sci Rep 6:21267). tests/campaigns/contact_point.py compares the methods on
-simulated records; on this evidence `piecewise` is the default. The stated uncertainty takes the polynomial for granted: it does not
-cover a toe region, as a tilted or uneven sample has.
+`piecewise` (the default): baseline and a polynomial that leaves the baseline at the contact point, by least squares (Rudoy et al.
+2010, J R Stat Soc C 59:573; powers 1 and, for the tissue's stiffening, 2 for a flat punch; 1.5, as in Hertz's theory, and 2.5 for
+a sphere). `threshold`: the filtered force exceeds the mean of the baseline by n standard deviations there, and stays above (Lin,
+Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such rules). `variance_ratio`: the ratio of the variance of the force after
+the point to the variance before it is largest (Gavara 2016, Sci Rep 6:21267). tests/campaigns/contact_point.py compares the
+methods on simulated records; on this evidence `piecewise` is the default. The stated uncertainty presumes that the polynomial
+holds: it does not cover a toe region, as a tilted or uneven sample has.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SIGMAS = 5.0  # standard deviations of the method `threshold`
 
 @dataclass(frozen=True)
 class ContactPoint:
-    """The begin of contact in a record.
+    """The beginning of contact in a record.
 
     Attributes
     ----------
@@ -95,9 +95,9 @@ def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str = "f
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """The part of a record that the contact point is searched in: baseline and loading, thinned to a few thousand samples.
+    """The part of a record in which the contact point is searched for: baseline and loading, thinned to a few thousand samples.
 
-    time s, displacement (filtered) mm, force mN: (n,); half: sample with half of the force; length: of the filter, samples;
+    time s, displacement (filtered) mm, force mN: (n,); half: sample with half of the force; length: samples that the filter covers;
     quiet: number of samples at the start that surely lie before contact; blur: standard error of the filtered displacement, mm;
     drifts: whether the baseline is long enough to tell drift from noise.
     """
@@ -138,9 +138,9 @@ def _stretch(ramp: Ramp) -> _Stretch:
     low = (ramp.low - part.start) // thin
     risen = np.flatnonzero(filtered(ramp.force[part], ramp.length) - ramp.rest >= 0.5 * ramp.peak)
     half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
-    # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise, and averages vibration out
+    # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise, and removes vibration
     blur = 1.5 * noise_of(record.displacement[part]) / np.sqrt(ramp.length)
-    # a shorter baseline cannot tell drift from noise, and drift does no harm in so short a time
+    # a shorter baseline does not separate drift from noise, and drift is negligible in so short a time
     drifts = low - 0.2 * samples / thin >= samples / thin
     return _Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts))
 
@@ -194,8 +194,8 @@ def _require_a_kink(ramp: Ramp, stretch: _Stretch, model: _Model) -> None:
     rest = stretch.force - straight @ np.linalg.lstsq(straight, stretch.force, rcond=None)[0]
     if rest @ rest < 2 * (model.residual @ model.residual) and model.contact - stretch.displacement.min() < 3 * model.stderr:
         raise RecordError(
-            f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, as drift does or an "
-            "indenter that is in contact throughout; start recording before contact, or remove the record"
+            f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, because of drift or "
+            "of contact throughout; start recording before contact, or remove the record"
         )
     powers = np.array(model.powers)
     if model.coefficients[-powers.size :] @ np.ptp(stretch.displacement) ** powers <= 0:
@@ -234,7 +234,7 @@ def _reach(model: _Model) -> float:
 def _uncertainty(stretch: _Stretch, model: _Model, rule: Rule, place: float) -> float:
     """Half of the 90 % interval of a rule, mm: bias and spread of the rule on records simulated from the fitted model."""
     scale, weights = model.noise.scale, model.noise.weights
-    rng = np.random.default_rng(0)  # the same record gives the same answer
+    rng = np.random.default_rng(0)  # the same record gives the same uncertainty
     smooth = stretch.force - model.residual
     white = rng.standard_normal((TRIALS, 200 + scale.size))
     noise = lfilter([1.0], np.append(1.0, -weights), white, axis=1)[:, 200:]

@@ -27,7 +27,7 @@ class Ramp:
     ----------
     record : RawRecord
     low, high, stop : int
-        Samples with 20 % and 80 % of the force, and the first sample behind the loading.
+        Samples with 20 % and 80 % of the force, and the first sample after the loading.
     length : int
         Samples that the filter covers.
     velocity : float, mm/s
@@ -70,6 +70,10 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
     record : RawRecord
     filter_share : float
         Length of the filter over the duration of the ramp.
+
+    Returns
+    -------
+    Ramp
 
     Raises
     ------
@@ -118,7 +122,7 @@ def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
     velocity = savgol_filter(record.displacement, length, 1, deriv=1, delta=record.interval)
     usual = float(np.median(velocity[ramp.low : ramp.high]))
     steady = np.abs(velocity[start : ramp.stop] - usual) <= SAME_VELOCITY * abs(usual)
-    begin, end = _longest_run(steady)
+    begin, end = longest_run(steady)
     if end - begin < max(FEWEST / 2, 0.2 * ramp.samples):
         raise RecordError(
             f"{record.name}: no section of constant velocity: the stage keeps within 15 % of {usual:.3g} mm/s for only "
@@ -130,7 +134,7 @@ def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
 
 
 def filtered(values: Array, length: float) -> Array:
-    """Values (n,) behind a Savitzky-Golay filter, quadratic and without shift in time, over about `length` samples."""
+    """Values (n,) after a Savitzky-Golay filter, quadratic and without shift in time, over about `length` samples."""
     length = min(odd(length), values.size - 1 + values.size % 2)
     return savgol_filter(values, length, 2)
 
@@ -175,7 +179,7 @@ def noise_of(values: Array) -> float:
 
 
 def _end(record: RawRecord, displacement: Array, velocity: float, high: int, samples: float) -> int:
-    """Index behind the last sample of loading: the deepest place of the stage once it has slowed down behind `high`."""
+    """Index after the last sample of loading: the deepest place of the stage once the stage has slowed down after `high`."""
     step = max(1, round(0.05 * samples))
     ahead = displacement[high + step :] - displacement[high : displacement.size - step]
     slow = np.flatnonzero(ahead < 0.3 * velocity * step * record.interval)
@@ -186,8 +190,8 @@ def _end(record: RawRecord, displacement: Array, velocity: float, high: int, sam
     return begin + int(np.argmax(near >= near.max() - 0.005 * velocity * samples * record.interval)) + 1
 
 
-def _longest_run(steady: Bools) -> tuple[int, int]:
-    """First sample of the longest run of True, and the one behind its last."""
+def longest_run(steady: Bools) -> tuple[int, int]:
+    """First sample of the longest run of True, and the sample after the last; (0, 0) where nothing is True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
     if not edges.size:
         return 0, 0

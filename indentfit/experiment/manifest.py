@@ -28,11 +28,11 @@ class Entry:
     ----------
     sample : str
     direction : int or None, degrees
-        Between the fibres and the strip: 0 or 90; None where it is not known.
+        Angle between the fibres and the strip: 0 or 90; None where it is not known.
     path : Path or None
         The file of the record.
     thickness, diameter : float or None, mm
-        Of the sample.
+        Sizes of the sample.
     row : int
         Row of the manifest, from 1; 0 without a manifest.
     problem : str or None
@@ -69,6 +69,10 @@ def read_manifest(path: str | Path) -> list[Entry]:
 
     Columns: sample, direction (0, 90, parallel, perpendicular), file (relative to the manifest), thickness and diameter (mm, or
     with a unit in the header: thickness_um).
+
+    Parameters
+    ----------
+    path : path of the CSV
 
     Returns
     -------
@@ -147,16 +151,16 @@ def _direction(text: str) -> str:
 
 
 def _length(text: str, factor: float) -> float | None:
-    """A length in mm; None where the text is no positive number."""
+    """A length in mm; None where the text is not a positive number."""
     try:
-        length = float(f"{float(text.replace(',', '.')) * factor:.15g}")  # so that 3300 um is 3.3 mm and not a bit more
+        length = float(f"{float(text.replace(',', '.')) * factor:.15g}")  # so that 3300 um is exactly 3.3 mm
     except ValueError:
         return None
     return length if 0 < length < float("inf") else None
 
 
 def once_each(entries: Iterable[Entry]) -> list[Entry]:
-    """The entries, with a problem in the second one of the same sample and direction, which would count twice."""
+    """The entries; the second entry of one sample and direction gets a problem, because the sample would count twice."""
     seen: dict[tuple[str, int | None], Entry] = {}
     checked = []
     for entry in entries:

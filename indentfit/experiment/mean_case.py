@@ -1,4 +1,4 @@
-"""A case of mean curves: where its experiment and material come from, and what is fitted in each direction."""
+"""A case of mean curves: the source of its sample, indenter and material, and the curve that is fitted in each direction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KINDS = ("mean", "linear", "quadratic")
 
 @dataclass(frozen=True)
 class MeanCase:
-    """What `process --case` makes a case of, beside the mean curves.
+    """The ingredients, beside the mean curves, of the case that `process --case` writes.
 
     Attributes
     ----------
@@ -34,7 +34,17 @@ class MeanCase:
 
     @classmethod
     def read(cls, base: str | Path | None = None, targets: Mapping[int, str] | None = None) -> MeanCase:
-        """The case on the ground of a case file, or of the template.
+        """The mean case with the tables of a case file, or of the template.
+
+        Parameters
+        ----------
+        base : path or None
+            The case file; None for the template.
+        targets : mapping of directions to "mean", "linear" or "quadratic"
+
+        Returns
+        -------
+        MeanCase
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A case with all that it names opened: the class of its material, its curves, and its raw records as curves."""
+"""Reading a case completely: the class of its material, its curves, and its raw records as curves."""
 
 from __future__ import annotations
 
@@ -12,28 +12,45 @@ from indentfit.material import Material
 
 
 def read_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
-    """The `Case` of a TOML file, with what it names opened and `overrides` in place of its keys.
+    """The `Case` of a TOML file with its material, curves and raw records, and with `overrides` in place of its keys.
 
     Parameters
     ----------
-    path : the case file; the files that it names are relative to its folder
-    overrides : "KEY=VALUE", such as "indenter.friction=0.2"
+    path : path
+        The case file; names of other files in it are relative to its folder.
+    overrides : sequence of str
+        KEY=VALUE, such as "indenter.friction=0.2".
+
+    Returns
+    -------
+    Case
 
     Raises
     ------
     CaseError
-        With one line for each fault: file, key, value, what is wrong and what to do.
+        The error's text has one line for each fault: file, key, value, what is wrong and what to do.
     """
     return read_case_file(path, overrides, Opened())
 
 
 def changed_case(case: Case, overrides: Sequence[str]) -> Case:
-    """The case with `overrides` in place of its keys, whether it was read from a file or made from values.
+    """The case with `overrides` in place of its keys.
+
+    Parameters
+    ----------
+    case : Case
+        Read from a file, or made from values.
+    overrides : sequence of str
+        KEY=VALUE.
+
+    Returns
+    -------
+    Case
 
     Raises
     ------
     CaseError
-        With one line for each fault.
+        The error's text has one line for each fault.
     """
     return override_case(case, overrides, Opened())
 

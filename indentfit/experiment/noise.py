@@ -1,6 +1,6 @@
-"""Noise that is neither white nor of one size, as of a load cell that rings on a moving stage.
+"""Noise that is correlated and changes its size, such as that of a load cell that rings on a moving stage.
 
-Least squares that take such noise for white state standard errors that are far too small.
+Least squares that treat such noise as white state standard errors that are far too small.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from indentfit.arrays import Array
 
 ORDER = 12  # of the autoregressive process, at most
-LOCAL = 101  # samples over which the size of the noise is taken
+LOCAL = 101  # samples over which the size of the noise is averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,16 @@ class CorrelatedNoise:
 
 
 def noise_in(residual: Array) -> CorrelatedNoise:
-    """The noise in a residual (n,): an autoregression by the Yule-Walker equations, its order by Akaike's criterion."""
+    """The noise in a residual: an autoregression by the Yule-Walker equations, its order by Akaike's criterion.
+
+    Parameters
+    ----------
+    residual : array (n,)
+
+    Returns
+    -------
+    CorrelatedNoise
+    """
     n = residual.size
     scale = np.sqrt(uniform_filter1d(residual**2, min(LOCAL, n), mode="nearest"))
     unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
@@ -51,7 +60,18 @@ def noise_in(residual: Array) -> CorrelatedNoise:
 
 
 def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
-    """Covariance (p, p) of least-squares values with a Jacobian (n, p): by the sandwich of their scores."""
+    """Covariance of least-squares values: the sandwich estimate from their scores.
+
+    Parameters
+    ----------
+    jacobian : array (n, p)
+    noise : CorrelatedNoise
+        The noise in the n residuals.
+
+    Returns
+    -------
+    array (p, p)
+    """
     n, p = jacobian.shape
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     sized = jacobian * noise.scale[:, None]

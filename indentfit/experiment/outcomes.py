@@ -12,7 +12,7 @@ from indentfit.experiment.processed import ProcessedRecord, process_record
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.record import RawRecord
 
-Progress = Callable[[int, str], object]  # called with the number of records that are done, and the sample of the last
+AfterRecord = Callable[[int, str], object]  # called with the number of records that are done, and the sample of the last record
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +42,20 @@ class Usable:
         return self.entry.name
 
 
-def process_all(entries: Iterable[Entry], settings: Record | None = None, progress: Progress | None = None) -> list[Outcome]:
+def process_all(entries: Iterable[Entry], settings: Record | None = None, progress: AfterRecord | None = None) -> list[Outcome]:
     """The outcome of each entry.
 
     Parameters
     ----------
-    entries : of Entry
+    entries : iterable of Entry
     settings : Record
-        The [record] table, the same for all.
+        The [record] table, the same for all entries.
     progress : function
         Called after each record.
+
+    Returns
+    -------
+    list of Outcome
     """
     outcomes = []
     for n, entry in enumerate(entries):
@@ -62,7 +66,7 @@ def process_all(entries: Iterable[Entry], settings: Record | None = None, progre
 
 
 def usable(outcomes: Iterable[Outcome], direction: int | None = None) -> list[Usable]:
-    """The outcomes with a processed record; those of one direction where it is given."""
+    """The outcomes with a processed record; only those of a direction where a direction is given."""
     return [
         Usable(outcome.entry, outcome.processed)
         for outcome in outcomes

@@ -9,7 +9,7 @@ from pathlib import Path
 from indentfit.case import Record, read_record_table
 from indentfit.errors import RecordError
 from indentfit.experiment.manifest import Entry, once_each, read_manifest
-from indentfit.experiment.outcomes import Outcome, Progress, process_all
+from indentfit.experiment.outcomes import AfterRecord, Outcome, process_all
 from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.replicates import mean_curves, statistics
@@ -22,7 +22,7 @@ def process(
     manifest: str | Path | None = None,
     thickness: float | None = None,
     settings: Record | str | Path | None = None,
-    progress: Progress | None = None,
+    progress: AfterRecord | None = None,
 ) -> ProcessResult:
     """Curves, contact points, stiffnesses and relaxation of raw records, and the statistics of replicates.
 
@@ -35,16 +35,20 @@ def process(
     manifest : path
         In place of records: a CSV with the columns sample, direction, file, thickness, diameter.
     thickness : float, mm
-        Of the samples of files and raw records, for strains; an Entry and a manifest have thicknesses of their own.
+        Thickness of the samples of files and raw records, for strains; an Entry and a manifest have thicknesses of their own.
     settings : Record, or path of a TOML file with a table [record]
         Columns, calibration and sampling rate of the files; methods of the analysis.
     progress : function
         Called after each record with the number of records that are done and the name of the sample.
 
+    Returns
+    -------
+    ProcessResult
+
     Raises
     ------
     RecordError
-        No record can be used: one line for each.
+        No record can be used. The error's text has one line for each record.
     CaseError
         The table [record] has faults.
 
@@ -64,7 +68,7 @@ def process(
 
 
 def _entries(sources: Sequence[Source], thickness: float | None) -> Iterator[Entry]:
-    """An entry for each source. Files of one name keep their folders; a repeated name gets a number."""
+    """An entry for each source. Files with the same name are named with their folders; a repeated name gets a number."""
     names = [Path(source).name for source in sources if isinstance(source, str | Path)]
     given: Counter[str] = Counter()
     for source in sources:
@@ -81,7 +85,7 @@ def _entries(sources: Sequence[Source], thickness: float | None) -> Iterator[Ent
 
 
 def _name(source: str | Path | RawRecord, names: list[str]) -> str:
-    """The name of a raw record, or of its file: without ending, or the whole path where two files share a name."""
+    """The name of a raw record, or of its file: without suffix, or the whole path where two files share a name."""
     if isinstance(source, RawRecord):
         return source.name or "record"
     path = Path(source)

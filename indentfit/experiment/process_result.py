@@ -23,11 +23,11 @@ class ProcessResult:
     Attributes
     ----------
     outcomes : tuple of Outcome
-        Each record in the order given, processed or with its problem.
+        The outcome of each record in the order given: processed, or with its problem.
     settings : Record
         The [record] table.
     statistics : Statistics
-        Of the stiffness per direction; empty where no direction is known.
+        Statistics of the stiffness per direction; empty where no direction is known.
     means : dict
         Direction -> mean curve.
     """
@@ -54,11 +54,11 @@ class ProcessResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What deserves a look, each with the name of its record."""
+        """Unusual properties of records, each with the name of the record."""
         return tuple(f"{name}: {note}" for name, record in self.records.items() for note in record.notes)
 
     def as_json(self) -> dict[str, Any]:
-        """What summary.json of the result folder holds."""
+        """The content of summary.json in the result folder."""
         from indentfit.report.records import process_facts
 
         return process_facts(self)
@@ -70,7 +70,7 @@ class ProcessResult:
         return "\n".join(process_lines(self))
 
     def plot(self, name: str | None = None) -> Any:
-        """The matplotlib Figure of one record; without a name that of the replicates, or of the first record if there are none."""
+        """The matplotlib Figure of the record with this name; without a name, of the replicates, or of the first record."""
         from indentfit.report.record_figures import process_figure
 
         return process_figure(self, name)

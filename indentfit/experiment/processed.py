@@ -1,4 +1,4 @@
-"""One raw record to its loading curve, stiffness and relaxation."""
+"""Processing of one raw record: its loading curve, stiffness and relaxation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PEAK_FILTER = 0.05  # of the duration of the ramp: short enough to keep the peak
 
 @dataclass(frozen=True, eq=False)
 class ProcessedRecord:
-    """A raw record and what it amounts to. Displacements and forces are counted from the contact point.
+    """A raw record with all that is computed from it. Displacements and forces are counted from the contact point.
 
     Attributes
     ----------
@@ -45,13 +45,13 @@ class ProcessedRecord:
     line, parabola : Line, Parabola
         Fits within the window.
     thickness : float or None, mm
-        Of the sample.
+        Thickness of the sample.
     forces : dict
         Strain (displacement over thickness) -> force, mN.
     relaxation : Prony or None
-        Of the hold, where there is a hold long enough.
+        Prony series of the hold; None where there is no hold, or too short a hold.
     notes : tuple of str
-        What deserves a look.
+        Unusual properties of the record.
     """
 
     record: RawRecord
@@ -84,14 +84,18 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     ----------
     record : RawRecord
     thickness : float, mm
-        Of the sample, for strains.
+        Thickness of the sample, for strains.
     settings : Record
         The [record] table: method of the contact point, filter, points of the curve, strains, terms of the Prony series.
+
+    Returns
+    -------
+    ProcessedRecord
 
     Raises
     ------
     RecordError
-        One line with the name of the record, what is wrong and the remedy.
+        The record cannot be used. The error's text is one line with the name of the record, what is wrong and the remedy.
     """
     settings = settings or Record()
     require_channels(record)
@@ -151,7 +155,7 @@ def _require_depth(record: RawRecord, depth: float, contact: ContactPoint) -> No
 
 
 def _peak(ramp: Ramp, contact: ContactPoint, unfiltered: Array) -> float:
-    """Largest force, mN, behind a filter that takes the noise away and keeps the peak."""
+    """Largest force, mN, after a filter that removes noise and keeps the peak."""
     stop = ramp.stop + round(0.5 * ramp.samples)
     return float(filtered(unfiltered[:stop], PEAK_FILTER * ramp.samples)[contact.index :].max())
 
@@ -169,7 +173,7 @@ def _forces(displacement: Array, force: Array, thickness: float | None, strains:
 
 
 def _relaxation(ramp: Ramp, unfiltered: Array, contact: ContactPoint, terms: int | str) -> Prony | None:
-    """The Prony series of the hold, or None where there is no hold, or too short a one."""
+    """The Prony series of the hold, or None where there is no hold, or too short a hold."""
     record = ramp.record
     held = record.time[-1] - record.time[ramp.stop - 1]
     if terms == 0 or held < SHORTEST_HOLD * ramp.duration or not _stays(ramp):
@@ -190,7 +194,7 @@ def _stays(ramp: Ramp) -> bool:
 
 
 def _notes(ramp: Ramp, contact: ContactPoint, depth: float, thickness: float | None) -> Iterator[str]:
-    """What deserves a look, one line each."""
+    """One line for each unusual property of the record."""
     if contact.index < ramp.length:
         yield "contact begins soon after the start of the record: the baseline is short"
     if contact.uncertainty > 0.05 * depth:

@@ -1,4 +1,4 @@
-"""A lab's file as a raw record, by whichever format recognises the file."""
+"""Reading a lab's file as a raw record, with the format that recognises the file."""
 
 from __future__ import annotations
 
@@ -22,12 +22,16 @@ def read_record(path: str | Path, settings: Record | None = None) -> RawRecord:
     path : path
         Text in columns, or a workbook.
     settings : Record
-        The [record] table: columns, calibration, sampling rate; by default the header of the file tells all of this.
+        The [record] table: columns, calibration, sampling rate; by default all of these follow from the header of the file.
+
+    Returns
+    -------
+    RawRecord
 
     Raises
     ------
     RecordError
-        One line with the file, what is wrong and the remedy.
+        The file cannot be read as a record. The error's text is one line with the file, what is wrong and the remedy.
     """
     path, settings = Path(path), settings or Record()
     _require_file(path)

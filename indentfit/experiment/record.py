@@ -1,4 +1,4 @@
-"""The raw record of a rig: displacement and force over time, as the sensors gave them."""
+"""The raw record of a rig: displacement and force over time, as the sensors recorded them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FEWEST = 50  # samples of a record
 
 @dataclass(frozen=True, eq=False)
 class RawRecord:
-    """What a rig recorded in one run. The zeros of displacement and force are those of the sensors.
+    """The samples that a rig recorded in one run. The zeros of displacement and force are those of the sensors.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class RawRecord:
     name : str
         The file, or another name, for messages.
     notes : tuple of str
-        What was left out or repaired when the file was read.
+        A note on everything that was left out or repaired when the file was read.
 
     Raises
     ------

@@ -2,8 +2,9 @@
 
 With the relaxation G(t) / G0 = 1 - sum g_i (1 - exp(-t / tau_i)) and a ramp of duration T at constant rate, the force at a time t
 after the ramp's end is F0 [1 - sum g_i (1 - (tau_i / T) (1 - exp(-T / tau_i)) exp(-t / tau_i))], where F0 is the force that an
-infinitely fast ramp would have reached (Boltzmann's integral over the ramp). A hold cannot tell what relaxed within the ramp before
-it, and gels relax over many decades of time: more terms find a higher G0. `by_terms` therefore gives the ratio for each number.
+infinitely fast ramp would have reached (Boltzmann's integral over the ramp). A hold does not show what relaxed during the ramp, and
+gels relax over many decades of time: fits with more terms give a higher G0. `by_terms` therefore lists the ratio for each number of
+terms.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ class Prony:
     instantaneous : float, mN
         F0.
     shares : tuple of float
-        g_i, of G0.
+        g_i, shares of G0.
     times : tuple of float, s
-        tau_i, rising.
+        tau_i, in rising order.
     ratio : float
         Ginf / G0.
     rmse : float, mN
-        Of the averaged hold.
+        Root mean square error of the averaged hold.
     bic : float
         Schwarz's criterion.
     ramp : float, s
@@ -70,12 +71,16 @@ def fit_prony(time: Array, force: Array, ramp: float, terms: int | str = 2) -> P
     Parameters
     ----------
     time : array (n,), s
-        From the end of the ramp.
+        Time from the end of the ramp.
     force : array (n,), mN
     ramp : float, s
         Duration of the ramp.
     terms : int or "auto"
-        Number of terms, 1 to 3; "auto" takes the number of least Bayesian information criterion.
+        Number of terms, 1 to 3; "auto" takes the number with the least Bayesian information criterion.
+
+    Returns
+    -------
+    Prony
 
     Raises
     ------
@@ -108,7 +113,7 @@ def _force(time: Array, instantaneous: float, shares: Values, times: Values, ram
 
 def _fit(time: Array, force: Array, ramp: float, terms: int) -> Prony:
     """Bounded least squares in F0, the shares and the logarithms of the times; equal weights in logarithmic time."""
-    shortest, longest = ramp, 2 * time[-1]  # the ramp hides what is faster
+    shortest, longest = ramp, 2 * time[-1]  # times that are shorter than the ramp cannot be fitted
     starts = np.geomspace(shortest, longest / 6, terms + 2)[1:-1]
     start = np.concatenate([[force[0]], np.full(terms, 0.5 * (1 - force[-1] / force[0]) / terms + 1e-3), np.log(starts)])
     low = np.concatenate([[0.1 * force.max()], np.zeros(terms), np.full(terms, np.log(shortest))])

@@ -23,7 +23,7 @@ OUTLYING = 3.5  # modified z-score (Iglewicz and Hoaglin 1993, How to Detect and
 class Spread:
     """Moments of n values: mean, standard deviation, standard error, 95 % interval of the mean (Student's t) and median.
 
-    `outliers` holds the names of values with a large modified z-score. Every number here counts them.
+    `outliers` holds the names of values with a large modified z-score. All moments include the outliers.
     """
 
     n: int
@@ -50,7 +50,13 @@ class Difference:
 class MeanCurve:
     """The mean of `count` curves at common displacements.
 
-    displacement (n,), mm; force (n,) and its standard deviation sd (n,), mN; line and parabola: fits to the mean.
+    Attributes
+    ----------
+    displacement : array (n,), mm
+    force, sd : array (n,), mN
+        Mean force and its standard deviation.
+    line, parabola : Line, Parabola
+        Fits to the mean.
     """
 
     displacement: Array
@@ -70,7 +76,17 @@ class MeanCurve:
 
 @dataclass(frozen=True)
 class Statistics:
-    """stiffness: direction -> Spread, mN/mm; ratio: Spread of the per-sample 90 / 0; differences: tests between directions."""
+    """Statistics of the stiffness of replicates.
+
+    Attributes
+    ----------
+    stiffness : dict
+        Direction -> Spread, mN/mm.
+    ratio : Spread or None
+        Spread of each sample's stiffness at 90 degrees over that at 0 degrees.
+    differences : tuple of Difference
+        Tests of whether the two directions differ.
+    """
 
     stiffness: dict[int, Spread]
     ratio: Spread | None
@@ -81,7 +97,7 @@ Named = dict[str, float]  # name of a sample -> a value
 
 
 def statistics(outcomes: Sequence[Outcome]) -> Statistics:
-    """Statistics of the stiffness: the slope of the linear fit, mN/mm. Outcomes without record or direction do not count."""
+    """Statistics of the stiffness, the slope of the linear fit in mN/mm; outcomes without record or direction are ignored."""
     values = stiffness_by_direction(outcomes)
     spreads = {direction: spread(named) for direction, named in values.items()}
     if not {0, 90} <= set(values):
@@ -92,7 +108,7 @@ def statistics(outcomes: Sequence[Outcome]) -> Statistics:
 
 
 def stiffness_by_direction(outcomes: Sequence[Outcome]) -> dict[int, Named]:
-    """direction -> sample -> stiffness, mN/mm; the directions rise."""
+    """Direction -> sample -> stiffness, mN/mm, with the directions in rising order."""
     directions = {outcome.entry.direction for outcome in usable(outcomes)}
     return {
         direction: {outcome.entry.sample: outcome.processed.line.slope for outcome in usable(outcomes, direction)}
@@ -155,7 +171,7 @@ def _test(name: str, result: _TTest, n: tuple[int, int]) -> Difference:
 
 
 def mean_curves(outcomes: Sequence[Outcome], points: int = 25) -> dict[int, MeanCurve]:
-    """direction -> `MeanCurve`: means at equal displacements from contact, to the least depth of the direction's records."""
+    """Direction -> `MeanCurve`: means at equal displacements from contact, to the least depth of the direction's records."""
     groups = {direction: usable(outcomes, direction) for direction in stiffness_by_direction(outcomes)}
     return {direction: _mean_curve([outcome.processed for outcome in group], points) for direction, group in groups.items()}
 

@@ -22,10 +22,11 @@ Relaxation = Sequence[tuple[float, float]]  # pairs of a share of the instantane
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Errors of the sensors. Standard deviations in mN and mm; `resolution` of force (mN) and displacement (mm); drift in mN/s.
+class SensorNoise:
+    """Errors of the sensors.
 
-    vibration: of force and displacement while the stage moves, at `frequency` Hz, correlated by `coherence` after one period.
+    Standard deviations are in mN and mm, `resolution` in mN (force) and mm (displacement), drift in mN/s. `vibration` is that of
+    force and displacement while the stage moves, at `frequency` Hz, with the correlation `coherence` after one period.
     """
 
     force: float = 0.02
@@ -37,15 +38,15 @@ class Noise:
     drift: float = 0.0
 
 
-PHANTOM = Noise()
+PHANTOM = SensorNoise()
 
 
 @dataclass(frozen=True)
 class Rig:
     """Motion of the stage: rate Hz, lengths mm, times s, velocities mm/s; `zero`: readings of the sensors at the start, mm and mN.
 
-    The approach begins `gap` above the sample; an approach with a velocity of its own ends a hundredth of the depth inside of it.
-    adhesion: pull of a wet sample on the indenter close to contact, mN, over `reach` mm.
+    The approach begins `gap` above the sample; an approach with its own velocity ends in the sample, at a hundredth of the depth.
+    `adhesion` is the pull of a wet sample on the indenter close to contact, mN, over `reach` mm.
     """
 
     rate: float = 1000.0
@@ -57,7 +58,7 @@ class Rig:
     adhesion: float = 0.0
     reach: float = 0.01
     zero: tuple[float, float] = (0.4, 1.7)
-    noise: Noise = field(default_factory=Noise)
+    noise: SensorNoise = field(default_factory=SensorNoise)
 
     def run(self, curve: Curve, rng: np.random.Generator, relaxation: Relaxation = ()) -> tuple[RawRecord, float]:
         """One record of a sample whose elastic curve is known. The depth of the ramp is the last displacement of the curve.
@@ -96,7 +97,7 @@ class Rig:
 
 
 def _elastic(curve: Curve, position: Array) -> Array:
-    """Force of the curve at positions (n,), mm; none above the sample."""
+    """Force of the curve at positions (n,), mm; zero above the sample."""
     d, F = np.append(0.0, curve.displacement), np.append(0.0, curve.force)
     d, F = (d[1:], F[1:]) if d[1] == 0 else (d, F)
     return PchipInterpolator(d, F)(np.clip(position, 0.0, d[-1]))
@@ -111,7 +112,7 @@ def _relaxing(elastic: Array, relaxation: Relaxation, interval: float) -> Array:
     return force
 
 
-def _vibration(moving: Bools, noise: Noise, rate: float, rng: np.random.Generator) -> Array:
+def _vibration(moving: Bools, noise: SensorNoise, rate: float, rng: np.random.Generator) -> Array:
     """Two unit vibrations (2, n) that last while the stage moves: white noise drives a damped oscillation."""
     pole = noise.coherence ** (noise.frequency / rate)
     a = [1, -2 * pole * np.cos(2 * np.pi * noise.frequency / rate), pole**2]
@@ -122,5 +123,5 @@ def _vibration(moving: Bools, noise: Noise, rate: float, rng: np.random.Generato
 
 
 def _steps(values: Array, resolution: float) -> Array:
-    """Values in whole steps of the converter."""
+    """Values rounded to whole steps of the converter."""
     return np.round(values / resolution) * resolution if resolution else values

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from indentfit.arrays import Bools
 from indentfit.errors import RecordError
-from indentfit.experiment.loading import Ramp
+from indentfit.experiment.loading import Ramp, longest_run
 from indentfit.experiment.record import FEWEST, RawRecord
 
-STUCK = 0.04  # share of the ramp for which a channel may read exactly its largest value
+STUCK = 0.04  # share of the ramp during which a channel may read exactly its largest value
 JUMP = 0.05  # share of the ramp's duration, or of its depth, that a gap may hide
 
 
 def require_channels(record: RawRecord) -> None:
-    """Raise RecordError for a record of too few samples, or with a channel that never changes."""
+    """Refuse a record with too few samples, or with a channel that never changes.
+
+    Parameters
+    ----------
+    record : RawRecord
+
+    Raises
+    ------
+    RecordError
+    """
     if record.time.size < FEWEST:
         raise RecordError(f"{record.name}: {record.time.size} rows of numbers; a record needs at least {FEWEST}")
     for name in ("displacement", "force"):
@@ -25,6 +33,14 @@ def require_channels(record: RawRecord) -> None:
 
 def require_whole(ramp: Ramp) -> tuple[str, ...]:
     """Notes on a record that can be used.
+
+    Parameters
+    ----------
+    ramp : Ramp
+
+    Returns
+    -------
+    tuple of str
 
     Raises
     ------
@@ -40,10 +56,9 @@ def _require_unsaturated(ramp: Ramp) -> None:
     record, part = ramp.record, slice(ramp.low, ramp.stop)
     for name, other in (("force", "displacement"), ("displacement", "force")):
         values = getattr(record, name)
-        run = _longest_run(values[part] == values[: ramp.stop].max())
-        if run is None:
+        begin, end = longest_run(values[part] == values[: ramp.stop].max())
+        if begin == end:
             continue
-        begin, end = run
         moved = getattr(ramp, other)[part]
         share = (moved[end - 1] - moved[begin]) / np.ptp(moved)
         if end - begin > max(5, STUCK * ramp.samples) and share > STUCK:
@@ -51,15 +66,6 @@ def _require_unsaturated(ramp: Ramp) -> None:
                 f"{record.name}: the {name} is saturated: {end - begin} samples read {values[: ramp.stop].max():g} "
                 f"{'mN' if name == 'force' else 'mm'} while the {other} rises; use a wider range, or remove the record"
             )
-
-
-def _longest_run(marks: Bools) -> tuple[int, int] | None:
-    """First sample of the longest run of True, and the one behind its last; None where nothing is True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(int), [0]])))
-    if not edges.size:
-        return None
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[::2][longest]), int(edges[1::2][longest])
 
 
 def _require_no_gap(ramp: Ramp) -> tuple[str, ...]:
@@ -81,7 +87,7 @@ def _require_no_gap(ramp: Ramp) -> tuple[str, ...]:
 
 
 def _require_no_jump(ramp: Ramp) -> None:
-    """Refuse a displacement that jumps: samples are missing, and the times do not show it."""
+    """Refuse a displacement that jumps: samples are missing although the times have no gap."""
     record, steps = ramp.record, 5
     begin = max(0, ramp.low - steps)
     part = record.displacement[begin : ramp.stop]

@@ -1,4 +1,4 @@
-"""The table of a set of specimens, each with its own curves, which `fit --per-sample` fits one after the other."""
+"""The table of a set of specimens, each with its own curves; `fit --per-sample` fits the specimens one after the other."""
 
 from __future__ import annotations
 
@@ -16,9 +16,15 @@ COLUMNS = ("sample", "direction", "curve", "thickness_mm", "diameter_mm")
 
 @dataclass(frozen=True)
 class Specimen:
-    """One piece of tissue.
+    """One piece of tissue with its curves.
 
-    curves: direction (degrees) -> CSV, relative to the table; thickness and diameter in mm, or None where the table has none.
+    Attributes
+    ----------
+    name : str
+    curves : dict
+        Direction (degrees) -> CSV file, relative to the table.
+    thickness, diameter : float or None, mm
+        None where the table has no such size.
     """
 
     name: str
@@ -40,12 +46,20 @@ def write_specimens(path: str | Path, rows: Iterable[Row]) -> None:
 
 
 def read_specimens(path: str | Path) -> list[Specimen]:
-    """The specimens in a table, in its order.
+    """The specimens of a table, in its order.
+
+    Parameters
+    ----------
+    path : path of the table
+
+    Returns
+    -------
+    list of Specimen
 
     Raises
     ------
     RecordError
-        One line with the row, what is wrong and the remedy.
+        The table cannot be used. The error's text is one line with the row, what is wrong and the remedy.
     """
     path = Path(path)
     try:

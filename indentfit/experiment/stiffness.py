@@ -1,4 +1,4 @@
-"""What one loading curve amounts to: a straight line, a parabola, and a curve of a few points."""
+"""Fits to one loading curve: a straight line, a parabola, and a curve of a few points."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from indentfit.experiment.noise import covariance, noise_in
 
 @dataclass(frozen=True)
 class Line:
-    """force = slope * displacement + intercept.
+    """The straight line force = slope * displacement + intercept through n samples.
 
-    slope in mN/mm with its standard error `stderr`, intercept in mN, r_squared: R2, n: number of samples.
+    The slope is in mN/mm and has the standard error `stderr`; the intercept is in mN; `r_squared` is R2.
     """
 
     slope: float
@@ -28,7 +28,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Parabola:
-    """force = curvature * displacement^2 + slope * displacement, in mN/mm^2 and mN/mm, with standard errors, and R2."""
+    """The parabola force = curvature * displacement^2 + slope * displacement, in mN/mm^2 and mN/mm, with standard errors and R2."""
 
     curvature: float
     slope: float
@@ -48,7 +48,7 @@ def linear_fit(displacement: Array, force: Array) -> Line:
     Returns
     -------
     Line
-        With a standard error that takes the noise as correlated.
+        Its standard error allows for correlated noise.
     """
     x = displacement - displacement.mean()
     slope = x @ force / (x @ x)
@@ -65,6 +65,10 @@ def quadratic_fit(displacement: Array, force: Array) -> Parabola:
     ----------
     displacement : array (n,), mm
     force : array (n,), mN
+
+    Returns
+    -------
+    Parabola
     """
     terms = np.column_stack([displacement**2, displacement])
     coefficients = np.linalg.lstsq(terms, force, rcond=None)[0]
@@ -87,6 +91,10 @@ def resampled(displacement: Array, force: Array, points: int, depth: float | Non
         Number of points.
     depth : float, mm
         Displacement of the last point; by default that of the deepest sample.
+
+    Returns
+    -------
+    Curve
     """
     rising = isotonic_regression(displacement).x
     place, first = np.unique(rising, return_index=True)

@@ -1,4 +1,4 @@
-"""What a deformable body is to the solver: the Protocol that bricks fulfil, and that a body in a meridian plane can fulfil."""
+"""The interface of a deformable body to the solver: a Protocol for bricks, and for a body in a meridian plane."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,10 +11,16 @@ from indentfit.material import Material
 
 @dataclass(frozen=True)
 class BodyState:
-    """What one evaluation of a body at its displacements knows.
+    """Kinematics of a body at given displacements.
 
-    I: isochoric invariants I1, I2, I4, I5 at the integration points (4, n_el * n_q); theta: pressure modes of J (n_el, n_m);
-    valid: J > 0 everywhere.
+    Attributes
+    ----------
+    I : array (4, n_el * n_q)
+        Isochoric invariants I1, I2, I4, I5 at the integration points.
+    theta : array (n_el, n_m)
+        Pressure modes of J.
+    valid : bool
+        Whether J > 0 everywhere.
     """
 
     I: Array
@@ -23,13 +29,21 @@ class BodyState:
 
 
 class Body(Protocol):
-    """A meshed body of a nearly incompressible hyperelastic solid: no material, no load, no state of its own.
+    """A meshed body of a nearly incompressible hyperelastic solid, without material, load or state.
 
     The unknowns are displacements u (n,), mm, k of them at each node, and pressure modes (n_el, n_m) that are eliminated element
     by element; tension is positive. All methods are pure: the same arguments give the same numbers, bit by bit.
 
-    n_dofs: n; dofs: those of each element (n_el, n_n, k); volume: of each element (n_el,), mm^3; means: pressure modes of the
-    constant 1 (n_el, n_m), in which theta is at rest; indptr, indices: CSR pattern of the tangent, sorted, its diagonal present.
+    Attributes
+    ----------
+    dofs : array (n_el, n_n, k)
+        Degrees of freedom of each element.
+    volume : array (n_el,), mm^3
+        Volume of each element.
+    means : array (n_el, n_m)
+        Pressure modes of the constant 1, which theta equals at rest.
+    indptr, indices : arrays
+        CSR pattern of the tangent, sorted, with a full diagonal.
     """
 
     dofs: Ints
@@ -46,12 +60,12 @@ class Body(Protocol):
     def state(self, u: Array, fibre: Array) -> BodyState:
         """Invariants and dilatation at displacements u (n,), with the direction of the fibres (3,) at rest.
 
-        Displacements that turn an element inside out raise nothing: the state is then not valid.
+        Displacements that turn an element inside out raise no exception: the state is then not valid.
         """
         ...
 
     def pressure(self, state: BodyState, kappa: float) -> Array:
-        """Pressure modes (n_el, n_m) that belong to a state, kappa (theta - means), in kPa times the modes' own unit."""
+        """Pressure modes (n_el, n_m) of a state, kappa (theta - means), in kPa times the modes' own unit."""
         ...
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
@@ -82,7 +96,7 @@ class Body(Protocol):
         pressure : array (n_el, n_m)
             The iterated pressure modes, for the geometric part of the tangent.
         bulk : float, kPa
-            Bulk modulus of the tangent, where it shall not be kappa (fem.linear.multigrid).
+            Bulk modulus of the tangent, where it differs from kappa (fem.linear.multigrid).
 
         Returns
         -------

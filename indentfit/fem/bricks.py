@@ -7,14 +7,14 @@ from skfem import MeshHex, MeshHex2, MeshQuad
 
 from indentfit.arrays import Array, Ints
 
-# Where quadratic bricks have their first nodes on the side that may roll up against a strip, in the thickness of the top layer from
-# the top: an element is as fine as its nodes, and the fields are singular at that corner. With 0.3 instead of 0.5 the side rolls
+# Distance from the top of the first nodes of quadratic bricks on a side that may roll up against a strip, over the thickness of the
+# top layer: an element is as fine as its nodes, and the fields are singular at that corner. With 0.3 instead of 0.5 the side rolls
 # up, with a snap, only where fibres are half as stiff again (zeta of 10 instead of 6), and the rim can be finer.
 MIDDLE = 0.3
 
 
 def merge(patches: Sequence[Array]) -> MeshQuad:
-    """One MeshQuad of (x, z) from patches (2, m, n); points closer than 1e-6 of its extent become one."""
+    """One MeshQuad of (x, z) from patches (2, m, n); points closer than 1e-6 of the mesh's extent are merged."""
     points, cells, offset = [], [], 0
     for patch in patches:
         m, n = patch.shape[1:]
@@ -54,11 +54,15 @@ def quadratic(mesh: MeshHex, circles: Sequence[float] = (), rolls: Ints | Sequen
     ----------
     mesh : MeshHex
     circles : radii about the y axis, mm
-        Edges between two points of one of them follow it.
+        An edge between two points of one circle follows this circle.
     rolls : array (n,)
-        Facets that may roll up against the indenter. Their first nodes below the top are at MIDDLE of the top layer or, where that
-        is less than `closest` below the top, so far below it, but not below the layer's middle.
+        Facets that may roll up against the indenter. Their first nodes below the top are at MIDDLE of the top layer, or at the
+        distance `closest` from the top where MIDDLE is nearer to the top, but not below the layer's middle.
     closest : float, mm
+
+    Returns
+    -------
+    MeshHex2
     """
     finer = MeshHex2.from_mesh(mesh)
     p, dofs = finer.p.copy(), finer.dofs

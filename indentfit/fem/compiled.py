@@ -1,4 +1,4 @@
-"""What is compiled by Numba, where that is kept when nobody may write to the installation or the home folder, and its threads."""
+"""Compilation by Numba: where compiled code is stored if the installation and the home folder are read-only, and threads."""
 
 import math
 import os
@@ -22,9 +22,14 @@ THREADS: int = _settings.NUMBA_NUM_THREADS
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator that compiles a function at its first call, and keeps it for later processes where there is a place for that.
+    """Decorator that compiles a function at its first call, and stores the compiled code for later processes where possible.
 
-    The places are Numba's own, else `private_place()`. options: further ones of numba.njit.
+    The code is stored in Numba's own place, else in `private_place()`.
+
+    Parameters
+    ----------
+    **options
+        Further options of numba.njit.
     """
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -41,7 +46,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
 
 
 def private_place() -> Path | None:
-    """A folder in the system's temporary one that only this user can have written, since what is kept there is run; or None."""
+    """A subfolder of the system's temporary folder that only this user can write, because its content is executed; or None."""
     if not hasattr(os, "getuid"):
         return None
     place = Path(tempfile.gettempdir()) / f"indentfit-compiled-{os.getuid()}"
@@ -87,7 +92,7 @@ on_stack: Any = np.empty if _settings.DISABLE_JIT else intrinsic(_on_stack)
 
 
 def on_threads(number: int, work: Callable[[Any], Any], parts: Sequence[Any]) -> list[Any]:
-    """[work(part) for each part], on a number of threads; a compiled function lets others run while it does."""
+    """[work(part) for each part], on a number of threads; compiled functions release the interpreter's lock."""
     return list(_threads(number).map(work, parts)) if number > 1 else [work(part) for part in parts]
 
 

@@ -1,4 +1,4 @@
-"""Displacements that are held at zero, and what the solver knows of each dof of a body."""
+"""Displacements that are held at zero, and the size of each dof's share of a body."""
 
 from typing import Any
 
@@ -10,9 +10,14 @@ from indentfit.fem.body import Body
 
 
 class Fixed:
-    """Dofs (n_fixed,) held at zero, as identity rows and columns of the tangent; and where its diagonal is.
+    """Dofs (n_fixed,) held at zero, as identity rows and columns of the tangent.
 
-    diagonal: places (n,) of the diagonal in the CSR values; sizes: cube root of each dof's share of the volume, mm.
+    Attributes
+    ----------
+    diagonal : array (n,)
+        Places of the tangent's diagonal in the CSR values.
+    sizes : array (n,), mm
+        Cube root of each dof's share of the volume.
     """
 
     def __init__(self, body: Body, dofs: Ints) -> None:
@@ -31,7 +36,7 @@ class Fixed:
         self.sizes = _sizes(body)
 
     def dilatation(self, values: Array) -> sp.csr_matrix:
-        """CSR matrix (n_el * n_m, n) of a dilatation map (n_el, n_m, n_n, k) that the held dofs have no part in."""
+        """CSR matrix (n_el * n_m, n) of a dilatation map (n_el, n_m, n_n, k), without the held dofs."""
         shape = (self._starts.size - 1, self._is_held.size)
         return sp.csr_matrix((values.ravel() * self._moving, self._columns, self._starts), shape=shape, copy=False)
 
@@ -41,7 +46,7 @@ class Fixed:
         return values
 
     def without(self, matrix: Array, dofs: Ints) -> Array:
-        """A dense matrix on dofs with the held ones' rows and columns zeroed, in place."""
+        """A dense matrix on dofs with the rows and columns of held dofs zeroed, in place."""
         held = np.flatnonzero(self._is_held[dofs])
         matrix[held], matrix[:, held] = 0, 0
         return matrix

@@ -11,23 +11,25 @@ A point sticks while the force of its tangential spring stays within the limit f
 
 p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each step: they take over the last
 step's p and T and their rates, while the anchor of a sticking point stays where the point began to stick. The springs e and e_t
-therefore give way by a step's departure from the straight path only, not by the whole traction; the effect of this on the force,
-the penalty error, is reported with every result (`ContactFace.penalty_error`). So the springs can be soft enough for few Newton
-iterations: under stiffer ones points chatter, that is, they change between stick and slip from one iteration to the next.
+therefore carry only a step's departure from the straight path, not the whole traction. Their deflection lowers the force a little:
+this is the *penalty error*, which is reported with every result (`ContactFace.penalty_error`). So the springs can be soft enough
+for few Newton iterations: under stiffer springs points *chatter*, that is, they change between stick and slip, or between touch and
+gap, from one iteration to the next.
 
 The points are the facets' nodes (`contact_points`): one point has one state, so no element has to stick and slip at once.
 
-Friction "stick" under a sharp edge ties the footprint to the indenter: a point that may let go while it carries friction has
-no continuous law. Where the contact grows (sphere, rounded edge, beside the footprint) "stick" is a friction coefficient of STICK.
+Friction "stick" under a sharp edge ties the footprint to the indenter, because the law of a point that loses contact while it
+carries friction is not continuous. Where the contact grows (sphere, rounded edge, beside the footprint) "stick" is a friction
+coefficient of STICK.
 
-A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the candidate: flat,
+A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the candidate for contact: flat,
 unilateral, free to slip. A rounded edge is a signed distance in the current configuration.
 
-Two things keep a corner of the surface from folding up where the body itself would not:
+Two measures keep a corner of the surface from folding up where the body itself would not:
 - On a face of radius r a point that sticks under the pressure p has the stiffness e_t - p / r against rolling off: the normal turns
-  away under the point. Springs of e_t + GRIP p0 / r hold what real friction holds; under softer ones the whole edge buckles.
-- Where a strip overhangs the sample, the sample's side rolls up against the strip (side roll-up, as in upsetting between rough
-  plates): the side below the strip is a candidate too.
+  away under the point. Springs of e_t + GRIP p0 / r hold what real friction holds; under softer springs the whole edge buckles.
+- Where a strip overhangs the sample, the sample's side turns up and comes to lie against the strip (*side roll-up*, as in upsetting
+  between rough plates): the side below the strip is a candidate for contact too.
 """
 
 from __future__ import annotations
@@ -50,10 +52,10 @@ GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over r
 
 @dataclass(frozen=True)
 class _Trial:
-    """What the radial return starts from: distances, pressures, and the friction by which every touching point would stick.
+    """The start of the radial return: distances, pressures, and the friction with which every touching point would stick.
 
-    pull (n_f, n_q, 3), kPa: that friction before it is laid into the face; along: `pull` within the face; size (n_f, n_q): length
-    of `along`, 1 where it is zero; grip (n_f, n_q), kPa/mm: stiffness against slip.
+    pull (n_f, n_q, 3), kPa: this friction before its projection on the face; along: `pull` projected on the face; size (n_f, n_q):
+    length of `along`, 1 where it is zero; grip (n_f, n_q), kPa/mm: stiffness against slip.
     """
 
     distance: Distance
@@ -67,18 +69,31 @@ class _Trial:
 
 
 class ContactFace:
-    """The facets of a quarter sample that may touch one indenter: the footprint, then the side that it overhangs.
-
-    X: contact points (n_f, n_q, 3), mm, and dofs (n_f, n_q, 3) of the nodes they are; weights: their areas (n_f, n_q), mm^2;
-    surface: dofs (n_s,) that the contact acts on, rising; under: (n_f,) of bool, the footprint; tied: (n_f, 1) of bool, the points
-    that cannot let go; shape: the indenter's; friction: its coefficient.
+    """The facets of a quarter sample that may touch one indenter: the footprint, then the side that the indenter overhangs.
 
     Parameters
     ----------
     solid : Solid
         The body, whose mesh has the boundaries footprint and overhung.
-    indenter : table of a case
+    indenter : Indenter
+        The table of a case.
     thickness : float, mm
+
+    Attributes
+    ----------
+    X, dofs : arrays (n_f, n_q, 3)
+        Contact points, mm, and the dofs of the nodes at these points.
+    weights : array (n_f, n_q), mm^2
+        Areas of the points.
+    surface : array (n_s,)
+        Dofs that the contact acts on, in rising order.
+    under : array (n_f,) of bool
+        Whether a facet belongs to the footprint.
+    tied : array (n_f, 1) of bool
+        Whether the points of a facet are tied to the indenter.
+    shape : IndenterShape
+    friction : float
+        Coefficient of friction.
     """
 
     def __init__(self, solid: Solid, indenter: Indenter, thickness: float) -> None:
@@ -104,15 +119,15 @@ class ContactFace:
         return History(np.zeros(self.weights.shape), np.zeros_like(self.X), self.X)
 
     def no_change(self) -> History:
-        """Derivative of the untouched sample's history, which depends on nothing."""
+        """Derivative of the untouched sample's history: zero."""
         return History(np.zeros(self.weights.shape), np.zeros_like(self.X), np.zeros_like(self.X))
 
     def field(self, u: Array) -> Array:
-        """Displacements (n_f, n_q, 3), mm, at the contact points, of those of all nodes u (n,)."""
+        """Displacements (n_f, n_q, 3), mm, at the contact points, from the displacements u (n,) of all nodes."""
         return u[self.dofs]
 
     def touch(self, u: Array, depth: float, history: History, springs: Springs, derivative: bool = True) -> ContactState:
-        """The contact at displacements u (n,) and a depth, both in mm, after a history; derivative: whether with D."""
+        """The contact at displacements u (n,) and a depth, both in mm, after a history; `derivative`: whether D is computed."""
         place = self.X + self.field(u) + depth * UP
         trial = self._trial(place, history, springs)
         T, n, p = trial.along, trial.distance.normal, trial.pressure
@@ -136,7 +151,7 @@ class ContactFace:
         )
 
     def _trial(self, place: Array, history: History, springs: Springs) -> _Trial:
-        """What touches at places (n_f, n_q, 3), how hard, and what would slip."""
+        """The trial state at places (n_f, n_q, 3), in which every touching point sticks."""
         distance = self.shape.distance(place, self.thickness)
         n, p = distance.normal, history.pressure - springs.normal * distance.gap
         touching = (p >= 0) | self.tied
@@ -186,14 +201,14 @@ class ContactFace:
     def change(
         self, state: ContactState, springs: Springs, spring_change: Springs, friction_change: float, history: History, place: Array
     ) -> ContactChange:
-        """Derivative of a state by something that changes springs and friction, the history and the places; no point changes
-        whether it touches or slips.
+        """Derivative of a state by a quantity that changes springs, friction, history and places, while every point goes on to
+        touch or not, and to slip or not.
 
         Parameters
         ----------
         state : ContactState
         springs : Springs
-            Those of the state.
+            The springs of the state.
         spring_change : Springs
         friction_change : float
             Derivative of the coefficient of friction.
@@ -201,6 +216,10 @@ class ContactFace:
             Derivative of the state's history.
         place : array (n_f, n_q, 3)
             Derivative of the state's places.
+
+        Returns
+        -------
+        ContactChange
         """
         n, H = state.normal, state.bend
         dn = np.zeros_like(place) if H is None else np.einsum("fqij,fqj->fqi", H, place)
@@ -220,13 +239,13 @@ class ContactFace:
         return ContactChange(place, dn, p, T, traction, history)
 
     def _pull_change(self, state: ContactState, springs: Springs, spring_change: Springs, history: History, place: Array) -> Array:
-        """Derivative of `_pull` at a state; arguments as of `change`."""
+        """Derivative of `_pull` at a state; `change` describes the arguments."""
         grip, grip_change = self._grip(springs, state.history.pressure), self._grip(spring_change, history.pressure)
         change = history.friction + grip_change[..., None] * (state.place - state.history.anchor)
         return (change + grip[..., None] * (place - history.anchor)) * state.touching[..., None]
 
     def _slip_change(self, state: ContactState, trial: Array, trial_change: Array, limit_change: Array) -> Array:
-        """Derivative of the friction of slipping points, whose trial friction in the face and whose limit change so."""
+        """Derivative of the friction of slipping points, from the changes of their trial friction and of their limit."""
         size = np.sqrt(dot(trial, trial))[..., None]
         m = trial / np.where(size > 0, size, 1.0)
         turn = (trial_change - m * dot(m, trial_change)[..., None]) / np.where(size > 0, size, 1.0)
@@ -250,7 +269,7 @@ class ContactFace:
         return out
 
     def add_tangent(self, state: ContactState, values: Array) -> Array:
-        """Add the contact's tangent to the CSR values (nnz,) of the body's.
+        """Add the contact's tangent to the CSR values (nnz,) of the body's tangent.
 
         Returns
         -------
@@ -280,7 +299,7 @@ class ContactFace:
         return np.einsum("fqij,fqj->fqi", state.stiffness, self.field(v) + UP)
 
     def penalty_error(self, state: ContactState, rate: Array, springs: Springs) -> float:
-        """Penalty error: the force of the quarter, mN, that is missing because the springs give way, to first order.
+        """Penalty error: the force of the quarter, mN, that is missing because of the springs' deflection, to first order.
 
         By reciprocity a motion r imposed on the contact changes the force by the integral of r . dt/d(depth).
         """

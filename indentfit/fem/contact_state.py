@@ -17,14 +17,14 @@ class Springs:
     tangential: float
 
     def scaled(self, share: float) -> Springs:
-        """Springs that are so many times as stiff."""
+        """Springs that are `share` times as stiff."""
         return Springs(self.normal * share, self.tangential * share)
 
 
 @dataclass(frozen=True)
 class History:
-    """What a step starts from: multipliers p0 (n_f, n_q) and T0 (n_f, n_q, 3) in kPa, and anchors (n_f, n_q, 3), mm, in the
-    indenter's frame."""
+    """The contact's memory at the start of a step: multipliers p0 (n_f, n_q) and T0 (n_f, n_q, 3) in kPa, and anchors
+    (n_f, n_q, 3), mm, in the indenter's frame."""
 
     pressure: Array
     friction: Array
@@ -47,14 +47,14 @@ class ContactState:
     pressure : array (n_f, n_q), kPa
     friction : array (n_f, n_q, 3), kPa
     traction : array (n_f, n_q, 3), kPa
-        Of the body on the indenter, T - p n.
+        Traction of the body on the indenter, T - p n.
     touching, slipping : arrays of bool (n_f, n_q)
     history : History
-        The one that the step started from.
+        The history at the start of the step.
     unilateral : array of bool (n_f, 1)
         False where a point is tied.
     D : array (n_f, n_q, 3, 3), kPa/mm, or None
-        Derivative of the traction by the position; None where it was not asked for.
+        Derivative of the traction by the position; None where `touch` was called without it.
     """
 
     place: Array
@@ -72,7 +72,7 @@ class ContactState:
 
     @property
     def stiffness(self) -> Array:
-        """D, where it was asked for."""
+        """D, in a state that has it."""
         assert self.D is not None
         return self.D
 
@@ -84,8 +84,12 @@ class ContactState:
         Parameters
         ----------
         rate : array (n_f, n_q, 3), kPa/mm, or None
-            Derivative of the traction by the depth; None: nothing is extrapolated.
+            Derivative of the traction by the depth; with None, the multipliers are not extrapolated.
         step : float, mm
+
+        Returns
+        -------
+        History
         """
         moved = (self.slipping | ~self.touching)[..., None]
         anchor = np.where(moved, self.place, self.history.anchor)
@@ -99,7 +103,7 @@ class ContactState:
 
 @dataclass(frozen=True)
 class ContactChange:
-    """How a ContactState changes with something: derivatives of its fields and, as a History, of the history it started from."""
+    """The derivative of a ContactState by one quantity: derivatives of its fields and, as a History, of its history."""
 
     place: Array
     normal: Array

@@ -1,4 +1,4 @@
-"""How a path is followed, and the count of the work that it took."""
+"""Settings with which a path is followed, and the count of the work that it took."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from indentfit.fem.deadline import NEVER, Deadline
 
 @dataclass(frozen=True)
 class Controls:
-    """How a path is followed.
+    """Settings with which a path is followed.
 
     Parameters
     ----------
@@ -19,8 +19,8 @@ class Controls:
     max_step : float, mm
         Largest step of the depth.
     deadline : Deadline
-        Looked at once in every iteration.
-    progress : share -> None
+        Checked once in every iteration.
+    progress : function
         Called after each step with the share of the last depth that is done.
     """
 
@@ -34,8 +34,16 @@ class Controls:
 class Work:
     """The work of one run, counted while it goes on.
 
-    steps, cutbacks: of the depth; iterations: Newton's; loose_steps: steps that were left at a residual above the tolerance;
-    largest_residual: the largest of theirs, of the contact forces.
+    Attributes
+    ----------
+    steps, cutbacks : int
+        Steps of the depth, and how often a step was repeated with half its length.
+    iterations : int
+        Iterations of Newton's method.
+    loose_steps : int
+        Loose steps (see fem/relaxation.py).
+    largest_residual : float
+        The largest residual of the loose steps, over the contact forces.
     """
 
     steps: int = 0

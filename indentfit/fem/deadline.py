@@ -1,4 +1,4 @@
-"""A limit on the processor time of a run, which the solver's own loops look at once an iteration."""
+"""A limit on the processor time of a run, which the solver's own loops check once an iteration."""
 
 import math
 import time

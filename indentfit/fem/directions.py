@@ -1,4 +1,4 @@
-"""What a path can be differentiated by: parameters of the material, friction and the bulk ratio, each with what changes with it."""
+"""Quantities by which a path can be differentiated: parameters of the material, friction, the bulk ratio and the offset."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -15,10 +15,18 @@ OFFSET = "offset"  # of the contact point, mm: F(d - offset)
 
 @dataclass(frozen=True)
 class Direction:
-    """One quantity that the path is differentiated by, and what changes with it per unit.
+    """One quantity by which the path is differentiated, with the changes per unit of it.
 
-    gradient: I (4, n) -> change (4, n) of the energy's derivatives by the invariants, kPa, or None; kappa: of the bulk modulus;
-    springs: relative change of the contact springs; friction: of the coefficient of friction.
+    Attributes
+    ----------
+    gradient : function or None
+        I (4, n) -> change (4, n) of the energy's derivatives by the invariants, kPa.
+    kappa : float, kPa
+        Change of the bulk modulus.
+    springs : float
+        Relative change of the contact springs.
+    friction : float
+        Change of the coefficient of friction.
     """
 
     name: str
@@ -38,15 +46,19 @@ def directions(
     names
         Parameters of the material, "friction", "bulk_ratio" (kappa over shear modulus), and "offset", which needs none.
     kappa : float, kPa
-    stiffness : material -> stiffness of the contact springs
-        Its relative change is found by differences.
+    stiffness : function
+        Material -> stiffness of the contact springs, whose relative change is found by differences.
     friction : float
-        The contact's coefficient; infinite where the contact sticks.
+        The contact's coefficient of friction; infinite where the contact sticks.
+
+    Returns
+    -------
+    tuple of Direction
 
     Raises
     ------
     InputError
-        For other names.
+        The path cannot be differentiated by one of the names.
     """
     ways = []
     for name in names:

@@ -18,12 +18,12 @@ from indentfit.fem.directions import Direction
 from indentfit.fem.linear.tangent import Tangent
 from indentfit.material import Material
 
-SOFTER = 1 / 3  # what a cutback makes of the contact springs; their error is reported
+SOFTER = 1 / 3  # factor of a cutback on the stiffness of the contact springs; the penalty error is reported
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """What does not change along a path: the body, the face of the contact, and the dofs held at zero."""
+    """The parts of a model that do not change along a path: the body, the face of the contact, and the dofs held at zero."""
 
     body: Body
     face: ContactFace
@@ -32,7 +32,7 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class Loading:
-    """What one run of a model is made of.
+    """The material, springs and directions of one run of a model.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ class Loading:
     kappa : float, kPa
         Bulk modulus.
     tangent_bulk : float, kPa
-        Bulk modulus to assemble tangents with (fem.linear).
+        Bulk modulus with which tangents are assembled (fem.linear).
     fibre : array (3,)
         Direction of the fibres at rest.
     springs : Springs
-        Of the contact.
-    directions : Directions
-        What the path is differentiated by.
+        Springs of the contact.
+    directions : tuple of Direction
+        Quantities by which the path is differentiated.
     """
 
     material: Material
@@ -57,11 +57,11 @@ class Loading:
     directions: tuple[Direction, ...] = ()
 
     def softened(self) -> "Loading":
-        """With softer springs, as after a cutback."""
+        """This loading with softer springs, as after a cutback."""
         return replace(self, springs=self.springs.scaled(SOFTER))
 
     def stiffened(self, springs: Springs) -> "Loading":
-        """Back towards the springs that a softened loading began with."""
+        """This loading with stiffer springs, but not stiffer than `springs`."""
         if self.springs.normal >= springs.normal * SOFTER:
             return replace(self, springs=springs)
         return replace(self, springs=self.springs.scaled(1 / SOFTER))
@@ -75,13 +75,13 @@ class Iterate:
     pressure: Array
 
     def moved(self, share: float, by: "Iterate") -> "Iterate":
-        """This iterate moved by a share of another one."""
+        """This iterate plus a share of the change `by`."""
         return Iterate(self.u + share * by.u, self.pressure + share * by.pressure)
 
 
 @dataclass(frozen=True, eq=False)
 class Dampers:
-    """Nodal dampers of one implicit step of time: their forces are coefficients (n,), mN/mm, times the motion from u0 (n,)."""
+    """Nodal dampers of one implicit step of time: the forces are coefficients (n,), mN/mm, times the motion from u0 (n,)."""
 
     coefficients: Array
     u0: Array
@@ -101,8 +101,8 @@ class Increment:
     loading : Loading
     depth : float, mm
     history : History
-        What the contact remembers of the steps before.
-    changes : Histories
+        The contact's memory of the steps before.
+    changes : tuple of History, or None
         Derivatives of the history by the loading's directions; None where the path cannot be differentiated any more.
     leash : float, mm
         Largest motion of a point in one iteration.
@@ -171,14 +171,14 @@ class Increment:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Residual and tangent of an increment at one iterate, and what they are made of.
+    """Residual and tangent of an increment at one iterate, with their parts.
 
     Parameters
     ----------
     increment : Increment
     at : Iterate
     state : BodyState
-        Of the body.
+        State of the body.
     contact : ContactState
         State of the contact.
     dilatation : array (n_el, n_m, n_n, k)
@@ -187,7 +187,7 @@ class Linearisation:
     unbalanced : float, mN
         Norm of the residual.
     contact_force : float, mN
-        Norm of the contact's nodal forces, which the residual is measured by.
+        Norm of the contact's nodal forces, to which the residual is compared.
     tangent : Tangent
     """
 
@@ -211,7 +211,7 @@ class Linearisation:
         return self.increment.equations.body.pressure(self.state, self.increment.loading.kappa)
 
     def change(self, du: Array) -> Iterate:
-        """Newton's change of the iterate: du (n,), and the change of the iterated pressures that goes with it."""
+        """Newton's change of the iterate: du (n,), and the corresponding change of the iterated pressures."""
         return Iterate(du, self.pressure - self.at.pressure + self.increment.linear_pressure(self.dilatation, du))
 
     def damped(self, dampers: Dampers) -> Tangent:
@@ -223,7 +223,7 @@ class Linearisation:
         return replace(self.tangent, whole=body.matrix(whole), body=body.matrix(factorised))
 
     def failure(self, share: float, iteration: int, cause: str | None = None) -> ConvergenceError:
-        """The error of an iteration that ends with a residual of a share of the contact force; it tells what the contact did."""
+        """The error of an iteration that ends with a residual of a share of the contact force; it states the contact's state."""
         touching, slipping = int(self.contact.touching.sum()), int(self.contact.slipping.sum())
         state = f"{touching} of {self.contact.gap.size} contact points touch, {slipping} slip"
         cause = cause or f"residual still {share:.1e} of the contact force after {iteration + 1} iterations"

@@ -26,15 +26,15 @@ class Equilibrium:
     stiffness : float, mN/mm
         dF/dd.
     penalty_error : float, mN
-        Force that the contact springs withhold because they give way.
+        Force that is missing because of the contact springs' deflection.
     residual_error : float, mN
-        Force that the residual left over stands for.
+        Force that corresponds to the remaining residual.
     motion : array (n,), mm/mm
         du/dd.
     rate : array (n_f, n_q, 3), kPa/mm
         Rate of the contact's traction since the last step (at rest: its tangent), which the next step's multipliers follow.
     derivatives : PathDerivatives
-        By the loading's directions; None where the steps left the path that can be differentiated.
+        Derivatives by the loading's directions; None where the steps left the path that can be differentiated.
     """
 
     depth: float
@@ -66,7 +66,17 @@ class Equilibrium:
 def equilibrium_of(there: Linearisation, solver: LinearSolver, deadline: Deadline, at_rest: bool = False) -> Equilibrium:
     """The Equilibrium at a converged linearisation: one solve for the motion, one for each direction of the loading.
 
-    at_rest: whether it is the untouched sample's.
+    Parameters
+    ----------
+    there : Linearisation
+    solver : LinearSolver
+    deadline : Deadline
+    at_rest : bool
+        Whether the linearisation is that of the untouched sample.
+
+    Returns
+    -------
+    Equilibrium
     """
     increment, contact = there.increment, there.contact
     face, loading = increment.equations.face, increment.loading
@@ -74,7 +84,7 @@ def equilibrium_of(there: Linearisation, solver: LinearSolver, deadline: Deadlin
     differentiated = bool(loading.directions and increment.changes)
     if differentiated:
         solver.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
-    # what the prediction of a step needs little of, a stiffness that is asked for and derivatives of the path need whole
+    # a low accuracy of the motion serves to predict a step; a requested stiffness and derivatives of the path need full accuracy
     accuracy = sensitivity.ACCURACY if at_rest or differentiated else None
     motion = solver.solve(there.tangent, -by_depth, accuracy, deadline=deadline)
     rate = face.rate(contact, motion)

@@ -1,4 +1,4 @@
-"""What is known of a solution besides its forces: the work that it took, how exact it is, and what the contact did."""
+"""Facts about a solution besides its forces: the work that it took, its errors, and the state of the contact."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -12,27 +12,27 @@ class SolveFacts:
     Parameters
     ----------
     tries : int
-        1, or more where the usual contact and mesh did not converge; `first_failure` is then why.
+        1, or more where the usual contact and mesh did not converge; `first_failure` then gives the reason.
     elements : int
     steps, cutbacks : int
-        Of the depth.
+        Steps of the depth, and how often a step was repeated with half its length.
     newton_iterations : int
     loose_steps : int
-        Steps that were left at a residual above the tolerance.
+        Steps that were accepted at a residual above the tolerance (see fem/relaxation.py).
     largest_residual : float
-        The largest residual of theirs, of the contact forces.
+        The largest residual of the loose steps, over the contact forces.
     factorizations, solves, krylov_iterations : int
-        Of the linear solver.
+        Work of the linear solver.
     wall_seconds : float, s
     penalty_error : float
-        Share of the last force that the contact springs take away because they give way.
+        Share of the last force that is missing because of the contact springs' deflection.
     residual_error : float
-        Largest share of the force that a step's unbalanced residual stands for.
+        Largest share of the force that corresponds to a step's remaining residual.
     edge_slip : float
-        Largest motion of the material under a sharp edge away from it, as a share of the indenter's half-width; 0 where the
-        edge is rounded.
+        Largest motion of the material under a sharp edge away from the edge, as a share of the indenter's half-width; 0 where
+        the edge is rounded.
     touching, slipping : float
-        Shares of the points under the indenter that touch it, and that slip, at the last depth.
+        Shares of the points under the indenter that touch the indenter, and that slip, at the last depth.
     first_failure : str or None
     """
 
@@ -55,7 +55,7 @@ class SolveFacts:
     first_failure: str | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """Stable keys, as in `simulate --json` and in the ledger; first_failure only where there was one."""
+        """Stable keys, as in `simulate --json` and in the ledger; first_failure only where the first try failed."""
         return {key: value for key, value in asdict(self).items() if key != "first_failure" or value is not None}
 
     @classmethod
@@ -88,14 +88,14 @@ class MeshFacts:
 
 @dataclass(frozen=True)
 class SolverFacts:
-    """Facts of all tests of a simulation together: sums of work and time, the largest errors; `SolveFacts` says what each is.
+    """Facts of all tests of a simulation together: sums of work and time, the largest errors; `SolveFacts` describes each fact.
 
     Parameters
     ----------
     linear, assembly : str
         The linear solver's library, and how the body was assembled.
     setup_seconds : float, s
-        Time that mesh, bases and pattern took.
+        Time to set up mesh, bases and pattern.
     """
 
     linear: str
@@ -144,4 +144,4 @@ def said_of_tries(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
     for name, facts in tests:
         if facts.tries > 1:
             mesh = f"a mesh of {facts.elements} elements"
-            yield f"test {name!r} was solved at try {facts.tries}, on {mesh}; the first one: {facts.first_failure}"
+            yield f"test {name!r} was solved at try {facts.tries}, on {mesh}; the first try: {facts.first_failure}"

@@ -22,8 +22,15 @@ from indentfit.material import Material
 class Fields:
     """Fields on nodes (n_v, 3), mm, and elements (n_el, 8 or 27) of nodes in scikit-fem's order; mm and kPa.
 
-    displacement (n_v, 3); nodal_stress (n_v, 6), and cell_stress (n_el, 6), its mean: Cauchy, xx yy zz xy yz xz;
-    volume_ratio (n_el,): J; contact_pressure (n_v,): on the undeformed area, zero where nothing touches.
+    Attributes
+    ----------
+    displacement : array (n_v, 3), mm
+    nodal_stress, cell_stress : arrays (n_v, 6) and (n_el, 6), kPa
+        Cauchy stresses xx yy zz xy yz xz at the nodes, and their means over the elements.
+    volume_ratio : array (n_el,)
+        J.
+    contact_pressure : array (n_v,), kPa
+        Pressure on the undeformed area; zero where the sample does not touch the indenter.
     """
 
     nodes: Array
@@ -41,13 +48,17 @@ def recover(model: Model, result: TestResult, material: Material, kappa: float, 
     Parameters
     ----------
     model : Model
-        The one that was asked; a result that a later try gave brings its own.
+        The model that ran the test; the result of a later try brings its own model.
     result : TestResult
     material : Material
     kappa : float, kPa
         Bulk modulus that the test was simulated with.
     equilibrium : Equilibrium
-        One of `result.path`; the last where it is not given.
+        One of `result.path`; by default the last.
+
+    Returns
+    -------
+    Fields
     """
     equilibrium = equilibrium or result.last
     model = result.model or model
@@ -93,7 +104,7 @@ def nodal_stress(body: Solid, stress: Array) -> Array:
 
 
 def contact_pressure(body: Solid, face: ContactFace, contact: ContactState) -> Array:
-    """Contact pressure (n_v,) in kPa: that of the contact points at each node, mean of its facets by area."""
+    """Contact pressure (n_v,) in kPa: the pressures of the contact points at each node, averaged by area."""
     nodes, n_nodes = face.dofs[:, :, 0] // 3, body.n_dofs // 3
     total = _sums(nodes, face.weights * contact.pressure, n_nodes)
     area = _sums(nodes, face.weights, n_nodes)

@@ -1,4 +1,4 @@
-"""The solid as plain scikit-fem forms: slow and readable, the oracle that the compiled loop of `element.py` is held to.
+"""The solid as plain scikit-fem forms: slow and readable, the oracle with which the compiled loop of `element.py` is compared.
 
 Displacements u and a pressure p, discontinuous between elements, such that for all test functions v and q
 
@@ -14,7 +14,7 @@ p is a sum of modes q_k that are orthonormal on each element, so the second line
 leaves K = A + κ Σ b_k b_kᵀ with b_k = ∫ q_k J F⁻ᵀ : ∇v, and on the right the pressure that follows from u.
 
 Everything is written on the undeformed body, with the first Piola stress P = ∂ψ/∂F; the compiled loop works with
-Kirchhoff stresses and spatial gradients. Besides the bases, quadrature and modes the two share nothing.
+Kirchhoff stresses and spatial gradients. Forms and loop share only the bases, quadrature and modes.
 """
 
 from typing import Any
@@ -54,7 +54,7 @@ def mode_of_J(w: Any) -> Any:
 
 
 class FormSolid(Solid):
-    """A meshed sample whose forces and tangent are assembled from the forms above; all else as in `element.Solid`."""
+    """A meshed sample whose forces and tangent are assembled from the forms above; otherwise like `element.Solid`."""
 
     def state(self, u: Array, fibre: Array) -> BodyState:
         F = self._deformation(u)

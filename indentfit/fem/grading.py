@@ -1,4 +1,4 @@
-"""How the widths of elements grow in one direction: fine at the indenter's edge and at the top, coarse far away."""
+"""Widths of elements along one direction: fine at the indenter's edge and at the top, coarse far away."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class Grading:
     edge : float, mm
         Width at the contact's edge.
     slope : float, mm/mm
-        By how much the width grows with each mm from the edge.
+        Growth of the width with each mm from the edge.
     rim : float, mm
         Width where a strip leaves the sample.
     long : float
-        How many times wider elements are along a strip.
+        Factor on the widths of elements along a strip.
     least : int
         Number of elements on each side of the edge, at least.
     base : Grading or None
-        Of the base mesh, whose numbers of elements this mesh scales; None for the base mesh itself.
+        Grading of the base mesh, whose numbers of elements this mesh scales; None for the base mesh itself.
     """
 
     size: float
@@ -46,7 +46,7 @@ class Grading:
         return np.minimum(self.size, self.edge + self.slope * np.asarray(distance))
 
     def along(self, width_at_end: Callable[[Grading], float]) -> Grading:
-        """The grading along a strip; width_at_end: the width of elements at the strip's end, mm, as a function of a Grading."""
+        """The grading along a strip; `width_at_end` gives the width of elements at the strip's end, mm, for a Grading."""
         base = self.base and self.base.along(width_at_end)
         return replace(self, size=self.long * self.size, edge=width_at_end(self), slope=self.long * self.slope, base=base)
 
@@ -54,8 +54,8 @@ class Grading:
 def graded(start: float, stop: float, grading: Grading, at: float, least: int = 1) -> Array:
     """Positions from start to stop, whose spacing follows the grading's width at the distance from `at`.
 
-    Their number is that of the base mesh times the ratio of the two gradings, rounded; the first spacing at `at` follows the
-    ratio before rounding, and the other spacings make up for it. So the spacing at the singular edge, which decides the error, is
+    The number of elements is that of the base mesh times the ratio of the two gradings, rounded. The first spacing at `at` follows
+    the ratio before rounding, and the other spacings compensate. So the spacing at the singular edge, which decides the error, is
     the same function of the size on every mesh.
 
     Parameters
@@ -91,7 +91,7 @@ def _elements_up_to(start: float, stop: float, grading: Grading, at: float) -> t
 
 
 def _rounding(start: float, stop: float, grading: Grading, at: float, least: int) -> float:
-    """The factor that makes the number of elements of the base mesh whole; 1 where that has more than its grading asks for."""
+    """The factor that makes the number of elements of the base mesh whole; 1 where `least` raises that number."""
     count = _elements_up_to(start, stop, grading.base or grading, at)[1][-1]
     number = np.ceil(count - 1e-9)
     return number / count if number >= least else 1.0

@@ -61,7 +61,7 @@ DEPTHS, ROLLS = 12, 3
 
 @dataclass(frozen=True)
 class _Task:
-    """What a mesh is made for; thickness and largest depth in mm."""
+    """The sample, indenter and depth for which a mesh is made; thickness and largest depth in mm."""
 
     thickness: float
     outline: Outline
@@ -88,18 +88,18 @@ def quarter(
     depth : float, mm
         Largest depth, which decides how wide a sphere's contact is; by default a tenth of the thickness.
     rim : float
-        Width of the elements where a strip leaves the sample, in the usual one.
+        Width of the elements where a strip leaves the sample, in units of the usual width.
 
     Returns
     -------
     MeshHex, or for quadratic bricks MeshHex2
-        With the boundaries top, base, x0, z0, footprint (the facets of the top that may touch the indenter) and overhung (those of
-        the side that may, below a strip that is longer than the sample; else none).
+        A mesh with the boundaries top, base, x0, z0, footprint (facets of the top that may touch the indenter) and overhung (facets
+        of the side that may touch it, below a strip that is longer than the sample; otherwise none).
 
     Raises
     ------
     MeshError
-        Where the indenter does not fit on the sample.
+        The indenter does not fit on the sample.
     """
     task = _Task.of(sample, indenter, element, depth)
     linear = _quarter(task, size(sample, indenter, mesh, element, depth), rim)
@@ -110,7 +110,7 @@ def quarter(
 
 
 def count(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0", depth: float | None = None) -> int:
-    """Number of elements that `quarter` would make of the same arguments, without making them."""
+    """Number of elements of the mesh that `quarter` makes of the same arguments; no mesh is made."""
     return _count(_Task.of(sample, indenter, element, depth), size(sample, indenter, mesh, element, depth))
 
 
@@ -121,7 +121,7 @@ def size(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0", 
 
 @functools.lru_cache(maxsize=256)
 def _size_for(task: _Task, elements: int) -> float:
-    """Size at which the mesh has about that many elements: the base's, or the middle of the sizes that have as many."""
+    """Size at which the mesh has about `elements` elements: the base mesh's size, or the middle of the sizes with this number."""
     own, coarsest = functools.partial(_count, task), 5 * task.thickness
     nearest = min(_neighbours(own, elements, coarsest), key=lambda size: abs(np.log(own(size) / elements)))
     number = own(nearest)
@@ -165,7 +165,7 @@ def _quarter(task: _Task, size: float, rim: float) -> MeshHex:
     top, eps = task.thickness, 1e-9 * task.thickness
     contact = task.indenter.partition(task.depth)
     overhangs = isinstance(contact, Band) and contact.half_length > mesh.p[0].max()
-    deepest = top - task.depth  # what is below would have to rise to meet the strip
+    deepest = top - task.depth  # points below this height would have to rise to meet the strip
     lowest = layers[np.searchsorted(layers, deepest, side="right") - 1] if overhangs else top
 
     def inside(p: Array) -> Bools:

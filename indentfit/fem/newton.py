@@ -1,4 +1,4 @@
-"""Newton's iteration with the consistent tangent, each step shortened until the residual stands it."""
+"""Newton's iteration with the consistent tangent; each step is shortened until the residual is acceptable."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from indentfit.fem.equilibrium import Equilibrium, equilibrium_of
 from indentfit.fem.linear.solver import LinearSolver
 
 MAX_ITERATIONS = 15
-SHARES = np.array([1.0, 0.5, 0.25, 0.1, 0.02])  # of a step, tried one after the other
-GROWTH = 2.0  # of the residual that the first iterations may end with
+SHARES = np.array([1.0, 0.5, 0.25, 0.1, 0.02])  # shares of a step, tried one after the other
+GROWTH = 2.0  # factor by which the residual may grow in each of the first iterations
 INVERTED = "an element turned inside out"
 
 
 @dataclass(frozen=True)
 class Newton:
-    """Newton's iteration as one run does it: the linear solver, the controls, and the count of work that it adds to."""
+    """Newton's iteration of one run: its linear solver, its controls, and its count of work."""
 
     solver: LinearSolver
     controls: Controls
@@ -30,7 +30,7 @@ class Newton:
         Raises
         ------
         ConvergenceError
-            After `most` iterations, or after three steps in a row that had to be shortened to less than half.
+            No equilibrium after `most` iterations, or after three steps in a row that were shortened to less than half.
         OutOfTime
         """
         hard, tolerance = 0, self.controls.tolerance
@@ -60,9 +60,9 @@ class Newton:
 def line_search(
     here: Linearisation, du: Array, iteration: int, growth: float = GROWTH, dampers: Dampers | None = None
 ) -> tuple[Iterate, float]:
-    """The iterate after the longest of the SHARES of a step that the residual stands.
+    """The iterate after the longest of the SHARES of a step with an acceptable residual.
 
-    No step moves a point by more than the increment's leash: near an instability Newton points far away.
+    No step moves a point by more than the increment's leash, because near an instability Newton's step is far too long.
 
     Parameters
     ----------
@@ -71,18 +71,19 @@ def line_search(
     iteration : int
         After the fourth, the residual has to fall.
     growth : float
-        Of the residual, allowed before.
+        Growth of the residual that is acceptable in the first four iterations.
     dampers : Dampers
-        Their forces belong to the residual.
+        Dampers whose forces belong to the residual.
 
     Returns
     -------
-    the iterate, and its share of the longest step allowed
+    Iterate, float
+        The iterate, and the share of the longest allowed step.
 
     Raises
     ------
     ConvergenceError
-        Where every step turns an element inside out.
+        Every step turns an element inside out.
     """
     increment, at, change = here.increment, here.at, here.change(du)
     before = increment.merit(at, dampers)

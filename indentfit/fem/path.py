@@ -1,8 +1,8 @@
 """Equilibria along the indentation: steps of depth with cutback and regrowth.
 
 A step starts from the tangent prediction u + du/dd * step (one solve with the factor at hand) and is repeated with half its
-length when Newton's iteration fails. The curve between the steps is a spline, so the outputs asked for do not decide how many are
-taken.
+length when Newton's iteration fails. The curve between the steps is a spline, so the number of steps does not depend on the
+requested outputs.
 """
 
 import numpy as np
@@ -15,20 +15,32 @@ from indentfit.fem.newton import INVERTED, Newton
 from indentfit.fem.relaxation import relaxed
 
 WITHHELD, MAX_AUGMENTATIONS = 2e-3, 3  # share of the force that the springs may withhold
-LEASH = 0.03  # largest motion of a point in one iteration, of the last depth
+LEASH = 0.03  # largest motion of a point in one iteration, over the last depth
 FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
-SMALLEST_STEP = 1e-2  # of the last depth; where this is not enough, other springs or another mesh are cheaper than more halvings
-SHORT = 0.6  # of the largest step, below which a step is one after a cutback: it may be relaxed, and its springs softened
+SMALLEST_STEP = 1e-2  # over the last depth; where this is not small enough, other springs or another mesh cost less than halving
+SHORT = 0.6  # over the largest step: a shorter step follows a cutback; it may be relaxed, and its springs softened
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 
 def indent(equations: Equations, loading: Loading, newton: Newton, depths: Array) -> list[Equilibrium]:
-    """Equilibria from zero to the last of the depths (n,), mm, rising; the first one is the untouched sample.
+    """Equilibria from zero to the last depth; the first equilibrium is the untouched sample.
+
+    Parameters
+    ----------
+    equations : Equations
+    loading : Loading
+    newton : Newton
+    depths : array (n,), mm
+        Depths in rising order.
+
+    Returns
+    -------
+    list of Equilibrium
 
     Raises
     ------
     ConvergenceError
-        Where no smaller step helps.
+        Even the smallest step fails.
     OutOfTime
     """
     last, springs = float(depths[-1]), loading.springs
@@ -57,7 +69,7 @@ def indent(equations: Equations, loading: Loading, newton: Newton, depths: Array
 
 
 def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilibrium:
-    """The state before indentation, with the motion and stiffness in which it leaves."""
+    """The state before indentation, with the motion and stiffness at the start of indentation."""
     body, face = equations.body, equations.face
     u = np.zeros(body.n_dofs)
     at = Iterate(u, body.pressure(body.state(u, loading.fibre), loading.kappa))
@@ -74,7 +86,7 @@ def _increment(equations: Equations, loading: Loading, here: Equilibrium, depth:
 
 
 def _step(newton: Newton, increment: Increment, here: Equilibrium, relax: bool) -> tuple[Equilibrium, int]:
-    """The equilibrium of an increment from the tangent prediction, and how many iterations it took: by Newton, else relaxed."""
+    """The equilibrium of an increment from the tangent prediction, by Newton's iteration or relaxation, and the iterations."""
     at = _predicted(increment, here)
     try:
         return newton.equilibrium(increment, at)
@@ -85,11 +97,11 @@ def _step(newton: Newton, increment: Increment, here: Equilibrium, relax: bool) 
         try:
             return relaxed(newton, increment, at)
         except ConvergenceError as error:
-            raise (first if INVERTED in first.cause else error) from None  # what came first says more than the residual left
+            raise (first if INVERTED in first.cause else error) from None  # the first error says more than the last residual
 
 
 def _predicted(increment: Increment, here: Equilibrium) -> Iterate:
-    """The iterate on the path's tangent, on a shorter piece of it where that would turn an element inside out."""
+    """The iterate on the path's tangent; the step is shortened where it would turn an element inside out."""
     body, fibre = increment.equations.body, increment.loading.fibre
     for share in (1.0, 0.5, 0.25, 0.0):
         u = here.u + share * (increment.depth - here.depth) * here.motion

@@ -15,7 +15,7 @@ def patches(outline: Outline, contact: Band | Rings, grading: Grading) -> list[A
     Raises
     ------
     MeshError
-        Where the contact leaves no room on the sample.
+        The contact leaves no room on the sample.
     """
     if isinstance(contact, Rings):
         return _rings(outline, contact.radius, grading)
@@ -33,7 +33,7 @@ def _band_on_rectangle(outline: Rectangle, band: Band, grading: Grading) -> Arra
 def _band_on_circle(radius: float, contact: Band, grading: Grading) -> list[Array]:
     """The band of the contact, and the cap beside it as three patches that meet in one inner point.
 
-    Every corner of the cap is near 90 deg, so no element degenerates where the contact's edge leaves the disc.
+    Every corner of the cap is nearly a right angle, so no element degenerates where the contact's edge leaves the disc.
     """
     half = contact.half_width
     chord = np.sqrt(radius**2 - half**2)

@@ -1,10 +1,11 @@
 """Relaxation: an equilibrium reached by overdamped motion, where Newton's iteration finds none.
 
 Where the tangent loses definiteness (surface folding at the sample's rim, fibres buckling at the indenter's edge, points about
-to slip) a Newton step points anywhere. With dampers each step of time has a solution near the last one, and the motion ends
-in a stable equilibrium of the undamped body. The contact's history goes along with the motion, as in a slow experiment. The
-residual left after MAX_RELAXED iterations is accepted up to LOOSE, counted, and its share of the force reported: points of the
-contact may *chatter*, that is, change between stick and slip, or touch and gap, from one iteration to the next without end.
+to slip) the direction of a Newton step is arbitrary. With dampers each step of time has a solution near the last one, and the
+motion ends in a stable equilibrium of the undamped body. The contact's history follows the motion, as in a slow experiment.
+
+Points of the contact may chatter (fem/contact.py) without end. A residual of at most LOOSE after MAX_RELAXED iterations is
+therefore accepted. Such a step is a *loose step*: loose steps are counted, and their share of the force is reported.
 """
 
 import contextlib
@@ -17,23 +18,23 @@ from indentfit.fem.equations import Dampers, Increment, Iterate, Linearisation
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.newton import MAX_ITERATIONS, Newton, line_search
 
-NEARLY_STILL, FEW = 0.1, 6  # damping below which Newton is tried from a relaxed state, and iterations that it is given there
+NEARLY_STILL, FEW = 0.1, 6  # damping below which Newton's iteration is tried from a relaxed state, and its limit of iterations
 MAX_RELAXED, MAX_IMPLICIT = 120, 8  # iterations of a relaxation, and of one of its steps of time
 WARY = 2  # steps of time in which the dampers stay above those with which a step has just failed
 EASED = 1e-2  # reduction of the residual that ends a step of time
-CREEP = 1.2  # growth of the residual that an iteration of a step of time may end with
+CREEP = 1.2  # factor by which the residual may grow in an iteration of a step of time
 STIFFEST_DAMPER = 1e6  # in units of shear modulus times size
-LOOSE = 5e-3  # residual, of the contact force, at which points that chatter may be left; counted and reported
+LOOSE = 5e-3  # largest residual of a loose step, over the contact force
 RELAXED = 9  # iterations that a relaxation counts as, one less than path.HARD: the snap is over, the next step may be as long
 
 
 def relaxed(newton: Newton, increment: Increment, at: Iterate) -> tuple[Equilibrium, int]:
-    """The Equilibrium reached from an iterate by overdamped motion, and the number of iterations that it counts as.
+    """The Equilibrium reached from an iterate by overdamped motion, and the number of iterations that the relaxation counts as.
 
     Raises
     ------
     ConvergenceError
-        Where the motion does not come to rest.
+        The motion does not come to rest.
     OutOfTime
     """
     start, first, damping = newton.work.iterations, increment, Damping()
@@ -51,7 +52,7 @@ def relaxed(newton: Newton, increment: Increment, at: Iterate) -> tuple[Equilibr
             continue
         at, increment = motion.there.at, increment.after(motion.there.contact.advanced())
         damping = damping.eased(motion.iterations)
-        if motion.iterations <= 2 and damping.now < NEARLY_STILL:  # what is left is the multipliers' own slow convergence
+        if motion.iterations <= 2 and damping.now < NEARLY_STILL:  # only the multipliers still converge, slowly
             with contextlib.suppress(ConvergenceError):
                 return _settled(newton, first, increment, at), RELAXED
     return _loose(newton, best, newton.work.iterations - start), MAX_ITERATIONS
@@ -59,7 +60,7 @@ def relaxed(newton: Newton, increment: Increment, at: Iterate) -> tuple[Equilibr
 
 @dataclass(frozen=True)
 class Damping:
-    """Coefficient of the dampers, in units of shear modulus times size, and the memory of the last one that failed."""
+    """Coefficient of the dampers, in units of shear modulus times size, and the last coefficient that failed."""
 
     now: float = 1.0
     last_failed: float = 0.0
@@ -79,7 +80,7 @@ class Damping:
 
 @dataclass(frozen=True, eq=False)
 class _Rest:
-    """The iterate that was nearest to rest: its residual as a share of the contact force, and the increment that it belongs to."""
+    """The iterate nearest to rest, with its residual as a share of the contact force, and its increment."""
 
     share: float
     increment: Increment
@@ -123,8 +124,8 @@ def _moved(newton: Newton, here: Linearisation, damping: float) -> _Motion | Non
 
 
 def _settled(newton: Newton, first: Increment, relaxed: Increment, at: Iterate) -> Equilibrium:
-    """The equilibrium near a relaxed one that belongs to the history (and its changes) the step began with, where there is one:
-    it can be differentiated; else the relaxed history's. Raises ConvergenceError where Newton finds neither."""
+    """The equilibrium near a relaxed one, if possible with the history at the step's start, because it can then be differentiated;
+    otherwise with the relaxed history. Raises ConvergenceError where Newton's iteration finds neither."""
     try:
         return newton.equilibrium(first, at, FEW)[0]
     except ConvergenceError:

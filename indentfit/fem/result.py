@@ -1,4 +1,4 @@
-"""What a simulation gives: each test's curve with the facts of its solution, and all tests of a case together."""
+"""Results of a simulation: each test's curve with the facts of its solution, and all tests of a case together."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -20,18 +20,18 @@ class TestResult:
     ----------
     name : str
     angle : int, degrees
-        Of the fibres.
+        Angle of the fibres.
     displacement : array (n,), mm
-        The depths that were asked for.
+        The requested depths.
     force : array (n,), mN
         Force of the whole sample.
     facts : SolveFacts
-    sensitivities : name -> array (n,), mN per unit
-        Derivatives of the force by the names asked for; None where the path could not be differentiated.
-    path : Equilibria
-        From the untouched sample to the last depth, for stresses and files (fem.fields).
+    sensitivities : dict of name -> array (n,), mN per unit
+        Derivatives of the force by the requested names; None where the path could not be differentiated.
+    path : tuple of Equilibrium
+        Equilibria from the untouched sample to the last depth, for stresses and files (fem.fields).
     model : Model
-        The one that they belong to: not the model that was asked, where a later try solved the test.
+        The model of the path. It is not the model that was run where a later try solved the test.
     """
 
     __test__ = False  # not a test of pytest's

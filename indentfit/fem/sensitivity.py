@@ -6,8 +6,8 @@ back-substitution,
     K u' = - dR/dtheta - dR/dh h',
 
 where h are the contact's multipliers and anchors. They follow from the steps before, and their derivatives h' by the same
-rules (direct differentiation of a path-dependent problem: Michaleris, Tortorelli and Vidal 1994). What is differentiated is the
-discrete path: with the same steps, central differences tend to these derivatives.
+rules (direct differentiation of a path-dependent problem: Michaleris, Tortorelli and Vidal 1994). The discrete path is
+differentiated: with the same steps, central differences tend to these derivatives.
 """
 
 from dataclasses import dataclass, field, replace
@@ -29,10 +29,18 @@ AT_REST = 1e-6  # mm per mm of depth: a motion so small that the body's forces a
 
 @dataclass(frozen=True, eq=False)
 class PathDerivatives:
-    """Derivatives of an equilibrium by each Direction, which are the first axis.
+    """Derivatives of an equilibrium by each Direction; the directions are the first axis.
 
-    force: of the quarter (n_d,), mN; changes: of the contact's state; rates: of the rate of its traction (n_f, n_q, 3);
-    stiffness: (n_d,), mN/mm, at rest only.
+    Attributes
+    ----------
+    force : array (n_d,), mN
+        Derivatives of the quarter's force.
+    changes : tuple of ContactChange
+        Derivatives of the contact's state.
+    rates : tuple of arrays (n_f, n_q, 3)
+        Derivatives of the rate of the contact's traction.
+    stiffness : array (n_d,), mN/mm
+        Derivatives of the stiffness, at rest only.
     """
 
     force: Array
@@ -41,7 +49,7 @@ class PathDerivatives:
     stiffness: Array | None = None
 
     def since(self, before: "PathDerivatives", step: float) -> "PathDerivatives":
-        """With the rates that belong to the secant from the derivatives `before`, a step of the depth (mm) earlier."""
+        """These derivatives with the rates of the secant from the derivatives `before`, a step of the depth (mm) earlier."""
         pairs = zip(self.changes, before.changes, strict=True)
         return replace(self, rates=tuple((here.traction - there.traction) / step for here, there in pairs))
 
@@ -51,9 +59,20 @@ class PathDerivatives:
 
 
 def derivatives(there: Linearisation, solver: LinearSolver, deadline: Deadline, at_rest: Array | None = None) -> PathDerivatives:
-    """PathDerivatives of an equilibrium whose increment knows how its history changes.
+    """PathDerivatives of an equilibrium whose increment has the changes of its history.
 
-    at_rest: du/dd (n,) of the untouched sample, where this is it: its rates are then those of its tangent.
+    Parameters
+    ----------
+    there : Linearisation
+        The equilibrium's linearisation.
+    solver : LinearSolver
+    deadline : Deadline
+    at_rest : array (n,) or None
+        du/dd of the untouched sample, if the equilibrium is the untouched sample: the rates are then those of its tangent.
+
+    Returns
+    -------
+    PathDerivatives
     """
     back = _Back(there, solver, deadline)
     changes, ways = there.increment.changes or (), there.increment.loading.directions
@@ -81,7 +100,7 @@ class _Back:
 
 
 def _along(back: _Back, way: Direction, history: History) -> ContactChange:
-    """Change of the contact at an equilibrium along one Direction, the history changing with it."""
+    """Change of the contact at an equilibrium along one Direction, with the change of the history."""
     there, increment = back.there, back.there.increment
     face, springs, contact = increment.equations.face, increment.loading.springs, there.contact
 
@@ -101,7 +120,7 @@ def _body_forces(there: Linearisation, way: Direction, u: Array, state: BodyStat
 
 
 def _rate_at_rest(back: _Back, way: Direction, motion: Array) -> Array:
-    """Change of the traction's rate of the untouched sample, whose tangent is that of its rest."""
+    """Change of the traction's rate of the untouched sample, which follows from the tangent at rest."""
     there, increment = back.there, back.there.increment
     body, face, loading = increment.equations.body, increment.equations.face, increment.loading
     assert there.contact.D is not None  # a linearisation has the contact's derivative

@@ -1,4 +1,4 @@
-"""What the forward model is given: what one mesh is made for, and one indentation to compute on it. Neither is a whole case."""
+"""Inputs of the forward model: the Setup of one mesh, and the Press, one indentation to compute. Neither is a whole case."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from indentfit.material import Material
 
 @dataclass(frozen=True)
 class Setup:
-    """What one mesh and its contact are made for.
+    """The tables and the depth for which one mesh and its contact are made.
 
     Parameters
     ----------
@@ -39,13 +39,13 @@ class Press:
     kappa : float, kPa
         Bulk modulus.
     angle : int, degrees
-        Between the fibres and x, the indenter's long side: 0 or 90.
+        Angle between the fibres and x, the indenter's long side: 0 or 90.
     depths : array (n,), mm
-        Depths at which the force is asked for, rising, above zero.
+        Depths at which the force is requested, in rising order, above zero.
     name : str
         Name of the test, for messages.
     sensitivities : names
-        What the force is to be differentiated by: parameters of the material (the bulk modulus then follows the shear modulus),
+        Quantities by which the force is differentiated: parameters of the material (the bulk modulus follows the shear modulus),
         "friction", "bulk_ratio" (bulk modulus over shear modulus) and "offset" (depth of the contact point, mm).
     """
 

@@ -1,4 +1,4 @@
-"""The forward model: from a setup and its presses to force-displacement curves, with what they cost and how exact they are."""
+"""The forward model: from a setup and its presses to force-displacement curves, with the work and the errors of the solution."""
 
 import contextlib
 import functools
@@ -44,7 +44,7 @@ FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 
 @dataclass(frozen=True)
 class Try:
-    """How a press is tried, in units of the usual: contact springs, width of the elements at the mesh's rim, number of elements."""
+    """One try of a press: factors on the usual contact springs, width of the elements at the mesh's rim, and number of elements."""
 
     springs: float = 1.0
     rim: float = 1.0
@@ -62,14 +62,14 @@ class Model:
     ----------
     setup : Setup
     rim : float
-        Width of the elements where the indenter leaves the sample, in units of the usual.
+        Width of the elements where the indenter leaves the sample, in units of the usual width.
 
     Raises
     ------
     MeshError
-        Where sample and indenter cannot be meshed as asked.
+        Sample and indenter cannot be meshed as requested.
     InputError
-        For a linear solver that is not installed.
+        The linear solver is not installed.
     """
 
     def __init__(self, setup: Setup, rim: float = 1.0) -> None:
@@ -90,8 +90,13 @@ class Model:
 
         Parameters
         ----------
-        presses : Presses
-        progress : (name of the press, share of its depth done) -> None
+        presses : sequence of Press
+        progress : function
+            Called with the name of the press and the share of its depth that is done.
+
+        Returns
+        -------
+        Simulation
 
         Raises
         ------
@@ -109,18 +114,23 @@ class Model:
         Parameters
         ----------
         press : Press
-        progress : share of the depth done -> None
+        progress : function
+            Called with the share of the depth that is done.
         deadline : Deadline
+
+        Returns
+        -------
+        TestResult
 
         Raises
         ------
         ConvergenceError
         OutOfTime
-            Once the deadline has passed; there are no second tries then.
+            The deadline has passed; there are no second tries then.
         MaterialError
-            Where the code of a plugin's material fails.
+            The code of a plugin's material fails.
         InputError
-            For an unknown name among the sensitivities.
+            A name among the sensitivities is unknown.
         """
         press = replace(press, depths=np.asarray(press.depths, dtype=float), sensitivities=tuple(press.sensitivities))
         options = self.setup.solver
@@ -146,7 +156,7 @@ class Model:
 
     def _tried(self, press: Press, controls: Controls) -> TestResult:
         """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
-        springs, often does not with others. Raises the first try's ConvergenceError where none is."""
+        springs, often does not with others. Raises the first try's ConvergenceError where every try fails."""
         try:
             return self._run(USUAL, press, controls)
         except ConvergenceError as error:
@@ -157,14 +167,14 @@ class Model:
             raise
 
     def _coarser(self, attempt: Try) -> "Model":
-        """This model, or one whose mesh is coarser: where the strip leaves the sample, or all of it by a share of the elements."""
+        """This model, or a model with a coarser mesh: at the rim where the strip leaves the sample, or everywhere."""
         if attempt.rim == self.rim and attempt.elements == 1:
             return self
         setup = self.setup
         if attempt.elements < 1:
             elements = round(attempt.elements * self.mesh.nelements)
             setup = replace(setup, mesh=setup.mesh.model_copy(update={"size": None, "elements": elements}))
-        return Model(setup, attempt.rim)  # made anew: no run depends on those before it
+        return Model(setup, attempt.rim)  # a new model, so that no run depends on the runs before it
 
     def _run(self, attempt: Try, press: Press, controls: Controls) -> TestResult:
         started, before = time.perf_counter(), self.solver.work
@@ -196,8 +206,8 @@ class Model:
         return directions(press.sensitivities, press.material, press.kappa, stiffness, friction)
 
     def _springs(self, material: Material, angle: int) -> Springs:
-        """Contact springs in proportion to the sample's stiffness: under a sharp edge, where the traction is singular, SHARP times
-        its shear modulus, else that under the indenter, which fibres across it raise."""
+        """Contact springs in proportion to the sample's stiffness: SHARP times the shear modulus under a sharp edge, where the
+        traction is singular; otherwise the stiffness under the indenter, which is higher where fibres run across the indenter."""
         moduli, shape = material.moduli(), self.contact.shape
         young = moduli["E_along"] if angle == 90 else moduli["E_across"]
         sharp = has_sharp_edge(shape)
@@ -234,24 +244,24 @@ class Model:
 
 
 def _threads(n_dofs: int) -> Any:
-    """Context in which libraries use as many threads as pay: one on small meshes, and on large ones all but those of NumPy's
-    OpenBLAS. They wait for their next vector at full speed, in the way of the solver's threads: a path takes 1.5 times as long."""
+    """Context in which libraries use one thread on small meshes, and on large meshes all threads but those of NumPy's OpenBLAS.
+    OpenBLAS' threads wait actively and slow the solver's threads down: a path takes 1.5 times as long."""
     pools = ThreadpoolController()
     return (pools if n_dofs < THREADS_PAY else pools.select(internal_api="openblas")).limit(limits=1)
 
 
 def _explained(error: ConvergenceError, press: Press) -> ConvergenceError:
-    """The error of a path with the test's name, and a word on a material that is not stable."""
+    """The error of a path with the test's name, and a remark if the material is not stable."""
     unstable = press.material.unstable
     cause = error.cause + (f"; the material is not stable at small strain ({unstable})" if unstable else "")
     return ConvergenceError(_of_test(press.name, cause), error.displacement, error.step, error.iteration)
 
 
 def _require_contact(path: Sequence[Equilibrium], name: str) -> None:
-    """Raise ConvergenceError where no point of the indenter touches the sample although it was moved into it."""
+    """Raise ConvergenceError where no point of the indenter touches the sample although the indenter was moved into it."""
     for step, point in enumerate(path[1:], start=1):
         if not point.contact.touching.any():
-            cause = "the indenter has lost contact: no point of it touches the sample; check its shape, and the material's signs"
+            cause = "the indenter has lost contact: no point of the sample touches the indenter; check shape and material"
             raise ConvergenceError(_of_test(name, cause), point.depth, step)
 
 
@@ -260,7 +270,7 @@ def _of_test(name: str, cause: str) -> str:
 
 
 def _sensitivities(press: Press, ways: Sequence[Direction], path: Sequence[Equilibrium]) -> dict[str, Array] | None:
-    """name -> (n,) of the names asked for, None where the path could not be differentiated."""
+    """Name -> derivative (n,) of the force, for the requested names; None where the path could not be differentiated."""
     by_name = {}
     if ways:
         forces = [point.derivatives.force for point in path if point.derivatives is not None]
@@ -277,14 +287,15 @@ def _sensitivities(press: Press, ways: Sequence[Direction], path: Sequence[Equil
 def interpolate(path: Sequence[Equilibrium], values: Sequence[Any], depths: Array) -> Array:
     """Values (n_d, ...) of a path's equilibria at depths (n,) mm: the cubic spline through all of them.
 
-    Linear in the values, so that curves and their derivatives agree. Tangents would not make it better: where points of the
-    contact begin to slip, the curve's tangent jumps, and 8 steps of values alone are within 1e-4 of the largest force.
+    The spline is linear in the values, so that curves and their derivatives agree. Tangents would not improve the spline: where
+    points of the contact begin to slip, the curve's tangent jumps, and 8 steps of values alone are within 1e-4 of the largest
+    force.
     """
     return CubicSpline([point.depth for point in path], values, axis=0)(depths)
 
 
 def _body(mesh: Any, assembly: str, element: str) -> Solid:
-    """The body as the case asks for it to be assembled."""
+    """The body, with the assembly that the case asks for."""
     if assembly == "forms":
         from indentfit.fem.forms import FormSolid
 

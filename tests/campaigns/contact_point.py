@@ -16,7 +16,7 @@ from indentfit.curve import Curve
 from indentfit.errors import RecordError
 from indentfit.experiment.contact_point import METHODS, find_contact_point
 from indentfit.experiment.loading import find_ramp
-from indentfit.experiment.rig import Noise, Rig
+from indentfit.experiment.rig import Rig, SensorNoise
 
 SAMPLES = {  # slope at contact mN/mm, curvature mN/mm^2, depth mm: close to the forward model's curves
     "along": (82.0, 17.0, 0.33),
@@ -25,12 +25,12 @@ SAMPLES = {  # slope at contact mN/mm, curvature mN/mm^2, depth mm: close to the
 }
 RIGS = {
     "phantom noise": Rig(),
-    "drift 0.5 mN/s": Rig(rest=1.0, noise=Noise(drift=0.5)),
+    "drift 0.5 mN/s": Rig(rest=1.0, noise=SensorNoise(drift=0.5)),
     "slow approach": Rig(approach_velocity=0.2),
     "stick (adhesion)": Rig(adhesion=0.3),
     "no approach": Rig(gap=0.0),
-    "quiet": Rig(noise=Noise(vibration=(0.05, 0.0))),
-    "white noise": Rig(noise=Noise(force=0.5, vibration=(0.0, 0.0))),
+    "quiet": Rig(noise=SensorNoise(vibration=(0.05, 0.0))),
+    "white noise": Rig(noise=SensorNoise(force=0.5, vibration=(0.0, 0.0))),
     "long rest and hold": Rig(rest=5.0, hold=20.0),
     "half the rate": replace(Rig(), rate=500.0),
 }

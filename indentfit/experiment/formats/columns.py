@@ -1,4 +1,4 @@
-"""The raw record in a table of columns: which column is which quantity, calibrated and turned into s, mm and mN."""
+"""The raw record in a table of columns: each quantity's column is found, calibrated and converted to s, mm and mN."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LONGEST_LIST = 300  # letters of the columns that a message lists
 def raw_record(path: Path, table: Table, settings: Record) -> RawRecord:
     """The `RawRecord` in a table.
 
-    The header tells the columns that the settings do not name, and their units. Rows without numbers are left out, with a note.
+    Columns and units that the settings do not name follow from the header. Rows without numbers are left out, with a note.
 
     Parameters
     ----------
@@ -41,10 +41,14 @@ def raw_record(path: Path, table: Table, settings: Record) -> RawRecord:
     settings : Record
         The [record] table: columns, calibration and sampling rate.
 
+    Returns
+    -------
+    RawRecord
+
     Raises
     ------
     RecordError
-        One line with the file, what is wrong and the remedy.
+        The table is not a record. The error's text is one line with the file, what is wrong and the remedy.
     """
     places = {name: _column(path, table, name, channel) for name, channel in _channels(settings).items()}
     if places["displacement"] == places["force"]:
@@ -76,7 +80,7 @@ def _require_rising_time(path: Path, table: Table, time: Array) -> None:
 
 
 def _column(path: Path, table: Table, name: str, channel: RecordChannel) -> int:
-    """Index of the column of a quantity: the settings name the column, by name or number, or the header tells it."""
+    """Index of the column of a quantity: the settings give the column's name or number, or it follows from the header."""
     if isinstance(channel.column, int):
         return _numbered(path, table, name, channel.column)
     matches = [n for n in range(table.width) if any(_names(label, name, channel.column) for label in table.labels(n))]
@@ -94,7 +98,7 @@ def _numbered(path: Path, table: Table, name: str, number: int) -> int:
 
 
 def _names(label: str, name: str, wanted: str | None) -> bool:
-    """Whether a label is the wanted one, with or without its unit, or, with none wanted, begins with a word for the quantity."""
+    """Whether a label is the wanted label, with or without its unit; where none is wanted, whether it begins like the quantity."""
     if wanted is None:
         return _begins(label, WORDS[name])
     return wanted.casefold().strip() in (label.casefold(), _without_unit(label).casefold())
@@ -123,7 +127,7 @@ def _calibrated(path: Path, table: Table, place: int, name: str, channel: Record
     target = TARGETS[name]
     unit = channel.unit or (target if channel.gain is not None else _unit(table, place))
     if unit is None:
-        raise RecordError(f"{path}: the header does not tell the unit of the {name}; give record.{name}.unit, such as {target!r}")
+        raise RecordError(f"{path}: the header does not give the unit of the {name}; give record.{name}.unit, such as {target!r}")
     if unit in ELECTRIC:
         raise RecordError(f"{path}: the {name} is in {unit}; give record.{name}.gain, {target} per {unit}")
     values = channel.sign * (1.0 if channel.gain is None else channel.gain) * table.values[:, place] + channel.offset

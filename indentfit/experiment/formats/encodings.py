@@ -20,19 +20,24 @@ BYTE_ORDER_MARKS = {
 def decoded(raw: bytes, encoding: str | None = None, path: str | Path = "text") -> str:
     """Text of a file's bytes: by byte-order mark, as UTF-16 without one, as UTF-8, as GBK, or else as Latin-1.
 
-    GBK writes each foreign letter as two bytes above 127; in Latin-1 such a byte stands alone.
+    A letter beyond ASCII is two bytes above 127 in GBK, and one byte in Latin-1.
 
     Parameters
     ----------
+    raw : bytes
     encoding : str or None
         The encoding, where it is known.
     path : path
         The file, for messages.
 
+    Returns
+    -------
+    str
+
     Raises
     ------
     RecordError
-        The given encoding is unknown, or does not fit.
+        The given encoding is unknown, or the bytes are not text in it.
     """
     marked = next((name for mark, name in BYTE_ORDER_MARKS.items() if raw.startswith(mark)), None)
     for name in [encoding] if encoding else [marked] if marked else _likely(raw):

@@ -1,4 +1,4 @@
-"""What a kind of file must be able to do to be read as a raw record."""
+"""The interface of a file format from which raw records are read."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class Format(Protocol):
     """A kind of file: it recognises its files, and turns one of them into a raw record.
 
     `reads` may look at the name of the file and at its first bytes. `read` gives the whole record in s, mm and mN, calibrated as
-    the [record] table says, with a note on each thing that was left out. It raises RecordError, one line that holds the file, what
-    is wrong and the remedy; an OSError of the system may pass.
+    the [record] table says, with a note on everything that was left out. `read` raises RecordError, whose text is one line with the
+    file, what is wrong and the remedy; it need not catch an OSError of the system.
     """
 
     def reads(self, path: Path) -> bool:

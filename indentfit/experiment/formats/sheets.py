@@ -1,8 +1,8 @@
 """The rows of a workbook's sheet, read in a process of its own.
 
-A few kilobytes of a workbook can ask for any amount of memory (a zip bomb, a cell in the last row and column, repeated rows), and
-the parser ends its process where memory runs out. The parser therefore runs in a small process with limits, whose end is an error
-like any other.
+A few kilobytes of a workbook can demand any amount of memory (a zip bomb, a cell in the last row and column, repeated rows), and
+the parser ends its process where memory runs out. The parser therefore runs in a small process with limits; the end of that process
+is reported as a RecordError.
 """
 
 from __future__ import annotations
@@ -31,13 +31,18 @@ def sheet_rows(path: Path, sheet: str | int | None = None) -> list[list[Cell]]:
 
     Parameters
     ----------
+    path : path
     sheet : str, int or None
-        Name of the sheet, or its number from 1; None is the first.
+        Name of the sheet, or its number from 1; None is the first sheet.
+
+    Returns
+    -------
+    list of rows
 
     Raises
     ------
     RecordError
-        The file is no workbook, has no such sheet, or asks for more than `MEMORY` bytes, `PROCESSOR` or `SECONDS` seconds.
+        The file is not a workbook, has no such sheet, or needs more than `MEMORY` bytes, or `PROCESSOR` or `SECONDS` seconds.
     """
     finished = _parsed_elsewhere(path, sheet)
     if finished.returncode:
@@ -50,7 +55,7 @@ def sheet_rows(path: Path, sheet: str | int | None = None) -> list[list[Cell]]:
 
 
 def _parsed_elsewhere(path: Path, sheet: str | int | None) -> subprocess.CompletedProcess[bytes]:
-    """The process that parsed the sheet, ended; its output is JSON."""
+    """The ended process that parsed the sheet; its output is JSON."""
     command = [sys.executable, "-P", "-m", __name__, os.path.abspath(path), json.dumps(sheet)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [str(HOME), os.environ.get("PYTHONPATH")]))}
     try:
@@ -110,7 +115,7 @@ def _sheet_name(names: list[str], sheet: str | int | None) -> str:
 
 
 def _refuse_bomb(path: str) -> None:
-    """Refuse at once what would otherwise end after a minute. The limits find sizes that are understated."""
+    """Refuse at once a file that the limits would stop only after a minute; a file that understates its size meets the limits."""
     try:
         with zipfile.ZipFile(path) as file:
             size = sum(member.file_size for member in file.infolist())

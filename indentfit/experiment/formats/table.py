@@ -20,7 +20,7 @@ class Table:
     first : int
         Number of the first row of numbers in the file, from 1.
     notes : tuple of str
-        What was left out.
+        A note on everything that was left out.
     """
 
     header: list[list[str]]
@@ -34,5 +34,5 @@ class Table:
         return int(self.values.shape[1])
 
     def labels(self, column: int) -> list[str]:
-        """The header's texts above a column (from 0), the nearest to the numbers first."""
+        """The header's texts above a column (from 0), beginning with the text nearest to the numbers."""
         return [row[column] for row in reversed(self.header) if len(row) == self.width and row[column]]

@@ -1,6 +1,6 @@
 """Records in text files: columns of numbers with separators or of fixed width, as instruments' programs export them.
 
-The separator, the decimal mark, the encoding and the rows of the header are told from the file itself; NumPy parses the numbers.
+The separator, the decimal mark, the encoding and the rows of the header are recognised from the file; NumPy parses the numbers.
 """
 
 from __future__ import annotations
@@ -44,7 +44,25 @@ class TextFormat:
 
 
 def text_table(path: Path, text: str, skip_rows: int) -> Table:
-    """The `Table` that a text holds; `skip_rows`: lines to pass over. Raises RecordError, one line with `path` and the remedy."""
+    """The `Table` that a text holds.
+
+    Parameters
+    ----------
+    path : path
+        The file, for messages.
+    text : str
+    skip_rows : int
+        Lines to skip.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    RecordError
+        The text holds no table. The error's text is one line with the file and the remedy.
+    """
     lines = text.splitlines()
     while lines and not lines[-1].strip():
         lines.pop()
@@ -61,7 +79,7 @@ def text_table(path: Path, text: str, skip_rows: int) -> Table:
 
 
 def _first_numbers(rows: list[str | None], skip_rows: int, form: Form) -> tuple[int, int]:
-    """Index of the first row of numbers, read in a form, and how many of its cells are no numbers.
+    """Index of the first row of numbers, read in a form, and how many of its cells are not numbers.
 
     The index is the number of rows where none is a row of numbers.
     """

@@ -17,7 +17,7 @@ ENDINGS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 
 
 class WorkbookFormat:
-    """Sheets of workbooks, told by the ending of the file's name."""
+    """Sheets of workbooks, recognised by the suffix of the file's name."""
 
     def reads(self, path: Path) -> bool:
         return path.suffix.lower() in ENDINGS
@@ -45,7 +45,7 @@ def _is_number(cell: Cell) -> bool:
 
 
 def _value(where: str, cell: Cell, wanted: bool) -> float:
-    """The number in a cell, NaN where it holds none; RecordError where its column has numbers and the cell has text."""
+    """The number in a cell, NaN in a cell without a number; RecordError for text in a column of numbers."""
     if isinstance(cell, int | float) and not isinstance(cell, bool):
         return float(cell)
     if wanted and cell != "":
