@@ -408,6 +408,15 @@ def test_a_dask_cluster_gives_the_same_numbers_also_when_a_worker_is_killed(case
         assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
 
 
+def test_a_run_that_never_comes_back_is_ended_on_a_cluster_too(case, in_process):
+    pytest.importorskip("distributed")
+    with RunPool(case("fit.time_limit=1", wild=LOOP), 2, cluster="local") as pool:
+        failed, fine = pool.evaluate([BAD, TAME])
+    assert failed.forces is None
+    assert "not back within its time" in failed.cause
+    assert np.array_equal(fine.forces[1], tame(case).forces[1])
+
+
 def test_a_fit_on_a_cluster_whose_worker_is_killed_ends_with_the_numbers_of_local_processes(case):
     distributed = pytest.importorskip("distributed")
     told = []

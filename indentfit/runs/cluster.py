@@ -16,6 +16,7 @@ from indentfit.runs.key import Inputs
 from indentfit.runs.mechanics import Mechanics
 from indentfit.runs.processes import deaf_to_interrupts
 from indentfit.runs.run import Run, RunRequest
+from indentfit.runs.watch import ended_when_overdue
 
 LOCAL = "local"
 PATIENCE = 30  # seconds to find the scheduler, and for it to have a worker
@@ -121,7 +122,8 @@ class Cluster:
             if error is None:
                 return future.result()
         if isinstance(error, self._dask.scheduler.KilledWorker):
-            return Run(None, "its workers were lost, one after the other (out of memory, or killed)", 0.0, {}, lost=True)
+            cause = "its workers were lost, one after the other (out of memory, killed, or not back within its time)"
+            return Run(None, cause, 0.0, {}, lost=True)
         if future.status == "cancelled" or isinstance(error, self._dask.CancelledError):
             raise self._gone(error) from error
         raise error
@@ -161,4 +163,5 @@ def run_there(mechanics: Mechanics, request: RunRequest, limit: float, origin: s
                 raise WorkerError("the cluster's workers have other versions of indentfit, its libraries or the material")
             _benches.clear()
             _benches[origin] = Bench(mechanics, limit)
-        return _benches[origin].run_at_last(request)
+        with ended_when_overdue(limit):
+            return _benches[origin].run_at_last(request)

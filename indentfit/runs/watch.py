@@ -5,12 +5,17 @@ machine ends no run early, and as a last resort the time on the wall, for a chil
 """
 
 import contextlib
+import os
+import threading
 import time
+from collections.abc import Iterator
 
 import psutil
 
 GRACE, SHARE_OF_GRACE = 2.0, 0.5  # s, and share of the limit: processor time beyond it, for the solver to look at its deadline
 PATIENCE, SHARE_OF_PATIENCE = 60.0, 10.0  # s, and multiple of the limit: time on the wall after which a sleeper is ended
+LOOK = 0.5  # s between two looks of a process at itself
+OVERDUE = 75  # exit code of a process that ended itself
 LONGEST_LOOK = 2.0  # s: a longer gap between two looks means that the machine was asleep, or the parent stopped
 
 
@@ -51,3 +56,29 @@ class Watch:
                 times = self._process.cpu_times()
                 return times.user + times.system
         return 0.0
+
+
+@contextlib.contextmanager
+def ended_when_overdue(limit: float) -> Iterator[None]:
+    """Context in which this process ends itself once a run is overdue: for a worker whose parent is not ours, as one of Dask's.
+
+    Parameters
+    ----------
+    limit : float, s
+        Processor time that the run may take.
+    """
+    done = threading.Event()
+
+    def look() -> None:
+        watch = Watch(os.getpid(), limit)
+        while not done.wait(LOOK):
+            if watch.is_overdue():
+                os._exit(OVERDUE)
+
+    guard = threading.Thread(target=look, name="run's watch", daemon=True)
+    guard.start()
+    try:
+        yield
+    finally:
+        done.set()
+        guard.join()
