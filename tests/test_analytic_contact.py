@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import ISOTROPIC
+from fixtures.cases import ISOTROPIC
 
 
 def ratio(poisson):

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import white_matter
+from fixtures.cases import coarse_case, white_matter
+from fixtures.formulas import FREE, TRUTH, Formula, bent, formula, problem
 from scipy.optimize import least_squares as scipys
 from scipy.stats import norm
 from scipy.stats import t as student
-from test_inverse import FREE, TRUTH, Formula, bent, coarse, formula, problem
 
 from indentfit.case import Fit, Mesh, Range, Uncertain
 from indentfit.curve import Curve
@@ -364,7 +364,9 @@ def test_an_uncertainty_of_nothing_known_is_refused():
 
 def test_a_fit_says_in_words_what_its_curves_determine(tmp_path):
     """Curves that the model made itself at zeta = 4: mu is determined, and published values are put in their place."""
-    case = coarse(tmp_path, "fit.method=ga", "fit.published={mu=3.0,zeta=4.0}", "fit.seed=1", "fit.uncertain.mesh=0")
+    case = read_case(
+        coarse_case(tmp_path, TRUTH), ["fit.method=ga", "fit.published={mu=3.0,zeta=4.0}", "fit.seed=1", "fit.uncertain.mesh=0"]
+    )
     result = fit(case)
     assert result.success
     assert result.parameters["mu"].value == pytest.approx(1.5, rel=0.005)

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from fixtures.cases import straight_curve, tiny_case
 
 from indentfit.cli import main
 from indentfit.curve import read_curve
@@ -19,44 +20,15 @@ from indentfit.inference.result import WeightsFit
 from indentfit.report import lasting
 from indentfit.report.text import weights_lines
 
-CASE = """
-[sample]
-shape = "disc"
-diameter = 14
-thickness = 3.3
-base = "sliding"
-[indenter]
-shape = "strip"
-width = 2
-length = 20
-friction = 0
-[mesh]
-elements = 60
-[solver]
-element = "q1p0"
-[material]
-model = "neo_hookean"
-[material.parameters]
-mu = { start = 1, min = 0.1, max = 10 }
-[[test]]
-name = "parallel"
-angle = 0
-curve = "curve.csv"
-[fit]
-method = "ga"
-workers = 1
-"""
-
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
     """One test of a material with one parameter: a fit costs a single run."""
     (tmp_path / "gel").mkdir()
-    (tmp_path / "gel" / "case.toml").write_text(CASE)
-    lines = [f"{0.05 * n:.2f},{3.5 * n:.2f}" for n in range(1, 6)]
-    (tmp_path / "gel" / "curve.csv").write_text("displacement_mm,force_mN\n" + "\n".join(lines) + "\n")
+    straight_curve(tmp_path / "gel" / "parallel.csv", 70)
+    path = tiny_case(tmp_path / "gel", mesh={"elements": 60}, fit={"method": "ga"})
     monkeypatch.chdir(tmp_path)
-    return tmp_path / "gel" / "case.toml"
+    return path
 
 
 def run(*arguments):
@@ -68,8 +40,8 @@ def test_a_fit_writes_its_folder_and_says_what_it_found(case, tmp_path):
     assert done.exit_code == 0, done.output
     folder = tmp_path / "gel-result"
     names = {path.name for path in folder.iterdir()}
-    assert {"result.json", "report.html", "fields", "curves.csv", "fit.svg", "fit.png", "case.toml", "curve.csv"} <= names
-    assert (folder / "case.toml").read_text() == CASE
+    assert {"result.json", "report.html", "fields", "curves.csv", "fit.svg", "fit.png", "case.toml", "parallel.csv"} <= names
+    assert (folder / "case.toml").read_text() == case.read_text()
     result = json.loads((folder / "result.json").read_text())
     mu = result["parameters"]["mu"]
     assert mu["min"] <= mu["interval"][0] < mu["value"] < mu["interval"][1] <= mu["max"]
@@ -96,7 +68,7 @@ def test_the_json_on_stdout_is_the_one_in_the_folder_and_keeps_its_keys(case, tm
     assert rows[0] == ["test", "displacement_mm", "force_mN", "measured_force_mN"]
     squares = [(float(row[2]) - float(row[3])) ** 2 for row in rows[1:]]
     assert result["objective"] == pytest.approx((sum(squares) / len(squares)) ** 0.5, rel=1e-9)
-    assert [float(row[3]) for row in rows[1:]] == read_curve(case.parent / "curve.csv").force.tolist()
+    assert [float(row[3]) for row in rows[1:]] == read_curve(case.parent / "parallel.csv").force.tolist()
 
 
 def test_options_are_keys_of_the_case(case):

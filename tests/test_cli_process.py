@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from fixtures.cases import tiny_case
 
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
@@ -229,40 +230,18 @@ def test_a_fit_starts_from_the_rig_s_files_and_its_folder_can_be_run_again():
     assert fit(copy).parameters["mu"].value == pytest.approx(mu, rel=1e-9)
 
 
-BASE = """
-[sample]
-shape = "disc"
-diameter = 10
-thickness = 5
-base = "sliding"
-[indenter]
-shape = "strip"
-width = 2
-length = 20
-friction = 0
-[mesh]
-elements = 40
-[solver]
-element = "q1p0"
-[material]
-model = "neo_hookean"
-[material.parameters]
-mu = { start = 1, min = 0.1, max = 20 }
-[[test]]
-name = "unused"
-angle = 0
-depth = 0.1
-[fit]
-method = "least_squares"
-workers = 1
-"""
-
-
 @pytest.fixture
 def made(manifest):
     """A case made from the manifest by --case."""
-    Path("base.toml").write_text(BASE)
-    result = run("-m", manifest, "--no-figures", "--case", "--base", "base.toml", "--target", "90=quadratic", "-o", "set")
+    Path("base").mkdir()
+    base = tiny_case(
+        Path("base"),
+        sample={"diameter": 10.0, "thickness": 5.0},
+        mesh={"elements": 40},
+        material={"parameters": {"mu": {"start": 1.0, "min": 0.1, "max": 20.0}}},
+        test=[{"name": "unused", "angle": 0, "depth": 0.1}],
+    )
+    result = run("-m", manifest, "--no-figures", "--case", "--base", base, "--target", "90=quadratic", "-o", "set")
     assert result.exit_code == 0, result.stderr
     return Path("set/case.toml")
 

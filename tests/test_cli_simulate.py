@@ -11,7 +11,7 @@ import meshio
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import CASES
+from fixtures.cases import CASES
 
 from indentfit.cli import main, progress
 from indentfit.errors import ConvergenceError

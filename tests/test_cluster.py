@@ -7,7 +7,7 @@ import sys
 
 import pytest
 from click.testing import CliRunner
-from conftest import CASES
+from fixtures.cases import CASES
 
 from indentfit.cli import main
 from indentfit.runs import cluster as clusters

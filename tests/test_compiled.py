@@ -15,7 +15,7 @@ TESTS = Path(__file__).parent
 SIMULATION = """
 import sys
 sys.path.insert(0, {tests!r})
-from conftest import white_matter
+from fixtures.cases import white_matter
 from indentfit.fem import element
 from indentfit.fem.simulate import Model
 from indentfit.fem.setup import Press

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import CASES, white_matter
+from fixtures.cases import CASES, white_matter
 
 from indentfit.cli import main
 from indentfit.errors import ConvergenceError, DesignError

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import CASES
+from fixtures.cases import CASES
 
 from indentfit.experiment.measured import read_case
 from indentfit.runs.forward import simulate

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import white_matter
+from fixtures.cases import white_matter
 from threadpoolctl import threadpool_info
 
 from indentfit.errors import ConvergenceError, OutOfTime

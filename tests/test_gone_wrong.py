@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import CASES, white_matter
+from fixtures.cases import CASES, white_matter
 
 from indentfit.curve import read_curve
 from indentfit.errors import CaseError, ConvergenceError, CurveError, RecordError

@@ -2,6 +2,7 @@
 
 import ast
 import graphlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,7 @@ LAZY = {
 }  # fmt: skip
 MODULES = sorted(HOUSE.rglob("*.py"))
 MATERIALS = sorted((HOUSE.parent / "materials").glob("*.py"))
+TESTS = sorted(Path(__file__).parent.glob("test_*.py"))
 
 
 def imports(path, package):
@@ -150,6 +152,25 @@ def test_nothing_that_is_read_is_run_as_code(path):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }
     assert called & {"eval", "exec", "compile"} <= ({"exec", "compile"} if path == HOUSE / "material" / "plugins.py" else set())
+
+
+@pytest.mark.parametrize("path", TESTS, ids=lambda path: path.name)
+def test_no_test_imports_from_another(path):
+    """What tests share lives in the package tests/fixtures, and conftest.py says no more than which of it pytest loads."""
+    first = {name.partition(".")[0] for name in imports(path, "")}
+    assert not first & {"conftest", "tests", *(other.stem for other in TESTS)}
+
+
+@pytest.mark.parametrize("path", TESTS, ids=lambda path: path.name)
+def test_no_test_holds_a_whole_case_as_text(path):
+    """The tiny case is written once, from values, by `tiny_case` of tests/fixtures/cases.py."""
+    texts = [node.value for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Constant)]
+    assert not [text for text in texts if isinstance(text, str) and {"sample", "indenter", "mesh"} <= tables(text)]
+
+
+def tables(text):
+    """Names of the tables that a TOML text begins, `[mesh]` or `mesh = {`."""
+    return {one or other for one, other in re.findall(r"^\s*(?:\[(\w+)\]|(\w+) = \{)", text, re.M)}
 
 
 # ---- sizes -------------------------------------------------------------------------------------------------------

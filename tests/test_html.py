@@ -6,11 +6,11 @@ import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
-import browser
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import CASES
+from fixtures import browser
+from fixtures.cases import CASES
 
 from indentfit.cli import main
 from indentfit.report.html import write_report

@@ -10,6 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fixtures.cases import coarse_case
+from fixtures.formulas import FREE, TRUTH, Formula, bent, formula, problem
 from scipy.optimize import minimize
 
 from indentfit.case import Case, Range, Test
@@ -28,62 +30,11 @@ from indentfit.inverse.polish import polish
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.settings import SearchSettings
 from indentfit.runs import bench
-from indentfit.runs.forward import Evaluation, presses_of, simulate
+from indentfit.runs.forward import presses_of
 from indentfit.runs.mechanics import mechanics_of
 from indentfit.runs.points import setup_of
 from indentfit.runs.pool import RunPool
 from indentfit.runs.run import RunRequest
-
-DEPTH = np.linspace(0.02, 0.3, 15)
-TRUTH = {"mu": 1.5, "zeta": 4.0, "phi": 0.7}
-FREE = {
-    "mu": Range(start=1.0, min=0.1, max=10.0),
-    "zeta": Range(start=8.0, min=0.0, max=20.0),
-    "phi": Range(start=2.0, min=0.0, max=5.0),
-}
-
-
-def formula(mu, zeta, phi):
-    """Curves of two tests that depend on the parameters much as indentations do, and stiffen."""
-    along = mu * (40 + 0.5 * zeta) * DEPTH * (1 + DEPTH + 0.5 * phi * DEPTH)
-    across = mu * (40 + 9 * zeta**0.8 + 6 * phi) * DEPTH * (1 + 0.2 * phi**0.5 * DEPTH)
-    return along, across
-
-
-class Formula:
-    """A pool whose forward model is `formula`; `broken` says where it fails."""
-
-    def __init__(self, broken=lambda parameters: False):
-        self.broken, self.runs, self.failures = broken, 0, []
-
-    def differentiable(self):
-        return frozenset()
-
-    def evaluate(self, points, report=None, sensitivities=()):
-        self.runs += 2 * len(points)
-        evaluations = [self.evaluation(point) for point in points]
-        self.failures += [one for one in evaluations if one.cause]
-        return evaluations
-
-    def evaluation(self, point):
-        if self.broken(point):
-            return Evaluation(point, None, "broken here", 0.0, ({}, {}))
-        return Evaluation(point, formula(**point), None, 0.0, ({}, {}))
-
-
-def problem(forces=None, scale="mu", free=FREE, weights=(0.5, 0.5)):
-    names = ("parallel", "perpendicular")
-    forces = forces or formula(**TRUTH)
-    tests = tuple(Target(n, Curve(DEPTH, f), w) for n, f, w in zip(names, forces, weights, strict=True))
-    start = {name: free[name].start if name in free else value for name, value in TRUTH.items()}
-    return InverseProblem(tests, start, free, scale)
-
-
-def bent(seed=0, noise=0.3):
-    """Curves that the model cannot follow exactly."""
-    rng = np.random.default_rng(seed)
-    return tuple(force + noise * rng.standard_normal(force.size) for force in formula(**TRUTH))
-
 
 # The objective
 
@@ -296,57 +247,16 @@ def test_a_verdict_says_it_in_words(value, interval, at_bound, said):
 # The workers and the true model, on a coarse mesh without friction
 
 
-def coarse(folder, *overrides):
-    """A case whose curves the forward model made itself at TRUTH."""
-    (folder / "curves").mkdir(exist_ok=True)
-    text = """
-        [sample]
-        shape = "disc"
-        diameter = 14
-        thickness = 3.3
-        base = "sliding"
-        [indenter]
-        shape = "strip"
-        width = 2
-        length = 20
-        friction = 0
-        [mesh]
-        elements = 60
-        [solver]
-        element = "q1p0"
-        [material]
-        model = "transversely_isotropic"
-        [material.parameters]
-        mu = { start = 1, min = 0.1, max = 10 }
-        zeta = { start = 3, min = 0, max = 20 }
-        phi = { start = 1, min = 0, max = 5 }
-        [[test]]
-        name = "parallel"
-        angle = 0
-        curve = "curves/parallel.csv"
-        [[test]]
-        name = "perpendicular"
-        angle = 90
-        curve = "curves/perpendicular.csv"
-    """
-    path = folder / "case.toml"
-    path.write_text("\n".join(line.strip() for line in text.splitlines()))
-    depths = [f"test.{name}.{key}" for name in ("parallel", "perpendicular") for key in ("depth=0.2", "points=8")]
-    for test in simulate(read_case(path, depths), TRUTH).tests:
-        write_curve(folder / "curves" / f"{test.name}.csv", test.curve)
-    return read_case(path, ["fit.method=least_squares", "fit.workers=1", *overrides])
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("coarse")
-    coarse(folder)
+    coarse_case(folder, TRUTH)
     return folder
 
 
 @pytest.fixture
 def case(folder):
-    return lambda *overrides: read_case(folder / "case.toml", ["fit.method=least_squares", "fit.workers=1", *overrides])
+    return lambda *overrides: read_case(folder / "case.toml", overrides)
 
 
 def test_a_fit_comes_back_to_the_parameters_that_made_the_curves(case):

@@ -4,54 +4,13 @@ import sys
 
 import numpy as np
 import pytest
+from fixtures.tangents import Problem
 from numpy.testing import assert_allclose
 
-from indentfit.case import Indenter, Mesh, Sample
 from indentfit.errors import ConvergenceError, InputError
-from indentfit.fem.constraints import Fixed
-from indentfit.fem.element import Solid
 from indentfit.fem.linear import pardiso
-from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.solver import LinearSolver
 from indentfit.fem.linear.tangent import Tangent
-from indentfit.fem.mesh import quarter
-from indentfit.material import load
-
-E1 = np.eye(3)[0]
-
-
-class Problem:
-    """The tangent A of a coarse supported quarter at a small displacement, a load b, its rigid-body modes."""
-
-    def __init__(self, bulk_ratio=20.0, supported=True, elements=120):
-        sample = Sample(shape="block", length=6, width=6, thickness=3, base="bonded")
-        mesh = quarter(sample, Indenter(shape="strip", width=2, length=20, friction=0.5), Mesh(elements=elements))
-        self.solid = Solid(mesh)
-        basis, self.size = self.solid.basis, 2e-3
-        held = basis.get_dofs("base").all() if supported else np.array([], dtype=int)
-        self.fixed = Fixed(self.solid, held)
-        self.modes = rigid_body_modes(basis.doflocs[:, ::3])
-        self.bulk_ratio, rng = bulk_ratio, np.random.default_rng(0)
-        self.u = self.size * rng.uniform(-1, 1, self.solid.n_dofs)
-        self.A, _ = self.tangent(self.u)
-        self.b = rng.standard_normal(self.solid.n_dofs)
-        self.b[held] = 0
-
-    def pressed(self):
-        """Whether a dof is the vertical one of a node under the indenter."""
-        x, y, z = self.solid.basis.doflocs
-        pressed = (np.arange(x.size) % 3 == 2) & (z > z.max() - 1e-9) & (abs(x) <= 1) & (abs(y) <= 1)
-        pressed[self.fixed.dofs] = False
-        return pressed
-
-    def tangent(self, u, bulk=None):
-        material = load("transversely_isotropic")(mu=1.49, zeta=4.68, phi=0.68)
-        self.mu, self.kappa = material.mu, self.bulk_ratio * material.mu
-        state = self.solid.state(u, E1)
-        forces, values = self.solid.tangent(u, state, material, self.solid.pressure(state, self.kappa), self.kappa, E1, bulk)
-        if self.fixed.dofs.size:
-            self.fixed.constrain(forces, values)
-        return self.solid.matrix(values), forces
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 import pyamg
 import pytest
 import scipy.sparse as sp
+from fixtures.tangents import Problem
 from numpy.testing import assert_allclose
-from test_linear import Problem
 
 from indentfit.fem.linear import multigrid
 from indentfit.fem.linear.multigrid import Cycle

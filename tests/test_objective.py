@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import white_matter
+from fixtures.cases import white_matter
 from numpy.testing import assert_allclose, assert_array_equal
 
 from indentfit.case import Range

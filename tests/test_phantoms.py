@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import SHARED
+from fixtures.cases import SHARED, tiny_case
 from scipy.interpolate import PchipInterpolator
 
 from indentfit.case import Record, RecordChannel
@@ -43,36 +43,6 @@ def test_a_phantom_relaxes_by_its_published_ratio(phantom):
     assert done.relaxation.ratio == pytest.approx(PUBLISHED[number][2], abs=0.02)
 
 
-CASE = """
-[sample]
-shape = "disc"
-diameter = 20
-thickness = {thickness}
-base = "bonded"
-[indenter]
-shape = "cylinder"
-diameter = 2
-friction = "stick"
-[mesh]
-elements = {elements}
-[material]
-model = "neo_hookean"
-[material.parameters]
-mu = {{ start = 5, min = 1, max = 20 }}
-[record]
-rate = 1000
-displacement = {{ column = "displacement_V", gain = 6, sign = -1, unit = "mm" }}
-force = {{ column = "force_V", gain = 24, sign = -1, unit = "mN" }}
-[[test]]
-name = "ramp"
-angle = 0
-record = '{record}'
-[fit]
-method = "least_squares"
-workers = 1
-"""
-
-
 @pytest.mark.parametrize(
     ("number", "elements"),
     [(1, 200), pytest.param(1, 400, marks=pytest.mark.campaign), pytest.param(2, 400, marks=pytest.mark.campaign)],
@@ -83,8 +53,21 @@ def test_mu_fitted_to_the_raw_record_is_that_of_hayes_factor(number, elements, t
     At 200 elements the forward model is 4 % too stiff at small strain, at 400 half a percent.
     """
     record = RECORDS / f"phantom_{number}_raw.csv"
-    (tmp_path / "case.toml").write_text(CASE.format(thickness=THICKNESS[number], elements=elements, record=record))
-    result = fit(read_case(tmp_path / "case.toml"))
+    case = tiny_case(
+        tmp_path,
+        sample={"diameter": 20.0, "thickness": THICKNESS[number], "base": "bonded"},
+        indenter={"shape": "cylinder", "diameter": 2.0, "friction": "stick", "width": None, "length": None},
+        mesh={"elements": elements},
+        solver=None,
+        material={"parameters": {"mu": {"start": 5.0, "min": 1.0, "max": 20.0}}},
+        record={
+            "rate": 1000.0,
+            "displacement": {"column": "displacement_V", "gain": 6.0, "sign": -1, "unit": "mm"},
+            "force": {"column": "force_V", "gain": 24.0, "sign": -1, "unit": "mN"},
+        },
+        test=[{"name": "ramp", "angle": 0, "record": str(record)}],
+    )
+    result = fit(read_case(case))
     done = process_record(read_record(record, LAYOUT))
     hayes = done.peak / done.depth * 0.5 / (4 * 1.0 * float(HAYES(1 / THICKNESS[number])))
     assert result.success

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import SHARED
+from fixtures.cases import SHARED
 
 FILES = sorted((SHARED / "references").glob("*.json"))
 pytestmark = pytest.mark.skipif(not FILES, reason="../shared/references is not here")

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
-from conftest import CASES, white_matter
+from fixtures.cases import CASES, white_matter
 
 from indentfit.curve import Curve
 from indentfit.errors import OutputError

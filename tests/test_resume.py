@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from fixtures.cases import MU, ZETA, straight_curve, tiny_case, two_tests
 
 from indentfit.cli import main
 from indentfit.errors import ConvergenceError
@@ -20,41 +21,6 @@ from indentfit.fem.simulate import Model
 from indentfit.report import fit_folder
 from indentfit.report.folder import LEDGER, unfinished
 
-CASE = """
-[sample]
-shape = "disc"
-diameter = 14
-thickness = 3.3
-base = "sliding"
-[indenter]
-shape = "strip"
-width = 2
-length = 20
-friction = 0.3
-[mesh]
-elements = 24
-[solver]
-element = "q1p0"
-[material]
-model = "transversely_isotropic"
-[material.parameters]
-mu = { start = 1, min = 0.1, max = 10 }
-zeta = { start = 3, min = 0, max = 20 }
-phi = 0.5
-[[test]]
-name = "parallel"
-angle = 0
-curve = "parallel.csv"
-[[test]]
-name = "across"
-angle = 90
-curve = "across.csv"
-[fit]
-method = "ga"
-population = 4
-generations = 3
-workers = 1
-"""
 MAY_DIFFER = ("seconds", "reused", "solver")  # between a fit and the same one resumed: the solver's facts hold times
 
 
@@ -66,10 +32,11 @@ def case(tmp_path, monkeypatch):
 
 
 def write_case(folder):
-    (folder / "case.toml").write_text(CASE)
-    for name, stiffness in (("parallel", 80), ("across", 150)):
-        rows = [f"{0.05 * n:.2f},{stiffness * 0.05 * n:.3f}" for n in range(1, 6)]
-        (folder / f"{name}.csv").write_text("displacement_mm,force_mN\n" + "\n".join(rows) + "\n")
+    fit = {"method": "ga", "population": 4, "generations": 3}
+    material = {"model": "transversely_isotropic", "parameters": {"mu": MU, "zeta": ZETA, "phi": 0.5}}
+    tiny_case(folder, indenter={"friction": 0.3}, material=material, test=two_tests(across="across"), fit=fit)
+    straight_curve(folder / "parallel.csv", 80)
+    straight_curve(folder / "across.csv", 150)
 
 
 @pytest.fixture(scope="module")

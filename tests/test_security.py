@@ -9,7 +9,7 @@ import sys
 
 import pytest
 from click.testing import CliRunner
-from conftest import CASES
+from fixtures.cases import CASES
 
 from indentfit import material
 from indentfit.cli import main

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import white_matter
+from fixtures.cases import white_matter
 
 from indentfit.errors import InputError
 from indentfit.fem.setup import Press

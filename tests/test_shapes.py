@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from conftest import ISOTROPIC
+from fixtures.cases import ISOTROPIC, tiny_case
 from numpy.testing import assert_allclose
 
 from indentfit import indenters, samples
@@ -109,23 +109,19 @@ def _registered(monkeypatch):
     samples.SHAPES.register(Plate)
 
 
-CASE = """
-sample = { shape = "plate", width = 20, thickness = 10, base = "sliding" }
-indenter = { shape = "paraboloid", diameter = 8, friction = 0 }
-mesh = { elements = 400 }
-material = { model = "neo_hookean", parameters = { mu = 1.0 } }
-
-[[test]]
-name = "run"
-angle = 0
-depth = 0.01
-"""
-
-
 @pytest.fixture
 def case(tmp_path):
-    (tmp_path / "case.toml").write_text(CASE)
-    return read_case(tmp_path / "case.toml")
+    path = tiny_case(
+        tmp_path,
+        sample={"shape": "plate", "diameter": None, "width": 20.0, "thickness": 10.0},
+        indenter={"shape": "paraboloid", "diameter": 8.0, "width": None, "length": None},
+        mesh={"elements": 400},
+        solver=None,
+        material={"parameters": {"mu": 1.0}},
+        test=[{"name": "run", "angle": 0, "depth": 0.01}],
+        fit=None,
+    )
+    return read_case(path)
 
 
 def test_a_paraboloid_on_a_thick_plate_follows_hertz(run):

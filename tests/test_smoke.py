@@ -4,7 +4,7 @@ import json
 
 import pytest
 from click.testing import CliRunner
-from conftest import CASES
+from fixtures.cases import CASES
 
 from indentfit.cli import main
 

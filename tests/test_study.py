@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import CASES
+from fixtures.cases import CASES, tiny_case
 
 from indentfit.cli import main
+from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError, ConvergenceError, MeshError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
@@ -417,44 +418,21 @@ def test_the_default_family_and_checks_are_around_the_case(case):
 
 # ---- refits ------------------------------------------------------------------------------------------------------
 
-GEL = """
-[sample]
-shape = "disc"
-diameter = 14
-thickness = 3.3
-base = "sliding"
-[indenter]
-shape = "cylinder"
-diameter = 4
-friction = 0
-[mesh]
-elements = 40
-[solver]
-element = "q1p0"
-[material]
-model = "neo_hookean"
-[material.parameters]
-mu = { start = 1, min = 0.1, max = 10 }
-[[test]]
-name = "punch"
-angle = 0
-curve = "curve.csv"
-[fit]
-method = "least_squares"
-workers = 1
-"""
-
 
 @pytest.fixture
 def gel(tmp_path):
     """A material with one parameter, which the force is proportional to, and the curve that mu = 2 kPa would give."""
-    (tmp_path / "case.toml").write_text(GEL)
+    path = tiny_case(
+        tmp_path,
+        indenter={"shape": "cylinder", "diameter": 4.0, "width": None, "length": None},
+        mesh={"elements": 40},
+        test=[{"name": "punch", "angle": 0, "curve": "curve.csv"}],
+    )
     d = [0.02, 0.04, 0.06, 0.08, 0.1]
-    (tmp_path / "curve.csv").write_text("displacement_mm,force_mN\n" + "".join(f"{x},{x}\n" for x in d))
-    force = simulate(read_case(tmp_path / "case.toml", ["material.mu=2"])).tests[0].force
-    rows = "".join(f"{x},{y:.9g}\n" for x, y in zip(d, force, strict=True))
-    (tmp_path / "curve.csv").write_text("displacement_mm,force_mN\n" + rows)
-    return tmp_path / "case.toml"
+    write_curve(tmp_path / "curve.csv", Curve(d, d))
+    force = simulate(read_case(path, ["material.mu=2"])).tests[0].force
+    write_curve(tmp_path / "curve.csv", Curve(d, [float(f"{f:.9g}") for f in force]))
+    return path
 
 
 def test_refits_find_the_parameter_that_a_stiffer_base_asks_for(gel, tmp_path):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from fixtures.formulas import DEPTH, FREE, TRUTH, Formula, bent, formula, problem
 from scipy.optimize import minimize
-from test_inverse import DEPTH, FREE, TRUTH, Formula, bent, formula, problem
 
 from indentfit.case import Fit, Range
 from indentfit.curve import Curve

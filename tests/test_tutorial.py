@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 from click.testing import CliRunner
-from conftest import CASES
+from fixtures.cases import CASES
 
 from indentfit.cli import main
 from indentfit.curve import read_curve

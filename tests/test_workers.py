@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fixtures.cases import MU, ZETA, straight_curve, tiny_case, two_tests
 
 from indentfit.errors import Stopped, WorkerError
 from indentfit.experiment.measured import read_case
@@ -23,40 +24,6 @@ from indentfit.runs.pool import InProcess, RunPool, is_foreign
 from indentfit.runs.processes import Processes
 from indentfit.runs.run import Run, RunRequest
 
-CASE = """
-[sample]
-shape = "disc"
-diameter = 14
-thickness = 3.3
-base = "sliding"
-[indenter]
-shape = "strip"
-width = 2
-length = 20
-friction = 0
-[mesh]
-elements = 24
-[solver]
-element = "q1p0"
-[material]
-model = "wild.py:Wild"
-[material.parameters]
-mu = { start = 1, min = 0.1, max = 10 }
-zeta = { start = 3, min = 0, max = 20 }
-[[test]]
-name = "parallel"
-angle = 0
-curve = "parallel.csv"
-[[test]]
-name = "across"
-angle = 90
-curve = "across.csv"
-[fit]
-method = "ga"
-population = 4
-generations = 2
-workers = 1
-"""
 # Tame up to zeta = 4. Above, what each test asks for happens in the middle of a run.
 WILD = """
 import os, signal, sys
@@ -88,12 +55,16 @@ def case(tmp_path):
     """case(*overrides, wild=): a case of 2 tests whose material does something wild above zeta = 4."""
 
     def case(*overrides, wild="return found"):
-        (tmp_path / "case.toml").write_text(CASE)
+        path = tiny_case(
+            tmp_path,
+            material={"model": "wild.py:Wild", "parameters": {"mu": MU, "zeta": ZETA}},
+            test=two_tests(across="across"),
+            fit={"method": "ga", "population": 4, "generations": 2},
+        )
         (tmp_path / "wild.py").write_text(WILD.replace("WHAT", wild.replace("FOLDER", str(tmp_path))))
-        for name, stiffness in (("parallel", 80), ("across", 130)):
-            rows = [f"{0.05 * n:.2f},{stiffness * 0.05 * n:.3f}" for n in range(1, 6)]
-            (tmp_path / f"{name}.csv").write_text("displacement_mm,force_mN\n" + "\n".join(rows) + "\n")
-        return read_case(tmp_path / "case.toml", overrides)
+        straight_curve(tmp_path / "parallel.csv", 80)
+        straight_curve(tmp_path / "across.csv", 130)
+        return read_case(path, overrides)
 
     return case
 
