@@ -15,7 +15,7 @@ from fixtures.formulas import FREE, TRUTH, Formula, bent, formula, problem
 from scipy.optimize import minimize
 
 from indentfit.case import Case, Range, Test
-from indentfit.curve import Curve, write_curve
+from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
