@@ -14,6 +14,8 @@ from indentfit.case import Case, Indenter, MaterialChoice, Range, Sample, Test, 
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 
+pytestmark = pytest.mark.quick
+
 CASES = Path(__file__).parent.parent / "cases"
 PAPER = CASES / "white_matter_2017" / "case.toml"
 

@@ -7,6 +7,8 @@ from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.errors import CurveError
 from indentfit.units import unit_factor
 
+pytestmark = pytest.mark.quick
+
 POINTS = [(0.0, 0.0), (0.1, 7.0), (0.2, 15.0), (0.3, 24.0), (0.4, 34.0)]
 ROWS = "".join(f"{d},{f}\n" for d, f in POINTS)
 HEADER = "displacement_mm,force_mN\n"

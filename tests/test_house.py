@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.quick
+
 HOUSE = Path(__file__).parent.parent / "indentfit"
 ROOMS = (
     "arrays", "errors", "units", "curve", "material", "shapes", "indenters", "samples", "case", "experiment", "fem", "runs",

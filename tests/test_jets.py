@@ -15,6 +15,8 @@ from indentfit.material.jets import Jet, at_rest
 from indentfit.material.model import law_of, require_derivable
 from indentfit.material.trials import trial_values
 
+pytestmark = pytest.mark.quick
+
 TYPED = {
     "mu/2 * ((I1 - 3) + zeta*(I4 - 1)^2 + phi*(I5 - I4^2))": {"mu": 1.49, "zeta": 4.68, "phi": 0.68},
     "c/2*(I1-3) + k1/(2*k2)*(exp(k2*positive(I4-1)^2) - 1)": {"c": 1.1, "k1": 2.0, "k2": 0.7},

@@ -12,6 +12,8 @@ from indentfit.curve import Curve
 from indentfit.inverse.objective import Target, best_scale
 from indentfit.inverse.problem import InverseProblem, differences_of, inverse_problem, scale_of
 
+pytestmark = pytest.mark.quick
+
 D = np.array([0.1, 0.2, 0.4])
 ONE, TWO = np.array([1.0, 2.0, 4.0]), np.array([1.0, 3.0, 9.0])
 FREE = {"mu": Range(start=3.0, min=2.0, max=6.0), "zeta": Range(start=0.0, min=-1.0, max=4.0)}

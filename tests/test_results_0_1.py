@@ -10,6 +10,8 @@ from click.testing import CliRunner
 
 from indentfit.cli import main
 
+pytestmark = pytest.mark.quick
+
 OLD = Path(__file__).parent / "baseline" / "results-0.1"
 
 

@@ -8,6 +8,8 @@ from fixtures.cases import CASES
 
 from indentfit.cli import main
 
+pytestmark = pytest.mark.quick
+
 QUICK = str(CASES / "quickstart" / "case.toml")
 COARSE = ("--set", "mesh.elements=20", "--set", "fit.workers=1", "--set", "fit.profiles=false")
 
