@@ -77,12 +77,12 @@ def test_the_error_it_states_is_that_of_leaving_each_run_out(slopes, monkeypatch
     whole = one_test(smooth(4.0, 0.7), "zeta", "phi")
     found = learn(whole, runs(smooth, design_points(2, slopes, 0, 3), slopes))
     errors = []
-    for n, left in enumerate(found.samples):
-        rest = found.samples[:n] + found.samples[n + 1 :]
+    for n, left in enumerate(found.training):
+        rest = found.training[:n] + found.training[n + 1 :]
         again = fit_polynomial(rest, found.fitted.betas, found.degree)
         predicted = polynomials.values(left.place[None], found.fitted.betas, found.degree) @ again.coefficients
         errors.append(np.sqrt(np.sum((predicted[0] - left.curves) ** 2)) * left.weight)
-    points = found.samples[0].curves.size
+    points = found.training[0].curves.size
     assert found.error == pytest.approx(np.sqrt(np.mean(np.square(errors)) / points), rel=1e-6)
 
 

@@ -20,7 +20,7 @@ WEIGHTS = np.linspace(0, 1, 11)
 def alone(
     problem: InverseProblem, model: ForwardModel, surrogate: Surrogate, seed: int, forces: float = 0.0
 ) -> dict[str, TestAlone]:
-    """What each test alone determines.
+    """The parameters that each test determines alone.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ def alone(
     surrogate : Surrogate
     seed : int
     forces : float
-        Relative standard deviation of a test's forces as a whole, as by the mesh; the intervals hold it.
+        Relative standard deviation common to all forces of a test, such as that by the mesh; the intervals include it.
 
     Returns
     -------
     dict of test -> TestAlone
-        Without tests that have no derivatives.
+        Tests without derivatives are left out.
     """
     fits = {}
     for n, test in enumerate(problem.tests):

@@ -1,4 +1,4 @@
-"""A parametric bootstrap on a surrogate: how estimates scatter under the noise that the residuals show."""
+"""A parametric bootstrap on a surrogate: the scatter of estimates under the noise that the residuals show."""
 
 import numpy as np
 
@@ -23,9 +23,9 @@ def bootstrap(
     problem : InverseProblem
     surrogate : Surrogate
     candidate : Candidate
-        The curves without noise are the surrogate's at this place.
+        The place at which the surrogate gives the curves without noise.
     known : Identifiability
-        Holds the noise.
+        The candidate's identifiability, with the noise.
     seed, draws : int
 
     Returns

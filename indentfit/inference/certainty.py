@@ -1,4 +1,4 @@
-"""What a fit knows and what it does not: everything that follows once an optimum is known."""
+"""The certainty of a fit: errors, intervals, profiles, bootstrap and conclusions at an optimum."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -36,8 +36,8 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import Surrogate, learn, linearised
 
-TRUSTED = 0.1  # error of a surrogate, as a share of the misfit, above which nothing is concluded from it
-RIGHT = 0.15  # of a profile's limit: how well a run must meet what was predicted of it
+TRUSTED = 0.1  # largest error of a surrogate, over the misfit, with which conclusions are drawn from the surrogate
+RIGHT = 0.15  # largest difference between a run and its prediction, over a profile's limit
 SOLVES = 12  # sets of parameters that least squares may run, ends of profiles included
 UNPROVED = (
     "profiles by a surrogate of the search's {runs} runs; {proved} of their {ends} ends confirmed by runs, since {solves} sets of "
@@ -51,7 +51,7 @@ LINEARISED = (
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What the profiles of a fit say, and what is found beside them on the same surrogate."""
+    """The profiles of a fit, with the other results from the same surrogate."""
 
     profiles: dict[str, Profile] = field(default_factory=dict)
     bootstrap: dict[str, BootstrapError] = field(default_factory=dict)
@@ -62,16 +62,16 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """What is known of the parameters of a fit; `known` is None where no derivatives could be had: then all is empty.
+    """The certainty of the parameters of a fit.
 
     Parameters
     ----------
     known : Identifiability or None
-        By the noise alone.
+        Identifiability by the noise alone. None where no derivatives exist; all other fields are then empty.
     estimates : dict of free parameter -> ParameterEstimate
     findings : Findings
     noise, uncertain, rivals, surrogate, published, conclusions, notes
-        As of `FitResult`.
+        `FitResult` describes these fields.
     """
 
     known: Identifiability | None = None
@@ -94,7 +94,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     case : Case
     problem : InverseProblem
     model : Watched
-        It remembers the runs of the search; further runs confirm ends of profiles and uncertain inputs.
+        The model with the runs of the search; further runs confirm ends of profiles and uncertain inputs.
     solved : Solved
     progress : Progress
 
@@ -133,11 +133,19 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
 
 
 def with_inputs(solution: Solution) -> tuple[Solution, UncertainInputs, dict[str, str]]:
-    """The solution whose intervals hold the errors of uncertain inputs too.
+    """The solution with intervals that include the errors of uncertain inputs.
+
+    Parameters
+    ----------
+    solution : Solution
 
     Returns
     -------
-    Solution; UncertainInputs, what each input does; dict of input -> why its error is not in the intervals
+    Solution
+    UncertainInputs
+        The effect of each input.
+    dict
+        Input -> why its error is not in the intervals.
     """
     added = shares(solution)
     wider = widened(solution.problem, solution.best, solution.known, added.covar)
@@ -151,14 +159,14 @@ def with_inputs(solution: Solution) -> tuple[Solution, UncertainInputs, dict[str
 def coverage(
     problem: InverseProblem, surrogate: Surrogate, truth: dict[str, float], sigma: Sequence[float], draws: int, seed: int = 0
 ) -> Bools:
-    """Whether the profile intervals of least-squares fits hold the truth.
+    """Whether the profile intervals of least-squares fits contain the true parameters.
 
     Parameters
     ----------
     problem : InverseProblem
     surrogate : Surrogate
     truth : dict of name -> value
-        The curves are the surrogate's at the truth, with white noise.
+        The true parameters, at which the surrogate gives the curves; white noise is added to them.
     sigma : sequence of float, mN
         Standard deviation of the noise in each test.
     draws, seed : int
@@ -176,7 +184,7 @@ def coverage(
 
 
 def holds(problem: InverseProblem, surrogate: Surrogate, truth: dict[str, float], x: Array) -> list[bool]:
-    """Whether each profile interval of a fit on the surrogate, started at x in units of the ranges, holds the truth."""
+    """Whether each profile interval of a fit on the surrogate, started at x in units of the ranges, contains the truth."""
     parameters = problem.parameters(estimate(problem, surrogate, problem.weights, x)[0])
     best = problem.judge(parameters, evaluate_at_reference(problem, surrogate, [parameters])[0].forces or ())
     known = identifiability(problem, best, curve_derivatives(problem, surrogate, problem.units(parameters)))
@@ -189,7 +197,7 @@ def holds(problem: InverseProblem, surrogate: Surrogate, truth: dict[str, float]
 def linear_findings(
     problem: InverseProblem, best: Candidate, derivatives: Sequence[Array], known: Identifiability, seed: int
 ) -> Findings:
-    """Profiles and bootstrap without a run, of the curves linearised at the optimum: within the bounds, exact in the scale."""
+    """Profiles and bootstrap of the curves linearised at the optimum, without a run: within the bounds, exact in the scale."""
     surrogate = linearised(problem, best, derivatives)
     paths = profiles.profiles(problem, surrogate, best, known)
     return Findings(
@@ -202,7 +210,7 @@ def linear_findings(
 def _profiled(
     solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs, progress: Progress
 ) -> tuple[Findings, SurrogateFacts | None]:
-    """The Findings, by a surrogate where one can be trusted, and the facts of that surrogate."""
+    """The Findings, from a surrogate where a surrogate can be trusted, and the facts of that surrogate."""
     problem, exploration, options = solution.problem, solved.exploration, solution.case.fit
     surrogate = _learned(problem, model, exploration)
     if surrogate is None:
@@ -213,32 +221,34 @@ def _profiled(
         most = max(SOLVES - model.evaluations - bool(options.published), 0)
         return _findings(solution, model, surrogate, most, progress), facts
     spent = model.evaluations
-    fits = alone(problem, model, surrogate, options.seed, _of_forces(uncertain))  # of a single test too: its run teaches something
+    fits = alone(
+        problem, model, surrogate, options.seed, _of_forces(uncertain)
+    )  # also for a single test, because its run improves the surrogate
     findings = _findings(solution, model, surrogate, None, progress)
     findings = replace(findings, tests_alone=fits if len(problem.tests) > 1 else {})
     last = learn(problem, model.known) or surrogate
     findings = replace(findings, weights_scan=scan_weights(problem, last, options.seed))
     if exploration.surrogate is None:
-        said = OF_RUNS.format(runs=len(surrogate.samples), more=model.evaluations - spent)
+        said = OF_RUNS.format(runs=len(surrogate.training), more=model.evaluations - spent)
         findings = replace(findings, notes=(*findings.notes, said))
     return findings, facts
 
 
 def _learned(problem: InverseProblem, model: Watched, exploration: Exploration) -> Surrogate | None:
-    """The surrogate that all runs so far teach, None where it cannot be trusted or the parameters are too many for one."""
+    """The surrogate of all runs so far; None where it cannot be trusted, or where the parameters are too many for a surrogate."""
     surrogate = learn(problem, model.known) if len(problem.free) <= MANY else None
     trusted = surrogate is not None and (exploration.reached or surrogate.error <= TRUSTED)
     return surrogate if trusted else None
 
 
 def _of_forces(uncertain: UncertainInputs) -> float:
-    """Relative standard deviation of a test's forces as a whole, by the mesh and by the stated error of the force."""
+    """Relative standard deviation common to all forces of a test, by the mesh and by the stated error of the force."""
     mesh, force = (uncertain.inputs[name].sd or 0.0 if name in uncertain.inputs else 0.0 for name in ("mesh", "force"))
     return float(np.hypot(mesh, force))
 
 
 def _findings(solution: Solution, model: Watched, surrogate: Surrogate, most: int | None, progress: Progress) -> Findings:
-    """Profiles, confirmed by runs at their ends (`most` sets of parameters where that is limited), and the bootstrap."""
+    """Profiles, confirmed by runs at their ends (at most `most` sets of parameters), and the bootstrap."""
     problem, best, known = solution.problem, solution.best, solution.known
     first = profiles.profiles(problem, surrogate, best, known)
     proving = profiles.Proving(problem, model, surrogate, best, known, most)
@@ -251,7 +261,7 @@ def _findings(solution: Solution, model: Watched, surrogate: Surrogate, most: in
         notes.append(f"the profiles of {', '.join(wrong)} were predicted badly at their ends, and corrected by the runs there")
     if most is not None:
         proved = sum(len(points) for points in confirmed.values())
-        notes.append(UNPROVED.format(runs=len(surrogate.samples), solves=SOLVES, proved=proved, ends=2 * len(last)))
+        notes.append(UNPROVED.format(runs=len(surrogate.training), solves=SOLVES, proved=proved, ends=2 * len(last)))
     progress(0.95, "bootstrap")
     return Findings(
         profiles={name: path.shown(confirmed[name]) for name, path in last.items()},
@@ -278,7 +288,7 @@ def _free(problem: InverseProblem, candidate: Candidate) -> dict[str, float]:
 def _estimates(
     solution: Solution, alone_known: Identifiability, findings: Findings, uncertain: UncertainInputs
 ) -> dict[str, ParameterEstimate]:
-    """Each free parameter with its interval, by profile where there is one; wider by uncertain inputs. Units are the caller's."""
+    """Each free parameter with its interval, by its profile if it has one, widened by uncertain inputs."""
     problem, best, known = solution.problem, solution.best, solution.known
     estimates = {}
     for n, (name, bounds) in enumerate(problem.free.items()):
@@ -302,7 +312,7 @@ def _estimates(
 
 
 def _published(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:
-    """The published parameters that the case names: their objective here, and whether each lies inside its interval."""
+    """The published parameters that the case names: their objective for these curves, and whether each lies in its interval."""
     published = solution.case.fit.published
     if not published:
         return None

@@ -1,4 +1,4 @@
-"""Estimates on a surrogate: the parameters that make weighted squares least, some of them held."""
+"""Estimates on a surrogate: the parameters that minimise the weighted squares, some of them held."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,18 +54,18 @@ def estimate(
     fixed: int | None = None,
     targets: Sequence[Array] | None = None,
 ) -> tuple[Array, float]:
-    """The parameters that make sum w |r|^2 least on a surrogate, within the bounds.
+    """The parameters that minimise sum w |r|^2 on a surrogate, within the bounds.
 
     Parameters
     ----------
     problem : InverseProblem
     surrogate : Surrogate
     weights : sequence of float
-        Of the squared residuals of each test.
+        Weights of the squared residuals of each test.
     x : array (n_free,), units of the ranges
-        Where the search begins.
+        The start of the search.
     fixed : int or None
-        Number of a parameter that stays where x has it.
+        Number of a parameter that keeps its value in x.
     targets : sequence of arrays (n,), mN, or None
         Curves in place of the measured ones.
 

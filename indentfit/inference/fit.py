@@ -1,4 +1,4 @@
-"""The inversion: from a case to parameters, their errors, and how the search went."""
+"""The inversion: from a case to parameters, their errors, and the history of the search."""
 
 import importlib.metadata
 import platform
@@ -27,7 +27,7 @@ from indentfit.runs.pool import RunPool
 
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
-SHARE_OF_FIT = 0.75  # of the progress; the rest is what follows from it
+SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
 
 def fit(
@@ -44,15 +44,16 @@ def fit(
     Parameters
     ----------
     case : Case
-        Its [fit] names the method, the number of processes and what is uncertain.
-    progress : called with (share of the work that is done, note)
+        The case, whose [fit] names the method, the number of processes and the uncertain inputs.
+    progress : function
+        Called with the share of the work that is done, and a note.
     ledger, cluster, stop
-        As of `RunPool`.
+        As `RunPool` takes them.
 
     Returns
     -------
     FitResult
-        A fit that does not converge is no error; `success` is False then.
+        A fit that does not converge raises no error; its `success` is False.
 
     Raises
     ------
@@ -60,11 +61,11 @@ def fit(
         There is nothing to fit.
     MeshError
     Stopped, WorkerError, LedgerError
-        As of `RunPool.evaluate`.
+        As `RunPool.evaluate` raises them.
     """
     require_fittable(case)
     started, problem = time.perf_counter(), inverse_problem(case)
-    model = Model(setup_of(case))  # refuses a mesh that cannot be, before any worker is started
+    model = Model(setup_of(case))  # refuses an impossible mesh before any worker is started
     whole = Progress(progress)
     with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
         watched = Watched(pool)
@@ -77,7 +78,7 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What the runs of a fit were made by, and the facts of those at the optimum, one for each test."""
+    """The model and pool of a fit, and the facts of its runs at the optimum, one for each test."""
 
     model: Model
     pool: RunPool
@@ -103,7 +104,7 @@ class _Work:
 
 
 def _facts_at(pool: RunPool, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:
-    """The facts of the runs at the optimum, one for each test; these runs are known already."""
+    """The facts of the runs at the optimum, one for each test; the pool knows these runs already."""
     if best is None:
         return ()
     evaluation = pool.evaluate([problem.at_reference(best.parameters)])[0]
@@ -162,7 +163,7 @@ def _with_covariance(result: FitResult, known: Identifiability) -> FitResult:
 
 
 def _parameters(case: Case, values: dict[str, float], estimates: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
-    """name -> what is known of it, in the order of the model, then fitted inputs."""
+    """Name -> estimate, first the parameters in the order of the model, then fitted inputs."""
     units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
     units |= {name: UNITS[name] for name in case.fit.uncertain.fitted}
     parameters = {}

@@ -1,8 +1,8 @@
-"""How well the curves determine the parameters: errors, correlation, singular values, and a verdict in words.
+"""Identifiability, that is, how well the curves determine the parameters: errors, correlation, singular values, verdicts.
 
-Everything here is linear around the optimum; `profiles` looks beyond. The residuals are taken for noise, of
-its own size and smoothness in each test. Where the model cannot follow the curves, the residuals are no noise; the errors then say
-how far the parameters may move before the misfit grows by about as much as it has, not where the truth lies.
+This module linearises around the optimum; `profiles` does not. The residuals are treated as noise, with a size and smoothness of
+its own in each test. Where the model cannot follow the curves, the residuals are misfit and not noise. The errors then state how
+far the parameters may move before the misfit doubles approximately, not where the truth lies.
 """
 
 from collections.abc import Sequence
@@ -24,22 +24,23 @@ MISFIT = "the residuals are smooth: mostly misfit of the model and not noise; fe
 SMOOTH = 0.5  # autocorrelation of neighbouring points from which the residuals are mostly misfit
 CONFIDENCE = 0.95
 AT_BOUND = 1e-3  # of the range: scipy's method comes near a bound without reaching it
-EXACT = 1e-3  # of the worst test's RMSE: equation (1) weighs no test as if its own were less
+EXACT = 1e-3  # over the worst test's RMSE: least RMSE of a test in the weights that follow from equation (1)
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """What the derivatives at the optimum say, in the order of the n free parameters.
+    """The identifiability by the derivatives at the optimum, in the order of the n free parameters.
 
     Parameters
     ----------
     stderr : array (n,)
-        Standard errors, in the parameters' units; nan where undetermined.
+        Standard errors, in the parameters' units; nan for an undetermined parameter.
     interval : array (n, 2)
-        95 % intervals within the bounds; the bounds themselves where undetermined.
+        95 % intervals within the bounds; the bounds themselves for an undetermined parameter.
     covar, correlation : arrays (n, n)
     singular_values : array (n,), mN
-        Falling; of the misfits' derivatives by the parameters relative to their values (to their ranges at a bound).
+        Singular values, in falling order, of the misfits' derivatives by the parameters relative to their values (relative to their
+        ranges at a bound).
     directions : array (n, n), a row for each singular value
     redchi : float, mN^2
         Residual variance of one point.
@@ -48,9 +49,9 @@ class Identifiability:
     quantile : array (n,)
         97.5 % quantiles of Student's t.
     noise : tuple of CurveNoise
-        Of the tests that have a weight.
+        Noise of the tests that have a weight.
     weights : tuple of float
-        What the squared residuals of each test weigh in the estimate.
+        Weights of the squared residuals of each test in the estimate.
     errors : Errors
     """
 
@@ -72,10 +73,22 @@ class Identifiability:
 def identifiability(
     problem: InverseProblem, candidate: Candidate, slopes: Sequence[Array], equation_one: bool = False
 ) -> Identifiability:
-    """Identifiability of an InverseProblem at a Candidate, from the derivatives of its curves, mN per range of a parameter.
+    """Identifiability of an InverseProblem at a Candidate.
 
-    equation_one: whether the candidate minimises that, or the sum of squares; near an optimum of equation (1) the squares
-    of each test weigh in inverse proportion to its RMSE.
+    Near an optimum of equation (1) the squares of each test have weights in inverse proportion to the test's RMSE.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    candidate : Candidate
+    derivatives : sequence of arrays (n, n_free), mN per range of a parameter
+        Derivatives of the candidate's curves.
+    equation_one : bool
+        Whether the candidate minimises equation (1), or the sum of squares.
+
+    Returns
+    -------
+    Identifiability
     """
     tests, names = problem.tests, list(problem.free)
     ranges = np.array([problem.range(name) for name in names])
@@ -112,7 +125,7 @@ def identifiability(
 
 
 def weights_of(problem: InverseProblem, candidate: Candidate, equation_one: bool) -> list[float]:
-    """What each test's sum of squared residuals weighs in an estimate near a Candidate, 1/mN^2 up to a common factor."""
+    """Weight of each test's sum of squared residuals in an estimate near a Candidate, 1/mN^2 up to a common factor."""
     sizes = np.ones(len(problem.tests))
     if equation_one:
         sizes = np.array([rmse(test, force) for test, force in zip(problem.tests, candidate.forces, strict=True)])
@@ -123,7 +136,7 @@ def weights_of(problem: InverseProblem, candidate: Candidate, equation_one: bool
 def widened(problem: InverseProblem, candidate: Candidate, known: Identifiability, covar: Array) -> Identifiability:
     """The Identifiability of a Candidate with a further covariance (n, n) of its estimates, from errors of another kind.
 
-    Degrees of freedom by Welch and Satterthwaite, infinite for what is stated (GUM, JCGM 100:2008, G.4).
+    The degrees of freedom follow Welch and Satterthwaite; those of stated errors are infinite (GUM, JCGM 100:2008, G.4).
     """
     whole = known.errors.covar + covar
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -138,7 +151,7 @@ def widened(problem: InverseProblem, candidate: Candidate, known: Identifiabilit
 
 
 def quantiles(freedom: Array) -> Array:
-    """97.5 % quantiles of Student's t, infinite where there is no freedom."""
+    """97.5 % quantiles of Student's t, infinite for zero degrees of freedom."""
     with np.errstate(invalid="ignore"):
         quantile = student.ppf((1 + CONFIDENCE) / 2, freedom)
     return np.where(np.isfinite(quantile), quantile, np.inf)
@@ -168,6 +181,6 @@ def _at_bound(unit: float) -> str:
 
 
 def _signed(directions: Array) -> Array:
-    """Each row with its largest entry positive: the sign of a singular vector means nothing."""
+    """Each row with its largest entry positive, because the sign of a singular vector is arbitrary."""
     largest = np.abs(directions).argmax(axis=1)
     return directions * np.sign(directions[np.arange(len(directions)), largest])[:, None]

@@ -1,10 +1,11 @@
-"""Inputs of the model that are known with some error only: what their error does to the parameters.
+"""Uncertain inputs of the model, and the effect of their errors on the parameters.
 
-Friction, bulk ratio, thickness and the contact point (`offset`: contact begins so much deeper, F(d - offset)) move the curves. An
-estimate follows such a move as it follows noise, linearly: d theta = - estimator . dF/d input. Derivatives are the mechanics' own
-where it gives them, else differences of runs with the input changed. `force` is an error common to all forces of a test; `mesh`
-is one too, its size Richardson's estimate from a mesh of about half as many elements. `base` has two values only: its effect is
-what the parameters would be on the other base, and the case states the probability of that.
+Friction, bulk ratio, thickness and the contact point (`offset`: the depth by which contact begins later, F(d - offset)) change
+the curves. An estimate follows such a change as it follows noise, linearly: d theta = - estimator . dF/d input. The derivatives
+are those of the mechanics where it has them, otherwise differences of runs with the input changed. `force` is an error common to
+all forces of a test; `mesh` is such an error too, with Richardson's estimate of its size from a mesh of about half as many
+elements. `base` has two values only: its effect is the change of the parameters on the other base, whose probability the case
+states.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,19 +25,19 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.runs.forward import ForwardModel
 from indentfit.runs.points import KEYS, case_at, setup_of
 
-EXACT = ("friction", "bulk_ratio", "offset")  # what the mechanics differentiates by
-STEP = 0.05  # of an input, for differences
-LEAST_FRICTION = 0.02  # its step where the friction is small
+EXACT = ("friction", "bulk_ratio", "offset")  # inputs by which the mechanics can differentiate
+STEP = 0.05  # relative step of an input, for differences
+LEAST_FRICTION = 0.02  # step of a small friction coefficient
 FEWEST = 20  # elements of a mesh
-ORDER = 1.0  # of the force in the size of the elements: at the indenter's edge the traction is singular
-ANOTHER = 0.75  # of the elements: a mesh of more is the same one
+ORDER = 1.0  # order of the force in the size of the elements: at the indenter's edge the traction is singular
+ANOTHER = 0.75  # a mesh with more than this share of the elements counts as the same mesh
 OTHER_BASE = {"sliding": "bonded", "bonded": "sliding"}
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A solved inverse problem, whose inputs may be uncertain: the case, the problem, the model, and the best Candidate with what
-    is known of it by the noise alone."""
+    """A solved inverse problem, whose inputs may be uncertain: the case, the problem, the model, and the best Candidate with its
+    Identifiability by the noise alone."""
 
     case: Case
     problem: InverseProblem
@@ -45,14 +46,14 @@ class Solution:
     known: Identifiability
 
     def estimators(self) -> Iterator[tuple[int, Array]]:
-        """The number of each test that counts, and what turns a change of its curve into one of the estimates, (p, n)."""
+        """The number of each test that has a weight, and the map from changes of its curve to those of the estimates, (p, n)."""
         heavy = [n for n, weight in enumerate(self.known.weights) if weight]
         return zip(heavy, self.known.errors.estimator, strict=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Moves:
-    """What the error of one input does to the estimates.
+    """The effect of the error of one input on the estimates.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ class Moves:
     share : InputShare
         Facts about the input; its effect and share are filled in by `shares`.
     effect : array (p,) or None
-        Where the change that the result states is not that of the rows.
+        The change that the result states, where it differs from that of the rows.
     """
 
     rows: Array
@@ -77,14 +78,14 @@ class Moves:
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """What uncertain inputs add to the errors.
+    """The shares of uncertain inputs in the errors.
 
     Parameters
     ----------
     covar : array (p, p)
-        Of all inputs together.
+        Covariance by all inputs together.
     rows : dict of input -> InputShare
-        The effect of `force` and `mesh`, which every test has its own error of, is the root of the sum of squares.
+        Every test has an error of its own by `force` and by `mesh`; the stated effect is the root of the sum of squares.
     noise : dict of name -> share of the noise in the parameter's variance
     missing : dict of input -> why there is no share
     """
@@ -116,14 +117,14 @@ def shares(solution: Solution) -> Shares:
 
 
 def _of_force(solution: Solution, spread: float) -> Moves:
-    """An error of each test's forces as a whole."""
+    """An error common to all forces of a test."""
     rows = spread * np.array([B @ solution.best.forces[n] for n, B in solution.estimators()])
     return Moves(rows, InputShare(1.0, spread))
 
 
 def _of_mesh(solution: Solution, spread: float) -> Moves:
-    """An error of each test's forces, as large as that of the mesh by Richardson: from the largest change of any test's curve on
-    another mesh (of one curve alone it may be chance) and the order ORDER that an edge leaves."""
+    """An error common to all forces of a test, with Richardson's estimate of the error by the mesh: from the largest change of any
+    test's curve on another mesh (the change of a single curve may be small by chance) and the order ORDER."""
     case, forces = solution.case, solution.best.forces
     elements = another_mesh(case)
     changed = _forces(solution, [{"mesh.elements": elements}])[0]
@@ -134,7 +135,7 @@ def _of_mesh(solution: Solution, spread: float) -> Moves:
 
 
 def _of_base(solution: Solution, spread: float) -> Moves:
-    """What the parameters would be on the other base: a Gauss-Newton step from there, towards the fitted curves, within bounds."""
+    """The parameters on the other base: a Gauss-Newton step within the bounds, from the curves there to the fitted curves."""
     problem, best, known = solution.problem, solution.best, solution.known
     base = solution.case.sample.base
     slopes, forces = derivatives_at(problem, solution.model, {**best.parameters, "sample.base": OTHER_BASE[base]})
@@ -157,19 +158,19 @@ MOVES: dict[str, Callable[[Solution, float], Moves]] = {"force": _of_force, "mes
 
 
 def another_mesh(case: Case) -> int:
-    """Elements to ask for to get a mesh of about half as many; of the coarsest, of twice as many."""
+    """Value of mesh.elements for a mesh of about half as many elements; for the coarsest mesh, of twice as many."""
     own = elements_of(case, case.mesh)
     half = max(own // 2, FEWEST)
     return half if elements_of(case, Mesh(elements=half)) <= ANOTHER * own else 2 * own
 
 
 def elements_of(case: Case, mesh: Mesh) -> int:
-    """The number of elements that a Mesh table gives a case."""
+    """The number of elements of a case's mesh with a Mesh table."""
     return count(case.sample, case.indenter, mesh, case.solver.element, setup_of(case).depth)
 
 
 def value_of(case: Case, best: Candidate, name: str) -> float:
-    """The value of an uncertain input at a Candidate; the contact point is what the curves say."""
+    """The value of an uncertain input at a Candidate; the offset of the contact point is that of the curves."""
     if name == "offset":
         return 0.0
     table, key = KEYS[name].split(".")
@@ -205,7 +206,7 @@ def input_derivatives(case: Case, problem: InverseProblem, model: ForwardModel, 
 
 
 def _exact(case: Case, problem: InverseProblem, model: ForwardModel, best: Candidate, name: str) -> tuple[Array, ...] | None:
-    """The mechanics' own sensitivities, or None where it has none; all that are wanted are asked for at once."""
+    """The mechanics' own sensitivities, or None where it has none; one run computes those by all uncertain inputs."""
     wanted = tuple(other for other in EXACT if other in case.fit.uncertain.given or other == name)
     run = model.evaluate([problem.at_reference(best.parameters)], sensitivities=wanted)[0]
     if not run.sensitivities or not all(name in given for given in run.sensitivities):
@@ -220,7 +221,7 @@ def _forces(solution: Solution, changes: Sequence[Mapping[str, Any]]) -> list[tu
 def _changed(
     problem: InverseProblem, model: ForwardModel, best: Candidate, changes: Sequence[Mapping[str, Any]]
 ) -> list[tuple[Array, ...]]:
-    """Curves of a Candidate under changes of its case (key -> value), a tuple for each of them. Raises Underivable."""
+    """Curves of a Candidate under changes of its case (key -> value), a tuple for each change. Raises Underivable."""
     runs = model.evaluate([problem.at_reference({**best.parameters, **change}) for change in changes])
     curves = [problem.scaled(best.parameters, run.forces) for run in runs if run.forces is not None]
     if len(curves) < len(runs):

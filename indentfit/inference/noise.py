@@ -1,8 +1,8 @@
-"""What the residuals say about the noise, and what that noise does to the parameters.
+"""The noise that the residuals show, and the errors of the parameters under that noise.
 
-Each test has noise of its own size and, where its residuals say so, an autocorrelation: AR(1), whose coefficient is the one
-under which the residuals of such a fit would be as smooth as these are. Smooth residuals are mostly misfit of the model: then
-the errors are no more than an honest width for what the model cannot follow, and a note says so.
+Each test has noise of its own size and, where its residuals are correlated, an autocorrelation. The noise is AR(1), with the
+coefficient under which the residuals of such a fit would be as smooth as the residuals are. Smooth residuals are mostly misfit of
+the model: the errors are then only an honest width for the part of the curves that the model cannot follow, and a note says so.
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,14 @@ from scipy.optimize import brentq
 from indentfit.arrays import Array
 from indentfit.inference.result import CurveNoise
 
-SIGNIFICANT = 1.645  # standard errors of an autocorrelation from zero: below, the noise counts as independent
-SMALLEST = 1e-12  # of the forces: residuals below are zero
-SINGULAR = 1e-8  # of the largest singular value
+SIGNIFICANT = 1.645  # an autocorrelation within so many standard errors of zero counts as zero
+SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
+SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of the estimates that p parameters are.
+    """Errors of the estimates of p parameters.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class Errors:
     plain : array (p, p)
         (J^T W J)^-1.
     typical : float
-        plain over covar, over all directions that the curves see.
+        The ratio of plain to covar, over all directions that change the curves.
     freedom : array (p,)
         Degrees of freedom by Welch and Satterthwaite.
     estimator : tuple of arrays (p, n)
-        What turns small changes of each curve into those of the estimates.
+        The map from small changes of each curve to changes of the estimates.
     """
 
     covar: Array
@@ -46,7 +46,7 @@ class Errors:
 def errors(slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequence[float]) -> tuple[tuple[CurveNoise, ...], Errors]:
     """Noise of the curves, and errors of the estimate that minimises sum w |r|^2 over the tests.
 
-    The covariance is that of this estimator under the noise that the residuals show, not of the best one (a "sandwich").
+    The covariance is that of this estimator under the noise that the residuals show (a "sandwich"), not that of the best estimator.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def correlations(n: int, rho: float) -> Array:
 
 
 def inverse(J: Array) -> Array:
-    """(J^T J)^-1; infinite for parameters in a direction that the curves do not see."""
+    """(J^T J)^-1; infinite for parameters in a direction that does not change the curves."""
     _, singular_values, directions = np.linalg.svd(J, full_matrices=False)
     n = J.shape[1]
     seen = singular_values > SINGULAR * singular_values[0]
@@ -109,14 +109,14 @@ def inverse(J: Array) -> Array:
 
 
 def _seen(J: Array) -> Array:
-    """The pseudo-inverse of J^T J, without the directions that the curves do not see."""
+    """The pseudo-inverse of J^T J, without the directions that do not change the curves."""
     _, singular_values, directions = np.linalg.svd(J, full_matrices=False)
     seen = singular_values > SINGULAR * singular_values[0]
     return (directions[seen].T / singular_values[seen] ** 2) @ directions[seen]
 
 
 def _autocorrelation(M: Array, residuals: Array) -> float:
-    """The AR(1) coefficient under which the fit's residuals, M times the noise, would have the lag-1 product found."""
+    """The AR(1) coefficient under which the residuals, M times the noise, are expected to have the observed lag-1 product."""
     n = len(residuals)
     if n < 4 or not residuals.any():
         return 0.0
@@ -126,7 +126,7 @@ def _autocorrelation(M: Array, residuals: Array) -> float:
         V = M @ correlations(n, rho) @ M.T
         return np.trace(V, offset=1) / np.trace(V)
 
-    most = float(np.exp(-1 / n))  # the noise of one test forgets itself within the test, or nothing could be learnt
+    most = float(np.exp(-1 / n))  # the noise of a test decorrelates within the test; otherwise the test would determine nothing
     if np.trace(M @ M.T) < 1e-9 or shown - expected(0.0) < SIGNIFICANT / np.sqrt(n):
         return 0.0
     return most if shown >= expected(most) else float(brentq(lambda rho: expected(rho) - shown, 0.0, most, xtol=1e-6))
@@ -152,5 +152,5 @@ def _variances(M: list[list[Array]], R: list[Array], residuals: Sequence[Array])
 
 
 def _inflation(n: int, rho: float) -> float:
-    """How much the variance of a mean of n points grows by their correlation."""
+    """Factor by which the points' correlation raises the variance of the mean of n points."""
     return float(correlations(n, rho).sum() / n)

@@ -17,12 +17,10 @@ from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.runs.ledger import Ledger
 from indentfit.shapes import keys_of
 
-Report = Callable[..., object]  # called with (share done, note)
-
 
 @dataclass(frozen=True, eq=False)
 class SampleFit:
-    """The fit of one sample: its case and result, or the problem that prevented it, one line."""
+    """The fit of one sample: its case and result, or one line on the problem that prevented the fit."""
 
     sample: str
     case: Case | None = None
@@ -32,8 +30,8 @@ class SampleFit:
 
 @dataclass(frozen=True)
 class ParameterSpread:
-    """One free parameter over the samples whose fits converged: number of samples, mean, standard deviation (None for one sample),
-    least and largest value, in the parameter's unit ("1" for none)."""
+    """One free parameter over the samples whose fits converged: number of samples, mean, standard deviation (None for a single
+    sample), least and largest value, in the parameter's unit ("1" for a pure number)."""
 
     unit: str
     n: int
@@ -65,7 +63,7 @@ class SampleSummary:
     objective : float or None, mN
         Equation (1).
     thickness, diameter : float or None, mm
-        Of the sample.
+        Sizes of the sample.
     problem : str or None
     """
 
@@ -165,13 +163,16 @@ class PerSample:
 
 
 def sample_cases(path: str | Path, specimens: Sequence[Specimen], overrides: Sequence[str] = ()) -> list[tuple[str, Case]]:
-    """The case of each specimen: that of a file with the specimen's own curves, thickness and diameter.
+    """The case of each specimen: a case file with the specimen's own curves, thickness and diameter.
 
     Parameters
     ----------
-    path : the case file
-    specimens : rows of replicates.csv
-    overrides : "KEY=VALUE"
+    path : path
+        The case file.
+    specimens : sequence of Specimen
+        The rows of replicates.csv.
+    overrides : sequence of str
+        KEY=VALUE.
 
     Returns
     -------
@@ -180,8 +181,7 @@ def sample_cases(path: str | Path, specimens: Sequence[Specimen], overrides: Seq
     Raises
     ------
     CaseError
-        A direction of the case is missing for a specimen (it would be fitted to another specimen's curve), or two tests have one
-        direction.
+        A specimen lacks a direction of the case (its fit would use another specimen's curve), or two tests have the same direction.
     """
     pooled = read_case(path, overrides)
     tests = {test.angle: test.name for test in pooled.tests}
@@ -206,10 +206,14 @@ def _own_keys(specimen: Specimen, pooled: Case, tests: Mapping[Any, str]) -> lis
 
 
 def fit_sample(
-    name: str, case: Case, progress: Report | None = None, ledger: Ledger | None = None, cluster: str | None = None,
+    name: str,
+    case: Case,
+    progress: Callable[[float, str], object] | None = None,
+    ledger: Ledger | None = None,
+    cluster: str | None = None,
     stop: Callable[[], int] | None = None,
-) -> SampleFit:  # fmt: skip
-    """The SampleFit of one of `sample_cases`; what the mechanics refuse is its problem. The other arguments are those of `fit`."""
+) -> SampleFit:
+    """The SampleFit of one of `sample_cases`; a ConvergenceError becomes its problem. The other arguments are those of `fit`."""
     try:
         return SampleFit(name, case, fit(case, progress, ledger, cluster, stop))
     except ConvergenceError as error:
@@ -217,7 +221,7 @@ def fit_sample(
 
 
 def parameter_spread(fits: Sequence[SampleFit]) -> dict[str, ParameterSpread]:
-    """name -> ParameterSpread of each free parameter over the fits that converged."""
+    """Name -> ParameterSpread of each free parameter over the fits that converged."""
     good = [fitted.result for fitted in fits if fitted.result and fitted.result.success]
     spread = {}
     for name in good[0].free if good else ():

@@ -1,4 +1,4 @@
-"""Profile likelihoods on a surrogate: how far each parameter may move while the others follow; runs prove their ends."""
+"""Profile likelihoods on a surrogate: each parameter is moved while the others are fitted again; runs confirm the ends."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,24 +17,24 @@ from indentfit.runs.forward import Evaluation, ForwardModel, Report
 
 OUTWARDS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0)  # of the way from the value to a bound
 SHOWN = 17  # values of a profile in the result
-BEYOND = 0.3  # of the interval's width: how far the values shown go beyond it
-SAME_RUN = 0.1  # of the intervals: ends of profiles this near each other are proved by one run
+BEYOND = 0.3  # of the interval's width: range of the shown values beyond the interval
+SAME_RUN = 0.1  # of the intervals: ends of profiles that are this near each other share a run
 
 
 @dataclass(frozen=True, eq=False)
 class ProfilePath:
-    """A profile with the way that the other parameters take along it.
+    """A profile with the values of the other parameters along it.
 
     Parameters
     ----------
     values : array (m,)
-        Of the parameter, in its unit.
+        Values of the parameter, in its unit.
     chi2 : array (m,)
-        1 at one standard error near the optimum.
+        Growth of the weighted squares, 1 at one standard error near the optimum.
     limit : float
-        What chi2 may be; infinite where nothing is known of the noise.
+        Largest chi2 within the interval; infinite where the noise is unknown.
     interval : (low, high)
-        Where chi2 is below its limit.
+        Range of values with chi2 below the limit.
     others : array (m, n_free)
         All free parameters, units of the ranges.
     """
@@ -74,18 +74,18 @@ def chi2_at(
 
 @dataclass(frozen=True, eq=False)
 class Proving:
-    """What the ends of profiles are proved with.
+    """The means to prove the ends of profiles: the problem, its optimum, the model and the surrogate.
 
     Parameters
     ----------
     problem : InverseProblem
     model : ForwardModel
     surrogate : Surrogate
-        It predicts chi2 at the ends before it knows the runs there.
+        The surrogate before the runs at the ends, which predicts chi2 there.
     candidate : Candidate
     known : Identifiability
     most : int or None
-        Sets of parameters to run at most, those first that lie farthest from what the surrogate knows.
+        Largest number of sets of parameters to run; those farthest from the surrogate's runs come first.
     """
 
     problem: InverseProblem
@@ -96,7 +96,7 @@ class Proving:
     most: int | None = None
 
     def prove(self, paths: Mapping[str, ProfilePath], report: Report | None = None) -> dict[str, tuple[ConfirmedPoint, ...]]:
-        """Run the ends of profiles, ends near each other once; ends that are not run have no ConfirmedPoint."""
+        """Run the ends of profiles; ends that are near each other share a run, and ends that are not run have no ConfirmedPoint."""
         problem = self.problem
         widths = np.array([np.ptp(path.interval) / problem.range(name) for name, path in paths.items()])
         ends = {name: path.ends() for name, path in paths.items()}
@@ -141,7 +141,7 @@ class Proving:
 
 
 def _apart(ends: Array, widths: Array) -> list[Array]:
-    """Ends (n_free,), one of those that are near each other."""
+    """Ends (n_free,), of which no two are near each other."""
     points: list[Array] = []
     for x in ends:
         if all(np.any(np.abs(x - other) > SAME_RUN * widths) for other in points):
@@ -150,7 +150,7 @@ def _apart(ends: Array, widths: Array) -> list[Array]:
 
 
 def _near(x: Array, points: list[Array], widths: Array) -> int | None:
-    """The number of the nearest point, if a run there proves the end x too."""
+    """The number of the nearest point, if a run at this point proves the end x too; otherwise None."""
     if not points:
         return None
     nearest = int(np.argmin([np.abs(x - other).max() for other in points]))
@@ -158,7 +158,7 @@ def _near(x: Array, points: list[Array], widths: Array) -> int | None:
 
 
 class _Walk:
-    """The way along the profile of one parameter, `n`, from the optimum x on; places walked to are remembered."""
+    """A walk along the profile of parameter `n` from the optimum x; visited places are remembered."""
 
     def __init__(self, problem: InverseProblem, surrogate: Surrogate, known: Identifiability, n: int, x: Array) -> None:
         self.problem, self.surrogate, self.known, self.n, self.x = problem, surrogate, known, n, x
@@ -181,7 +181,7 @@ class _Walk:
         )
 
     def chi2(self, unit: float) -> float:
-        """chi2 at a value in units of the range, estimated from the nearest place walked to."""
+        """chi2 at a value in units of the range, estimated from the nearest visited place."""
         if unit not in self.walked:
             start = np.array(self.walked[min(self.walked, key=lambda known: abs(known - unit))][1])
             start[self.n] = unit
@@ -190,7 +190,7 @@ class _Walk:
         return (self.walked[unit][0] - self.least) * self.factor
 
     def _shown(self, ends: list[float]) -> list[float]:
-        """Values of the profile for the result: within the interval and a little beyond, its ends among them."""
+        """Values of the profile for the result: within the interval and a little beyond, with the ends of the interval."""
         reach = BEYOND * max(ends[1] - ends[0], 1e-6)
         for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), SHOWN):
             self.chi2(float(unit))
@@ -203,7 +203,7 @@ class _Walk:
 
 
 def _end(chi2: Callable[[float], float], value: float, bound: float, limit: float) -> float:
-    """Where chi2 leaves its limit for good on the way from the value to a bound, or the bound."""
+    """The value between the optimum and a bound beyond which chi2 stays above its limit; the bound where no such value exists."""
     if not np.isfinite(limit) or abs(bound - value) < 1e-6:
         return bound
     steps = [value, *(value + share * (bound - value) for share in OUTWARDS)]
@@ -215,7 +215,7 @@ def _end(chi2: Callable[[float], float], value: float, bound: float, limit: floa
 
 
 def _factor(known: Identifiability, n: int) -> float:
-    """What turns a growth of sum w |r|^2 along a parameter into squared standard errors."""
+    """The factor from a growth of sum w |r|^2 along a parameter to squared standard errors."""
     with np.errstate(invalid="ignore", divide="ignore"):
         factor = known.errors.plain[n, n] / known.errors.covar[n, n]
     return float(factor if np.isfinite(factor) else known.errors.typical)

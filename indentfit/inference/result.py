@@ -1,6 +1,6 @@
-"""The result of a fit: parameters with their errors, and everything that these follow from, as frozen values.
+"""The result of a fit: parameters with their errors, and the findings from which these follow, as frozen values.
 
-Units: mm, mN, kPa, s. None stands for what is not known.
+Units: mm, mN, kPa, s. None stands for an unknown value.
 """
 
 import html
@@ -29,9 +29,9 @@ class ParameterEstimate:
     ----------
     value : float, in `unit`
     unit : str
-        "1" where the parameter has none.
+        "1" for a pure number.
     fixed : bool
-        The case gave the value; all fields below are None then.
+        Whether the case gave the value; all fields below are then None.
     start, min, max : float
         Start value and bounds of the search.
     stderr : float
@@ -39,7 +39,7 @@ class ParameterEstimate:
     stderr_total : float
         Standard error by noise, uncertain inputs and the mesh together; None where only the noise is known.
     interval : (low, high)
-        95 % interval: by the profile where there is one, else the linear one. It holds all stated errors.
+        95 % interval with all stated errors: by the profile where the result has it, otherwise by linear theory.
     interval_linear : (low, high)
         95 % interval by linear theory.
     at_bound : "lower", "upper" or None
@@ -62,11 +62,11 @@ class ParameterEstimate:
 
     @property
     def total(self) -> float | None:
-        """The standard error by all that is known of: `stderr_total`, or `stderr` where only the noise is known."""
+        """The standard error by all known errors: `stderr_total`, or `stderr` where only the noise is known."""
         return self.stderr if self.stderr_total is None else self.stderr_total
 
     def as_json(self) -> dict[str, Any]:
-        """The keys of the parameter in result.json: those that say something."""
+        """The keys of the parameter in result.json, without those whose value is None."""
         if self.fixed:
             return {"value": self.value, "unit": self.unit, "fixed": True}
         known = plain_fields(self)
@@ -81,15 +81,15 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class CurveNoise:
-    """The noise of one test, as far as its residuals show it.
+    """The noise of one test that its residuals show.
 
     Parameters
     ----------
     sigma : float, mN
     autocorrelation : float
-        Of neighbouring points, 0 where the residuals look independent.
+        Correlation of neighbouring points; 0 where the residuals look independent.
     effective_points, points : float, int
-        Number of independent points that would tell as much, and the number of points.
+        Number of independent points with the same information, and number of points.
     """
 
     sigma: float | None
@@ -100,7 +100,7 @@ class CurveNoise:
 
 @dataclass(frozen=True)
 class ConfirmedPoint:
-    """A run at the end of a profile: chi2 by the run, chi2 that the surrogate had predicted, or the cause of its failure."""
+    """A run at the end of a profile: chi2 by the run, chi2 that the surrogate predicted, or the cause of the run's failure."""
 
     value: float
     chi2: float | None
@@ -119,7 +119,7 @@ class Profile:
     chi2 : (m,)
         Growth of the weighted squares, 1 at one standard error near the optimum.
     limit : float or None
-        What chi2 may be within the 95 % interval; None where it has no bound.
+        Largest chi2 within the 95 % interval; None where chi2 has no bound.
     interval : (low, high)
     confirmed : tuple of ConfirmedPoint
         Runs of the forward model at the ends of the interval.
@@ -171,19 +171,19 @@ class WeightsFit:
 
 @dataclass(frozen=True)
 class InputShare:
-    """What the uncertainty of one input does to the parameters.
+    """The effect of the uncertainty of one input on the parameters.
 
     Parameters
     ----------
     value : float or str
-        The input as the case has it.
+        The value of the input in the case.
     sd : float or None
-        Its standard deviation; None for the base, which has a `probability` instead.
+        Standard deviation of the input; None for the base, which has a `probability` instead.
     effect : dict of name -> change of the parameter
-        By one standard deviation of the input; for the base, by the other base.
+        Change by one standard deviation of the input; for the base, change by the other base.
     share : dict of name -> share of the parameter's variance
     elements : int or None
-        For the mesh: number of elements of the mesh that it was compared with.
+        For the mesh: number of elements of the mesh with which the case's mesh was compared.
     probability : float or None
         For the base: probability that the other base is the true one.
     """
@@ -196,20 +196,20 @@ class InputShare:
     probability: float | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """The keys of the input in result.json: those that say something."""
+        """The keys of the input in result.json, without those whose value is None."""
         return {name: value for name, value in plain_fields(self).items() if value is not None or name == "sd"}
 
 
 @dataclass(frozen=True)
 class NoiseShare:
-    """The share of each parameter's variance that the noise of the curves makes."""
+    """The share of the noise of the curves in each parameter's variance."""
 
     share: dict[str, float | None]
 
 
 @dataclass(frozen=True)
 class UncertainInputs:
-    """What makes the errors of the parameters: uncertain inputs (the mesh among them) and noise, with the total standard errors."""
+    """The sources of the parameters' errors: uncertain inputs (with the mesh) and noise; and the total standard errors."""
 
     inputs: dict[str, InputShare] = field(default_factory=dict)
     noise: NoiseShare | None = None
@@ -222,7 +222,7 @@ class UncertainInputs:
 
 @dataclass(frozen=True)
 class RivalOptimum:
-    """Another optimum that the search came to: the free parameters, and equation (1) there, mN."""
+    """Another optimum that the search found: the free parameters, and equation (1) there, mN."""
 
     parameters: dict[str, float]
     objective: float
@@ -239,7 +239,7 @@ class PublishedComparison:
 
 @dataclass(frozen=True)
 class FitFailure:
-    """A point that the mechanics failed at, and why."""
+    """A point at which the mechanics failed, and the cause."""
 
     parameters: dict[str, float | str]
     cause: str
@@ -247,7 +247,7 @@ class FitFailure:
 
 @dataclass(frozen=True)
 class FitSolver:
-    """How the runs of a fit were solved.
+    """Facts about the solver in the runs of a fit.
 
     Parameters
     ----------
@@ -256,9 +256,9 @@ class FitSolver:
     run_seconds : float
         Duration of all runs.
     loose_steps : int
-        Load steps left at a loose residual, at the optimum.
+        Number of loose steps (see fem/relaxation.py) at the optimum.
     penalty_error : float or None
-        Share of the force that the contact penalty withholds at the optimum, worst test.
+        Penalty error (see fem/contact.py) at the optimum, share of the force, worst test.
     edge_slip : float or None
         Slip across the sharp edge at the optimum, share of the half-width, worst test.
     """
@@ -274,12 +274,12 @@ class FitSolver:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class FitResult:
-    """What `fit` found.
+    """The result of `fit`.
 
     Parameters
     ----------
     parameters : dict of name -> ParameterEstimate
-        In the order of the model; `free` gives the order of `covar`, `correlation`, `singular_values` and `directions`.
+        Parameters in the order of the model; `free` gives the order of `covar`, `correlation`, `singular_values`, `directions`.
     objective : float, mN
         Equation (1), the weighted sum of the tests' RMSEs.
     sum_of_squares : float, mN^2
@@ -289,17 +289,17 @@ class FitResult:
         Residual variance of one point.
     covar, correlation : (n_free, n_free)
     singular_values : (n_free,), mN
-        Change of the misfit by a relative change of the parameters along each row of `directions`, falling.
+        Change of the misfit by a relative change of the parameters along each row of `directions`, in falling order.
     nfev, runs, reused : int
-        Sets of parameters that were evaluated; solves of one test; those of them that came from the ledger.
+        Number of sets of parameters that were evaluated, of solves of one test, and of solves that came from the ledger.
     noise, profiles, bootstrap, tests_alone, weights_scan, uncertain, rivals, surrogate, published
-        Empty or None where they were not asked for or could not be had.
+        Empty or None where the case does not ask for them, or they could not be computed.
     conclusions : tuple of sentences
-        What these curves determine (the key `summary` of result.json).
+        The parameters that these curves determine (the key `summary` of result.json).
     curves : dict of test -> Curve
         The fitted curves (not part of result.json).
     case : Case or None
-        What was fitted; None for a result that was read from result.json.
+        The fitted case; None for a result that was read from result.json.
     """
 
     FORMAT: ClassVar[str] = "indentfit.fit/2"
@@ -355,7 +355,7 @@ class FitResult:
         Raises
         ------
         ValueError
-            The value is no result of a fit.
+            The value is not a result of a fit.
         """
         known = {field.name: RENAMED.get(field.name, field.name) for field in fields(cls) if field.name not in NOT_IN_JSON}
         empty: tuple[Any, ...] = (None, {}, [])
@@ -363,7 +363,7 @@ class FitResult:
         return TypeAdapter(cls).validate_python(given)
 
     def summary(self, scan_weights: bool = False) -> str:
-        """The result in words, as the command prints it; scan_weights: with fits under other weights of the tests."""
+        """The result in words, as the command prints it; `scan_weights` adds fits under other weights of the tests."""
         from indentfit.report.text import fit_lines
 
         return "\n".join(fit_lines(self, scan_weights))
@@ -375,7 +375,15 @@ class FitResult:
         return force_displacement(list(self.measured.items()), list(self.curves.items()), path)
 
     def write(self, folder: str | Path, fields: bool = True, overwrite: bool = False) -> None:
-        """Write the result folder; fields: with the stresses at the optimum, by one more run.
+        """Write the result folder.
+
+        Parameters
+        ----------
+        folder : path
+        fields : bool
+            Whether one more run computes the stresses at the optimum.
+        overwrite : bool
+            Whether an earlier result folder is replaced.
 
         Raises
         ------
@@ -388,7 +396,7 @@ class FitResult:
 
     @property
     def measured(self) -> dict[str, Curve]:
-        """The measured curves by the names of their tests; empty where the case is not at hand."""
+        """The measured curves by the names of their tests; empty for a result without its case."""
         if self.case is None:
             return {}
         pairs = zip(self.case.tests, self.case.curves, strict=True)

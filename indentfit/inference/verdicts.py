@@ -1,4 +1,4 @@
-"""Verdicts in words: how well a parameter is determined, and what the curves of a fit determine together."""
+"""Verdicts in words: how well each parameter is determined, and which parameters the curves of a fit determine together."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,7 +20,7 @@ def verdict(value: float, interval: Sequence[float] | Array, bounds: Range, at_b
     ----------
     value : float
     interval : (low, high)
-        95 %, within the bounds.
+        95 % interval, within the bounds.
     bounds : Range
     at_bound : "lower", "upper" or ""
 
@@ -45,7 +45,7 @@ def verdict(value: float, interval: Sequence[float] | Array, bounds: Range, at_b
 
 
 def conclusions(estimates: Mapping[str, ParameterEstimate], curves: int, published: PublishedComparison | None) -> tuple[str, ...]:
-    """Sentences: what this number of curves determines, with intervals, what they don't, and where published values lie."""
+    """Sentences on the parameters that the curves determine, with intervals, on the others, and on published values."""
     kinds: dict[str, list[str]] = {kind: [] for kind in KINDS}
     for name, known in estimates.items():
         if known.interval is not None:

@@ -1,4 +1,4 @@
-"""What a search leaves behind for the result of a fit: its steps, and how far its surrogate could be trusted."""
+"""The record of a search for the result of a fit: its steps, and how well its surrogate predicted runs."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ class HistoryStep:
     objective : float or None
         Equation (1) of the best point so far, mN; None before the first run that succeeded.
     runs : int
-        Runs of the forward model until then.
+        Number of runs of the forward model until this step.
     """
 
     phase: str
@@ -25,13 +25,13 @@ class HistoryStep:
     runs: int
 
     def at(self, runs: int) -> "HistoryStep":
-        """The same step, counted with other runs: a search on a surrogate needs none of its own."""
+        """The same step with another number of runs: a search on a surrogate counts the runs before it."""
         return replace(self, runs=runs)
 
 
 @dataclass(frozen=True)
 class Proof:
-    """A prediction of the surrogate at a point that it had not seen, judged by a run there.
+    """A prediction of the surrogate at a point that was not run before, compared with a run there.
 
     Parameters
     ----------
@@ -48,24 +48,24 @@ class Proof:
 
     @property
     def right(self) -> bool:
-        """Whether the run met the prediction."""
+        """Whether the run agrees with the prediction."""
         return self.error is not None and self.allowed is not None and self.error <= self.allowed
 
 
 @dataclass(frozen=True)
 class SurrogateFacts:
-    """What a result says of the surrogate that its search was made on.
+    """Facts about the surrogate of a search, for the result.
 
     Parameters
     ----------
     runs, failed : int
-        Sets of parameters that the surrogate was fitted to, and that failed.
+        Number of sets of parameters to which the surrogate was fitted, and number of sets that failed.
     degree : int
         Total degree of its polynomials.
     left_out_error : float
         Root mean square error of each run predicted from all others, as a share of the run's misfit.
     held_out : tuple of Proof
-        Predictions at points that the surrogate had not seen, in the order of their runs.
+        Predictions at points that were not run before, in the order of their runs.
     reached : bool
         Whether one of these predictions was right.
     """

@@ -1,7 +1,7 @@
 """Derivatives of the curves by the free parameters: exact where the mechanics gives them, else by differences.
 
-Exact sensitivities come with a run of the forward model. Where they cannot be had, one-sided differences of further runs take
-their place. The derivative by the scale parameter is F / scale, and costs nothing.
+Exact sensitivities come with a run of the forward model. Where a run has none, one-sided differences of further runs replace them.
+The derivative by the scale parameter is F / scale, and needs no run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ Columns = dict[str, tuple[Array, ...]]  # name -> derivatives of the curves of a
 
 
 class Underivable(Exception):
-    """No derivatives: runs near the point failed. Holds the cause."""
+    """Derivatives do not exist, because runs near the point failed; the text is the cause."""
 
 
 def evaluate_at_reference(
@@ -26,7 +26,7 @@ def evaluate_at_reference(
 ) -> list[Evaluation]:
     """Evaluations of points at the problem's reference scale.
 
-    The model is asked for all sensitivities that it can bring, so that whoever needs a derivative later finds it there.
+    The evaluations include all sensitivities that the model can give, because later steps need them as derivatives.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def evaluate_at_reference(
 
 
 def may_bring_sensitivities(problem: InverseProblem, model: ForwardModel) -> bool:
-    """Whether runs can be hoped to bring all derivatives: what is known before the first run."""
+    """Whether runs may give all derivatives, as far as this is known before the first run."""
     return len(_asked_for(problem, model)) == len(problem.searched)
 
 
 def brings_sensitivities(problem: InverseProblem, model: ForwardModel, x: Array) -> bool:
-    """Whether derivatives at x (units of the ranges) come with the run there."""
+    """Whether the run at x (units of the ranges) gives all derivatives."""
     here = evaluate_at_reference(problem, model, [problem.parameters(x)])[0]
     return len(given_by(problem, here)) == len(problem.searched)
 
@@ -70,7 +70,7 @@ def curve_derivatives(problem: InverseProblem, model: ForwardModel, x: Array, re
     Raises
     ------
     Underivable
-        Neither sensitivities nor differences can be had.
+        Neither sensitivities nor differences exist.
     """
     return derivatives_at(problem, model, problem.parameters(x), report)[0]
 
@@ -78,7 +78,7 @@ def curve_derivatives(problem: InverseProblem, model: ForwardModel, x: Array, re
 def derivatives_at(
     problem: InverseProblem, model: ForwardModel, point: Mapping[str, Any], report: Report | None = None
 ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Derivatives as of `curve_derivatives`, and the curves, at a point that may name keys of the case too."""
+    """Derivatives as `curve_derivatives` gives them, and the curves, at a point that may name keys of the case too."""
     here = evaluate_at_reference(problem, model, [point])[0]
     if here.forces is None:
         raise Underivable(f"no derivative where the mechanics failed: {here.cause}")
@@ -92,29 +92,29 @@ def derivatives_at(
 
 
 def last_cause(model: ForwardModel) -> str:
-    """Why the last failed evaluation failed."""
+    """The cause of the last failed evaluation."""
     return (model.failures[-1].cause or "") if model.failures else "cause unknown"
 
 
 def given_by(problem: InverseProblem, evaluation: Evaluation) -> list[str]:
-    """The searched parameters that an evaluation brought finite sensitivities of, for all of its tests."""
+    """The searched parameters for which an evaluation has finite sensitivities of all tests."""
     by_test = evaluation.sensitivities or ()
     return [name for name in _exact(problem) if by_test and all(_known(given, name) for given in by_test)]
 
 
 def _exact(problem: InverseProblem) -> tuple[str, ...]:
-    """The searched parameters that the mechanics can be differentiated by."""
+    """The searched parameters by which the mechanics can be differentiated."""
     return tuple(name for name in problem.searched if name not in problem.differences)
 
 
 def _asked_for(problem: InverseProblem, model: ForwardModel) -> tuple[str, ...]:
-    """Those of them that this model can bring."""
+    """Those of the parameters of `_exact` whose sensitivities this model can give."""
     able = model.differentiable()
     return tuple(name for name in _exact(problem) if name in able)
 
 
 def _known(sensitivities: Mapping[str, Array] | None, name: str) -> bool:
-    """Whether a run brought this sensitivity; NaN says that it was asked for and could not be had."""
+    """Whether a run has this sensitivity; NaN stands for a requested sensitivity that does not exist."""
     return sensitivities is not None and name in sensitivities and bool(np.isfinite(sensitivities[name]).all())
 
 

@@ -21,7 +21,7 @@ FEWEST_PEOPLE = 5  # SciPy needs five
 def differential_evolution(
     problem: InverseProblem, model: ForwardModel, settings: SearchSettings, progress: Progress = SILENT
 ) -> Search:
-    """Search of the parameters of an inverse problem by differential evolution; arguments as of `genetic.search`."""
+    """Search of the parameters of an inverse problem by differential evolution; `genetic.search` describes the arguments."""
     if not problem.searched:
         return only_scale(problem, model)
     people = Generations(problem, model, settings.generations, "differential_evolution", progress)
@@ -39,7 +39,7 @@ def differential_evolution(
         judge_columns,
         [(0.0, 1.0)] * n,
         init=first,
-        maxiter=max(settings.generations - 1, 1),  # the first population is one too
+        maxiter=max(settings.generations - 1, 1),  # the first population is a generation too
         tol=0,
         atol=settings.tolerance * 1e-2,
         seed=settings.seed,
@@ -54,12 +54,12 @@ def differential_evolution(
 
 
 def cma(problem: InverseProblem, model: ForwardModel, settings: SearchSettings, progress: Progress = SILENT) -> Search:
-    """Search of the parameters of an inverse problem by CMA-ES from its start values, within the bounds; arguments as above."""
+    """Search of the parameters of an inverse problem by CMA-ES from its start values; `genetic.search` describes the arguments."""
     if not problem.searched:
         return only_scale(problem, model)
     people = Generations(problem, model, settings.generations, "cma", progress)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # pycma speaks of optional plots
+        warnings.simplefilter("ignore")  # pycma warns that its optional plots are missing
         import cma as pycma
 
         single = len(problem.searched) == 1  # pycma refuses a single variable: a second one that does nothing

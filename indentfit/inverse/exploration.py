@@ -1,8 +1,8 @@
-"""The search on a surrogate: runs placed where they teach most, a global search on what they taught, and its proof.
+"""The search on a surrogate: first runs, runs that prove the surrogate's predictions, and a global search on the surrogate.
 
-The first runs are those that determine a polynomial best. Then the model is run at the surrogate's own optimum, and the
-surrogate learns from the run; this repeats until the prediction error at the optimum is below a stated share of the misfit. Only
-then does the global search use the surrogate, and its winner and rivals are run.
+The first runs are at the places that determine a polynomial best. Then the model is run at the surrogate's own optimum, and the
+surrogate is fitted to the run too; this repeats until the prediction error at the optimum is below a stated share of the misfit.
+Only then does the global search use the surrogate; its best point and rival optima are run.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -25,16 +25,16 @@ from indentfit.inverse.settings import SearchSettings, sized
 from indentfit.inverse.surrogate import Surrogate, learn
 from indentfit.runs.forward import Evaluation, ForwardModel, Report
 
-MANY = 4  # free parameters up to which a surrogate is worth its runs
-ERROR = 0.02  # of the misfit: what the surrogate may be wrong by at a run that it has not seen
-FINEST = 3e-4  # of the measured forces' root mean square: finer the solver itself is not
-ROUNDS = 8  # of prediction and proof, at most
-SCANNED = 1024  # places
-SHOWN = 8  # optima of a scan, at most
-KNOWN = 2e-3  # of the ranges: nearer to a run there is nothing to prove
+MANY = 4  # largest number of free parameters for which a surrogate is worth its runs
+ERROR = 0.02  # largest error of a prediction that counts as right, over the misfit
+FINEST = 3e-4  # the solver's own error, over the measured forces' root mean square
+ROUNDS = 8  # largest number of rounds of prediction and proof
+SCANNED = 1024  # places of a scan
+SHOWN = 8  # largest number of optima of a scan
+KNOWN = 2e-3  # of the ranges: a place nearer to a run needs no proof
 RIVAL, APART = 1.25, 0.05  # a rival's objective at most, relative to the best; its distance, of the ranges
 RIVALS = 2
-PEOPLE, GENERATIONS = 80, 60  # of a search on the surrogate, where the case does not say
+PEOPLE, GENERATIONS = 80, 60  # of a search on the surrogate, by default
 SHARE_OF_DESIGN = 0.6  # of the progress
 
 GlobalSearch = Callable[[InverseProblem, ForwardModel, SearchSettings, Progress], Search]
@@ -42,16 +42,16 @@ GlobalSearch = Callable[[InverseProblem, ForwardModel, SearchSettings, Progress]
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """What was seen of the whole ranges before the local search.
+    """The exploration of the whole ranges before the local search.
 
     Parameters
     ----------
     surrogate : Surrogate or None
         None where the search was on the model itself, or too few runs succeeded.
     search : Search
-        Its best Candidate was run on the true model.
+        The global search, whose best Candidate was run on the true model.
     rivals : tuple of Candidate
-        Other optima, run too.
+        Other optima, which were run too.
     facts : SurrogateFacts or None
     equation_one : bool
         Whether the search minimised equation (1); else the sum of squares.
@@ -65,12 +65,12 @@ class Exploration:
 
     @property
     def reached(self) -> bool:
-        """Whether the surrogate's predictions were proved right."""
+        """Whether runs proved the surrogate's predictions right."""
         return self.facts is not None and self.facts.reached
 
 
 class Watched:
-    """A ForwardModel that remembers the evaluations of another one, for a surrogate to learn from."""
+    """A ForwardModel that remembers the evaluations of another ForwardModel, so that a surrogate can be fitted to them."""
 
     def __init__(self, model: ForwardModel) -> None:
         self.model = model
@@ -92,13 +92,13 @@ class Watched:
         return len({tuple(known.parameters.items()) for known in self.known})
 
     def differentiable(self) -> frozenset[str]:
-        """What the model can bring sensitivities of."""
+        """Names whose sensitivities the model can give."""
         return self.model.differentiable()
 
     def evaluate(
         self, points: Sequence[Mapping[str, Any]], report: Report | None = None, sensitivities: Collection[str] = ()
     ) -> list[Evaluation]:
-        """Evaluations of points by the model; they are remembered."""
+        """Evaluations of points by the model, which are remembered."""
         evaluations = self.model.evaluate(points, report, sensitivities)
         self.known += evaluations
         return evaluations
@@ -115,7 +115,8 @@ def explore(
     model : Watched
     options : Fit
         Seed, population and generations as in the case's [fit].
-    search : `genetic.search`, or one of `evolution`
+    search : function
+        `genetic.search`, or a search of `evolution`.
     progress : Progress
 
     Returns
@@ -132,7 +133,7 @@ def explore(
     runs = judged(problem, model, [optimum.parameters for optimum in [best, *rivals]])
     confirmed = [run for run in runs if run]
     confirmed = sorted([*confirmed, _best_known(problem, model)], key=by_objective)
-    message = f"{searched.message} on a surrogate of {len(surrogate.samples)} runs"
+    message = f"{searched.message} on a surrogate of {len(surrogate.training)} runs"
     history = tuple(step.at(model.runs) for step in searched.history)
     surrogate = learn(problem, model.known) or surrogate
     facts = facts_of(surrogate, held_out)
@@ -140,9 +141,9 @@ def explore(
 
 
 def facts_of(surrogate: Surrogate, held_out: Sequence[Proof] = ()) -> SurrogateFacts:
-    """What the result says of a Surrogate, and of its predictions at runs that it had not seen."""
+    """Facts about a Surrogate and about its predictions at points that were not run before."""
     return SurrogateFacts(
-        runs=len(surrogate.samples),
+        runs=len(surrogate.training),
         failed=len(surrogate.failed),
         degree=surrogate.degree,
         left_out_error=surrogate.error,
@@ -152,7 +153,7 @@ def facts_of(surrogate: Surrogate, held_out: Sequence[Proof] = ()) -> SurrogateF
 
 
 def scanned(problem: InverseProblem, surrogate: Surrogate, seed: int = 0) -> tuple[Array, Array]:
-    """Places (m, d) all over the ranges that lie nowhere near a failure, and the sums of squares (m,) there at best scale."""
+    """Places (m, d) all over the ranges, away from failures, and the sums of squares (m,) there at the best scale."""
     places = qmc.Sobol(len(problem.searched), seed=seed).random(SCANNED)
     places = places[~surrogate.near_failure(places)]
     curves = surrogate.curves(places)
@@ -166,7 +167,7 @@ def scanned(problem: InverseProblem, surrogate: Surrogate, seed: int = 0) -> tup
 
 
 def _first_runs(problem: InverseProblem, model: Watched, options: Fit, progress: Progress) -> None:
-    """The start values and the design, which is smaller where runs can bring sensitivities; where none did, the larger one too."""
+    """Run the start values and the designed points; if runs may give sensitivities and none does, run the larger design too."""
     hoped = may_bring_sensitivities(problem, model)
     points = [problem.start, *_designed(problem, hoped, options)]
     evaluations = evaluate_at_reference(problem, model, points, progress.of_runs("first runs"))
@@ -181,10 +182,10 @@ def _designed(problem: InverseProblem, slopes: bool, options: Fit) -> list[dict[
 def _proved(
     problem: InverseProblem, model: Watched, surrogate: Surrogate, options: Fit, progress: Progress
 ) -> tuple[Surrogate, list[Proof]]:
-    """The surrogate after rounds of prediction and proof, and the proofs; that of the optimum last in each round."""
+    """The surrogate after rounds of prediction and proof, and the proofs; the proof of the optimum is the last of each round."""
     held_out: list[Proof] = []
     for number in range(ROUNDS):
-        progress(number / ROUNDS, f"surrogate of {len(surrogate.samples)} runs")
+        progress(number / ROUNDS, f"surrogate of {len(surrogate.training)} runs")
         proofs = _prove(problem, model, surrogate, _worth_proving(problem, surrogate, options))
         held_out += reversed(proofs)
         surrogate = learn(problem, model.known) or surrogate
@@ -194,8 +195,8 @@ def _proved(
 
 
 def _worth_proving(problem: InverseProblem, surrogate: Surrogate, options: Fit) -> list[dict[str, float]]:
-    """The surrogate's optimum, where that was not run already, and the places among the good ones that are farthest from all
-    runs: two in all, for a round of one leaves a worker idle at its end."""
+    """Two points to run: the surrogate's optimum, unless it was run already, and the good places that are farthest from all runs.
+    A round of one point would leave a worker idle."""
     known = surrogate.known_places()
     wanted: list[dict[str, float]] = []
     for best in _optima(problem, surrogate, _scan(problem, surrogate, options.seed)[:3]):
@@ -212,7 +213,7 @@ def _worth_proving(problem: InverseProblem, surrogate: Surrogate, options: Fit) 
 
 
 def _prove(problem: InverseProblem, model: Watched, surrogate: Surrogate, points: list[dict[str, float]]) -> list[Proof]:
-    """Run what the surrogate predicts, and judge the prediction at each point."""
+    """Run points, and compare the surrogate's prediction with the run at each point."""
     predicted = evaluate_at_reference(problem, surrogate, points)
     ran = evaluate_at_reference(problem, model, points)
     return [_proof(problem, point, guess, run) for point, guess, run in zip(points, predicted, ran, strict=True)]
@@ -242,7 +243,7 @@ def _scan(problem: InverseProblem, surrogate: Surrogate, seed: int) -> list[Cand
 
 
 def _optima(problem: InverseProblem, surrogate: Surrogate, starts: Sequence[Candidate | None]) -> list[Candidate]:
-    """Different optima of equation (1) on the surrogate, best first, those that rival the best."""
+    """Different optima of equation (1) on the surrogate that rival the best optimum, best first."""
     polished = [polish(problem, surrogate, start).best for start in starts if start]
     ends = sorted((end for end in polished if end), key=by_objective)
     chosen = ends[:1]
@@ -254,7 +255,7 @@ def _optima(problem: InverseProblem, surrogate: Surrogate, starts: Sequence[Cand
 
 
 def _best_known(problem: InverseProblem, model: Watched) -> Candidate:
-    """The best of all runs so far: a search's result is never worse than what was seen on its way."""
+    """The best of all runs so far, so that the result of a search is never worse than a run on its way."""
     candidates = [problem.judge_best_scale(run.parameters, run.forces) for run in model.known if run.forces is not None]
     return min(candidates, key=by_objective)
 

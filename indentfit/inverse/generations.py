@@ -1,4 +1,4 @@
-"""What the global searches share: a whole generation judged at once under equation (1), each member at its best scale."""
+"""Common parts of the global searches: a whole generation is judged at once under equation (1), each member at its best scale."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.runs.forward import ForwardModel, Report
 
-PENALTY = 1e3  # a failed point counts as this times the worst that succeeded, inside the algorithms only
+PENALTY = 1e3  # objective of a failed point over that of the worst successful point, inside the algorithms only
 STALLED = 4  # generations without progress that end a search
 SPREAD = 1e-3  # of the ranges: a population narrower than this has gathered at one place
 
 
 @dataclass(frozen=True)
 class Search:
-    """How a search went.
+    """The outcome of a search.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Generations:
         return np.array([candidate.objective if candidate else self._worst for candidate in candidates])
 
     def settled(self, rows: Array, tolerance: float) -> bool:
-        """Whether the best has stood still for some generations and the population (m, n) has gathered around it."""
+        """Whether the best has not improved for some generations and the population (m, n) has gathered around it."""
         objectives = [step.objective for step in self.history[-1 - STALLED :]]
         if len(objectives) <= STALLED or objectives[0] is None or objectives[-1] is None:
             return False
@@ -73,11 +73,11 @@ class Generations:
         return bool(still and np.std(rows, axis=0).max() < SPREAD)
 
     def result(self, message: str) -> Search:
-        """The Search as it went until now."""
+        """The outcome of the search so far."""
         return Search(self.best, tuple(self.history), message, self.last)
 
     def _report(self) -> Report:
-        """Tells the progress within one generation as a share of the whole search."""
+        """Report of the progress within one generation, as a share of the whole search."""
         done = len(self.history)
         note = f"generation {done + 1}" + (f", objective {self.best.objective:.4g} mN" if self.best else "")
         return self.progress.part(*(min(number / self.generations, 1.0) for number in (done, done + 1))).of_runs(note)
@@ -89,7 +89,7 @@ def by_objective(candidate: Candidate) -> float:
 
 
 def only_scale(problem: InverseProblem, model: ForwardModel) -> Search:
-    """No search where only the scale is free: one run gives its best value."""
+    """The outcome where only the scale is free: one run gives its best value, without a search."""
     best = judged(problem, model, [problem.start])[0]
     history = (HistoryStep("scale", 1, best.objective if best else None, model.runs),)
     return Search(best, history, "only the scale parameter is free: found exactly")
@@ -101,7 +101,7 @@ def start_row(problem: InverseProblem) -> Array:
 
 
 def parameters_of(problem: InverseProblem, row: Array) -> dict[str, float]:
-    """All parameters, the scale at its start, at searched ones in units of their ranges, (n_searched,)."""
+    """All parameters, from the searched parameters in units of their ranges, (n_searched,), and the scale at its start."""
     units = problem.units(problem.start)
     units[problem.searched_numbers] = row
     return problem.parameters(units)

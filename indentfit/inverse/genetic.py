@@ -1,6 +1,6 @@
 """The genetic algorithm of pymoo under equation (1), each generation evaluated at once.
 
-The scale parameter is not searched for: at given others its best value is found exactly.
+The scale parameter is not searched for: its best value for given other parameters is found exactly.
 """
 
 import numpy as np

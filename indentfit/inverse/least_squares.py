@@ -15,7 +15,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.runs.forward import ForwardModel
 
-EVALUATIONS = 40  # at most, of the curves; their derivatives not counted
+EVALUATIONS = 40  # largest number of evaluations of the curves, without those for derivatives
 SHARE_OF_STARTS = 0.2  # of the progress
 
 
@@ -28,9 +28,9 @@ def least_squares(
 ) -> Optimum:
     """Optimum of the sum of w RMSE^2, by Gauss-Newton within bounds and a trust region.
 
-    The scale parameter follows every step exactly (variable projection, Golub and Pereyra 1973): a narrow valley between it
-    and the others, along which other methods creep, is then none. A failed run shortens the step; a failed start or derivative
-    ends the search.
+    The scale parameter follows every step exactly (variable projection, Golub and Pereyra 1973). This removes the narrow valley
+    between the scale and the other parameters, along which other methods creep. A failed run shortens the step; a failed start or
+    derivative ends the search.
 
     Parameters
     ----------
@@ -79,7 +79,8 @@ def multi_start(
 ) -> Optimum:
     """Optimum of the sum of squares: the best of several local searches.
 
-    Every start (name -> value) is run once, at its best scale; `searches` searches begin where the sum of squares was least.
+    Every start (name -> value) is run once, at its best scale; `searches` local searches begin at the starts with the least sums of
+    squares.
     """
     report = progress.part(0, SHARE_OF_STARTS).of_runs("starts")
     tried = evaluate_at_reference(problem, model, starts, report)
@@ -109,12 +110,12 @@ def _squares_at_end(end: Optimum) -> float:
 
 
 def _step(problem: InverseProblem, candidate: Candidate, slopes: tuple[Array, ...], radius: float) -> tuple[Array, float]:
-    """The step that makes the sum of squares of the linearised curves least, and by how much, within bounds and radius."""
+    """The step within bounds and radius that minimises the sum of squares of the linearised curves, and the promised fall."""
     x = problem.units(candidate.parameters)
     A = stacked(problem.tests, slopes)
     b = -np.concatenate([misfit(test, force) for test, force in zip(problem.tests, candidate.forces, strict=True)])
     low, high = np.minimum(np.maximum(-x, -radius), -1e-12), np.maximum(np.minimum(1 - x, radius), 1e-12)
-    if problem.scale:  # it follows by itself
+    if problem.scale:  # the scale follows every step exactly
         n = problem.number(problem.scale)
         low[n], high[n] = -x[n] - 1e-12, 1 - x[n] + 1e-12
     step = scipy.optimize.lsq_linear(A, b, (low, high), tol=1e-14).x
@@ -122,7 +123,7 @@ def _step(problem: InverseProblem, candidate: Candidate, slopes: tuple[Array, ..
 
 
 def _with_best_scale(problem: InverseProblem, candidate: Candidate) -> Candidate:
-    """The Candidate at the scale that makes the sum of squares least, within its bounds."""
+    """The Candidate at the scale that minimises the sum of squares, within the scale's bounds."""
     if not problem.scale:
         return candidate
     triples = [(t.weight / len(f), f, t.curve.force) for t, f in zip(problem.tests, candidate.forces, strict=True)]

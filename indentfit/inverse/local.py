@@ -1,4 +1,4 @@
-"""What the local searches share: where they end, and the evaluations on their way."""
+"""Common parts of the local searches: their end, and the evaluations on their way."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.runs.forward import ForwardModel
 
-RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective mean nothing
+RESOLVED = 1e-5  # of the measured forces' root mean square: smaller changes of the objective are noise
 WIDEST = 0.5  # of the ranges: the first trust region
-SHORTEST = 1e-4  # of the ranges: a shorter step is no step
+SHORTEST = 1e-4  # of the ranges: a search ends at a shorter step
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where a local search ended.
+    """The end of a local search.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Optimum:
 class Course:
     """The evaluations of one local search, remembered, and their derivatives.
 
-    `value` is what the search makes least; `phase` is its name in the history.
+    `value` is the function that the search minimises; `phase` is the name of the search in the history.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Course:
     def derivatives(self, x: Array, surrogate: ForwardModel | None = None) -> tuple[Array, ...]:
         """Derivatives of the curves at x, mN per range, an array (n, n_free) for each test.
 
-        A surrogate, if given, supplies those that would need runs of their own. Raises Underivable.
+        A surrogate, if given, supplies derivatives that would need runs of their own. Raises Underivable.
         """
         if surrogate is not None and not brings_sensitivities(self.problem, self.model, x):
             return curve_derivatives(self.problem, surrogate, x)
@@ -86,7 +86,7 @@ class Course:
         return Optimum(best, derivatives, success, message, tuple(self.history))
 
     def _report(self, done: int, total: int) -> None:
-        share = 1 - 0.7 ** (1 + len(self.history) / 2)  # how many steps it takes is not known beforehand
+        share = 1 - 0.7 ** (1 + len(self.history) / 2)  # the number of steps is not known beforehand
         note = f"{self.phase.replace('_', ' ')}" + (f", objective {self.best.objective:.4g} mN" if self.best else "")
         self.progress(share, note)
 

@@ -17,14 +17,14 @@ from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.settings import sized
 
 SHARE_OF_SEARCH = 0.8  # of the progress, where a polish follows
-PEOPLE, GENERATIONS = 8, 4  # of a search on the forward model itself, where the case does not say
-STARTS_TRIED = 3  # besides the start values, least squares
-SEARCHES_OF_MANY = 3  # local searches where the parameters are many
+PEOPLE, GENERATIONS = 8, 4  # of a search on the forward model itself, by default
+STARTS_TRIED = 3  # starts of least squares besides the start values
+SEARCHES_OF_MANY = 3  # local searches of a problem with many parameters
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """Where a method ended: the optimum, what was seen of the whole ranges, and a sentence about the way."""
+    """The end of a method: the optimum, the exploration of the whole ranges, and a sentence about the search."""
 
     optimum: Optimum
     exploration: Exploration
@@ -75,7 +75,7 @@ def global_search(problem: InverseProblem, model: Watched, options: Fit, progres
 
 
 def local_search(problem: InverseProblem, model: Watched, options: Fit, progress: Progress = SILENT) -> Solved:
-    """Least squares from the start values and from others over the ranges, the best of them first."""
+    """Least squares from the best of the start values and of other starts over the ranges."""
     few = len(problem.free) <= MANY
     searches = options.starts or (1 if few else SEARCHES_OF_MANY)
     others = STARTS_TRIED if few else 2 * len(problem.free)
@@ -89,7 +89,7 @@ def local_search(problem: InverseProblem, model: Watched, options: Fit, progress
 
 
 def _explored(problem: InverseProblem, model: Watched, options: Fit, search: GlobalSearch, progress: Progress) -> Exploration:
-    """The global search on a surrogate, or on the model itself where there is to be none."""
+    """The global search on a surrogate, or on the model itself where the case asks for a direct search or parameters are many."""
     if not options.direct and problem.searched and len(problem.free) <= MANY:
         return explore(problem, model, options, search, progress)
     return Exploration(None, search(problem, model, sized(options, PEOPLE, GENERATIONS), progress))

@@ -1,4 +1,4 @@
-"""How far simulated curves are from measured ones, and the parameter that the force is proportional to.
+"""The misfit of simulated curves to measured curves, and the best scale of simulated forces.
 
 Equation (1) of the source paper (J Mech Behav Biomed Mater 65:490) is the weighted SUM of the tests' root mean
 square errors; least squares minimises the weighted sum of their squares. Both are reported, each under its name.
@@ -46,7 +46,18 @@ def rmse(test: Target, force: Array) -> float:
 
 
 def equation_one(tests: Sequence[Target], forces: Sequence[Array]) -> float:
-    """Equation (1) of the source paper: the weighted sum of the tests' RMSEs, mN, of simulated forces (n,), mN, one for each."""
+    """Equation (1) of the source paper: the weighted sum of the tests' RMSEs, mN.
+
+    Parameters
+    ----------
+    tests : sequence of Target
+    forces : sequence of arrays (n,), mN
+        Simulated forces of each test.
+
+    Returns
+    -------
+    float, mN
+    """
     return sum(test.weight * rmse(test, force) for test, force in zip(tests, forces, strict=True))
 
 
@@ -56,10 +67,10 @@ def sum_of_squares(tests: Sequence[Target], forces: Sequence[Array]) -> float:
 
 
 def best_scale(tests: Sequence[Target], forces: Sequence[Array], low: float = 0.0, high: float = np.inf) -> float:
-    """The factor that makes factor * forces best under equation (1).
+    """The factor with which factor * forces minimises equation (1).
 
-    Equation (1) is convex in the factor. Its least value lies between the best factors of the single tests, where its slope
-    changes sign; it may also lie at one of them, if the curve of that test is met exactly.
+    Equation (1) is convex in the factor. Its minimum lies between the best factors of the single tests, where its slope changes
+    sign; it may also lie at the best factor of a test whose curve is then reproduced exactly.
 
     Parameters
     ----------
@@ -91,7 +102,7 @@ def best_scale(tests: Sequence[Target], forces: Sequence[Array], low: float = 0.
 class _Part:
     """One test in equation (1) as a function of the factor s: |s f - target|^2 is (size (s - best))^2 + left^2.
 
-    weight: of the norm; size: norm of the curve; best: its best factor alone; left: the norm that this factor leaves.
+    weight: weight of the norm; size: norm of the curve; best: best factor of the test alone; left: remaining norm at that factor.
     """
 
     weight: float

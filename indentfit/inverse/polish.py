@@ -12,8 +12,8 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.runs.forward import ForwardModel
 
-STEPS = 20  # at most
-REWEIGHTED = 200  # times at most, in one step
+STEPS = 20  # largest number of steps
+REWEIGHTED = 200  # largest number of reweightings in one step
 
 
 def polish(
@@ -26,7 +26,7 @@ def polish(
 ) -> Optimum:
     """Optimum of equation (1) near a Candidate.
 
-    Each step minimises equation (1) of the linearised curves within the bounds and a trust region, then is tried.
+    Each step minimises equation (1) of the linearised curves within the bounds and a trust region; a run then tries the step.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def polish(
         Relative fall of equation (1) that a step must promise.
     progress : Progress
     surrogate : ForwardModel or None
-        Supplies derivatives that would need runs of their own, until it sees no better place.
+        Supplies derivatives that would need runs of their own, until it predicts no better place.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def polish(
             step, promised = _step(problem, best, course.derivatives(x, surrogate), x, radius)
             if promised <= max(tolerance * best.objective, nothing) or np.abs(step).max() < SHORTEST:
                 if surrogate is not None:
-                    surrogate = None  # from here on the true ones, which the end needs anyway
+                    surrogate = None  # from here on the true derivatives, which the result needs anyway
                     continue
                 message, success = "no step would lower the objective", True
                 break
@@ -69,7 +69,7 @@ def polish(
 
 
 def _step(problem: InverseProblem, candidate: Candidate, slopes: tuple[Array, ...], x: Array, radius: float) -> tuple[Array, float]:
-    """The step that makes equation (1) of the linearised curves least, and by how much, within bounds and radius.
+    """The step within bounds and radius that minimises equation (1) of the linearised curves, and the promised fall.
 
     A sum of norms, minimised by bounded linear least squares with weights that follow the norms.
     """

@@ -1,4 +1,4 @@
-"""Chebyshev polynomials of a total degree in warped parameters, and the places that determine one best.
+"""Chebyshev polynomials of a total degree in warped parameters, and the places that determine such a polynomial best.
 
 Each range is stretched at its lower end, u -> t = 2 log(1 + beta u) / log(1 + beta) - 1, since stiffness enters curves by ratios.
 """
@@ -13,11 +13,11 @@ from scipy.stats import qmc
 
 from indentfit.arrays import Array
 
-USUAL_BETA = 10.0  # before anything is known
-SPARE = 1.15  # rows of a fit for each coefficient, at least
-OF_SLOPES = 0.3  # weight of a derivative by t against a value
-LEVELS = 5  # of each parameter, in the grid that first runs are chosen from
-DRAWN = 128  # further places to choose from
+USUAL_BETA = 10.0  # beta of the first runs
+SPARE = 1.15  # least number of rows of a fit for each coefficient
+OF_SLOPES = 0.3  # weight of a derivative by t relative to a value
+LEVELS = 5  # levels of each parameter in the grid from which the first runs are chosen
+DRAWN = 128  # further places, drawn at random, from which the first runs are chosen
 
 
 def warp(u: Array, betas: Array) -> Array:
@@ -51,7 +51,7 @@ def values(places: Array, betas: Array, degree: int) -> Array:
 
 
 def by_t(places: Array, betas: Array, degree: int) -> list[Array]:
-    """Their derivatives by each t, a list of (m, coefficients)."""
+    """Derivatives of the polynomials by each t, a list of (m, coefficients)."""
     vanders = chebyshev.chebvander(warp(places, betas), degree)
     D = np.zeros((degree + 1, degree + 1))
     D[:, :-1] = chebyshev.chebder(np.eye(degree + 1)).T if degree else 0
@@ -64,7 +64,7 @@ def by_t(places: Array, betas: Array, degree: int) -> list[Array]:
 
 
 def by_units(places: Array, betas: Array, degree: int) -> list[Array]:
-    """Their derivatives by each parameter in units of its range, a list of (m, coefficients)."""
+    """Derivatives of the polynomials by each parameter in units of its range, a list of (m, coefficients)."""
     ahead = stretch(places, betas)
     return [ahead[:, [k]] * A for k, A in enumerate(by_t(places, betas, degree))]
 
@@ -77,7 +77,7 @@ def design_points(d: int, slopes: bool, seed: int, degree: int | None = None) ->
     d : int
         Number of searched parameters.
     slopes : bool
-        Whether runs bring sensitivities; fewer runs do then.
+        Whether runs give sensitivities; fewer runs are then enough.
     seed : int
     degree : int or None
         Total degree of the polynomial; by default 3, or 4 where sensitivities of few parameters come with the runs.
@@ -100,7 +100,7 @@ def design_points(d: int, slopes: bool, seed: int, degree: int | None = None) ->
 
 
 def _most_telling(blocks: Array, n: int) -> list[int]:
-    """The numbers of n blocks (rows, coefficients), each the one that adds most to the determinant of the information."""
+    """The numbers of n blocks (rows, coefficients); each block in turn adds most to the determinant of the information."""
     chosen: list[int] = []
     M = 1e-6 * np.eye(blocks.shape[2])
     for _ in range(n):

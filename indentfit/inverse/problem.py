@@ -1,4 +1,4 @@
-"""The inverse problem: the tests, the free parameters, and the one among them that the force is proportional to."""
+"""The inverse problem: the tests, the free parameters, and the scale, a parameter to which the force is proportional."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ Values = Mapping[str, Any]  # name -> value of a parameter, or of a key of the c
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters with their curves and how good they are.
+    """Parameters with their curves and their objectives.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class InverseProblem:
-    """What is searched for: the free parameters that make the curves of the tests.
+    """The search for the free parameters with which simulated curves are nearest to the measured curves of the tests.
 
     Free parameters are counted in units of their range, 0 at min and 1 at max, in the order of the model. The forward
     model is only ever run at one reference value of the scale; forces at other values follow exactly.
@@ -44,14 +44,14 @@ class InverseProblem:
     ----------
     tests : tuple of Target
     start : dict of name -> value
-        All parameters, free ones at their start values.
+        All parameters; free parameters have their start values.
     free : dict of name -> Range
     scale : str or None
-        The free parameter that the force is proportional to.
+        The free parameter to which the force is proportional.
     reference : float
-        The value of the scale that the forward model is run at.
+        The value of the scale at which the forward model is run.
     differences : tuple of str
-        Free parameters that the mechanics cannot be differentiated by.
+        Free parameters by which the mechanics cannot be differentiated.
     """
 
     tests: tuple[Target, ...]
@@ -63,17 +63,17 @@ class InverseProblem:
 
     @property
     def searched(self) -> list[str]:
-        """The free parameters that are left to search for, without the scale."""
+        """The free parameters without the scale."""
         return [name for name in self.free if name != self.scale]
 
     @property
     def searched_numbers(self) -> list[int]:
-        """The numbers of these among the free parameters."""
+        """The numbers of the searched parameters among the free parameters."""
         return [number for number, name in enumerate(self.free) if name != self.scale]
 
     @property
     def weights(self) -> list[float]:
-        """What the square of one force residual of each test weighs in the sum of squares."""
+        """The weight of the square of one force residual of each test in the sum of squares."""
         return [test.weight / test.curve.force.size for test in self.tests]
 
     def number(self, name: str) -> int:
@@ -90,7 +90,7 @@ class InverseProblem:
         return np.array([self.range(name) for name in self.free])
 
     def values(self, parameters: Values) -> Array:
-        """The free parameters among others, (n_free,), in their units."""
+        """The values of the free parameters, (n_free,), in their units."""
         return np.array([parameters[name] for name in self.free])
 
     def units(self, parameters: Values) -> Array:
@@ -102,30 +102,30 @@ class InverseProblem:
         return np.array([(parameters[name] - self.free[name].min) / self.range(name) for name in self.searched])
 
     def parameters(self, units: Sequence[float] | Array) -> dict[str, float]:
-        """All parameters by name, at free ones given in units of their ranges, (n_free,)."""
+        """All parameters by name, from the free parameters in units of their ranges, (n_free,)."""
         values = dict(self.start)
         for unit, (name, bounds) in zip(units, self.free.items(), strict=True):
             value = bounds.min + unit * (bounds.max - bounds.min)
-            value = float(f"{value:.12g}")  # so that a point turned into units and back is the same
+            value = float(f"{value:.12g}")  # so that a point that is converted to units and back stays the same
             values[name] = min(max(value, bounds.min), bounds.max)
         return values
 
     def factor(self, parameters: Values) -> float:
-        """What turns forces at the reference into those of `parameters`."""
+        """The factor from forces at the reference to forces of `parameters`."""
         return parameters[self.scale] / self.reference if self.scale else 1.0
 
     def factor_bounds(self) -> tuple[float, float]:
-        """The least and the largest of these factors."""
+        """The least and the largest factor within the bounds of the scale."""
         if self.scale is None:
             return 1.0, 1.0
         return self.free[self.scale].min / self.reference, self.free[self.scale].max / self.reference
 
     def at_reference(self, parameters: Values) -> dict[str, Any]:
-        """The parameters that the forward model is to be run with."""
+        """The parameters with which the forward model is run: the scale at its reference."""
         return {**parameters, self.scale: self.reference} if self.scale else dict(parameters)
 
     def scaled(self, parameters: Values, forces: Sequence[Array]) -> tuple[Array, ...]:
-        """The curves of `parameters` from those of their `at_reference`."""
+        """The curves of `parameters`, from the curves of `at_reference(parameters)`."""
         factor = self.factor(parameters)
         return tuple(factor * force for force in forces)
 
@@ -155,7 +155,7 @@ class InverseProblem:
 
 
 def inverse_problem(case: Case) -> InverseProblem:
-    """The inverse problem of a case that `case.require_fittable` lets pass."""
+    """The inverse problem of a case that `case.require_fittable` accepts."""
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     tests = tuple(Target(test.name, curve, float(test.weight or 0.0)) for test, curve in curves)
     start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
@@ -163,10 +163,10 @@ def inverse_problem(case: Case) -> InverseProblem:
 
 
 def scale_of(case: Case) -> tuple[str | None, float]:
-    """The free parameter that the force is proportional to, or None, and the value of it that the forward model is run at.
+    """The free parameter to which the force is proportional, or None, and its value at which the forward model is run.
 
-    It is the scale of the material's law, where kappa goes with it: pressures, contact stiffness and tolerances are all
-    relative to the shear modulus; a kappa in kPa is not.
+    This parameter is the scale of the material's law, if kappa is given as a ratio: pressures, contact stiffness and tolerances are
+    then all relative to the shear modulus.
     """
     name = case.law.scale
     relative = case.material.kappa is None
@@ -177,8 +177,9 @@ def scale_of(case: Case) -> tuple[str | None, float]:
 
 
 def differences_of(case: Case) -> tuple[str, ...]:
-    """The fitted parameters that the mechanics cannot be differentiated by.
+    """The fitted parameters by which the mechanics cannot be differentiated.
 
-    These are all of them where kappa does not go with the shear modulus, as the mechanics takes it to; otherwise the thickness.
+    The mechanics assumes that kappa follows the shear modulus. Where it does not, these are all fitted parameters; otherwise only
+    the thickness.
     """
     return tuple(case.fitted) if case.material.kappa is not None else tuple({"thickness"} & set(case.fit.uncertain.fitted))

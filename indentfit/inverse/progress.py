@@ -1,14 +1,14 @@
-"""How far a long computation is, told to whoever waits for it."""
+"""Progress of a long computation, as a share of the whole with a note."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-Report = Callable[[int, int], None]  # called with (runs done, runs asked for)
+from indentfit.runs.forward import Report
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Tells a share of the whole and a note to `listener`, called with (share, note); parts of the whole are Progress too."""
+    """Progress of a computation: a call passes the share of the whole and a note to `listener`; parts of it are Progress too."""
 
     listener: Callable[[float, str], object] | None = None
     low: float = 0.0
@@ -19,12 +19,12 @@ class Progress:
             self.listener(self.low + (self.high - self.low) * share, note)
 
     def part(self, low: float, high: float) -> "Progress":
-        """The Progress of what takes this one from `low` to `high`, both shares of it."""
+        """The Progress of a part of the computation, from the share `low` of the whole to the share `high`."""
         width = self.high - self.low
         return Progress(self.listener, self.low + low * width, self.low + high * width)
 
     def of_runs(self, note: str) -> Report:
-        """What a ForwardModel calls after each run, where runs are all that this Progress waits for."""
+        """The function that a ForwardModel calls after each run, for a computation that consists of runs only."""
 
         def report(done: int, total: int) -> None:
             self(done / total, note)

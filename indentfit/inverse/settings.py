@@ -1,4 +1,4 @@
-"""How a global search is sized."""
+"""Size, seed and end of a global search."""
 
 from dataclasses import dataclass
 
@@ -24,5 +24,5 @@ class SearchSettings:
 
 
 def sized(options: Fit, population: int, generations: int) -> SearchSettings:
-    """The settings that a case asks for; population and generations are used where it does not say."""
+    """The settings of a case's [fit]; `population` and `generations` are the defaults."""
     return SearchSettings(options.population or population, options.generations or generations, options.seed, options.tolerance)

@@ -1,7 +1,7 @@
 """A surrogate of the forward model: polynomials in the searched parameters, for whole force curves at once.
 
-The polynomials are those of `polynomials`. The betas that stretch the ranges, and the degree, are those that predict best what
-was left out (each run in turn). Runs near the optimum weigh more; sensitivities, where runs brought them, are fitted too.
+The polynomials are those of `polynomials`. The betas that stretch the ranges, and the degree, are those that best predict each run
+from all other runs. Runs near the optimum weigh more; sensitivities, where runs have them, are fitted too.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -19,13 +19,13 @@ from indentfit.runs.forward import Evaluation, Report
 
 BETAS = (0.0, 3.0, 10.0, 30.0)
 DEGREES = range(1, 9)
-LEAST_MISFIT = 1e-3  # of the measured forces' root mean square: nearer than that all runs weigh the same
+LEAST_MISFIT = 1e-3  # over the measured forces' root mean square: runs with a smaller misfit all weigh the same
 FAILED_NEAR = "the mechanics failed at the nearest point that was run"
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingRun:
-    """What one run taught.
+    """One run to which a surrogate is fitted.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class TrainingRun:
     curves : array (N,), mN
         Curves of all tests in a row, at the reference scale.
     slopes : array (N, d), or None
-        Their derivatives by the place.
+        Derivatives of the curves by the place.
     weight : float
     """
 
@@ -51,12 +51,12 @@ class Fitted:
     Parameters
     ----------
     betas : array (d,)
-        How each range is stretched.
+        The stretch of each range.
     degree : int
         Total degree.
     coefficients : array (coefficients, N), mN
     error : float
-        Root mean square error of runs left out one by one, as a share of max(misfit, floor).
+        Root mean square error of the prediction of each run from all others, as a share of max(misfit, floor).
     """
 
     betas: Array
@@ -67,19 +67,19 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """Curves of an inverse problem as polynomials: a ForwardModel whose evaluations cost nothing and bring all sensitivities.
+    """Curves of an inverse problem as polynomials: a ForwardModel whose evaluations need no run and have all sensitivities.
 
     Parameters
     ----------
     problem : InverseProblem
-    samples : tuple of TrainingRun
+    training : tuple of TrainingRun
     failed : array (m, d)
         Places of the runs that failed, units of the ranges.
     fitted : Fitted
     """
 
     problem: InverseProblem
-    samples: tuple[TrainingRun, ...]
+    training: tuple[TrainingRun, ...]
     failed: Array
     fitted: Fitted
     runs: int = 0  # of the mechanics
@@ -92,7 +92,7 @@ class Surrogate:
 
     @property
     def error(self) -> float:
-        """Error of runs left out, as of `Fitted`."""
+        """Error of the prediction of each run from all others (see `Fitted`)."""
         return self.fitted.error
 
     def differentiable(self) -> frozenset[str]:
@@ -127,8 +127,8 @@ class Surrogate:
         return _nearest(here, failed) < _nearest(here, known)
 
     def known_places(self) -> Array:
-        """Places of the runs that taught it, (m, d), units of the ranges."""
-        return np.array([sample.place for sample in self.samples])
+        """Places of the training runs, (m, d), units of the ranges."""
+        return np.array([run.place for run in self.training])
 
     def _evaluation(self, point: Mapping[str, Any], curves: Array, slopes: Array, close: bool) -> Evaluation:
         if close:
@@ -143,17 +143,17 @@ class Surrogate:
 
 
 def learn(problem: InverseProblem, evaluations: Iterable[Evaluation]) -> Surrogate | None:
-    """The Surrogate that evaluations teach.
+    """The Surrogate that is fitted to evaluations.
 
     Parameters
     ----------
     problem : InverseProblem
     evaluations : iterable of Evaluation
-        Runs at the reference scale, failed ones among them. Those of other settings (another mesh, another base) teach nothing.
+        Runs at the reference scale, failed runs among them. Runs with other settings (another mesh, another base) are ignored.
 
     Returns
     -------
-    Surrogate, or None
+    Surrogate or None
         None where too few runs succeeded.
     """
     own = [known for known in evaluations if known.parameters.keys() == problem.start.keys()]
@@ -162,15 +162,24 @@ def learn(problem: InverseProblem, evaluations: Iterable[Evaluation]) -> Surroga
     d = len(problem.searched)
     if len(good) < 2 or not d:
         return None
-    samples = _samples(problem, list(good.values()))
-    fitted = _best_fit(samples, d)
-    return None if fitted is None else Surrogate(problem, samples, np.array(failed).reshape(-1, d), fitted)
+    training = _training(problem, list(good.values()))
+    fitted = _best_fit(training, d)
+    return None if fitted is None else Surrogate(problem, training, np.array(failed).reshape(-1, d), fitted)
 
 
 def linearised(problem: InverseProblem, candidate: Candidate, derivatives: Sequence[Array]) -> Surrogate:
     """Surrogate whose curves are linear in the searched parameters around a Candidate, and exact in the scale.
 
-    derivatives: of its curves, mN per range of a parameter, (n, n_free) for each test.
+    Parameters
+    ----------
+    problem : InverseProblem
+    candidate : Candidate
+    derivatives : sequence of arrays (n, n_free), mN per range of a parameter
+        Derivatives of the candidate's curves, one array for each test.
+
+    Returns
+    -------
+    Surrogate
     """
     whole, ahead = np.concatenate(candidate.forces), np.concatenate(derivatives)
     factor = problem.factor(candidate.parameters)
@@ -182,7 +191,7 @@ def linearised(problem: InverseProblem, candidate: Candidate, derivatives: Seque
     return Surrogate(problem, (), np.zeros((0, d)), fitted)
 
 
-def _samples(problem: InverseProblem, evaluations: list[Evaluation]) -> tuple[TrainingRun, ...]:
+def _training(problem: InverseProblem, evaluations: list[Evaluation]) -> tuple[TrainingRun, ...]:
     candidates = [problem.judge_best_scale(known.parameters, known.forces or ()) for known in evaluations]
     misfits = np.array([np.sqrt(candidate.sum_of_squares) for candidate in candidates])
     size = np.sqrt(np.mean(np.concatenate([test.curve.force for test in problem.tests if test.weight]) ** 2))
@@ -203,8 +212,8 @@ def _slopes(problem: InverseProblem, evaluation: Evaluation) -> Array | None:
     return np.column_stack(columns)
 
 
-def _best_fit(samples: tuple[TrainingRun, ...], d: int) -> Fitted | None:
-    """The polynomial that predicts best what is left out; betas are tried one parameter at a time."""
+def _best_fit(training: tuple[TrainingRun, ...], d: int) -> Fitted | None:
+    """The polynomial that best predicts each run from all others; betas are tried one parameter at a time."""
     best: Fitted | None = None
     betas = np.full(d, USUAL_BETA)
     for _ in range(2 if d > 1 else 1):
@@ -213,28 +222,28 @@ def _best_fit(samples: tuple[TrainingRun, ...], d: int) -> Fitted | None:
                 trial = betas.copy()
                 trial[n] = beta
                 for degree in DEGREES:
-                    fitted = fit_polynomial(samples, trial, degree)
+                    fitted = fit_polynomial(training, trial, degree)
                     if fitted and (best is None or fitted.error < best.error):
                         best = fitted
             betas = best.betas if best else betas
     return best
 
 
-def fit_polynomial(samples: Sequence[TrainingRun], betas: Array, degree: int) -> Fitted | None:
-    """The polynomial of a degree that fits runs best, or None where the runs are too few for it."""
+def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int) -> Fitted | None:
+    """The polynomial of a degree that fits runs best; None where the runs are too few for the degree."""
     d = len(betas)
-    places = np.array([sample.place for sample in samples])
+    places = np.array([run.place for run in training])
     values, by_t = polynomials.values(places, betas, degree), polynomials.by_t(places, betas, degree)
     ahead = polynomials.stretch(places, betas)  # dt/du, (m, d)
     rows, targets, owners = [], [], []
-    for n, sample in enumerate(samples):
-        rows.append(sample.weight * values[n])
-        targets.append(sample.weight * sample.curves)
-        if sample.slopes is not None:
-            rows += [OF_SLOPES * sample.weight * by_t[k][n] for k in range(d)]
-            targets += [OF_SLOPES * sample.weight * sample.slopes[:, k] / ahead[n, k] for k in range(d)]
-        owners += [n] * (1 if sample.slopes is None else 1 + d)
-    if len(rows) < polynomials.SPARE * values.shape[1] or len(samples) < 2:
+    for n, run in enumerate(training):
+        rows.append(run.weight * values[n])
+        targets.append(run.weight * run.curves)
+        if run.slopes is not None:
+            rows += [OF_SLOPES * run.weight * by_t[k][n] for k in range(d)]
+            targets += [OF_SLOPES * run.weight * run.slopes[:, k] / ahead[n, k] for k in range(d)]
+        owners += [n] * (1 if run.slopes is None else 1 + d)
+    if len(rows) < polynomials.SPARE * values.shape[1] or len(training) < 2:
         return None
     A, b = np.array(rows), np.array(targets)
     Q, R = np.linalg.qr(A)
@@ -245,13 +254,13 @@ def fit_polynomial(samples: Sequence[TrainingRun], betas: Array, degree: int) ->
 
 
 def _left_out(Q: Array, residuals: Array, owners: Array) -> float:
-    """Error at each run predicted without it, weighted rms, from the projection on the fit's columns."""
+    """Weighted rms error of the prediction of each run from all others, from the projection on the fit's columns."""
     errors = []
     for n in range(owners[-1] + 1):
         rows = np.flatnonzero(owners == n)
         kept = np.eye(rows.size) - Q[rows] @ Q[rows].T
         if np.linalg.eigvalsh(kept)[0] < 1e-6:
-            return np.inf  # this run alone determines a coefficient: nothing is known of the error
+            return np.inf  # this run alone determines a coefficient, so the error is unknown
         errors.append(np.linalg.solve(kept, residuals[rows])[0])
     return float(np.sqrt(np.mean(np.square(errors))))
 

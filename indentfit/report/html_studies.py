@@ -11,7 +11,7 @@ from indentfit.report.sweep import grid_figure, key_figure, own_words, ranking_f
 from indentfit.study.convergence import Approach
 from indentfit.study.mesh_check import MeshCheck, MeshResult, Quantity
 from indentfit.study.refit import Refit
-from indentfit.study.sweep import Point, Sweep
+from indentfit.study.sweep import Sweep, SweepPoint
 
 ELASTICITY = (
     "Elasticity: relative change of the force by a relative change of the value. Stiffness: slope of the line fitted to a curve."
@@ -134,7 +134,7 @@ def _points_table(sweep: Sweep, name: str, angle: int) -> Table:
     return Table(f"{name} ({angle}°): force at the last displacement, and stiffness", tuple(header), rows)
 
 
-def _point_row(point: Point, name: str, width: int) -> tuple[str, ...]:
+def _point_row(point: SweepPoint, name: str, width: int) -> tuple[str, ...]:
     if point.tests is None:
         return (point.label, "failed", *["–"] * (width - 2))
     test = point.tests[name]

@@ -7,7 +7,7 @@ from indentfit.study.convergence import Approach, Index
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck, MeshResult
 from indentfit.study.refit import Refit
-from indentfit.study.sweep import Point, Sweep
+from indentfit.study.sweep import Sweep, SweepPoint
 
 Row = list[str]
 SHOWN = 12  # further tests in the table of a design
@@ -35,7 +35,7 @@ def sweep_rows(sweep: Sweep) -> list[Row]:
     return rows + [[point.label, *_point_cells(point, list(sweep.tests))] for point in sweep.every_point]
 
 
-def _point_cells(point: Point, tests: Sequence[str]) -> Row:
+def _point_cells(point: SweepPoint, tests: Sequence[str]) -> Row:
     if point.tests is None:
         return ["failed" for _ in tests for _ in range(2)]
     cells = []

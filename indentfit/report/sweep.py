@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from indentfit.curve import Curve
 from indentfit.report import study_plots
 from indentfit.report.vtu import file_names
-from indentfit.study.sweep import Point, Sweep
+from indentfit.study.sweep import Sweep, SweepPoint
 
 LENGTHS = ("diameter", "length", "width", "thickness", "edge_radius", "size", "depth", "max_step")  # keys in mm
 MEASURES = ("force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN")
@@ -121,7 +121,7 @@ def table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> N
         writer.writerows(rows)
 
 
-def _measures(point: Point, name: str) -> list[Any]:
+def _measures(point: SweepPoint, name: str) -> list[Any]:
     if point.tests is None:
         return [""] * len(MEASURES)
     measures = point.tests[name].as_json()
@@ -145,7 +145,7 @@ def _place(number: float | None) -> float:
     return float("inf") if number is None else number
 
 
-def _curves(point: Point) -> dict[str, Curve]:
+def _curves(point: SweepPoint) -> dict[str, Curve]:
     return {name: test.curve for name, test in (point.tests or {}).items()}
 
 

@@ -1,7 +1,7 @@
-"""One run of the forward model at a time: a test at a set of parameters, whatever happens in it, within its time.
+"""One run of the forward model at a time: one test at a set of parameters, within its limit of time, with its failures recorded.
 
-A run does not depend on those before it, nor on the process that it falls to, so results are the same, bit by bit, with any
-number of workers. What this module imports decides the key of a run (runs/closure.py).
+A run does not depend on the runs before it, nor on the process that computes it, so results are the same, bit by bit, with any
+number of workers. The imports of this module decide the key of a run (runs/closure.py).
 """
 
 import contextlib
@@ -29,14 +29,14 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 
 
 class Bench:
-    """A ready model, on which one request is run after the other; made anew after a run that was broken off.
+    """A ready model, on which requests are run one after the other; the model is made anew after a run that was broken off.
 
     Parameters
     ----------
     mechanics : Mechanics
     limit : float, s
-        Processor time that a run may take. The solver's loops look at it; code that never returns to them is ended by the
-        parent process (runs/watch.py).
+        Processor time that a run may take. The solver's loops check it; the parent process ends code that never returns to these
+        loops (runs/watch.py).
     """
 
     def __init__(self, mechanics: Mechanics, limit: float = math.inf) -> None:
@@ -45,12 +45,20 @@ class Bench:
         _keep_memory()
 
     def ready(self) -> Model:
-        """The model; it takes seconds to make."""
+        """The model; making it takes seconds."""
         self._model = self._model or ready_model(self.mechanics)
         return self._model
 
     def run(self, request: RunRequest) -> Run:
         """The Run of a request.
+
+        Parameters
+        ----------
+        request : RunRequest
+
+        Returns
+        -------
+        Run
 
         Raises
         ------
@@ -74,8 +82,8 @@ class Bench:
 
 
 def _keep_memory() -> None:
-    """Let glibc keep the memory that a run frees for the next one: to give pages back and ask for them anew takes 4 to 6 % of a
-    run, more with every further worker. Other systems' allocators are left as they are."""
+    """Let glibc keep the memory that a run frees for the next run, because returning and requesting pages takes 4 to 6 % of a run,
+    and more with every further worker. Allocators of other systems are not changed."""
     with contextlib.suppress(AttributeError, OSError, TypeError):
         libc = ctypes.CDLL(None)
         libc.mallopt(M_MMAP_THRESHOLD, 32 * 2**20)  # as large as glibc allows
@@ -83,11 +91,19 @@ def _keep_memory() -> None:
 
 
 def ready_model(mechanics: Mechanics) -> Model:
-    """The Model of some mechanics, run once.
+    """The Model of mechanics, after one run.
 
-    The first run fixes the order of elimination of the linear solver, which depends on the numbers in the matrix:
-    with the same first run everywhere, every later run is the same everywhere. It is a small indentation of a gel, so
-    that it does not depend on where a search starts.
+    The first run fixes the order of elimination of the linear solver, which depends on the numbers in the matrix: with the same
+    first run in every process, later runs agree in every process. The first run is a small indentation of a gel, so that it does
+    not depend on the start of a search.
+
+    Parameters
+    ----------
+    mechanics : Mechanics
+
+    Returns
+    -------
+    Model
     """
     setup = mechanics.setup
     model, gel = Model(setup), typed(FIRST, ["mu"])(mu=1.0)
@@ -97,7 +113,18 @@ def ready_model(mechanics: Mechanics) -> Model:
 
 
 def run(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadline = NEVER) -> Run:
-    """The Run of a request on the model of the mechanics. What the code of a material raises is a cause, not an error.
+    """The Run of a request on the model of the mechanics. An exception from the code of a material becomes the run's cause.
+
+    Parameters
+    ----------
+    model : Model
+    mechanics : Mechanics
+    request : RunRequest
+    deadline : Deadline
+
+    Returns
+    -------
+    Run
 
     Raises
     ------
@@ -116,7 +143,7 @@ def run(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadl
 
 
 def _result(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadline) -> tuple[TestResult, Bools]:
-    """The TestResult of a request, and at which of the test's displacements the indenter presses: before, there is no force."""
+    """The TestResult of a request, and the displacements of the test at which the indenter presses; before contact, F = 0."""
     test, law = mechanics.tests[request.test], mechanics.law
     at = split_point(law, request.parameters)
     mechanics = mechanics.changed(at.changes)
@@ -137,6 +164,6 @@ def _where(pressed: Bools, values: Array | float) -> Array:
 
 
 def _of_all(names: tuple[str, ...], result: TestResult, pressed: Bools) -> dict[str, Array]:
-    """Name -> derivatives of the forces, NaN where the model has none: so it is known that they were asked for."""
+    """Name -> derivatives of the forces; NaN, where the model has none, records that they were requested."""
     given = result.sensitivities or {}
     return {name: _where(pressed, given.get(name, np.nan)) for name in names}

@@ -1,7 +1,7 @@
 """The import closure of a module: the source of all that the module can run, found by following its imports.
 
 Imports are read from the source with `ast`, those inside functions too, and those by `import_module("name")`; imports for
-type checkers only are left out, and those in an `except` block that ends with `raise`: what words an error decides no curve.
+type checkers only are left out, and those in an `except` block that ends with `raise`: the wording of an error decides no curve.
 A name that a package gives out lazily, by a stub `__init__.pyi`, is followed to its module.
 Names are relative to the package, so that two machines with the same sources get the same hash.
 """
@@ -59,7 +59,7 @@ class Closure:
 
     @property
     def hash(self) -> str:
-        """SHA-256 of all sources with their names; the start counts by its content only, wherever it lies."""
+        """SHA-256 of all sources with their names; of the start, only the content counts, not the place."""
         digest = hashlib.sha256(_sha(self.sources[self.start]))
         for name in sorted(self.sources.keys() - {self.start}):
             digest.update(_sha(name.encode()) + _sha(self.sources[name]))
@@ -68,7 +68,7 @@ class Closure:
 
 @cache
 def of_runs() -> Closure:
-    """The closure of the function that computes a run, as it is installed here."""
+    """The closure of the installed function that computes a run."""
     return of_package(HOME)
 
 
@@ -80,8 +80,8 @@ def of_package(home: Path, start: str = RUNNING) -> Closure:
 def of_law(law: type) -> Closure:
     """The closure of the file that defines the class of a material: its own file and what that file imports.
 
-    Followed are files beside it, modules of its own package and of ours, and modules that no installed distribution holds;
-    a module that is loaded counts by the file that it was loaded from.
+    The closure follows files beside the law's file, modules of the law's package and of indentfit, and modules that no installed
+    distribution holds. A loaded module is represented by the file from which it was loaded.
     """
     module, file = law.__module__, _loaded(law.__module__)
     if file is None:
@@ -90,7 +90,19 @@ def of_law(law: type) -> Closure:
 
 
 def follow(start: str, find: Find) -> Closure:
-    """The closure of the module `start`; find: name of a module -> file of its source, None where it is not to be followed."""
+    """The closure of a module.
+
+    Parameters
+    ----------
+    start : str
+        Name of the module.
+    find : function
+        Name of a module -> file of its source; None where the module is not followed.
+
+    Returns
+    -------
+    Closure
+    """
     sources: dict[str, bytes] = {}
     foreign: set[str] = set()
     queue = [start]
@@ -113,7 +125,7 @@ def follow(start: str, find: Find) -> Closure:
 
 @lru_cache(maxsize=1000)
 def imports(source: bytes) -> tuple[Imported, ...]:
-    """All imports of a source that its code can reach; those that only a type checker reads are left out."""
+    """All imports that the code of a source can reach, without those that only a type checker reads."""
     return (*_written(source), *(Imported(name.decode()) for name in BY_NAME.findall(source)))
 
 
@@ -124,7 +136,7 @@ def _written(source: bytes) -> Iterable[Imported]:
             nodes: Iterable[ast.AST] = [node for text in STATEMENT.findall(source) for node in ast.parse(text).body]
             return list(_imported(nodes))
         except SyntaxError:
-            pass  # a line of a docstring that looks like an import, or a comment within one: the whole file is read
+            pass  # a line of a docstring looks like an import, or an import holds a comment: the whole file is parsed
     return list(_imported(_statements(ast.parse(source).body)))
 
 
@@ -137,7 +149,7 @@ def _imported(nodes: Iterable[ast.AST]) -> Iterator[Imported]:
 
 
 def _statements(body: list[ast.AST] | list[ast.stmt]) -> Iterator[ast.AST]:
-    """The statements of a body and of the blocks in it, without those for type checkers, and those that only word an error."""
+    """The statements of a body and of its inner blocks, without those for type checkers or for the wording of an error."""
     for node in body:
         if isinstance(node, ast.ExceptHandler) and isinstance(node.body[-1], ast.Raise):
             continue
@@ -148,7 +160,7 @@ def _statements(body: list[ast.AST] | list[ast.stmt]) -> Iterator[ast.AST]:
 
 
 def _needed(imported: Imported, package: str) -> Iterator[str]:
-    """Names of the modules that an import may load: packages on its way first, then names that may be modules."""
+    """Names of the modules that an import may load: first the enclosing packages, then imported names that may be modules."""
     module = imported.module
     if imported.level:
         steps = package.split(".")
@@ -159,7 +171,7 @@ def _needed(imported: Imported, package: str) -> Iterator[str]:
 
 
 def _given_out(name: str, find: Find) -> Iterator[str]:
-    """The name, and the module that defines it where a package gives it out lazily by a stub."""
+    """The name, and the module that defines it where a package exports the name lazily by a stub."""
     yield name
     package, _, last = name.rpartition(".")
     file = find(package) if package else None
@@ -196,7 +208,7 @@ def _file_of_law(name: str, module: str, folder: Path) -> Path | None:
 
 
 def _loaded(name: str) -> Path | None:
-    """The source that a module was loaded from, None where it is not loaded, or has none."""
+    """The source from which a module was loaded; None where the module is not loaded, or has no source."""
     file = getattr(sys.modules.get(name), "__file__", None)
     return Path(file) if file and file.endswith(".py") and Path(file).is_file() else None
 

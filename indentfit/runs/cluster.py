@@ -1,7 +1,7 @@
-"""Runs on a Dask cluster, an existing one or one of this machine's own: the same numbers, from other processes.
+"""Runs on a Dask cluster, existing or started on this machine: the same numbers, from other processes.
 
-Needs the extra `indentfit[cluster]`. dask.distributed sends objects by pickle, between the processes of the cluster
-only: whoever can reach the scheduler can run code on its workers, so only the address that was given is ever used.
+This module needs the extra `indentfit[cluster]`. dask.distributed sends objects by pickle between the processes of the cluster.
+Anyone who can reach the scheduler can run code on its workers, so only the address that the user gave is used.
 """
 
 import contextlib
@@ -29,9 +29,9 @@ class Cluster:
     ----------
     mechanics : Mechanics
     address : str
-        Of the scheduler ("tcp://host:8786"), or "local" for a cluster that is started on this machine.
+        Address of the scheduler ("tcp://host:8786"), or "local" for a cluster that is started on this machine.
     number : int
-        Workers of a cluster that is started here.
+        Number of workers of a cluster that is started on this machine.
     limit : float, s
         Processor time that a run may take.
     """
@@ -56,12 +56,12 @@ class Cluster:
 
     @property
     def number(self) -> int:
-        """The runs that the cluster can do at once: one for each worker."""
+        """Number of simultaneous runs: one for each worker."""
         with self._there():
             return max(len(self._client.nthreads()), 1)
 
     def solve(self, requests: Iterable[RunRequest], stopping: Callable[[], object]) -> Iterator[tuple[RunRequest, Run]]:
-        """Yield (request, Run) in the order in which the runs end; nothing is begun once stopping() is true.
+        """Yield (request, Run) in the order in which the runs end; no run begins once stopping() is true.
 
         Dask runs the requests of a lost worker again, on another one. Raises WorkerError where the scheduler is lost.
         """
@@ -81,7 +81,7 @@ class Cluster:
                 with self._there():
                     future, request = futures.pop(next(course).key)
                 run = self._run(future)
-                submit()  # before the caller writes down what ended: nobody waits for the disk
+                submit()  # before the caller stores the ended run, so that no worker waits for the disk
                 yield request, run
         finally:
             with contextlib.suppress(Exception):  # the scheduler may be gone
@@ -89,7 +89,7 @@ class Cluster:
                     future.cancel()
 
     def close(self, now: bool = False) -> None:
-        """Let go of the cluster, and end it where it is our own."""
+        """Disconnect from the cluster, and end a cluster that was started here."""
         client, own, self._client, self._own = self._client, self._own, None, None
         for connected in (client, own):
             if connected is not None:
@@ -97,7 +97,7 @@ class Cluster:
                     connected.close(timeout=0 if now else 5)
 
     def _connect(self, number: int) -> None:
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own message says what goes wrong, in one line
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # indentfit's own message reports a failure in one line
         try:
             if self.address == LOCAL:
                 self._own = self._dask.LocalCluster(
@@ -106,11 +106,11 @@ class Cluster:
                 )  # fmt: skip
             self._client = self._dask.Client(self._own or self.address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
-            raise WorkerError(f"{self._option}: no Dask scheduler answers there ({str(error)[:200]}); check it") from error
+            raise WorkerError(f"{self._option}: no Dask scheduler answers there ({str(error)[:200]}); check the address") from error
         try:
             self._client.wait_for_workers(1, timeout=PATIENCE)
         except (OSError, TimeoutError) as error:
-            raise WorkerError(f"{self._option}: it has no workers; start some with `dask worker`") from error
+            raise WorkerError(f"{self._option}: the cluster has no workers; start some with `dask worker`") from error
 
     def _submit(self, request: RunRequest) -> Any:
         with self._there():
@@ -137,7 +137,7 @@ class Cluster:
             raise self._gone(error) from error
 
     def _gone(self, error: BaseException) -> WorkerError:
-        return WorkerError(f"{self._option}: it was lost ({type(error).__name__}: {str(error)[:100]})")
+        return WorkerError(f"{self._option}: the scheduler was lost ({type(error).__name__}: {str(error)[:100]})")
 
 
 def _distributed() -> Any:

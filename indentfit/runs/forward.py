@@ -1,6 +1,6 @@
 """The forward model: from parameters to the force curves of all tests of a case.
 
-Whoever searches or judges parameters asks a ForwardModel, and cannot tell runs from a surrogate's predictions.
+Searches and inference ask a ForwardModel for curves, whether these come from runs or from a surrogate.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -21,7 +21,7 @@ Report = Callable[[int, int], object]  # called with (runs done, runs asked for)
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The curves of all tests at one point, or the cause why there are none.
+    """The curves of all tests at one point, or the cause of their absence.
 
     Parameters
     ----------
@@ -35,8 +35,8 @@ class Evaluation:
     facts : tuple of dict
         The solver's facts about each run.
     sensitivities : tuple of dict, or None
-        For each test, name -> derivatives of its forces, mN per unit of the parameter, (n,): of those names that were asked
-        for and that the forward model could give; None where none were asked for.
+        For each test, name -> derivatives of its forces, mN per unit of the parameter, (n,), of those requested names that the
+        forward model could give; None where none were requested.
     lost : bool
         The cause lies with the machine (memory, time, a killed process) and not with the mechanics.
     """
@@ -53,7 +53,12 @@ class Evaluation:
 class ForwardModel(Protocol):
     """From points to curves: a pool of runs, a surrogate, or a watcher of one of these.
 
-    `runs` counts the runs of the mechanics that were needed so far; `failures` holds each failed evaluation once.
+    Attributes
+    ----------
+    runs : int
+        Number of runs of the mechanics that were needed so far.
+    failures : sequence of Evaluation
+        Each failed evaluation once.
     """
 
     @property
@@ -63,7 +68,7 @@ class ForwardModel(Protocol):
     def failures(self) -> Sequence[Evaluation]: ...
 
     def differentiable(self) -> frozenset[str]:
-        """Names that `evaluate` can bring sensitivities of; for a single point it may still bring none."""
+        """Names whose sensitivities `evaluate` can give; a single point may still lack them."""
         ...
 
     def evaluate(
@@ -76,12 +81,12 @@ class ForwardModel(Protocol):
         points : sequence of dict, name -> value
         report : called with (runs done, runs asked for)
         sensitivities : names of `differentiable()`
-            What derivatives of the forces are wanted of.
+            Quantities by which the forces are differentiated.
 
         Returns
         -------
         list of Evaluation
-            Failures of the mechanics are recorded in them, never raised.
+            Failures of the mechanics are recorded in the evaluations, never raised.
         """
         ...
 

@@ -1,8 +1,8 @@
 """The key of a run: a hash of everything that decides its curve, so that no stored run answers for another.
 
-In the key are sample, indenter, mesh, solver, the law with its code, bulk modulus, angle, output depths and parameters, the
-sources of all modules that a run imports, and the versions of the packages of others among them. Measured forces, weights
-and settings of the fit are not: another fit of the same mechanics finds the same runs.
+The key covers sample, indenter, mesh, solver, the law with its code, bulk modulus, angle, output depths and parameters, the
+sources of all modules that a run imports, and the versions of imported third-party packages. Measured forces, weights and settings
+of the fit are not in the key: another fit of the same mechanics finds the same runs.
 """
 
 import hashlib
@@ -18,12 +18,12 @@ from indentfit.fem.linear.choice import choice
 from indentfit.runs import closure
 from indentfit.runs.mechanics import Mechanics, mechanics_of
 
-FORMAT = 1  # of the ledger's rows
-ALWAYS = ("mkl",)  # a library that pypardiso loads, and nobody imports
+FORMAT = 1  # format of the ledger's rows
+ALWAYS = ("mkl",)  # a library that pypardiso loads, and that no module imports
 
 
 class Inputs:
-    """What decides the curves of a case: `origin` is the hash of all that its runs have in common."""
+    """The inputs that decide the curves of a case: `origin` is the hash of the inputs that are common to its runs."""
 
     def __init__(self, case: Case | Mechanics) -> None:
         mechanics = case if isinstance(case, Mechanics) else mechanics_of(case)
@@ -34,7 +34,7 @@ class Inputs:
             "sample": mechanics.sample.model_dump(mode="json"),
             "indenter": mechanics.indenter.model_dump(mode="json"),
             "mesh": mechanics.mesh.model_dump(mode="json"),
-            "depth": mechanics.setup.depth,  # the mesh is made for it
+            "depth": mechanics.setup.depth,  # the mesh is made for this depth
             "solver": {**mechanics.solver.model_dump(mode="json"), "linear": choice(mechanics.solver.linear)},
             "shapes": [
                 part.hash for shape in (mechanics.sample.geometry, mechanics.indenter.geometry) for part in _of_bases(type(shape))
@@ -58,19 +58,19 @@ class Inputs:
 
 
 def code() -> str:
-    """Hash of the sources of all modules that a run imports: a version number does not change while one works on them."""
+    """Hash of the sources of all modules that a run imports: a version number does not change while the sources are edited."""
     return closure.of_runs().hash
 
 
 def versions(law: type) -> dict[str, str | None]:
-    """Versions of the packages of others that a run of this law imports, None for what is not installed."""
+    """Versions of the third-party packages that a run of this law imports; None for a package that is not installed."""
     first_names = {*closure.of_runs().foreign, *ALWAYS}.union(*(part.foreign for part in _of_bases(law)))
     known = {name: closure.version_of(name) for name in sorted(first_names)}
     return known | {"machine": platform.machine(), "system": platform.system()}
 
 
 def _material(mechanics: Mechanics) -> dict[str, Any]:
-    """The material: its energy as typed, or its name and the code of its class and of those that it builds on."""
+    """The material: its typed energy, or its name and the code of its class and base classes."""
     law = mechanics.law
     if mechanics.material.energy is not None:
         return {"energy": mechanics.material.energy, "parameters": list(law.parameters)}

@@ -1,11 +1,11 @@
-"""The ledger: every run of the forward model, in one SQLite file, so that none is lost and none is paid for twice.
+"""The ledger: every run of the forward model, in one SQLite file, so that no run is lost and no run is computed twice.
 
 A stored run is found again by its key (runs/key.py), a hash of everything that decides its curve.
 
-How the file is kept. A run takes seconds and a transaction milliseconds, so each run is committed alone, with the plain
-rollback journal and synchronous = EXTRA: what was committed outlives kill -9 and a power cut, and the ledger stays one
-file that works on network drives, where a write-ahead log's shared memory does not. The ledger holds its lock from opening
-to closing, and the lock ends with its process, so two commands cannot write to one folder.
+Durability: a run takes seconds and a transaction milliseconds, so each run is committed alone, with the plain rollback journal and
+synchronous = EXTRA. A committed run survives kill -9 and a power cut, and the ledger is one file that works on network drives,
+where the shared memory of a write-ahead log does not. The ledger holds its lock from opening to closing, and the lock ends with its
+process, so two commands cannot write to one folder.
 """
 
 import contextlib
@@ -42,18 +42,22 @@ class Ledger:
     path : path of the file
     case : Case
     resume : bool
-        With `resume` the file must be of this very case, as far as its search goes, and of these versions; all of its runs
-        are taken, also those that the machine failed. Without it, those are dropped, to be tried again, and the file becomes
-        this case's; a file that cannot be read is begun anew.
+        With `resume` the file must belong to this case (settings that matter only after the search may differ) and to these
+        versions; all of its runs are used, also those that failed because of the machine. Without `resume`, runs that failed
+        because of the machine are dropped and computed again, the file then belongs to this case, and an unreadable file is
+        replaced.
     others : iterable of Case
         Further cases whose runs are kept in the same file.
 
-    `remarks` are lines for the user.
+    Attributes
+    ----------
+    remarks : list of str
+        Lines for the user.
 
     Raises
     ------
     LedgerError
-        One line, wherever the file cannot be used or written.
+        The file cannot be used or written. The error's text is one line.
     """
 
     def __init__(self, path: str | Path, case: Case, resume: bool = False, others: Iterable[Case] = ()) -> None:
@@ -78,22 +82,22 @@ class Ledger:
         self.close()
 
     def __len__(self) -> int:
-        """The number of runs that this case, and the others, can use."""
+        """The number of runs that this case and the others can use."""
         return sum(len(runs) for runs in self._runs.values())
 
     @property
     def has_own(self) -> bool:
-        """Whether it holds runs that are in no other ledger."""
+        """Whether this ledger holds runs that are in no other ledger."""
         return bool(self._own)
 
     def of(self, case: Case) -> "Ledger":
-        """The same file for another case, one of the `others`: its runs are found and added in place of this one's."""
+        """The same file for another case, one of the `others`: the returned ledger finds and adds the runs of that case."""
         other = copy.copy(self)
         other.case, other.inputs = case, Inputs(case)
         return other
 
     def close(self) -> None:
-        """Let go of the file. All runs that were added are in it already."""
+        """Close the file, which holds all added runs already."""
         if self._file is not None:
             with contextlib.suppress(sqlite3.Error):
                 self._file.close()
@@ -102,26 +106,30 @@ class Ledger:
     def find(self, parameters: Mapping[str, Any], test: Test, names: Iterable[str] = ()) -> Run | None:
         """The Run of a test of the case at parameters (name -> value) that has the sensitivities `names`, or None.
 
-        It is the earliest that serves: so a resumed fit, which knows later runs from the start, takes the same ones.
+        The earliest suitable run is returned, so that a resumed fit, which knows later runs from the start, uses the same runs.
         """
         runs = self._runs.get(self.inputs.hash(self.inputs.of(parameters, test)), ())
         return next((run for run in runs if run.serves(names)), None)
 
     def add(self, parameters: Mapping[str, Any], test: Test, run: Run) -> None:
-        """Write a Run, safely, before anything else happens."""
+        """Write a Run durably before returning."""
         inputs = self.inputs.of(parameters, test)
         row = rows.row_of(self.inputs.hash(inputs), self.inputs.origin, test.name, inputs, run)
-        if not self.path.exists():  # SQLite would go on writing to a file that nobody can find
-            raise LedgerError(f"{self.path}: was removed while it was in use; give the command again")
+        if not self.path.exists():  # SQLite would go on writing to a removed file
+            raise LedgerError(f"{self.path}: the ledger was removed while it was in use; give the command again")
         with _in_words_of_the_ledger(self.path), _transaction(self._file):
             rows.insert(self._file, row)
         self._runs.setdefault(row.hash.decode(), []).append(run)
         self._own.append(row.hash)
 
     def take_over(self, path: str | Path) -> int:
-        """Add the runs of another ledger that this case can use, and that it has not.
+        """Add those runs of another ledger that this case can use and that this ledger lacks.
 
-        Left behind are those that the machine failed.
+        Runs that failed because of the machine are not added.
+
+        Parameters
+        ----------
+        path : path of the other ledger
 
         Returns
         -------
@@ -159,7 +167,7 @@ class Ledger:
             raise
 
     def _begin(self, resume: bool) -> None:
-        """Check the file, or begin it, and read its runs."""
+        """Check the file, or create its tables, and read its runs."""
         empty = not self._file.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         with _transaction(self._file):
             if empty:
@@ -208,7 +216,7 @@ def refuse_in_use(path: str | Path) -> None:
     except InUse:
         raise
     except LedgerError:
-        pass  # opening the ledger says whatever else is wrong with it
+        pass  # opening the ledger reports every other fault
 
 
 def _searched(case: Case) -> Case:
@@ -225,7 +233,7 @@ def _locked(path: Path) -> sqlite3.Connection:
     """A connection that holds the file's lock until it is closed."""
     file = sqlite3.connect(path, timeout=0, isolation_level=None)
     try:
-        file.text_factory = bytes  # a flipped bit need not be UTF-8
+        file.text_factory = bytes  # damaged text need not be UTF-8
         file.execute("PRAGMA trusted_schema = OFF")
         file.execute("PRAGMA locking_mode = EXCLUSIVE")
         file.execute("BEGIN EXCLUSIVE")
@@ -233,7 +241,7 @@ def _locked(path: Path) -> sqlite3.Connection:
         file.execute("PRAGMA journal_mode = DELETE")
         file.execute("PRAGMA synchronous = EXTRA")
         if not path.exists():
-            raise LedgerError(f"{path}: was taken away by another run that has just ended; look at its result")
+            raise LedgerError(f"{path}: another run, which has just ended, has moved the ledger; look at the result of that run")
     except BaseException:
         file.close()
         raise
@@ -318,7 +326,7 @@ def _about(file: sqlite3.Connection, path: Path) -> dict[str, str]:
             raise LedgerError(f"{path}: damaged (its first lines fail their checksum); {_remedy(path)}")
         facts[name.decode()] = value.decode()
     if not {"case", "origin", "title", "versions"} <= set(facts):
-        raise LedgerError(f"{path}: damaged (it does not say of which case it is); {_remedy(path)}")
+        raise LedgerError(f"{path}: damaged (the ledger does not state its case); {_remedy(path)}")
     return facts
 
 

@@ -1,4 +1,4 @@
-"""All of a case that decides its curves: runs are given nothing else, and all of it is in their key."""
+"""Mechanics: the part of a case that decides its curves. A run receives nothing else, and its key covers all of it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Indentation:
-    """One test as a run sees it: no measured forces, no weight.
+    """One test without its measured forces and weight.
 
     Parameters
     ----------
     name : str
     angle : int, degrees
     depths : array (n,), mm
-        Displacements at which the force is asked for.
+        Displacements at which the force is computed.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Mechanics:
     ----------
     sample, indenter, mesh, solver, material : tables of the case
     folder : path
-        The folder that a law's file is relative to.
+        The folder to which the name of a law's file is relative.
     tests : tuple of Indentation
     """
 
@@ -53,12 +53,12 @@ class Mechanics:
 
     @property
     def law(self) -> type[Material]:
-        """The class of the material; where the case names a file of it, that is run. Raises MaterialError."""
+        """The class of the material; a file of the class that the case names is run. Raises MaterialError."""
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
     @property
     def setup(self) -> Setup:
-        """What the mesh is made for: the deepest of the tests."""
+        """The Setup of the mesh, for the deepest of the tests."""
         depth = max(float(test.depths[-1]) for test in self.tests)
         return Setup(self.sample, self.indenter, self.mesh, self.solver, depth)
 
@@ -78,5 +78,5 @@ def mechanics_of(case: "Case") -> Mechanics:
 
 
 def with_key(table: Any, key: str, value: Any) -> Any:
-    """A table with another value of a key; a mesh is made anew from that key alone."""
+    """A table with another value of a key; a [mesh] table keeps no other key."""
     return Mesh(**{key: value}) if isinstance(table, Mesh) else table.model_copy(update={key: value})

@@ -1,7 +1,7 @@
 """Points: parameters of the material, and inputs of the case that a run changes.
 
 A point (name -> value) may name inputs that are fitted (UNITS), and keys of the case by their dotted names, such as
-"sample.base": runs on another mesh or base are sent to the workers and kept in the ledger like all others.
+"sample.base": runs on another mesh or base are computed by the same workers and kept in the same ledger as all others.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
 KEYS = {"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio", "thickness": "sample.thickness"}
-OF_MODEL = ("sample.", "indenter.", "mesh.", "solver.")  # keys that another model has to be made for
+OF_MODEL = ("sample.", "indenter.", "mesh.", "solver.")  # a change of these keys needs another model
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class SplitPoint:
 
     @property
     def same_model(self) -> bool:
-        """Whether the model without the changes will do, because only bulk modulus and displacements change."""
+        """Whether the model without the changes can compute the point: only bulk modulus and displacements change."""
         return not any(key.startswith(OF_MODEL) for key in self.changes)
 
 
 def split_point(law: type[Material], point: Point) -> SplitPoint:
-    """Split a point into changed inputs and material parameters; a name that the law has as a parameter is one."""
+    """Split a point into changed inputs and material parameters; the name of a parameter of the law is always a parameter."""
     inputs = {name: value for name, value in point.items() if name not in law.parameters and _is_input(name)}
     parameters = {name: value for name, value in point.items() if name not in inputs}
     offset = inputs.pop("offset", 0.0)
@@ -53,7 +53,7 @@ def split_point(law: type[Material], point: Point) -> SplitPoint:
 
 
 def case_at(case: "Case", point: Point) -> "Case":
-    """The case with the changed inputs of a point in place."""
+    """The case with the changed inputs of a point."""
     for key, value in split_point(case.law, point).changes.items():
         table, name = key.split(".")
         case = case.model_copy(update={table: with_key(getattr(case, table), name, value)})

@@ -1,8 +1,8 @@
-"""Many runs of the forward model at once, each only once: from the ledger, or else on the workers.
+"""Parallel runs of the forward model, each computed only once: a run is taken from the ledger, or computed by a worker.
 
-The unit of work is one test at one set of parameters, so that two cores stay busy whatever the size of a population.
-Which process a run falls to, when it ends, or whether it comes from the ledger, changes no number. Scripts that call
-this need the usual `if __name__ == "__main__":`, since workers are spawned.
+The unit of work is one test at one set of parameters, so that two cores stay busy whatever the size of a population. No number
+depends on the process of a run, the moment of its end, or whether it comes from the ledger. Workers are spawned, so a script that
+uses this module needs the usual `if __name__ == "__main__":`.
 """
 
 import os
@@ -23,8 +23,8 @@ from indentfit.runs.points import UNITS
 from indentfit.runs.processes import Processes
 from indentfit.runs.run import Point, Run, RunRequest
 
-RECENT = 500  # runs that are asked how long the next ones may take
-DIFFERENTIABLE = frozenset(UNITS) - {"thickness"}  # inputs that the mechanics can differentiate by, beside parameters of the law
+RECENT = 500  # latest runs, from which the durations of the next runs are estimated
+DIFFERENTIABLE = frozenset(UNITS) - {"thickness"}  # inputs by which the mechanics can differentiate, beside the law's parameters
 
 
 class Pool(Protocol):
@@ -32,13 +32,13 @@ class Pool(Protocol):
 
     @property
     def number(self) -> int:
-        """How many runs are done at once."""
+        """Number of simultaneous runs."""
         ...
 
     def solve(self, requests: Iterable[RunRequest], stopping: Callable[[], object]) -> Iterator[tuple[RunRequest, Run]]:
-        """Yield (request, Run) in the order in which the runs end; nothing is begun once stopping() is true.
+        """Yield (request, Run) in the order in which the runs end; no run begins once stopping() is true.
 
-        Every request that was begun ends with a Run, whatever happens to its worker. Raises WorkerError where there are no workers.
+        Every request that was begun ends with a Run, whatever happens to its worker. Raises WorkerError where no worker exists.
         """
         ...
 
@@ -66,22 +66,27 @@ class InProcess:
 
 
 class RunPool:
-    """Evaluates points of a case by runs, each only once: a ForwardModel; to be used in a `with` block.
+    """A ForwardModel that evaluates points of a case by runs, each computed once; to be used in a `with` block.
 
     Parameters
     ----------
     case : Case
     workers : int, optional
-        Processes; by default as many as the case says, or cores. One is this process itself, unless the law is foreign code.
+        Number of processes; by default that of the case, or of the cores. A single worker is this process itself, unless the law
+        is foreign code.
     ledger : Ledger, optional
-        Where runs are looked up and kept.
+        The ledger in which runs are looked up and kept.
     cluster : str, optional
         "local", or the address of a Dask scheduler.
     stop : function, optional
         Called before a run is begun; returns the number of the signal that asks to stop, else 0.
 
-    `runs` counts the runs of the forward model that were needed, `reused` those of them that were in the ledger,
-    `failures` holds every failed evaluation.
+    Attributes
+    ----------
+    runs, reused : int
+        Number of runs of the forward model that were needed, and number of these that were in the ledger.
+    failures : list of Evaluation
+        Every failed evaluation.
     """
 
     def __init__(
@@ -114,16 +119,16 @@ class RunPool:
 
     @property
     def workers(self) -> int:
-        """The number of runs that are done at once."""
+        """The number of simultaneous runs."""
         return self._workers.number if self._workers else self._asked
 
     @property
     def evaluations(self) -> int:
-        """The number of different points that were run."""
+        """The number of different points that were evaluated."""
         return len({point for point, _ in self._known})
 
     def differentiable(self) -> frozenset[str]:
-        """Names that runs can bring sensitivities of: parameters of the law, and some inputs."""
+        """Names whose sensitivities runs can give: parameters of the law, and some inputs."""
         return DIFFERENTIABLE | set(self.case.law.parameters)
 
     def evaluate(
@@ -136,17 +141,17 @@ class RunPool:
         points : sequence of dict, name -> value
         report : called with (runs done, runs asked for)
         sensitivities : names
-            What derivatives of the forces are wanted of.
+            Quantities by which the forces are differentiated.
 
         Returns
         -------
         list of Evaluation
-            Failures of the mechanics are recorded in them, never raised.
+            Failures of the mechanics are recorded in the evaluations, never raised.
 
         Raises
         ------
         Stopped, WorkerError, LedgerError
-            All runs until then are in the ledger.
+            All runs that had ended are in the ledger.
         """
         names = tuple(sorted(sensitivities))
         wanted = [RunRequest(_key(point), test, names) for point in points for test in range(len(self.case.tests))]
@@ -193,7 +198,7 @@ class RunPool:
         return InProcess(mechanics, limit)
 
     def _serving(self, request: RunRequest) -> Run | None:
-        """The earliest known run that says what is asked for."""
+        """The earliest known run that holds all that is requested."""
         return next((run for run in self._known.get(request.subject, ()) if run.serves(request.sensitivities)), None)
 
     def _learn(self, request: RunRequest, run: Run) -> None:
@@ -202,8 +207,11 @@ class RunPool:
         self.seconds += run.seconds
 
     def _longest_first(self, requests: Iterable[RunRequest]) -> list[RunRequest]:
-        """Requests in the order of their expected durations, the longest first, so that no core idles at the end: the duration of
-        the nearest run of the test; before there is one, by depth, and across the fibres before along them (more slip)."""
+        """Requests in falling order of their expected durations, so that no core idles at the end.
+
+        The expected duration is that of the nearest known run of the test. Where none is known, deeper tests come first, and tests
+        across the fibres, which slip more, come before tests along them.
+        """
         ran = [(test, dict(point), runs[0].seconds) for (point, test), runs in list(self._known.items())[-RECENT:]]
 
         def expected(request: RunRequest) -> tuple[float, float, int]:
@@ -227,7 +235,7 @@ class RunPool:
 
 
 def is_foreign(law: type) -> bool:
-    """Whether a law is code that others wrote: it may never return, so that its runs need a process that can be ended."""
+    """Whether a law is third-party code, which may never return, so that its runs need a process that can be ended."""
     return any(base.__module__.partition(".")[0] not in ("indentfit", "builtins") for base in law.__mro__)
 
 
@@ -246,7 +254,7 @@ def _finite(run: Run, names: tuple[str, ...]) -> dict[str, Array]:
 
 
 def _apart(point: Point, other: Point) -> float:
-    """How different two points are: the sum of relative differences, 1 for what only one of them has or is in words."""
+    """Distance of two points: the sum of relative differences; a value that only one point has, or a text, counts 1."""
     pairs = [(point.get(name), other.get(name)) for name in point.keys() | other.keys()]
     return sum(_relative(a, b) for a, b in pairs if a != b)
 

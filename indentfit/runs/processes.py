@@ -1,7 +1,7 @@
-"""Worker processes on this machine, each with one request at a time, so that it is known what was lost with one.
+"""Worker processes on this machine, each with one request at a time, so that the request of a lost process is known.
 
-Objects go between them by pickle, over pipes that nobody else can reach. Scripts that start them need the usual
-`if __name__ == "__main__":`, since they are spawned.
+Objects pass between the processes by pickle, over private pipes. The processes are spawned, so a script that starts them needs the
+usual `if __name__ == "__main__":`.
 """
 
 import contextlib
@@ -27,14 +27,14 @@ from indentfit.runs.watch import Watch
 
 THREAD_VARIABLES = ("MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 START = 600.0  # seconds for a process to start: to import, to compile the element loop once, and to mesh
-STILLBORN = 3  # processes that die one after the other before they are ready: no use to start more
-TICK = 1.0  # seconds between two looks at the clock
+STILLBORN = 3  # no more processes are started after so many that died one after the other before they were ready
+TICK = 1.0  # seconds between two checks of the clock
 READY, MEMORY = "ready", "memory"
 
 
 @dataclass
 class _Worker:
-    """A process, our end of its pipe, and the request it is at."""
+    """A process, the parent's end of its pipe, and its present request."""
 
     process: BaseProcess
     pipe: Connection
@@ -61,10 +61,10 @@ class Processes:
         self._stillborn = 0
 
     def solve(self, requests: Iterable[RunRequest], stopping: Callable[[], object]) -> Iterator[tuple[RunRequest, Run]]:
-        """Yield (request, Run) in the order in which the runs end; nothing is begun once stopping() is true.
+        """Yield (request, Run) in the order in which the runs end; no run begins once stopping() is true.
 
-        A request that was lost with its worker is run again, each alone: where memory is short, it has all of it. A
-        second loss is its failure. Raises WorkerError where no process can be started.
+        A request that was lost with its worker is run again, without others beside it, so that it has all of the memory. A request
+        that is lost twice has failed. Raises WorkerError where no process can be started.
         """
         lost = yield from self._share(requests, self.number, stopping)
         for request in lost:
@@ -73,12 +73,12 @@ class Processes:
                 yield request, Run(None, f"its worker process was lost twice ({how})", 0.0, {}, lost=True)
 
     def close(self, now: bool = False) -> None:
-        """End the processes; `now` does not wait for those at work."""
+        """End the processes; `now` does not wait for running requests."""
         workers, self._workers = self._workers, []
         for worker in workers:
             if now or worker.request is not None:
                 worker.process.kill()
-            worker.pipe.close()  # an idle process ends with it
+            worker.pipe.close()  # an idle process ends when its pipe is closed
         for worker in workers:
             worker.process.join(5)
             if worker.process.is_alive():
@@ -87,7 +87,7 @@ class Processes:
     def _share(
         self, requests: Iterable[RunRequest], number: int, stopping: Callable[[], object]
     ) -> Generator[tuple[RunRequest, Run], None, dict[RunRequest, str]]:
-        """Yield (request, Run); returns the requests that were lost, each with how."""
+        """Yield (request, Run); returns the lost requests, each with the way in which it was lost."""
         queue = deque(requests)
         lost: dict[RunRequest, str] = {}
         while True:
@@ -99,7 +99,7 @@ class Processes:
             wait([worker.pipe for worker, _ in busy], timeout=TICK)
             ended = [(request, self._heard(worker)) for worker, request in busy]
             if not stopping():
-                self._give_out(queue, number)  # before the caller writes down what ended: nobody waits for the disk
+                self._give_out(queue, number)  # before the caller stores the ended run, so that no process waits for the disk
             for request, heard in ended:
                 if isinstance(heard, Run):
                     yield request, heard
@@ -107,7 +107,7 @@ class Processes:
                     lost[request] = heard
 
     def _give_out(self, queue: deque[RunRequest], number: int) -> None:
-        """A request for each idle process, and for new ones as long as there are fewer than `number`."""
+        """Give a request to each idle process, and to new processes as long as there are fewer than `number`."""
         self._workers = [worker for worker in self._workers if worker.request is not None or worker.process.is_alive()]
         for worker in self._workers:
             if queue and worker.request is None:
@@ -117,7 +117,7 @@ class Processes:
             _give(self._workers[-1], queue.popleft())
 
     def _heard(self, worker: _Worker) -> Run | str | None:
-        """The Run that a process sends, how its request was lost, or None where there is nothing new."""
+        """The Run that a process sends, or how its request was lost, or None without news."""
         try:
             if worker.pipe.poll():
                 return self._message(worker, worker.pipe.recv())
@@ -167,14 +167,14 @@ class Processes:
 
 
 def _give(worker: _Worker, request: RunRequest) -> None:
-    with contextlib.suppress(OSError):  # a process that has just died is noticed when it is listened to
+    with contextlib.suppress(OSError):  # `_heard` notices a process that has just died
         worker.pipe.send(request)
     worker.request = request
     worker.watch.begin()
 
 
 def _started(mechanics: Mechanics, limit: float) -> _Worker:
-    """A new process. Ctrl-C reaches all processes of a terminal; the parent alone decides what ends."""
+    """A new process, deaf to Ctrl-C, which reaches all processes of a terminal: the parent alone decides what ends."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(mechanics, theirs, limit), daemon=True)
@@ -204,11 +204,11 @@ def one_thread() -> Iterator[None]:
 
 @contextlib.contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
-    """Context in which processes and threads are started that Ctrl-C does not reach; a Ctrl-C that comes meanwhile is not lost."""
+    """Context in which Ctrl-C does not reach the processes and threads that are started; the parent receives it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # Python would start it before the first process, and unblock the signal again
+    resource_tracker.ensure_running()  # Python would start the tracker before the first process, and unblock the signal again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

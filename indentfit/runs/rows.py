@@ -1,6 +1,6 @@
 """Rows of the ledger's tables: a run as columns and back, with a checksum over all of them.
 
-Arrays are raw little-endian float64, everything else is JSON or text. A row that fails its checksum is never used.
+Arrays are raw little-endian float64; all other columns are JSON or text. A row that fails its checksum is never used.
 """
 
 import hashlib
@@ -22,11 +22,11 @@ TABLES = (
     "sensitivities BLOB, facts TEXT, seconds REAL, cause TEXT, lost INTEGER, checksum TEXT)",
 )
 COLUMNS = ("hash", "origin", "test", "inputs", "names", "force", "sensitivities", "facts", "seconds", "cause", "lost")
-NO_TEXT = ("force", "sensitivities", "seconds", "lost")  # columns that are stored as they are
+NO_TEXT = ("force", "sensitivities", "seconds", "lost")  # columns that are not stored as text
 
 
 class Row(NamedTuple):
-    """The columns of one run as SQLite keeps them; text is bytes, because a flipped bit need not be UTF-8."""
+    """The columns of one run in SQLite; text is read as bytes, because damaged text need not be UTF-8."""
 
     hash: bytes
     origin: bytes
@@ -50,7 +50,7 @@ class Stored(NamedTuple):
 
     @property
     def run(self) -> Run | None:
-        """The Run of the row, None where the row is not what was written."""
+        """The Run of the row; None where the row fails its checksum."""
         return _run(self.row) if self.checksum == checksum(self.row).encode() else None
 
 
@@ -61,7 +61,7 @@ def stored(file: sqlite3.Connection) -> list[Stored]:
 
 
 def row_of(key: str, origin: str, test: str, inputs: Mapping[str, Any], run: Run) -> Row:
-    """The columns of a run of a test at inputs whose hash is the key."""
+    """The columns of a run of a test; `key` is the hash of the run's inputs."""
     names, given = sorted(run.sensitivities or ()), run.sensitivities
     return Row(
         hash=key.encode(),
@@ -85,7 +85,7 @@ def insert(file: sqlite3.Connection, row: Row) -> None:
 
 
 def checksum(columns: Sequence[Any]) -> str:
-    """SHA-256 of values with their kinds and lengths, so that no two rows have the same text."""
+    """SHA-256 of values with their types and lengths, so that no two rows give the same text."""
     digest = hashlib.sha256()
     for value in columns:
         if isinstance(value, float):

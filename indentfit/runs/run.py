@@ -1,4 +1,4 @@
-"""One solve of the forward model: what is asked for, and what came of it."""
+"""One solve of the forward model: the request, and the run that answers it."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ Point = Mapping[str, Any]  # parameters, and changed inputs of the case: name ->
 
 @dataclass(frozen=True)
 class RunRequest:
-    """One solve of the forward model that is asked for: the unit of work of a pool.
+    """A request for one solve of the forward model: the unit of work of a pool.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ class RunRequest:
     test : int
         Number of the test within the case.
     sensitivities : tuple of str
-        Names that the force is to be differentiated by.
+        Names by which the force is differentiated.
     """
 
     point: tuple[tuple[str, Any], ...]
@@ -34,13 +34,13 @@ class RunRequest:
 
     @property
     def subject(self) -> tuple[tuple[tuple[str, Any], ...], int]:
-        """Point and test, whatever the force is differentiated by."""
+        """Point and test, without the sensitivities."""
         return self.point, self.test
 
 
 @dataclass(frozen=True)
 class Run:
-    """The forces of one test at one set of parameters, or the cause why there are none.
+    """The forces of one test at one set of parameters, or the cause of their absence.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Run:
     facts : dict
         The solver's facts about the run.
     sensitivities : dict of name -> array (n,), or None
-        Derivatives of the force by the parameters that were asked for, mN per unit; None where none were asked for.
+        Derivatives of the force by the requested names, mN per unit; None where none were requested.
     lost : bool
         The cause lies with the machine (memory, time, a killed process) and not with the mechanics.
     """
@@ -65,11 +65,11 @@ class Run:
     lost: bool = False
 
     def serves(self, names: Iterable[str]) -> bool:
-        """Whether this run says what a run with the sensitivities `names` would say; a failed run serves all."""
+        """Whether this run can stand for a run with the sensitivities `names`; a failed run always can."""
         return self.force is None or set(names) <= set(self.sensitivities or ())
 
 
 def out_of_time(limit: float) -> Run:
-    """The Run that was given up after its time, in seconds of a processor."""
-    cause = f"not solved within {limit:g} s; give it longer with fit.time_limit, if it deserves that"
+    """The Run that was ended at its limit of processor time, s."""
+    cause = f"not solved within {limit:g} s; a larger fit.time_limit allows more"
     return Run(None, cause, limit, {}, lost=True)

@@ -1,4 +1,4 @@
-"""The tests of a case, simulated: curves and facts with the case, material and model that they were made of."""
+"""The simulated tests of a case: curves and facts, with their case, material and model."""
 
 import html
 import importlib.metadata
@@ -22,7 +22,7 @@ class SimulatedCase(Simulation):
     tests, mesh, solver : as of Simulation
     case : Case
     material : Material
-        With the parameters at which the tests were simulated.
+        The material with the parameters of the simulation.
     model : Model
     """
 
@@ -39,7 +39,7 @@ class SimulatedCase(Simulation):
 
     @property
     def measured(self) -> dict[str, Curve]:
-        """Measured curves by the names of their tests, of those that have one."""
+        """Measured curves by the names of their tests; tests without a measured curve are left out."""
         pairs = zip(self.case.tests, self.case.curves, strict=True)
         return {test.name: curve for test, curve in pairs if curve is not None}
 
@@ -74,9 +74,9 @@ class SimulatedCase(Simulation):
         folder : path
             The new folder.
         fields : bool
-            With the stresses and displacements at the last depth of each test, as VTU files and pictures.
+            Whether stresses and displacements at the last depth of each test are written, as VTU files and pictures.
         overwrite : bool
-            Replace an earlier result folder.
+            Whether an earlier result folder is replaced.
 
         Raises
         ------

@@ -1,7 +1,7 @@
-"""The parent's watch over a worker process: for a run that never comes back to the loops which look at its deadline.
+"""The parent's watch over a worker process whose run never returns to the loops that check its deadline.
 
-That is a law's own endless loop, or a call that waits for ever. The parent measures the processor time of the child, so a busy
-machine ends no run early, and as a last resort the time on the wall, for a child that sleeps.
+Such a run is in an endless loop of a law, or in a call that waits for ever. The parent measures the processor time of the child, so
+that a busy machine ends no run early, and as a last resort the wall-clock time, for a child that sleeps.
 """
 
 import contextlib
@@ -12,11 +12,11 @@ from collections.abc import Iterator
 
 import psutil
 
-GRACE, SHARE_OF_GRACE = 2.0, 0.5  # s, and share of the limit: processor time beyond it, for the solver to look at its deadline
-PATIENCE, SHARE_OF_PATIENCE = 60.0, 10.0  # s, and multiple of the limit: time on the wall after which a sleeper is ended
-LOOK = 0.5  # s between two looks of a process at itself
+GRACE, SHARE_OF_GRACE = 2.0, 0.5  # s, and share of the limit: processor time beyond it, for the solver to check its deadline
+PATIENCE, SHARE_OF_PATIENCE = 60.0, 10.0  # s, and multiple of the limit: wall-clock time after which a sleeping child is ended
+LOOK = 0.5  # s between two checks of a process on itself
 OVERDUE = 75  # exit code of a process that ended itself
-LONGEST_LOOK = 2.0  # s: a longer gap between two looks means that the machine was asleep, or the parent stopped
+LONGEST_LOOK = 2.0  # s: a longer gap between two checks means that the machine slept, or that the parent was stopped
 
 
 class Watch:
@@ -42,7 +42,7 @@ class Watch:
         self._used, self._waited, self._looked = self._processor_time(), 0.0, time.monotonic()
 
     def is_overdue(self) -> bool:
-        """Whether the run has had more than its time; to be asked every second or so."""
+        """Whether the run has exceeded its time; to be called about every second."""
         now = time.monotonic()
         self._waited += min(now - self._looked, LONGEST_LOOK)
         self._looked = now
@@ -50,7 +50,7 @@ class Watch:
         return used > self.limit * (1 + SHARE_OF_GRACE) + GRACE or self._waited > self.limit * SHARE_OF_PATIENCE + PATIENCE
 
     def _processor_time(self) -> float:
-        """Processor time of the process so far, s; 0 once it is gone, which others find out."""
+        """Processor time of the process so far, s; 0 for an ended process, which the pool notices by itself."""
         with contextlib.suppress(psutil.Error):
             if self._process is not None:
                 times = self._process.cpu_times()

@@ -1,4 +1,4 @@
-"""Execution the force curves of a case change with its keys: one at a time about the case itself, or on a grid.
+"""Sweeps: the change of a case's force curves with its keys, varied one at a time about the case, or on a grid.
 
 Changes are of the force at the last displacement and of the stiffness, which is, as in the source paper (J Mech Behav
 Biomed Mater 65:490), the slope of the straight line fitted to the curve.
@@ -66,7 +66,7 @@ class TestPoint:
 
 
 @dataclass(frozen=True)
-class Point:
+class SweepPoint:
     """The case with some keys at other values: what its tests gave, or the cause why they gave nothing.
 
     Parameters
@@ -94,7 +94,7 @@ class Point:
         return {"values": self.values, "numbers": self.numbers, "tests": tests, "cause": self.cause, "seconds": self.seconds}
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> "Point":
+    def from_json(cls, value: Mapping[str, Any]) -> "SweepPoint":
         tests = value["tests"] and {name: TestPoint.from_json(test) for name, test in value["tests"].items()}
         return cls(dict(value["values"]), dict(value["numbers"]), tests, value["cause"], value["seconds"])
 
@@ -146,8 +146,8 @@ class Sweep:
     case_hash: str
     grid: bool
     variations: tuple[Variation, ...]
-    base: Point
-    points: tuple[Point, ...]
+    base: SweepPoint
+    points: tuple[SweepPoint, ...]
     sensitivities: tuple[Sensitivity, ...]
     tests: dict[str, int]
     parameters: dict[str, float]
@@ -156,7 +156,7 @@ class Sweep:
     case: Case | None = None
 
     @property
-    def every_point(self) -> tuple[Point, ...]:
+    def every_point(self) -> tuple[SweepPoint, ...]:
         """The case as it is, then the points."""
         return self.base, *self.points
 
@@ -184,8 +184,8 @@ class Sweep:
         return cls(
             **same,
             variations=tuple(Variation(key, tuple(values)) for key, values in value["variations"].items()),
-            base=Point.from_json(value["base"]),
-            points=tuple(map(Point.from_json, value["points"])),
+            base=SweepPoint.from_json(value["base"]),
+            points=tuple(map(SweepPoint.from_json, value["points"])),
             sensitivities=tuple(Sensitivity(**sensitivity) for sensitivity in value["sensitivities"]),
             refits=tuple(map(Refit.from_json, value.get("refits", ()))),
         )
@@ -284,15 +284,15 @@ def _refits(plan: SweepPlan, execution: Execution) -> tuple[Refit, ...]:
     return refits(list(zip(labels, plan.cases, strict=True)), execution)
 
 
-def _point(values: dict[str, str], case: Case, evaluation: Evaluation, base: Point | None) -> Point:
+def _point(values: dict[str, str], case: Case, evaluation: Evaluation, base: SweepPoint | None) -> SweepPoint:
     numbers = {key: number if isinstance(number := own_value(case, key), int | float) else None for key in values}
     if evaluation.forces is None:
-        return Point(values, numbers, None, evaluation.cause, evaluation.seconds)
+        return SweepPoint(values, numbers, None, evaluation.cause, evaluation.seconds)
     tests = {}
     for test, measured, force in zip(case.tests, case.curves, evaluation.forces, strict=True):
         own = None if base is None or base.tests is None else base.tests.get(test.name)
         tests[test.name] = _test_point(Curve(case.outputs(test), force), measured, own)
-    return Point(values, numbers, tests, None, evaluation.seconds)
+    return SweepPoint(values, numbers, tests, None, evaluation.seconds)
 
 
 def _test_point(curve: Curve, measured: Curve | None, own: TestPoint | None) -> TestPoint:
@@ -307,7 +307,7 @@ def _test_point(curve: Curve, measured: Curve | None, own: TestPoint | None) -> 
     )
 
 
-def _sensitivities(case: Case, varied: Variation, base: Point, points: Sequence[Point]) -> Iterator[Sensitivity]:
+def _sensitivities(case: Case, varied: Variation, base: SweepPoint, points: Sequence[SweepPoint]) -> Iterator[Sensitivity]:
     """Sensitivity of each test to one key; none where fewer than two values, the case's own among them, were computed."""
     mine = [(point.numbers[varied.key], point.tests) for point in points if set(point.values) == {varied.key} and point.tests]
     own = own_value(case, varied.key)
