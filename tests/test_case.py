@@ -449,5 +449,5 @@ from indentfit.cli.validate import command
 command([{str(CASES / name / "case.toml")!r}], standalone_mode=False)
 print([name for name in {heavy} if name in sys.modules])
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"

@@ -44,7 +44,8 @@ from indentfit.errors import CaseError, IndentfitError
 from indentfit.experiment import manifest, outcomes, processed, reading, specimens
 from indentfit.experiment.measured import read_case
 from indentfit.material.typed_energy import typed_class
-from indentfit.report import html, html_fit, html_studies, page
+from indentfit.report import html, html_design, html_fit, html_samples, html_simulation, html_studies, page
+from indentfit.report.schema import RESULT_FILES
 from indentfit.runs import ledger
 from indentfit.runs.run import Run
 
@@ -404,7 +405,7 @@ class ResultFolder:
         self.folder = folder / self.where
         self.folder.mkdir()
         self.results = [json.loads(text) for text in sound_results(folder)]
-        for module in (html_fit, html_studies):
+        for module in (html_design, html_fit, html_samples, html_simulation, html_studies):
             module.drawn = lambda figure, caption, alt: page.Picture(str(caption), str(alt))
         self.inputs = st.builds(self.text, st.integers(0, len(self.results) - 1), CHANGES, SELDOM)
 
@@ -415,7 +416,7 @@ class ResultFolder:
         return b"{}"
 
     def read(self, text):
-        for name in html.RESULT_FILES:
+        for name in RESULT_FILES:
             (self.folder / name).unlink(missing_ok=True)
         (self.folder / "result.json").write_bytes(text)
         written = html.write_report(self.folder).read_text(encoding="utf-8")
@@ -605,7 +606,7 @@ def sound_results(folder):
         done = subprocess.run([*program, *given], capture_output=True, text=True)
         if not place.exists():
             sys.exit(f"{command} did not write its result: {done.stderr}")
-        yield next(place / name for name in html.RESULT_FILES if (place / name).exists()).read_text()
+        yield next(place / name for name in RESULT_FILES if (place / name).exists()).read_text()
 
 
 # Running
