@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from indentfit.case import Indenter, Mesh, Sample
 from indentfit.fem.contact import STICK, ContactFace
+from indentfit.fem.contact_points import NodePoints
 from indentfit.fem.contact_state import History, Springs
 from indentfit.fem.element import Solid
 from indentfit.fem.mesh import quarter
@@ -39,7 +40,7 @@ def contact_of(indenter, friction, element="q1p0", elements=200):
     sample = Sample(shape="block", length=4, width=4, thickness=1, base="sliding")
     punch = Indenter(friction=friction, **indenter)
     solid = Solid(quarter(sample, punch, Mesh(elements=elements)), element)
-    return ContactFace(solid, punch, sample.thickness), solid
+    return ContactFace(NodePoints(solid, sample.thickness), punch, sample.thickness), solid
 
 
 def shifted(solid, by):
@@ -90,7 +91,8 @@ def test_areas_and_moments_of_the_nodes_are_those_of_a_footprint_on_a_disc(shape
     sample = Sample(shape="disc", diameter=2 * R, thickness=3.3, base="sliding")
     size = {"diameter": 2.0} if shape == "cylinder" else {"width": 2 * B, "length": 20}
     punch = Indenter(shape=shape, friction=0.5, **size)
-    contact = ContactFace(Solid(quarter(sample, punch, Mesh(), element), element), punch, 3.3)
+    solid = Solid(quarter(sample, punch, Mesh(), element), element)
+    contact = ContactFace(NodePoints(solid, 3.3), punch, 3.3)
     weights, X = contact.weights[contact.under], contact.X[contact.under]
     assert (weights.sum(), np.sum(weights * X[..., 2])) == pytest.approx(expected, rel=exact)
 

@@ -110,6 +110,12 @@ class Mesh(Section):
         description="approximate number of elements; without size and elements, the default mesh is made",
     )
 
+    symmetry: Literal["auto", "axisymmetric", "quarter"] = Field(
+        default="auto",
+        description="solve in the meridian plane (round sample, round indenter, no fibres) or a quarter of the sample; auto: the "
+        "meridian plane where that is possible",
+    )
+
     @property
     def default(self) -> bool:
         """Whether the case asks for no particular mesh."""

@@ -36,6 +36,8 @@ class Body(Protocol):
 
     Attributes
     ----------
+    copies : int
+        How many of this body the whole sample is made of.
     dofs : array (n_el, n_n, k)
         Degrees of freedom of each element.
     volume : array (n_el,), mm^3
@@ -46,6 +48,7 @@ class Body(Protocol):
         CSR pattern of the tangent, sorted, with a full diagonal.
     """
 
+    copies: int
     dofs: Ints
     volume: Array
     means: Array
@@ -55,6 +58,14 @@ class Body(Protocol):
     @property
     def n_dofs(self) -> int:
         """Number of displacements."""
+        ...
+
+    def held(self, base: str) -> Ints:
+        """Dofs held at zero by symmetry and by a base that is "sliding" or "bonded"."""
+        ...
+
+    def corners(self, u: Array) -> tuple[Array, Array]:
+        """Points (3, n) of the elements' corners, and their displacements (3, n), mm."""
         ...
 
     def state(self, u: Array, fibre: Array) -> BodyState:

@@ -16,7 +16,7 @@ this is the *penalty error*, which is reported with every result (`ContactFace.p
 for few Newton iterations: under stiffer springs points *chatter*, that is, they change between stick and slip, or between touch and
 gap, from one iteration to the next.
 
-The points are the facets' nodes (`contact_points`): one point has one state, so no element has to stick and slip at once.
+`contact_points` says where the points lie.
 
 Friction "stick" under a sharp edge ties the footprint to the indenter, because the law of a point that loses contact while it
 carries friction is not continuous. Where the contact grows (sphere, rounded edge, beside the footprint) "stick" is a friction
@@ -40,9 +40,8 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools
 from indentfit.case import Indenter
-from indentfit.fem.contact_points import facet_nodes
+from indentfit.fem.contact_points import ContactPoints
 from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs, dot
-from indentfit.fem.element import Solid
 from indentfit.indenters import UP, Distance, has_sharp_edge
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
@@ -69,20 +68,20 @@ class _Trial:
 
 
 class ContactFace:
-    """The facets of a quarter sample that may touch one indenter: the footprint, then the side that the indenter overhangs.
+    """The points of a body that may touch one indenter: the footprint, then the side that the indenter overhangs.
 
     Parameters
     ----------
-    solid : Solid
-        The body, whose mesh has the boundaries footprint and overhung.
+    points : ContactPoints
+        Where the contact is integrated.
     indenter : Indenter
         The table of a case.
     thickness : float, mm
 
     Attributes
     ----------
-    X, dofs : arrays (n_f, n_q, 3)
-        Contact points, mm, and the dofs of the nodes at these points.
+    X : array (n_f, n_q, 3), mm
+        Contact points.
     weights : array (n_f, n_q), mm^2
         Areas of the points.
     surface : array (n_s,)
@@ -96,23 +95,13 @@ class ContactFace:
         Coefficient of friction.
     """
 
-    def __init__(self, solid: Solid, indenter: Indenter, thickness: float) -> None:
-        parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
-        facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
-        elements, nodes, areas = facet_nodes(solid, facets)
+    def __init__(self, points: ContactPoints, indenter: Indenter, thickness: float) -> None:
+        self.points, self.X, self.weights, self.under, self.surface = points, points.X, points.weights, points.under, points.surface
         self.thickness, self.shape = thickness, indenter.geometry
         sticks = indenter.friction == "stick"
         self.tied = self.under[:, None] & (has_sharp_edge(self.shape) and sticks)
         self.friction = STICK if sticks else float(indenter.friction)
         self.curvature = self.shape.curvature
-        self.dofs, self.n_dofs = solid.dofs[elements, nodes], solid.n_dofs
-        self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, self.dofs[..., 0]], 0, -1))
-        counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
-        self.weights = np.ascontiguousarray(areas * counts)
-        self.surface, places = np.unique(self.dofs, return_inverse=True)
-        self._places = places.reshape(self.dofs.shape)
-        block = 3 * solid.positions[elements, nodes, nodes]
-        self._entries = (solid.indptr[self.dofs] + block[..., None])[..., None] + np.arange(3)
 
     def rest(self) -> History:
         """History of the untouched sample."""
@@ -124,7 +113,7 @@ class ContactFace:
 
     def field(self, u: Array) -> Array:
         """Displacements (n_f, n_q, 3), mm, at the contact points, from the displacements u (n,) of all nodes."""
-        return u[self.dofs]
+        return self.points.field(u)
 
     def touch(self, u: Array, depth: float, history: History, springs: Springs, derivative: bool = True) -> ContactState:
         """The contact at displacements u (n,) and a depth, both in mm, after a history; `derivative`: whether D is computed."""
@@ -264,9 +253,7 @@ class ContactFace:
 
     def spread(self, traction: Array) -> Array:
         """Nodal forces (n,), mN, of tractions (n_f, n_q, 3), kPa."""
-        out = np.zeros(self.n_dofs)
-        np.add.at(out, self.dofs, self.weights[..., None] * traction)
-        return out
+        return self.points.spread(traction)
 
     def add_tangent(self, state: ContactState, values: Array) -> Array:
         """Add the contact's tangent to the CSR values (nnz,) of the body's tangent.
@@ -276,11 +263,7 @@ class ContactFace:
         array (n_s, n_s), mN/mm
             The contact's tangent as a dense matrix on the dofs `surface`.
         """
-        blocks = self.weights[..., None, None] * state.stiffness
-        dense = np.zeros((self.surface.size,) * 2)
-        np.add.at(values, self._entries, blocks)
-        np.add.at(dense, (self._places[..., :, None], self._places[..., None, :]), blocks)
-        return dense
+        return self.points.add_stiffness(state.stiffness, values)
 
     def by_depth(self, state: ContactState) -> Array:
         """Derivative (n,) of the contact's residual by the depth at fixed displacements, mN/mm."""

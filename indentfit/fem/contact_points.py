@@ -1,13 +1,177 @@
-"""The points at which contact is integrated: the nodes of facets, each with its share of the facet's area."""
+"""The points at which contact is integrated: the nodes of bricks' facets, or Gauss points on a meridian's edge.
 
-from typing import NamedTuple
+Where a node is a point, the node has one state, so no element of a three-dimensional face has to stick and slip at once. In the
+meridian plane the end of a round contact moves through the elements: with several points in each edge the force grows smoothly.
+"""
+
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from indentfit.arrays import Array, Ints
+from indentfit.arrays import Array, Bools, Ints
 from indentfit.fem.element import Solid
+from indentfit.fem.meridian import Meridian
 
 RULE = {"q1p0": np.array([1 / 2, 0, 1 / 2]), "q2p1": np.array([1 / 6, 4 / 6, 1 / 6])}  # weights at the ends and in the middle
+
+
+GAUSS = 4  # points on each edge of a meridian
+
+
+class ContactPoints(Protocol):
+    """Where contact is integrated, and how its points hang on the body's displacements.
+
+    X: points (n_f, n_q, 3), mm; weights: their areas (n_f, n_q), mm^2, of one copy of the body; under: (n_f,) of bool, the facets
+    of the top; surface: dofs (n_s,) that the contact acts on, rising.
+    """
+
+    X: Array
+    weights: Array
+    under: Bools
+    surface: Ints
+
+    def field(self, u: Array) -> Array:
+        """Displacements (n_f, n_q, 3), mm, at the points, of those of all nodes u (n,)."""
+        ...
+
+    def spread(self, traction: Array) -> Array:
+        """Nodal forces (n,), mN, of tractions (n_f, n_q, 3), kPa."""
+        ...
+
+    def add_stiffness(self, stiffness: Array, values: Array) -> Array:
+        """Add the tangent of stiffnesses (n_f, n_q, 3, 3), kPa/mm, to CSR values (nnz,).
+
+        Returns
+        -------
+        array (n_s, n_s), mN/mm
+            The tangent as a dense matrix on the dofs `surface`.
+        """
+        ...
+
+    def nodal_mean(self, pressure: Array) -> Array:
+        """Means (n_v,) at the body's nodes, by area, of a quantity (n_f, n_q) at the points; zero at nodes without."""
+        ...
+
+
+class NodePoints:
+    """The nodes of the facets of a quarter sample that may touch: the footprint, then the side that the indenter overhangs.
+
+    Parameters
+    ----------
+    solid : Solid
+        Its mesh has the boundaries footprint and overhung.
+    thickness : float, mm
+    """
+
+    def __init__(self, solid: Solid, thickness: float) -> None:
+        parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
+        facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
+        elements, nodes, areas = facet_nodes(solid, facets)
+        self.dofs, self.n_dofs = solid.dofs[elements, nodes], solid.n_dofs
+        self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, self.dofs[..., 0]], 0, -1))
+        counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
+        self.weights = np.ascontiguousarray(areas * counts)
+        self.surface, places = np.unique(self.dofs, return_inverse=True)
+        self._places = places.reshape(self.dofs.shape)
+        block = 3 * solid.positions[elements, nodes, nodes]
+        self._entries = (solid.indptr[self.dofs] + block[..., None])[..., None] + np.arange(3)
+
+    def field(self, u: Array) -> Array:
+        return u[self.dofs]
+
+    def spread(self, traction: Array) -> Array:
+        out = np.zeros(self.n_dofs)
+        np.add.at(out, self.dofs, self.weights[..., None] * traction)
+        return out
+
+    def add_stiffness(self, stiffness: Array, values: Array) -> Array:
+        blocks = self.weights[..., None, None] * stiffness
+        dense = np.zeros((self.surface.size,) * 2)
+        np.add.at(values, self._entries, blocks)
+        np.add.at(dense, (self._places[..., :, None], self._places[..., None, :]), blocks)
+        return dense
+
+    def nodal_mean(self, pressure: Array) -> Array:
+        return _mean(self.dofs[..., 0] // 3, pressure, self.weights, self.n_dofs // 3)
+
+
+class EdgePoints:
+    """Gauss points on the edges of a meridian's top that may touch, in the plane z = 0.
+
+    Parameters
+    ----------
+    body : Meridian
+        Its mesh has the boundary footprint.
+    """
+
+    def __init__(self, body: Meridian) -> None:
+        facets = body.mesh.boundaries["footprint"]
+        elements, nodes = body.mesh.f2t[0, facets], _edge_nodes(body, facets)
+        dofs = body.dofs[elements[:, None], nodes]  # (n_f, 3, 2): the edge's ends, then its middle
+        places, weights = np.polynomial.legendre.leggauss(GAUSS)
+        x = (places + 1) / 2
+        self._shape = np.stack([(1 - x) * (1 - 2 * x), x * (2 * x - 1), 4 * x * (1 - x)], axis=1)  # (n_q, 3)
+        nodal = np.moveaxis(body.basis.doflocs[:, dofs[..., 0]], 0, -1)  # (n_f, 3, 2)
+        plane = np.einsum("qa,fai->fqi", self._shape, nodal)
+        length = np.linalg.norm(nodal[:, 1] - nodal[:, 0], axis=1)
+        self.X = np.ascontiguousarray(np.concatenate([plane, np.zeros((*plane.shape[:2], 1))], axis=2))
+        self.weights = np.pi * length[:, None] * weights * plane[..., 0]  # 2 pi r times half of the length
+        self.under = np.ones(len(facets), dtype=bool)
+        self.n_dofs, self._dofs = body.n_dofs, dofs
+        self.surface, at = np.unique(dofs, return_inverse=True)
+        self._places = at.reshape(len(facets), 6)
+        rows = (
+            body.indptr[dofs][:, :, :, None]
+            + 2 * body.positions[elements[:, None, None], nodes[:, :, None], nodes[:, None, :]][:, :, None]
+        )
+        self._entries = (rows[..., None] + np.arange(2)).reshape(len(facets), 6, 6)
+
+    def field(self, u: Array) -> Array:
+        moved = np.zeros_like(self.X)
+        moved[..., :2] = np.einsum("qa,fai->fqi", self._shape, u[self._dofs])
+        return moved
+
+    def spread(self, traction: Array) -> Array:
+        out = np.zeros(self.n_dofs)
+        np.add.at(out, self._dofs, np.einsum("fq,qa,fqi->fai", self.weights, self._shape, traction[..., :2]))
+        return out
+
+    def add_stiffness(self, stiffness: Array, values: Array) -> Array:
+        n_f = len(self._dofs)
+        blocks = np.einsum("fq,qa,qb,fqij->faibj", self.weights, self._shape, self._shape, stiffness[..., :2, :2]).reshape(
+            n_f, 6, 6
+        )
+        dense = np.zeros((self.surface.size,) * 2)
+        np.add.at(values, self._entries, blocks)
+        np.add.at(dense, (self._places[:, :, None], self._places[:, None, :]), blocks)
+        return dense
+
+    def nodal_mean(self, pressure: Array) -> Array:
+        nearness = np.maximum(1 - 2 * np.abs(np.array([0, 1, 0.5]) - self._x()[:, None]), 0)  # (n_q, 3)
+        weights = np.einsum("fq,qa->fqa", self.weights, nearness)
+        nodes = np.broadcast_to(self._dofs[:, None, :, 0] // 2, weights.shape)
+        return _mean(nodes, np.broadcast_to(pressure[..., None], weights.shape), weights, self.n_dofs // 2)
+
+    def _x(self) -> Array:
+        return (np.polynomial.legendre.leggauss(GAUSS)[0] + 1) / 2
+
+
+def _mean(nodes: Ints, values: Array, weights: Array, n_nodes: int) -> Array:
+    total = np.bincount(nodes.ravel(), weights=(weights * values).ravel(), minlength=n_nodes)
+    area = np.bincount(nodes.ravel(), weights=weights.ravel(), minlength=n_nodes)
+    return np.divide(total, area, out=np.zeros(n_nodes), where=area > 0)
+
+
+def _edge_nodes(body: Meridian, facets: Ints) -> Ints:
+    """Numbers (n_f, 3) within their elements of the facets' nodes: the ends, by their radius, then the middle."""
+    mesh, places = body.mesh, body.basis.elem.elem.doflocs  # (9, 2) of the reference element
+    corners = mesh.t[:, mesh.f2t[0, facets]]  # (4, n_f)
+    ends = [
+        sorted(np.flatnonzero(np.isin(corner, mesh.facets[:, f])), key=lambda n: mesh.p[0, corner[n]])
+        for corner, f in zip(corners.T, facets, strict=True)
+    ]
+    middle = [np.flatnonzero(np.all(np.isclose(places, places[[a, b]].mean(axis=0)), axis=1))[0] for a, b in ends]
+    return np.column_stack([np.array(ends), middle])
 
 
 class FacetNodes(NamedTuple):

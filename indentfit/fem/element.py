@@ -55,12 +55,24 @@ class Solid:
         self._loop = _kernels(scalar.Nbfun, n_modes)
         self.weights = np.ascontiguousarray(self.basis.dx)
         self.volume = self.weights.sum(axis=1)
-        self.modes = _pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
+        self.modes = pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
         self.means = np.einsum("emq,eq->em", self.modes, self.weights)  # modes of the constant 1
         nodes = self.dofs[:, :, 0] // 3
-        self.indptr, self.indices, self.positions = _pattern(nodes, self.basis.N // 3)
+        self.indptr, self.indices, self.positions = sparsity(nodes, self.basis.N // 3, 3)
         self._groups = _independent(nodes, self.basis.N // 3)
         self._threads = THREADS if self.grads.size // 3 > WORTH_THREADS else 1
+
+    copies = 4  # of a quarter sample
+
+    def held(self, base: str) -> Ints:
+        """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it."""
+        held = [self.basis.get_dofs(plane).all([name]) for plane, name in (("x0", "u^1"), ("z0", "u^3"))]
+        return np.concatenate([*held, self.basis.get_dofs("base").all(["u^2"] if base == "sliding" else None)])
+
+    def corners(self, u: Array) -> tuple[Array, Array]:
+        """Points (3, n) of the elements' corners, and their displacements (3, n), mm."""
+        dofs = self.basis.nodal_dofs
+        return self.basis.doflocs[:, dofs[0]], u[dofs]
 
     @property
     def n_dofs(self) -> int:
@@ -130,10 +142,10 @@ class Solid:
         return results
 
 
-def _pressure_modes(points: Array, weights: Array, n_modes: int) -> Array:
+def pressure_modes(points: Array, weights: Array, n_modes: int) -> Array:
     """Pressure modes (n_el, n_m, n_q), orthonormal on each element: constant, then linear in the coordinates."""
     modes = [np.ones_like(weights)]
-    if n_modes == 4:
+    if n_modes > 1:
         centre = np.einsum("ieq,eq->ie", points, weights) / weights.sum(axis=1)
         modes += list(points - centre[:, :, None])
     done: list[Array] = []
@@ -144,18 +156,19 @@ def _pressure_modes(points: Array, weights: Array, n_modes: int) -> Array:
     return np.ascontiguousarray(np.array(done).transpose(1, 0, 2))
 
 
-def _pattern(nodes: Ints, n_nodes: int) -> tuple[Ints, Ints, Ints]:
-    """CSR pattern of 3x3 blocks, and for each pair of an element's nodes the block's place in its row of blocks."""
+def sparsity(nodes: Ints, n_nodes: int, k: int) -> tuple[Ints, Ints, Ints]:
+    """CSR pattern of k x k blocks, k displacements at a node, and for each pair of an element's nodes the place of its block in the
+    row of blocks."""
     n_el, n = nodes.shape
     rows = np.repeat(nodes, n, axis=1).ravel()
     cols = np.tile(nodes, (1, n)).ravel()
     blocks = sp.coo_matrix((np.ones(rows.size, dtype=np.int8), (rows, cols)), shape=(n_nodes, n_nodes)).tocsr()
     blocks.sort_indices()
     lengths = np.diff(blocks.indptr)
-    starts = np.concatenate([[0], np.cumsum(np.repeat(lengths * 3, 3))])
-    expanded = (3 * blocks.indices[:, None] + np.arange(3)).astype(np.int32)
+    starts = np.concatenate([[0], np.cumsum(np.repeat(lengths * k, k))])
+    expanded = (k * blocks.indices[:, None] + np.arange(k)).astype(np.int32)
     indices = np.concatenate(
-        [expanded[a:b].ravel() for a, b in zip(np.repeat(blocks.indptr[:-1], 3), np.repeat(blocks.indptr[1:], 3), strict=True)]
+        [expanded[a:b].ravel() for a, b in zip(np.repeat(blocks.indptr[:-1], k), np.repeat(blocks.indptr[1:], k), strict=True)]
     )
     keys = np.repeat(np.arange(n_nodes, dtype=np.int64), lengths) * n_nodes + blocks.indices
     places = np.searchsorted(keys, rows.astype(np.int64) * n_nodes + cols) - blocks.indptr[rows]

@@ -74,12 +74,15 @@ class MeshFacts:
     element : "q1p0" or "q2p1"
     smallest_mm : float, mm
         Cube root of the smallest element's volume.
+    symmetry : "quarter" or "axisymmetric"
+        Which part of the sample was meshed.
     """
 
     elements: int
     dofs: int
     element: str
     smallest_mm: float
+    symmetry: str = "quarter"
 
     def as_json(self) -> dict[str, Any]:
         """Stable keys."""

@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array, Ints
-from indentfit.fem.contact import ContactFace
-from indentfit.fem.contact_state import ContactState
-from indentfit.fem.element import XX, YY, ZZ, Solid
+from indentfit.fem.element import XX, XY, XZ, YY, YZ, ZZ, Solid
 from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.meridian import Meridian
 from indentfit.fem.result import TestResult
 from indentfit.fem.simulate import FIBRES, Model
 from indentfit.material import Material
+
+SECTORS = 12  # of the quarter that a meridian plane sweeps for pictures and files
+# The nodes of a nine-node quadrilateral, in scikit-fem's order (corners, middles of the sides, middle), that make four small ones.
+QUARTERED = ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3))
+# The nodes of a brick in scikit-fem's order, among those of a small quadrilateral at one angle (0 to 3) and at the next (4 to 7).
+BRICK = (6, 2, 5, 7, 1, 3, 4, 0)
 
 
 @dataclass(frozen=True)
@@ -65,15 +70,17 @@ def recover(model: Model, result: TestResult, material: Material, kappa: float, 
     body, u, fibre = model.body, equilibrium.u, FIBRES[result.angle]
     state = body.state(u, fibre)
     stress = body.stress(u, state, material, body.pressure(state, kappa), fibre)
-    return Fields(
-        nodes=body.basis.doflocs[:, ::3].T,
+    n = body.dofs.shape[2]
+    fields = Fields(
+        nodes=body.basis.doflocs[:, ::n].T,
         elements=_elements(body),
-        displacement=u.reshape(-1, 3),
+        displacement=u.reshape(-1, n),
         nodal_stress=nodal_stress(body, stress),
         cell_stress=cell_stress(body, stress),
         volume_ratio=state.theta[:, 0] / body.means[:, 0],
-        contact_pressure=contact_pressure(body, model.contact, equilibrium.contact),
+        contact_pressure=model.contact.points.nodal_mean(equilibrium.contact.pressure),
     )
+    return fields if n == 3 else revolved(fields)
 
 
 def pressure(stress: Array) -> Array:
@@ -81,12 +88,12 @@ def pressure(stress: Array) -> Array:
     return -(stress[..., XX] + stress[..., YY] + stress[..., ZZ]) / 3
 
 
-def cell_stress(body: Solid, stress: Array) -> Array:
+def cell_stress(body: Solid | Meridian, stress: Array) -> Array:
     """Volume means (n_el, 6) of stresses (6, n_el, n_q) at the integration points."""
     return (np.einsum("seq,eq->se", stress, body.weights) / body.volume).T
 
 
-def nodal_stress(body: Solid, stress: Array) -> Array:
+def nodal_stress(body: Solid | Meridian, stress: Array) -> Array:
     """Stresses (n_v, 6) at the nodes: means of the integration points around, by volume and nearness.
 
     A point's nearness to a node is 1 at the node and falls linearly to 0 at the next one in each direction of the
@@ -97,22 +104,53 @@ def nodal_stress(body: Solid, stress: Array) -> Array:
     points = body.basis.quadrature[0].T  # (n_q, 3)
     intervals = np.unique(places[:, 0]).size - 1
     nearness = np.prod(np.maximum(1 - intervals * np.abs(places[:, None] - points), 0), axis=2)
-    nodes, n_nodes = _elements(body), body.n_dofs // 3
+    nodes, n_nodes = _elements(body), body.n_dofs // body.dofs.shape[2]
     share = np.einsum("nq,eq->en", nearness, body.weights)
     total = np.einsum("nq,eq,seq->sen", nearness, body.weights, stress)
     return np.array([_sums(nodes, component, n_nodes) for component in total]).T / _sums(nodes, share, n_nodes)[:, None]
 
 
-def contact_pressure(body: Solid, face: ContactFace, contact: ContactState) -> Array:
-    """Contact pressure (n_v,) in kPa: the pressures of the contact points at each node, averaged by area."""
-    nodes, n_nodes = face.dofs[:, :, 0] // 3, body.n_dofs // 3
-    total = _sums(nodes, face.weights * contact.pressure, n_nodes)
-    area = _sums(nodes, face.weights, n_nodes)
-    return np.divide(total, area, out=np.zeros(n_nodes), where=area > 0)
+def revolved(fields: Fields) -> Fields:
+    """Fields of the quarter sample x, z >= 0 that a meridian plane z = 0 of nine-node quadrilaterals sweeps, as eight-node bricks.
+
+    Each quadrilateral gives four small ones, and each of these a brick in each of SECTORS sectors of the quarter.
+    """
+    quads = fields.elements[:, np.array(QUARTERED)].reshape(-1, 4)
+    angles = np.linspace(0, np.pi / 2, SECTORS + 1)
+    n_nodes, sectors = len(fields.nodes), np.arange(SECTORS)[:, None, None]
+    first, second = quads + sectors * n_nodes, quads + (sectors + 1) * n_nodes
+    bricks = np.concatenate([first, second], axis=2)[:, :, np.array(BRICK)].reshape(-1, 8)
+    middles = np.repeat((angles[1:] + angles[:-1]) / 2, len(quads))
+    cells = np.tile(np.repeat(fields.cell_stress, 4, axis=0), (SECTORS, 1))
+    turned = [_turned(fields.nodal_stress, np.full(n_nodes, angle)) for angle in angles]
+    return Fields(
+        nodes=np.concatenate([_swept(fields.nodes, angle) for angle in angles]),
+        elements=bricks,
+        displacement=np.concatenate([_swept(fields.displacement, angle) for angle in angles]),
+        nodal_stress=np.concatenate(turned),
+        cell_stress=_turned(cells, middles),
+        volume_ratio=np.tile(np.repeat(fields.volume_ratio, 4), SECTORS),
+        contact_pressure=np.tile(fields.contact_pressure, SECTORS + 1),
+    )
 
 
-def _elements(body: Solid) -> Ints:
-    return body.dofs[:, :, 0] // 3
+def _swept(plane: Array, angle: float) -> Array:
+    """Vectors (n, 3) of a plane's vectors (n, 2) turned about the axis."""
+    return np.column_stack([plane[:, 0] * np.cos(angle), plane[:, 1], plane[:, 0] * np.sin(angle)])
+
+
+def _turned(stress: Array, angles: Array) -> Array:
+    """Stresses (n, 6) of the plane z = 0 turned about the axis by angles (n,)."""
+    c, s = np.cos(angles), np.sin(angles)
+    radial, axial, hoop, shear = (stress[:, component] for component in (XX, YY, ZZ, XY))
+    turned = np.empty_like(stress)
+    turned[:, XX], turned[:, YY], turned[:, ZZ] = radial * c**2 + hoop * s**2, axial, radial * s**2 + hoop * c**2
+    turned[:, XY], turned[:, YZ], turned[:, XZ] = shear * c, shear * s, (radial - hoop) * c * s
+    return turned
+
+
+def _elements(body: Solid | Meridian) -> Ints:
+    return body.dofs[:, :, 0] // body.dofs.shape[2]
 
 
 def _sums(places: Ints, values: Array, length: int) -> Any:

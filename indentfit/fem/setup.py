@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from indentfit.arrays import Array
 from indentfit.case.tables import Indenter, Mesh, Sample, Solver
+from indentfit.fem.symmetry import Symmetry
 from indentfit.material import Material
 
 
@@ -20,6 +21,8 @@ class Setup:
         The tables of a case.
     depth : float, mm
         Largest depth that the indenter will reach.
+    symmetry : "quarter" or "axisymmetric"
+        Which part of the sample is meshed (fem.symmetry).
     """
 
     sample: Sample
@@ -27,6 +30,7 @@ class Setup:
     mesh: Mesh
     solver: Solver
     depth: float
+    symmetry: Symmetry = "quarter"
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from skfem import Basis
 from threadpoolctl import ThreadpoolController
 
-from indentfit.arrays import Array, Ints
+from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
+from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import Controls, Work
 from indentfit.fem.deadline import NEVER, Deadline
@@ -28,6 +28,8 @@ from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.pardiso import THREADS_PAY
 from indentfit.fem.linear.solver import LinearSolver, LinearWork
+from indentfit.fem.meridian import Meridian
+from indentfit.fem.meridian_mesh import meridian_mesh
 from indentfit.fem.mesh import quarter
 from indentfit.fem.newton import Newton
 from indentfit.fem.path import indent, untouched
@@ -36,7 +38,6 @@ from indentfit.fem.setup import Press, Setup
 from indentfit.indenters import has_sharp_edge
 from indentfit.material import Material, blamed
 
-QUARTERS = 4
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
@@ -75,11 +76,11 @@ class Model:
     def __init__(self, setup: Setup, rim: float = 1.0) -> None:
         self.setup, self.rim = setup, rim
         started = time.perf_counter()
-        self.mesh = quarter(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth, rim)
-        self.body = _body(self.mesh, setup.solver.assembly, setup.solver.element)
-        self.contact = ContactFace(self.body, setup.indenter, setup.sample.thickness)
-        self.fixed = Fixed(self.body, _held(self.body.basis, setup.sample.base))
-        kind = choice(setup.solver.linear, self.body.n_dofs)
+        self.body, points = _body(setup, rim)
+        self.mesh = self.body.mesh
+        self.contact = ContactFace(points, setup.indenter, setup.sample.thickness)
+        self.fixed = Fixed(self.body, self.body.held(setup.sample.base))
+        kind = choice(setup.solver.linear if self.body.copies > 1 else _direct(setup.solver.linear), self.body.n_dofs)
         modes = self.fixed.freed(rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None
         self.solver = LinearSolver(kind, modes, self.contact.surface)
         self.equations = Equations(self.body, self.contact, self.fixed)
@@ -143,12 +144,12 @@ class Model:
         springs = self._springs(material, angle).scaled(RIGID)  # one linear solve: nothing can chatter
         loading = self._loading(Press(material, kappa, angle, np.zeros(0)), springs)
         self.solver.forget()
-        return QUARTERS * untouched(self.equations, loading, self._newton(Controls(self.setup.solver.tolerance))).stiffness
+        return self.body.copies * untouched(self.equations, loading, self._newton(Controls(self.setup.solver.tolerance))).stiffness
 
     def mesh_facts(self) -> MeshFacts:
         """Numbers of the mesh."""
         smallest = float(np.min(self.body.volume) ** (1 / 3))
-        return MeshFacts(int(self.mesh.nelements), int(self.body.n_dofs), self.body.element, smallest)
+        return MeshFacts(int(self.mesh.nelements), int(self.body.n_dofs), self.body.element, smallest, self.setup.symmetry)
 
     def _solver_facts(self, tests: Sequence[TestResult]) -> SolverFacts:
         assembly = self.setup.solver.assembly
@@ -187,8 +188,8 @@ class Model:
             raise _explained(error, press) from error
         _require_contact(path, press.name)
         facts = self._facts(path, newton.work, self.solver.work.since(before), time.perf_counter() - started)
-        force = QUARTERS * interpolate(path, [point.force for point in path], press.depths)
-        sensitivities = _sensitivities(press, loading.directions, path)
+        force = self.body.copies * interpolate(path, [point.force for point in path], press.depths)
+        sensitivities = _sensitivities(press, loading.directions, path, self.body.copies)
         return TestResult(press.name, press.angle, press.depths, force, facts, sensitivities, tuple(path), self)
 
     def _newton(self, controls: Controls) -> Newton:
@@ -237,8 +238,7 @@ class Model:
         shape = self.contact.shape
         if not has_sharp_edge(shape):
             return 0.0
-        corners = self.body.basis.nodal_dofs
-        x, u = self.body.basis.doflocs[:, corners[0]], equilibrium.u[corners]
+        x, u = self.body.corners(equilibrium.u)
         top = x[1] > self.setup.sample.thickness * (1 - 1e-9)
         return float(np.max(np.abs(shape.motion_off_edge(x[:, top], u[:, top]))) / shape.half_width)
 
@@ -269,18 +269,18 @@ def _of_test(name: str, cause: str) -> str:
     return f"test {name!r}: {cause}" if name else cause
 
 
-def _sensitivities(press: Press, ways: Sequence[Direction], path: Sequence[Equilibrium]) -> dict[str, Array] | None:
+def _sensitivities(press: Press, ways: Sequence[Direction], path: Sequence[Equilibrium], copies: int) -> dict[str, Array] | None:
     """Name -> derivative (n,) of the force, for the requested names; None where the path could not be differentiated."""
     by_name = {}
     if ways:
         forces = [point.derivatives.force for point in path if point.derivatives is not None]
         if len(forces) < len(path):
             return None
-        rows = QUARTERS * interpolate(path, forces, press.depths).T
+        rows = copies * interpolate(path, forces, press.depths).T
         by_name = dict(zip((way.name for way in ways), rows, strict=True))
     if OFFSET in press.sensitivities:
         curve = CubicSpline([point.depth for point in path], [point.force for point in path])
-        by_name[OFFSET] = -QUARTERS * curve(press.depths, 1)
+        by_name[OFFSET] = -copies * curve(press.depths, 1)
     return {name: by_name[name] for name in press.sensitivities}
 
 
@@ -294,18 +294,22 @@ def interpolate(path: Sequence[Equilibrium], values: Sequence[Any], depths: Arra
     return CubicSpline([point.depth for point in path], values, axis=0)(depths)
 
 
-def _body(mesh: Any, assembly: str, element: str) -> Solid:
-    """The body, with the assembly that the case asks for."""
-    if assembly == "forms":
+def _body(setup: Setup, rim: float) -> tuple[Solid | Meridian, ContactPoints]:
+    """The meshed body as the setup asks for it, and the points at which it may touch."""
+    if setup.symmetry == "axisymmetric":
+        meridian = Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth))
+        return meridian, EdgePoints(meridian)
+    element = setup.solver.element
+    mesh = quarter(setup.sample, setup.indenter, setup.mesh, element, setup.depth, rim)
+    if setup.solver.assembly == "forms":
         from indentfit.fem.forms import FormSolid
 
-        return FormSolid(mesh, element)
-    return Solid(mesh, element)
+        solid: Solid = FormSolid(mesh, element)
+    else:
+        solid = Solid(mesh, element)
+    return solid, NodePoints(solid, setup.sample.thickness)
 
 
-def _held(basis: Basis, base: str) -> Ints:
-    """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it."""
-    component = {"x0": "u^1", "z0": "u^3"}
-    held = [basis.get_dofs(plane).all([name]) for plane, name in component.items()]
-    held.append(basis.get_dofs("base").all(["u^2"] if base == "sliding" else None))
-    return np.concatenate(held)
+def _direct(linear: str) -> str:
+    """The linear solver of a small plane system, which multigrid is not made for."""
+    return "auto" if linear == "pyamg" else linear

@@ -17,7 +17,7 @@ import scipy.optimize
 
 from indentfit.arrays import Array
 from indentfit.case import Case, Mesh
-from indentfit.fem.mesh import count
+from indentfit.fem.meshing import DIMENSIONS, count
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.result import InputShare
 from indentfit.inverse.derivatives import Underivable, derivatives_at, last_cause
@@ -128,7 +128,9 @@ def _of_mesh(solution: Solution, spread: float) -> Moves:
     case, forces = solution.case, solution.best.forces
     elements = another_mesh(case)
     changed = _forces(solution, [{"mesh.elements": elements}])[0]
-    coarser = (elements_of(case, case.mesh) / elements_of(case, Mesh(elements=elements))) ** (ORDER / 3)
+    coarser = (elements_of(case, case.mesh) / elements_of(case, Mesh(elements=elements))) ** (
+        ORDER / DIMENSIONS[setup_of(case).symmetry]
+    )
     change = max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(forces, changed, strict=True))
     sd = spread * change / abs(coarser - 1)
     return Moves(_of_force(solution, sd).rows, InputShare(0.0, float(sd), elements=elements))
@@ -165,8 +167,9 @@ def another_mesh(case: Case) -> int:
 
 
 def elements_of(case: Case, mesh: Mesh) -> int:
-    """The number of elements of a case's mesh with a Mesh table."""
-    return count(case.sample, case.indenter, mesh, case.solver.element, setup_of(case).depth)
+    """The number of elements that a Mesh table gives a case."""
+    setup = setup_of(case)
+    return count(replace(setup, mesh=mesh.model_copy(update={"symmetry": setup.symmetry})))
 
 
 def value_of(case: Case, best: Candidate, name: str) -> float:

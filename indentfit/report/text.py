@@ -11,6 +11,12 @@ from indentfit.inference.result import FitResult, InputShare, Interval, NoiseSha
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
 
+KINDS = {
+    ("quarter", "q1p0"): "eight-node bricks",
+    ("quarter", "q2p1"): "27-node bricks",
+    ("axisymmetric", "q2p1"): "nine-node quadrilaterals",
+}
+
 
 def simulation_lines(simulation: Simulation, case: Case, material: Material) -> Iterator[str]:
     """A Simulation in words, line by line: its curves, then the mesh, the solver and how exact the contact is."""
@@ -69,10 +75,10 @@ def _table(tests: Sequence[TestResult]) -> Iterator[str]:
 
 
 def _mesh(mesh: MeshFacts) -> Iterator[str]:
-    kind = {"q1p0": "eight-node bricks", "q2p1": "27-node bricks"}.get(mesh.element, mesh.element)
+    kind = KINDS[mesh.symmetry, mesh.element]
+    part = "quarter sample" if mesh.symmetry == "quarter" else "axisymmetric, meridian plane"
     yield (
-        f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, quarter sample; "
-        f"smallest element {mesh.smallest_mm:.3g} mm"
+        f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, {part}; smallest element {mesh.smallest_mm:.3g} mm"
     )
 
 

@@ -8,6 +8,7 @@ from indentfit.arrays import Array
 from indentfit.case.laws import open_law
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver
 from indentfit.fem.setup import Setup
+from indentfit.fem.symmetry import symmetry_of
 from indentfit.material import Material
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ class Mechanics:
     def setup(self) -> Setup:
         """The Setup of the mesh, for the deepest of the tests."""
         depth = max(float(test.depths[-1]) for test in self.tests)
-        return Setup(self.sample, self.indenter, self.mesh, self.solver, depth)
+        symmetry = symmetry_of(self.sample, self.indenter, self.mesh, self.solver, self.law)
+        return Setup(self.sample, self.indenter, self.mesh, self.solver, depth, symmetry)
 
     def changed(self, changes: dict[str, Any]) -> "Mechanics":
         """The mechanics with other values of keys ("table.key" -> value)."""
@@ -78,5 +80,5 @@ def mechanics_of(case: "Case") -> Mechanics:
 
 
 def with_key(table: Any, key: str, value: Any) -> Any:
-    """A table with another value of a key; a [mesh] table keeps no other key."""
-    return Mesh(**{key: value}) if isinstance(table, Mesh) else table.model_copy(update={key: value})
+    """A table with another value of a key; a mesh is made anew from that key and its symmetry."""
+    return Mesh(**{"symmetry": table.symmetry, key: value}) if isinstance(table, Mesh) else table.model_copy(update={key: value})

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from indentfit.case import Case
 from indentfit.errors import CaseError, MeshError
 from indentfit.experiment.measured import changed_case
-from indentfit.fem import mesh as meshes
 from indentfit.fem.linear.choice import choice
+from indentfit.fem.meshing import count
+from indentfit.runs.points import setup_of
 from indentfit.study.isolated import available_memory
 
 SHARES = (0.2, 0.4, 0.5, 1.0, 2.0, 3.5)  # of the case's number of elements: a wide range of sizes, at bearable costs
@@ -106,7 +107,7 @@ def parse_family(option: str, text: str) -> list[str]:
 
 def estimate(case: Case) -> tuple[int, int, float]:
     """Elements, degrees of freedom and peak memory, bytes, of a case, before its mesh is made."""
-    elements = meshes.count(case.sample, case.indenter, case.mesh, case.solver.element, largest_depth(case))
+    elements = count(setup_of(case))
     nodes = elements * (8 if case.solver.element == "q2p1" else 1)
     dofs = 3 * nodes * (1 + 1 / nodes ** (1 / 3)) ** 3
     return elements, round(dofs), memory_of(dofs, case.solver.element, case.solver.linear)

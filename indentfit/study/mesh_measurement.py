@@ -10,7 +10,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.errors import ConvergenceError, IndentfitError, MeshError
-from indentfit.fem import mesh as meshes
+from indentfit.fem.meshing import size
 from indentfit.fem.result import Simulation
 from indentfit.fem.simulate import Model
 from indentfit.runs.forward import presses_of
@@ -18,7 +18,7 @@ from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import press_of, setup_of
 from indentfit.runs.run import Run
 from indentfit.study.isolated import DIED, Died, isolated, peak_memory
-from indentfit.study.mesh_family import estimate, largest_depth
+from indentfit.study.mesh_family import estimate
 from indentfit.study.runs import Execution
 
 MEASURED = "measured"  # among a run's parameters: done in a process of its own, with what that process needed among its facts
@@ -108,7 +108,7 @@ def _of_simulation(case: Case, simulation: Simulation, setup_seconds: float, cpu
     return Measured(
         elements=simulation.mesh.elements,
         dofs=simulation.mesh.dofs,
-        h=float(meshes.size(case.sample, case.indenter, case.mesh, case.solver.element, largest_depth(case))),
+        h=float(size(setup_of(case))),
         forces=tuple(test.force for test in simulation.tests),
         newton_iterations=solver.newton_iterations,
         factorizations=solver.factorizations,
