@@ -168,9 +168,9 @@ def test_a_key_of_the_case_is_a_point_of_the_same_workers_and_changes_no_number(
     assert [list(points) for _, points in runs._groups(variants)] == [list(range(8))]
     other = ["test.parallel.depth=0.05", "material={model='neo_hookean',parameters={mu=1}}"]
     assert len(runs._groups([case, *(read_case(QUICK, [*SMALL, key]) for key in other)])) == 3
-    together = runs.evaluate(variants, Execution(workers=1))
+    together = runs.evaluate_cases(variants, Execution(workers=1))
     for key, one, found in zip(["", *keys], variants, together, strict=True):
-        (alone,) = runs.evaluate([one], Execution(workers=1))
+        (alone,) = runs.evaluate_cases([one], Execution(workers=1))
         for ours, theirs, test in zip(found.forces, alone.forces, simulate(one).tests, strict=True):
             assert np.array_equal(ours, theirs), key
             assert np.allclose(ours, test.force, rtol=1e-5), key
@@ -496,11 +496,11 @@ def test_a_point_that_was_lost_for_want_of_memory_is_shown_but_computed_again_th
     case, path = read_case(QUICK, ["mesh.elements=24", "solver.element=q1p0", "fit.workers=1"]), tmp_path / LEDGER
     with monkeypatch.context() as patch, Ledger(path, case) as ledger:
         patch.setattr("indentfit.runs.bench.Bench.run", no_memory)
-        (lost,) = runs.evaluate([case], Execution(ledger=ledger))
+        (lost,) = runs.evaluate_cases([case], Execution(ledger=ledger))
     assert lost.forces is None and "out of memory" in lost.cause
     with Ledger(path, case) as ledger:
         assert not ledger
-        (found,) = runs.evaluate([case], Execution(ledger=ledger))
+        (found,) = runs.evaluate_cases([case], Execution(ledger=ledger))
         assert found.cause is None and len(ledger) == 2
 
 

@@ -22,7 +22,7 @@ from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 from indentfit.arrays import Array, Ints
 from indentfit.fem.body import BodyState
 from indentfit.fem.compiled import THREADS, compiled, on_stack, on_threads
-from indentfit.material import Material, derivatives
+from indentfit.material import Material, checked_derivatives
 
 ELEMENTS = {
     "q1p0": (ElementHex1, 2, 1),
@@ -90,7 +90,7 @@ class Solid:
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         """Internal forces (n,), mN, at given pressure modes."""
-        return self.forces(u, derivatives(material, "gradient", state.I), pressure, fibre)
+        return self.forces(u, checked_derivatives(material, "gradient", state.I), pressure, fibre)
 
     def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
         """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in
@@ -108,7 +108,7 @@ class Solid:
         shall not be kappa (fem.linear).
         """
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
-        d1, d2 = derivatives(material, "gradient", state.I), derivatives(material, "hessian", state.I)
+        d1, d2 = checked_derivatives(material, "gradient", state.I), checked_derivatives(material, "hessian", state.I)
         target = self.pressure(state, kappa)
         self._run(
             self._loop.tangent, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
@@ -124,7 +124,7 @@ class Solid:
 
     def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
-        d1 = derivatives(material, "gradient", state.I)
+        d1 = checked_derivatives(material, "gradient", state.I)
         stress = np.empty((6, *self.weights.shape))
         self._run(self._loop.cauchy, u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
         return stress

@@ -99,5 +99,5 @@ def equilibrium_of(there: Linearisation, solver: LinearSolver, deadline: Deadlin
         residual_error=float(there.residual @ motion),
         motion=motion,
         rate=rate,
-        derivatives=sensitivity.derivatives(there, solver, deadline, motion if at_rest else None) if differentiated else None,
+        derivatives=sensitivity.path_derivatives(there, solver, deadline, motion if at_rest else None) if differentiated else None,
     )

@@ -20,7 +20,7 @@ from indentfit.arrays import Array, Ints
 from indentfit.fem.body import BodyState
 from indentfit.fem.compiled import compiled, on_stack
 from indentfit.fem.element import _at_point, _directions, _inverse, _kirchhoff, _moduli, _strain, pressure_modes, sparsity
-from indentfit.material import Material, derivatives
+from indentfit.material import Material, checked_derivatives
 
 N_N, N_M, N_D = 9, 3, 18  # nodes, pressure modes and displacements of an element
 ORDER = 5  # of the quadrature: the weights hold a factor r
@@ -78,7 +78,7 @@ class Meridian:
         return kappa * (state.theta - self.means)
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
-        return self.forces(u, derivatives(material, "gradient", state.I), pressure, fibre)
+        return self.forces(u, checked_derivatives(material, "gradient", state.I), pressure, fibre)
 
     def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
         out = np.zeros(self.n_dofs)
@@ -97,7 +97,7 @@ class Meridian:
         bulk: float | None = None,
     ) -> tuple[Array, Array]:
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
-        d1, d2 = derivatives(material, "gradient", state.I), derivatives(material, "hessian", state.I)
+        d1, d2 = checked_derivatives(material, "gradient", state.I), checked_derivatives(material, "hessian", state.I)
         target = self.pressure(state, kappa)
         _LOOPS.tangent(
             u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target, kappa if bulk is None else bulk, d1, d2,
@@ -112,7 +112,7 @@ class Meridian:
 
     def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz in the plane z = 0."""
-        d1 = derivatives(material, "gradient", state.I)
+        d1 = checked_derivatives(material, "gradient", state.I)
         stress = np.empty((6, *self.weights.shape))
         _LOOPS.cauchy(u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
         return stress

@@ -58,7 +58,9 @@ class PathDerivatives:
         return tuple(change.advanced(contact, rate, rates, step) for change, rates in zip(self.changes, self.rates, strict=True))
 
 
-def derivatives(there: Linearisation, solver: LinearSolver, deadline: Deadline, at_rest: Array | None = None) -> PathDerivatives:
+def path_derivatives(
+    there: Linearisation, solver: LinearSolver, deadline: Deadline, at_rest: Array | None = None
+) -> PathDerivatives:
     """PathDerivatives of an equilibrium whose increment has the changes of its history.
 
     Parameters

@@ -18,7 +18,7 @@ from indentfit.material.functions import FUNCTIONS, Term, exp, log, positive, sq
 from indentfit.material.kinematics import INVARIANTS, REST, invariant_gradients, invariants
 from indentfit.material.model import GROUP, Material, require_derivable, shipped
 from indentfit.material.parameter import Parameter
-from indentfit.material.plugins import blamed, derivatives, foreign_code, installed, load
+from indentfit.material.plugins import blamed, checked_derivatives, foreign_code, installed, load
 from indentfit.material.typed_energy import typed
 
 __all__ = [
@@ -32,7 +32,7 @@ __all__ = [
     "Term",
     "blamed",
     "check",
-    "derivatives",
+    "checked_derivatives",
     "exp",
     "foreign_code",
     "installed",

@@ -209,7 +209,7 @@ def blamed(kind: type[Material]) -> Iterator[None]:
         raise MaterialError(f"the material {kind.__name__} failed ({one_line(error)}); correct it") from error
 
 
-def derivatives(material: Material, name: Literal["gradient", "hessian"], I: Array) -> Array:
+def checked_derivatives(material: Material, name: Literal["gradient", "hessian"], I: Array) -> Array:
     """A material's gradient or Hessian, checked for the compiled loops, which themselves check no shape.
 
     Parameters

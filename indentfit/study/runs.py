@@ -49,7 +49,7 @@ class Execution:
         return None if self.ledger is None else self.ledger.of(case)
 
 
-def evaluate(cases: Sequence[Case], execution: Execution) -> list[Evaluation]:
+def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluation]:
     """Evaluations of the tests of each case, at its fixed parameters and the start values of its free ones.
 
     Failures of the mechanics are in the evaluations, never raised.

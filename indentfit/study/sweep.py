@@ -16,7 +16,7 @@ from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.runs.forward import Evaluation
 from indentfit.study.refit import Refit, refits
-from indentfit.study.runs import Execution, evaluate
+from indentfit.study.runs import Execution, evaluate_cases
 from indentfit.study.variations import SweepPlan, Variation, Vary, own_value, plan_sweep
 
 FLAT = 1e-3  # of the force: less than the solver and its contact are exact to
@@ -250,7 +250,7 @@ def sweep(case: Case, vary: Vary, grid: bool = False, refit: bool = False, execu
 
 def run_sweep(plan: SweepPlan, refit: bool, execution: Execution) -> Sweep:
     """The Sweep of a SweepPlan; the other arguments are those of `sweep`."""
-    evaluations = evaluate(plan.cases, execution)
+    evaluations = evaluate_cases(plan.cases, execution)
     (_, case), *others = plan.points
     base = _point({}, case, evaluations[0], None)
     points = tuple(
