@@ -21,7 +21,7 @@ from indentfit.experiment.measured import read_case
 from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.setup import Press
-from indentfit.fem.simulate import QUARTERS, Model
+from indentfit.fem.simulate import Model
 from indentfit.inference.per_sample import PerSample, SampleFit, parameter_spread
 from indentfit.inference.result import ParameterEstimate, Profile
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
@@ -32,6 +32,8 @@ from indentfit.report.plots import force_displacement, residual
 from indentfit.report.vtu import file_names, write_vtu
 from indentfit.runs.forward import simulate
 from indentfit.runs.points import setup_of
+
+QUARTERS = 4  # of a sample
 
 # ---- fields ------------------------------------------------------------------------------------------------------
 
