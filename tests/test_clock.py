@@ -2,12 +2,13 @@
 
 import subprocess
 import sys
+import threading
 
 import pytest
 
 from indentfit.errors import OutOfTime
 from indentfit.fem.deadline import NEVER, Deadline
-from indentfit.runs.watch import Watch
+from indentfit.runs.watch import Watch, watched
 
 # Loops like the solver's, with contexts inside and out: each ends in time or out of time, and afterwards Python runs on.
 LOOPS = """
@@ -131,3 +132,23 @@ def test_a_machine_that_was_asleep_ends_no_run(monkeypatch):
 
 def test_a_process_that_is_gone_is_not_overdue():
     assert not Watch(2**22 + 1, 1.0).is_overdue()
+
+
+def test_watched_work_gives_its_result_or_its_error_or_is_left_behind(monkeypatch):
+    monkeypatch.setattr("indentfit.runs.watch.GRACE", 0.1)
+    monkeypatch.setattr("indentfit.runs.watch.LOOK", 0.05)
+    released, ended = threading.Event(), threading.Event()
+
+    def endless():
+        while not released.is_set():
+            pass
+        ended.set()
+
+    assert watched(lambda: 3, 1.0) == 3
+    with pytest.raises(ZeroDivisionError):
+        watched(lambda: 1 / 0, 1.0)
+    with pytest.raises(OutOfTime, match=r"0\.1 s"):
+        watched(endless, 0.1)
+    assert not ended.is_set()
+    released.set()
+    assert ended.wait(10)

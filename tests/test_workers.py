@@ -1,5 +1,6 @@
 """The workers: whatever happens to one, or to what it runs, the numbers are the same or the failure is recorded."""
 
+import json
 import os
 import platform
 import signal
@@ -379,13 +380,37 @@ def test_a_dask_cluster_gives_the_same_numbers_also_when_a_worker_is_killed(case
         assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
 
 
-def test_a_run_that_never_comes_back_is_ended_on_a_cluster_too(case, in_process):
+ENDLESS = """
+import json, sys
+from indentfit.experiment.measured import read_case
+from indentfit.runs.pool import RunPool
+
+if __name__ == "__main__":
+    case = read_case(sys.argv[1], ["fit.time_limit=1"])
+    points = [{"mu": 1.0, "zeta": zeta} for zeta in json.loads(sys.argv[3])]
+    with RunPool(case, int(sys.argv[2]), cluster="local") as pool:
+        evaluations = pool.evaluate(points)
+    print(json.dumps([[e.cause, e.lost, [force.tolist() for force in e.forces or ()]] for e in evaluations]))
+"""
+
+
+@pytest.mark.parametrize(("number", "zetas"), [(1, [5.0, 6.0, 7.0, 3.0]), (2, [5.0, 3.0, 6.0, 1.0])])
+def test_a_run_that_never_comes_back_is_ended_on_a_cluster_too_and_no_other_is_blamed(case, tmp_path, number, zetas):
+    """In a process with a hard end. Each endless run is tried once, and more workers are lost than Dask allows for a request."""
     pytest.importorskip("distributed")
-    with RunPool(case("fit.time_limit=1", wild=LOOP), 2, cluster="local") as pool:
-        failed, fine = pool.evaluate([BAD, TAME])
-    assert failed.forces is None
-    assert "not back within its time" in failed.cause
-    assert np.array_equal(fine.forces[1], tame(case).forces[1])
+    (tmp_path / "endless.py").write_text(ENDLESS)
+    given = case(wild=f"open('FOLDER/tries', 'a').write('x')\n        {LOOP}")
+    words = [sys.executable, "-P", tmp_path / "endless.py", given.path, str(number), json.dumps(zetas)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+    with RunPool(case()) as pool:
+        here = pool.evaluate([{"mu": 1.0, "zeta": zeta} for zeta in zetas])
+    for zeta, evaluation, (cause, lost, forces) in zip(zetas, here, json.loads(done.stdout), strict=True):
+        if zeta > 4:
+            assert lost and cause.count("not solved within 1 s") == 2 and "worker" not in cause
+        else:
+            assert cause is None and forces == [force.tolist() for force in evaluation.forces]
+    assert len((tmp_path / "tries").read_text()) == 2 * sum(zeta > 4 for zeta in zetas)
 
 
 def test_a_fit_on_a_cluster_whose_worker_is_killed_ends_with_the_numbers_of_local_processes(case):

@@ -6,17 +6,21 @@ Anyone who can reach the scheduler can run code on its workers, so only the addr
 
 import contextlib
 import logging
+import os
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any
 
-from indentfit.errors import WorkerError
+from indentfit.errors import OutOfTime, WorkerError
 from indentfit.runs.bench import Bench
 from indentfit.runs.key import Inputs
 from indentfit.runs.mechanics import Mechanics
 from indentfit.runs.processes import deaf_to_interrupts
-from indentfit.runs.run import Run, RunRequest
-from indentfit.runs.watch import ended_when_overdue
+from indentfit.runs.run import Run, RunRequest, out_of_time
+from indentfit.runs.watch import watched
 
 LOCAL = "local"
 PATIENCE = 30  # seconds to find the scheduler, and for it to have a worker
@@ -121,8 +125,10 @@ class Cluster:
             error = future.exception()
             if error is None:
                 return future.result()
+        if isinstance(error, OutOfTime):
+            return out_of_time(self.limit)
         if isinstance(error, self._dask.scheduler.KilledWorker):
-            cause = "its workers were lost, one after the other (out of memory, killed, or not back within its time)"
+            cause = "its workers were lost, one after the other (out of memory, or killed)"
             return Run(None, cause, 0.0, {}, lost=True)
         if future.status == "cancelled" or isinstance(error, self._dask.CancelledError):
             raise self._gone(error) from error
@@ -151,17 +157,63 @@ def _distributed() -> Any:
 
 # In the worker's process
 
+NEWS = 1.0  # s for news of a worker to reach the scheduler
+FAIR = 1e-4  # s between two changes of the thread, so that an endless loop delays the news as little as possible
+AGAIN = 0.2  # s before a request that came to a leaving worker is sent back
+OVERDUE = 75  # exit code of a worker that left because its run never came back
+
 _lock = threading.Lock()  # a model does one run at a time, whatever the number of a worker's threads
 _benches: dict[str, Bench] = {}
+_leaving: set[str] = set()  # addresses of the workers of this process that a run that never comes back occupies
 
 
 def run_there(mechanics: Mechanics, request: RunRequest, limit: float, origin: str) -> Run:
-    """The Run of a request, on this worker's own bench."""
+    """The Run of a request, on this worker's own bench.
+
+    A worker whose run never comes back tells that by its error, which the scheduler keeps, and leaves the cluster in good order, so
+    that no other request is blamed for the loss of the worker. Its nanny starts another worker; where it has none, the cluster has
+    one worker less.
+    """
+    dask = _distributed()
+    worker = dask.get_worker()
     with _lock:
-        if origin not in _benches:
-            if Inputs(mechanics).origin != origin:
-                raise WorkerError("the cluster's workers have other versions of indentfit, its libraries or the material")
+        if worker.address in _leaving:
+            time.sleep(AGAIN)
+            raise dask.Reschedule
+        bench = _bench(mechanics, limit, origin)
+        try:
+            return watched(partial(bench.run_at_last, request), limit)
+        except OutOfTime:
+            _leaving.add(worker.address)
             _benches.clear()
-            _benches[origin] = Bench(mechanics, limit)
-        with ended_when_overdue(limit):
-            return _benches[origin].run_at_last(request)
+            threading.Thread(target=_leave, args=(worker, worker.get_current_task()), daemon=True).start()
+            raise
+
+
+def _bench(mechanics: Mechanics, limit: float, origin: str) -> Bench:
+    """The bench of a case, ready, because a model is made, and its loops are compiled, outside the time of a run."""
+    if origin not in _benches:
+        if Inputs(mechanics).origin != origin:
+            raise WorkerError("the cluster's workers have other versions of indentfit, its libraries or the material")
+        _benches.clear()
+        _benches[origin] = Bench(mechanics, limit)
+        with contextlib.suppress(MemoryError):  # the run tries again
+            _benches[origin].ready()
+    return _benches[origin]
+
+
+def _leave(worker: Any, key: str) -> None:
+    """Once the error of the task `key` is out, let the scheduler take its worker out of the cluster, and place other tasks anew.
+
+    The process is ended only where a nanny starts another, for it may be the user's own.
+    """
+    has_nanny, worker.nanny = worker.nanny is not None, None  # a nanny that is told that its worker leaves would leave with it
+    sys.setswitchinterval(FAIR)
+    until = time.monotonic() + PATIENCE
+    while (task := worker.state.tasks.get(key)) and task.state == "executing" and time.monotonic() < until:
+        time.sleep(AGAIN)
+    time.sleep(NEWS)
+    worker.loop.add_callback(worker.scheduler.retire_workers, workers=[worker.address], close_workers=False, remove=True)
+    time.sleep(NEWS)
+    if has_nanny:
+        os._exit(OVERDUE)

@@ -8,15 +8,20 @@ import contextlib
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from typing import TypeVar
 
 import psutil
+
+from indentfit.errors import OutOfTime
 
 GRACE, SHARE_OF_GRACE = 2.0, 0.5  # s, and share of the limit: processor time beyond it, for the solver to check its deadline
 PATIENCE, SHARE_OF_PATIENCE = 60.0, 10.0  # s, and multiple of the limit: wall-clock time after which a sleeping child is ended
 LOOK = 0.5  # s between two checks of a process on itself
-OVERDUE = 75  # exit code of a process that ended itself
 LONGEST_LOOK = 2.0  # s: a longer gap between two checks means that the machine slept, or that the parent was stopped
+
+Result = TypeVar("Result")
 
 
 class Watch:
@@ -58,27 +63,37 @@ class Watch:
         return 0.0
 
 
-@contextlib.contextmanager
-def ended_when_overdue(limit: float) -> Iterator[None]:
-    """Context in which this process ends itself once a run is overdue: for a worker whose parent is not ours, as one of Dask's.
+def watched(work: Callable[[], Result], limit: float) -> Result:
+    """The result of `work`, which runs in a thread of its own: for a worker whose parent is not ours, as one of Dask's.
+
+    A thread cannot be ended, so one that is overdue is left behind, and its process is of no further use.
 
     Parameters
     ----------
+    work : function without arguments
     limit : float, s
-        Processor time that the run may take.
+        Processor time that the work may take.
+
+    Returns
+    -------
+    result of `work`
+
+    Raises
+    ------
+    OutOfTime
+        The work is overdue, and goes on.
     """
-    done = threading.Event()
+    answer: Future[Result] = Future()
+    watch = Watch(os.getpid(), limit)
+    threading.Thread(target=_answer, args=(work, answer), name="run", daemon=True).start()
+    while not wait([answer], LOOK).done:
+        if watch.is_overdue():
+            raise OutOfTime(limit)
+    return answer.result()
 
-    def look() -> None:
-        watch = Watch(os.getpid(), limit)
-        while not done.wait(LOOK):
-            if watch.is_overdue():
-                os._exit(OVERDUE)
 
-    guard = threading.Thread(target=look, name="run's watch", daemon=True)
-    guard.start()
+def _answer(work: Callable[[], Result], answer: "Future[Result]") -> None:
     try:
-        yield
-    finally:
-        done.set()
-        guard.join()
+        answer.set_result(work())
+    except BaseException as error:
+        answer.set_exception(error)
