@@ -26,7 +26,7 @@ COLLECTION = """<?xml version="1.0"?>
 
 @dataclass(frozen=True)
 class FieldChoice:
-    """Which fields of a simulation are written: at the last depth, as a series of all steps, mirrored to the whole sample."""
+    """The fields of a simulation that are written: at the last depth, as a series of all steps, mirrored to the whole sample."""
 
     vtu: bool = True
     series: bool = False
@@ -35,7 +35,7 @@ class FieldChoice:
 
 @dataclass(frozen=True)
 class Solved:
-    """Simulated tests with what they were made of: the model, the material and its bulk modulus, kPa."""
+    """Simulated tests with their model, their material and its bulk modulus, kPa."""
 
     model: Model
     material: Material
@@ -78,7 +78,7 @@ def write_series(folder: Path, name: str, solved: Solved, test: TestResult, mirr
 
 
 def write_pictures(folder: Path, names: Sequence[str], shown: Shown, mirror: bool = False) -> None:
-    """PNG pictures of (test, angle, Fields), and what the report says of them."""
+    """PNG pictures of (test, angle, Fields), with their captions for the report."""
     sample, view = "quarter sample", "seen from outside of both planes of symmetry"
     if mirror:
         sample, view = "whole sample", "mirrored from its quarter"

@@ -32,15 +32,15 @@ FIGURES = (".svg", ".png")
 def result_folder(path: PathLike, overwrite: bool = False) -> Iterator[Path]:
     """Context that gives a temporary folder beside `path`, and renames it to `path` when the block ends well.
 
-    When the block fails, the temporary folder goes and whatever `path` held stays. Raises OutputError where the
-    folder cannot be written, exists, or (with overwrite) is not a result folder.
+    When the block fails, the temporary folder is removed and `path` stays unchanged. Raises OutputError where the folder cannot be
+    written, exists, or (with overwrite) is not a result folder.
     """
     target = refuse_existing(path, overwrite)
     temporary = _beside(target, "partial")
     try:
         temporary.mkdir()
         yield temporary
-        refuse_existing(path, overwrite)  # it may have come into being meanwhile
+        refuse_existing(path, overwrite)  # another program may have made the folder meanwhile
         _put_in_place(temporary, target)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder") from error
@@ -50,10 +50,11 @@ def result_folder(path: PathLike, overwrite: bool = False) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def lasting_folder(path: PathLike, overwrite: bool = False) -> Iterator[Path]:
-    """Like `result_folder`, for a long run: what it has put into its ledger stays, beside `path`, where the block fails.
+    """Like `result_folder`, for a long run: where the block fails, the ledger stays in a folder beside `path`.
 
-    The folder that it gives is `unfinished(path)`, new or left by an earlier run; it is taken away with its block only
-    if it holds no ledger, nor a folder in it. So the ledger's lock is for the block to take, before it touches anything else there.
+    The context gives the folder `unfinished(path)`, new or from an earlier run. When the block fails, this folder is removed only
+    if it holds neither a ledger nor a subfolder. The block must take the ledger's
+    lock before it changes anything else in the folder.
     """
     target = refuse_existing(path, overwrite)
     place = unfinished(target)
@@ -70,7 +71,7 @@ def lasting_folder(path: PathLike, overwrite: bool = False) -> Iterator[Path]:
 
 
 def unfinished(path: PathLike) -> Path:
-    """The folder beside `path` where a long run keeps what it has, until its result is whole."""
+    """The folder beside `path` that holds the files of a long run until its result is whole."""
     target = Path(path).resolve()
     name = target.name if len(target.name) <= 60 else f"{target.name[:40]}-{_short_hash(target.name)}"
     return target.with_name(f".{name}.unfinished")
@@ -82,12 +83,12 @@ def ledgers(place: PathLike) -> list[Path]:
 
 
 def clear(folder: PathLike) -> None:
-    """Take away what an earlier run left half written in its unfinished folder: all but its ledger."""
+    """Remove all files of an earlier run from its unfinished folder, except the ledger."""
     clear_all_but(folder, [file.name for file in Path(folder).glob(f"{LEDGER}*") if not file.is_dir()])
 
 
 def clear_all_but(folder: PathLike, names: Collection[str]) -> None:
-    """Take away what is in a run's unfinished folder under other names."""
+    """Remove everything from a run's unfinished folder, except files and folders with these names."""
     for inner in Path(folder).iterdir():
         if inner.name in names:
             continue
@@ -98,7 +99,7 @@ def clear_all_but(folder: PathLike, names: Collection[str]) -> None:
 
 
 def refuse_existing(path: PathLike, overwrite: bool = False) -> Path:
-    """Raise OutputError unless a result folder can be written at `path`: ask before a long computation.
+    """Raise OutputError unless a result folder can be written at `path`; to be called before a long computation.
 
     With overwrite, an earlier result folder and an empty folder may be replaced, and nothing else. Returns the
     folder's absolute path, symbolic links followed.
@@ -126,7 +127,7 @@ def write_json(path: PathLike, value: Any) -> None:
 
 
 def json_text(value: Any) -> str:
-    """A value as strict JSON: NumPy numbers and arrays as plain ones, NaN and infinity, which JSON has not, as null."""
+    """A value as strict JSON: NumPy numbers and arrays become plain numbers and lists, NaN and infinity become null."""
     return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False)
 
 
@@ -232,7 +233,7 @@ def _short_hash(text: str) -> str:
 
 
 def _put_in_place(temporary: Path, target: Path) -> None:
-    """Rename, with what was there moved aside first, and back again if the renaming fails."""
+    """Rename `temporary` to `target`; an old target is moved aside first, and back again if the renaming fails."""
     if not target.exists():
         temporary.rename(target)
         return
@@ -247,7 +248,7 @@ def _put_in_place(temporary: Path, target: Path) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Dictionaries, lists, numbers, strings and None in place of what NumPy and paths hold them in."""
+    """A value as dictionaries, lists, numbers, strings and None, in place of NumPy's types and paths."""
     if isinstance(value, dict):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -1,6 +1,6 @@
-"""report.html of a result folder: what was done to what, what came out, how sure it is, and how to get it again.
+"""report.html of a result folder: the case, the results with their certainty, and the command that repeats them.
 
-Everything is read from the folder itself, so that the page can be drawn again later and elsewhere.
+The page is made from the folder alone, so that it can be drawn again later and elsewhere.
 """
 
 import os
@@ -24,7 +24,7 @@ from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
 
-# What values of other kinds than promised make of a page.
+# Errors that damaged or foreign values in a result file raise.
 DAMAGE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, IndentfitError, jinja2.TemplateError)
 
 
@@ -34,12 +34,12 @@ def write_report(folder: str | Path) -> Path:
     Returns
     -------
     Path
-        Of the page.
+        The path of the page.
 
     Raises
     ------
     OutputError
-        The folder is no result folder, is damaged, or is of a version that this one does not know.
+        The folder is not a result folder, is damaged, or has an unknown version.
     """
     folder = Path(folder)
     try:

@@ -1,4 +1,4 @@
-"""What every report page says of its case: in words, as its file, and how to run it again."""
+"""The case on every report page: in words, as a file, and with the command that runs it again."""
 
 import shlex
 
@@ -51,7 +51,7 @@ def again_section(stored: Stored, command: str) -> Section:
     if facts:
         parts.append(Lines(tuple(facts)))
     if stored.overrides:
-        parts.append(Text("The file below is a verbatim copy; the keys after --set replace its own."))
+        parts.append(Text("The file below is a verbatim copy; the keys after --set replace keys of the file."))
     copy = stored.folder / "case.toml"
     if copy.is_file():
         parts.append(Code("The case file", copy.read_text(encoding="utf-8-sig")))

@@ -1,4 +1,4 @@
-"""Tables of facts about mesh, solver and work, and the stress pictures: what the pages of fits and of simulations share."""
+"""Common parts of the pages of fits and of simulations: facts about mesh, solver and work, and the stress pictures."""
 
 import json
 from collections.abc import Mapping
@@ -26,9 +26,9 @@ FACTS = {
     "assembly": "Assembly",
     "workers": "Worker processes",
     "run_seconds": "Time of all runs (s)",
-    "loose_steps": "Steps left at a loose residual",
-    "penalty_error": "Share of the force that the contact penalty withholds",
-    "residual_error": "Share of the force that loose residuals stand for",
+    "loose_steps": "Loose steps (accepted at a residual above the tolerance)",
+    "penalty_error": "Penalty error of the contact, share of the force",
+    "residual_error": "Error by loose steps, share of the force",
     "edge_slip": "Slip across the sharp edge, share of the half-width",
     "nfev": "Sets of parameters",
     "runs": "Solves of one test",

@@ -17,7 +17,7 @@ from indentfit.report.schema import Stored
 from indentfit.report.text import effect_of_base, share_rows
 
 PARAMETERS = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
-FITTED = "Measured (marks) and fitted (lines) force of the full sample against displacement; below, what is left over."
+FITTED = "Measured (marks) and fitted (lines) force of the full sample against displacement; below, the residuals."
 SEEN = "What the curves see, from most to least: change of the misfit by a relative change of parameters"
 MOST_FAILURES = 50  # in the table
 
@@ -41,7 +41,7 @@ def fit_page(stored: Stored, result: FitResult) -> Page:
 
 
 def _lead(result: FitResult) -> str:
-    """What was found, in a sentence."""
+    """The fitted parameters in a sentence."""
     free = {name: result.parameters[name] for name in result.free}
     words = [f"{name} = {number(known.value)}{_unit(known.unit, ' ')}" for name, known in free.items()]
     clear = [name for name, known in free.items() if (known.verdict or "").startswith("determined")]
@@ -88,7 +88,7 @@ def _curves(stored: Stored, result: FitResult) -> Section:
         figure = plots.force_displacement(measured, fitted, None)
         parts.append(Figures((drawn(figure, FITTED, _alt_of_fit(result, measured, fitted)),)))
     else:
-        parts.append(Text("There are no fitted curves: the mechanics failed wherever they were tried.", warning=True))
+        parts.append(Text("There are no fitted curves: the mechanics failed at every point of the search.", warning=True))
     rows = tuple((name, number(value)) for name, value in result.rmse.items())
     if rows:
         parts.append(Table("Root mean square error of each test", ("Test", "RMSE (mN)"), rows))
@@ -173,12 +173,12 @@ def _tests_alone(result: FitResult) -> list[Part]:
 
 
 def _uncertain(result: FitResult) -> list[Part]:
-    """What makes the errors: the noise, the mesh, and inputs that are not known exactly, where a result has them."""
+    """The sources of the errors (noise, mesh and uncertain inputs), where a result has them."""
     rows = tuple((words, *shares) for words, shares in share_rows(result.uncertain, result.free))
     if not rows:
         return []
     header = ("Error", *(f"Share of {name}" for name in result.free))
-    parts: list[Part] = [Table("What makes the error of each parameter: shares of its variance", header, rows)]
+    parts: list[Part] = [Table("Sources of the error of each parameter: shares of its variance", header, rows)]
     if effect := effect_of_base(result.uncertain):
         parts.append(Text(f"{effect[:1].upper()}{effect[1:]}."))
     return parts
@@ -198,7 +198,7 @@ def _weights_scan(result: FitResult) -> list[Part]:
         for fitted in result.weights_scan
     )
     header = (*(f"Weight of {name}" for name in tests), *result.free, *(f"RMSE {name} (mN)" for name in tests))
-    return [Table("What other weights of the tests in the objective would find", header, rows)]
+    return [Table("Fits with other weights of the tests in the objective", header, rows)]
 
 
 def _search(result: FitResult) -> Section:

@@ -149,7 +149,7 @@ def _point_row(point: SweepPoint, name: str, width: int) -> tuple[str, ...]:
 def _meshes(check: MeshCheck) -> Section:
     names = list(check.tests)
     measured = [name for name in names if any(mesh.rmse and name in mesh.rmse for mesh in check.meshes)]
-    caption = "The meshes, from coarse to fine, and what they cost; h is the element size (mesh.size)"
+    caption = "The meshes, from coarse to fine, and their cost; h is the element size (mesh.size)"
     parts: list[Part] = [Table(caption, COSTS, tuple(_cost_row(mesh) for mesh in check.meshes))]
     rows = tuple(row for mesh in check.meshes if (row := _computed_row(mesh, measured)))
     if rows:

@@ -1,5 +1,5 @@
-"""The folder of a long command: its ledger is opened and locked there, runs of earlier results are taken over, and the folder gets
-its name once the result is whole. A command that is stopped or killed leaves its runs, and says what goes on from there."""
+"""The folder of a long command: the command opens and locks its ledger there and takes over runs of earlier results; the folder
+gets its name once the result is whole. A stopped or killed command leaves its runs, and names the option that continues it."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -24,16 +24,16 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a long command writes.
+    """The place to which a long command writes.
 
     Parameters
     ----------
     output : str
         The result folder.
     overwrite : bool
-        Replace an earlier result; its runs are used again.
+        Whether an earlier result is replaced; its runs are used again.
     resume : bool
-        Go on with a command that was stopped or killed.
+        Whether a command that was stopped or killed is continued.
     reuse : str or None
         Another result folder whose runs are used too.
     """
@@ -46,8 +46,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Conduct:
-    """How a long command runs: who hears of its progress, called with (share done, note), who may stop it, where its runs are made
-    ("local", the address of a Dask scheduler, or None for this machine), and who is told what."""
+    """The surroundings of a long command: functions that receive its progress (share done, note), stop it and print its lines, and
+    the cluster of its runs ("local", the address of a Dask scheduler, or None for this machine)."""
 
     progress: Callable[..., object]
     stop: Callable[[], int]

@@ -9,8 +9,8 @@ from indentfit.arrays import Array, Ints
 from indentfit.fem.fields import Fields
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # of a stress, in the order of fem.fields
-NODES = {8: ElementHex1.doflocs, 27: ElementHex2.doflocs}  # of the reference element, in scikit-fem's order
-SAME = 1e-7  # of the sample's extent: nodes nearer than this are one
+NODES = {8: ElementHex1.doflocs, 27: ElementHex2.doflocs}  # nodes of the reference element, in scikit-fem's order
+SAME = 1e-7  # of the sample's extent: nodes nearer than this are merged
 
 
 def whole(fields: Fields) -> Fields:

@@ -1,7 +1,7 @@
-"""One self-contained HTML page: text, tables, figures, in sections, from values; everything given is shown escaped.
+"""One self-contained HTML page: text, tables, figures, in sections, from values; all values are escaped.
 
-It loads nothing: figures are inline SVG or images in the page itself, the content security policy allows one style sheet
-by its hash and no script at all.
+The page loads nothing: figures are inline SVG or images in the page itself; the content security policy allows one style sheet by
+its hash, and no script.
 """
 
 import base64
@@ -48,7 +48,7 @@ class Lines:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; the first column heads its rows. A column of numbers only is set to the right. On a narrow page one of more than
+    """A table; the first column heads its rows. A column of numbers is set to the right. On a narrow page a table of more than
     STACKED columns is shown row by row, each cell beside its column's name."""
 
     caption: str
@@ -64,7 +64,7 @@ class Table:
 
     @property
     def stacked(self) -> bool:
-        """Whether it is too wide for a phone."""
+        """Whether the table is too wide for a phone."""
         return len(self.header) > STACKED
 
 

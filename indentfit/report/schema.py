@@ -126,7 +126,7 @@ class Stored:
     result : FitResult, PerSample, Sweep, MeshCheck, Design, StoredSimulation or StoredProcess
     case : CaseFacts or None
     overrides : tuple of "KEY=VALUE"
-        With which the copy of the case is the one that was run.
+        Overrides with which the copy of the case is the case that was run.
     case_hash : str or None
     versions : dict of package -> version
     """
@@ -169,7 +169,7 @@ def read_result(folder: str | Path) -> Stored:
     Raises
     ------
     OutputError
-        The folder is no result folder, or of a version that is not known.
+        The folder is not a result folder, or has an unknown version.
     LookupError, TypeError, ValueError and their kin
         The result file is damaged.
     """
@@ -185,8 +185,8 @@ def read_result(folder: str | Path) -> Stored:
 
 
 def case_json(case: Case) -> dict[str, Any]:
-    """What a result's JSON file says of its case: its tables, its tests with their number of points and depth, the energy of its
-    material and the units of its parameters."""
+    """The facts about a case in the JSON file of a result: its tables, its tests with their number of points and depth,
+    the energy of its material and the units of its parameters."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
     tests = [{**_test_json(test), "n": len(case.outputs(test)), "depth_mm": float(case.outputs(test)[-1])} for test in case.tests]
     units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
@@ -213,13 +213,13 @@ def _indenter_words(table: Mapping[str, Any]) -> str:
 
 
 def _shape_words(shapes: Registry[Any], table: Mapping[str, Any]) -> str:
-    """A shape in its own words; its name alone where the package that offers it is not installed here."""
+    """A shape in its own words; only its name where the package that offers the shape is not installed."""
     shape = shapes.make(table)
     return str(shape.words()) if shape else str(table["shape"])
 
 
 def _given(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a table that have a value: a table dumped whole names those of other shapes too."""
+    """The keys of a table that have a value: the stored table also names the keys of other shapes, with null."""
     return {key: value for key, value in table.items() if value is not None}
 
 

@@ -19,7 +19,7 @@ class StoredRecord:
     slope, slope_stderr : float, mN/mm
         Stiffness, and its standard error.
     r_squared : float
-        Of the straight line.
+        R2 of the straight line.
     contact, contact_uncertainty : float, mm
         Contact point, and half of its 90 % interval.
     velocity : float, mm/s
@@ -111,7 +111,7 @@ def _spread(value: Mapping[str, Any]) -> Spread:
 
 
 def _with_nan(value: Any) -> Any:
-    """NaN in place of null, by which JSON stands for it."""
+    """A value with NaN in place of null, which stands for NaN in JSON."""
     if isinstance(value, Mapping):
         return {name: _with_nan(inner) for name, inner in value.items()}
     if isinstance(value, list):

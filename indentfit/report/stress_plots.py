@@ -1,7 +1,7 @@
 """Pictures of the deformed sample: displacement and Cauchy stresses on its surface and on its planes of symmetry.
 
 Drawn by matplotlib alone, without a display: the quarter sample (x >= 0, z >= 0) is seen from outside of both planes of
-symmetry, so that what is under the indenter is on view. Deformation is to scale.
+symmetry, so that the material under the indenter is visible. Deformation is to scale.
 """
 
 from collections.abc import Sequence
@@ -87,8 +87,8 @@ def peak_words(rows: Sequence[Peak]) -> str:
     shear = max((row for row in rows if row["component"][0] != row["component"][1]), key=lambda row: row["magnitude"])
     return (
         f"The largest normal stress is {normal['component']} ({normal['magnitude']:.3g} kPa), "
-        f"the largest shear stress is {shear['component']} ({shear['magnitude']:.3g} kPa). Left out the 1 % of nodes where "
-        f"each is largest, these are {_usual(rows, True)} and {_usual(rows, False)}."
+        f"the largest shear stress is {shear['component']} ({shear['magnitude']:.3g} kPa). Without the 1 % of nodes where "
+        f"each stress is largest, these are {_usual(rows, True)} and {_usual(rows, False)}."
     )
 
 
@@ -154,7 +154,7 @@ def _normals(x: Array, quads: Ints) -> Array:
 
 
 def _outwards(nodes: Array, quads: Ints) -> Array:
-    """1 or -1 by which a quad's normal points out of the undeformed sample, which is convex; the deformed one has a dent."""
+    """1 or -1, the sign with which a quad's normal points out of the undeformed sample, which is convex (a deformed one is not)."""
     from_middle = nodes[quads].mean(axis=1) - nodes.mean(axis=0)
     return np.sign(np.einsum("ij,ij->i", _normals(nodes, quads), from_middle))
 

@@ -1,4 +1,4 @@
-"""Figures of the studies: curves for each value of a key, keys by what they do, convergence of meshes."""
+"""Figures of the studies: curves for each value of a key, effects of keys, convergence of meshes."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -24,8 +24,8 @@ OnGrid = tuple[Sequence[str], Sequence[float | None], dict[str, float] | None]
 
 WIDE = 2 * COLUMN  # both columns of a journal
 LINES = (DASHES[1], DASHES[3], DASHES[4], DASHES[5])  # dots look pale
-WIDE_RANGE = 10  # of a quantity, from which on its axis is logarithmic
-MOST_CURVES = 14  # in one panel: more cannot be told apart
+WIDE_RANGE = 10  # ratio of a quantity's largest to its least value from which its axis is logarithmic
+MOST_CURVES = 14  # largest number of curves in one panel that can be distinguished
 RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; not paler than can be seen
 
 

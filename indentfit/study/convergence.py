@@ -3,10 +3,11 @@
 Two published methods, side by side:
 
 - `fitted`: least squares over the whole family, f(h) = f0 + C h^p, and its uncertainty of each mesh (Eca and Hoekstra
-  2014, J Comput Phys 262:104-130). It stands the scatter of meshes that are not nested, and says when it can't. Theirs is
-  a rule of thumb that grows without measure where the order cannot be observed; beside it stands the 95 % profile interval
-  of f0 under the same fit, the order free between its bounds, whose coverage the tests measure. Where the order is not
-  believed, that interval is widened by three distances of the finest mesh from the limit that a first order would give.
+  2014, J Comput Phys 262:104-130). The fit tolerates the scatter of meshes that are not nested, and reports where it does
+  not. Their uncertainty is a rule of thumb that grows without limit where the order cannot be observed. `fitted` also gives
+  the 95 % profile interval of f0 under the same fit, with the order free between its bounds; the tests measure the coverage
+  of this interval. Where the order is not believed, the interval is widened by three distances of the finest mesh from the
+  limit of a first order.
 - `grid_convergence_index`: Roache's index from the three finest meshes by the procedure of Celik et al. 2008 (J Fluids
   Eng 130:078001), which holds only where the three change in one direction.
 
@@ -24,10 +25,10 @@ from scipy.stats import f as fisher
 
 from indentfit.arrays import Array
 
-SMALLEST_ORDER, LARGEST_ORDER = 0.5, 2.1  # outside of these an observed order is not believed (Eca and Hoekstra)
+SMALLEST_ORDER, LARGEST_ORDER = 0.5, 2.1  # an observed order beyond these bounds is not believed (Eca and Hoekstra)
 RELIABLE, UNRELIABLE = 1.25, 3.0  # safety factors
-EDGE_ORDER = 1.0  # of the force under a singular edge, for elements of any degree
-SEARCHED = (0.05, 8.0)  # orders
+EDGE_ORDER = 1.0  # order of the force under a singular edge, for elements of any degree
+SEARCHED = (0.05, 8.0)  # range of orders that is searched
 
 
 @dataclass(frozen=True)
@@ -37,17 +38,17 @@ class Approach:
     Parameters
     ----------
     value : float
-        At zero size.
+        The value at zero size.
     coefficients, exponents : tuples of float
     deviation : float
     order : float or None
-        The observed order; None where it could not be believed, and fixed exponents were taken.
+        The observed order; None where it is not believed, and fixed exponents replace it.
     raw_order : float
-        The order of the best fit, believed or not.
+        The order of the best fit, whether it is believed or not.
     reliable : bool
         Whether order and scatter allow the smaller safety factor of Eca and Hoekstra.
     interval : (low, high)
-        Of the value at zero size, 95 % or widened.
+        Interval of the value at zero size, 95 % or widened.
     uncertainty : array (n,)
         Half-width of each mesh's band by Eca and Hoekstra, in the order given.
     """
@@ -98,7 +99,19 @@ class Index:
 
 
 def fitted(h: ArrayLike, f: ArrayLike) -> Approach:
-    """Approach of values f (n,) at sizes h (n,), n >= 4."""
+    """The Approach of values on several meshes to zero element size.
+
+    Parameters
+    ----------
+    h : array (n,), mm
+        Element sizes, n >= 4.
+    f : array (n,)
+        Values.
+
+    Returns
+    -------
+    Approach
+    """
     h, f = np.asarray(h, dtype=float), np.asarray(f, dtype=float)
     free = _best_power(h, f)
     order = free.exponents[0]
@@ -116,7 +129,20 @@ def fitted(h: ArrayLike, f: ArrayLike) -> Approach:
 
 
 def grid_convergence_index(h: ArrayLike, f: ArrayLike) -> Index | None:
-    """Index of the three finest of the meshes; None where there are fewer, or sizes are equal."""
+    """The Index of the three finest meshes.
+
+    Parameters
+    ----------
+    h : array (n,), mm
+        Element sizes.
+    f : array (n,)
+        Values.
+
+    Returns
+    -------
+    Index or None
+        None for fewer than three meshes, or equal sizes.
+    """
     h, f = np.asarray(h, dtype=float), np.asarray(f, dtype=float)
     if np.unique(h).size < 3:
         return None
@@ -153,7 +179,7 @@ def _best_power(h: Array, f: Array) -> _Fit:
 
 
 def _least_squares(h: Array, f: Array, exponents: tuple[float, ...], extra: int = 0) -> _Fit:
-    """Weighted by 1/h, so that fine meshes count more; extra: how many more numbers than coefficients were fitted."""
+    """Least squares weighted by 1/h, so that fine meshes count more; `extra`: fitted numbers beside the coefficients."""
     weights = 1 / h / np.sum(1 / h)
     columns = np.column_stack([np.ones_like(h), *(h**p for p in exponents)])
     root = np.sqrt(weights)
@@ -182,7 +208,7 @@ def _interval(h: Array, f: Array) -> tuple[float, float]:
 
 
 def _widened(h: Array, f: Array) -> tuple[float, float]:
-    """The interval where no order could be observed, Roache's safety factor about the finest mesh's value included."""
+    """The interval where no order could be observed, which includes Roache's safety factor about the finest mesh's value."""
     low, high = _interval(h, f)
     finest = float(f[np.argmin(h)])
     half = UNRELIABLE * abs(finest - _least_squares(h, f, (EDGE_ORDER,)).value)

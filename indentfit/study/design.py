@@ -1,8 +1,8 @@
 """The next experiment: which further test would determine the worst parameter best, from Fisher's information.
 
-At given parameters every test tells sum (dF/dtheta)^2 / sigma^2 of what it would determine; information of tests adds up.
-Each candidate is one further test that differs from the case in one thing, at either angle and at several depths. The
-parameters' ranges count as a weak prior, uniform over them, so that nothing is infinite.
+The information of a test at given parameters is sum (dF/dtheta)^2 / sigma^2; the information of several tests adds up. Each further
+test differs from the case in one key, and is tried at both angles and at several depths. The parameters' ranges count as a weak,
+uniform prior, so that every standard error is finite.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,10 +22,10 @@ from indentfit.inverse.problem import InverseProblem, differences_of, scale_of
 from indentfit.runs.pool import RunPool
 from indentfit.study.runs import Execution
 
-NOISE = 0.01  # of the largest force, where no noise is given
+NOISE = 0.01  # of the largest force, by default
 DEPTHS = (0.5, 1.0, 1.5)  # of the case's largest depth
-DEEPEST = 0.2  # of the thickness: equilibria beyond are not sure to be found
-POINTS = 24  # of each further test
+DEEPEST = 0.2  # of the thickness: equilibria at larger depths may not be found
+POINTS = 24  # points of each further test
 ANGLES = (0, 90)
 
 Values = Mapping[str, float]
@@ -33,12 +33,12 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class FurtherTest:
-    """One further test, and what it would determine together with the tests of the case.
+    """One further test, with the standard errors by this test and the tests of the case together.
 
     Parameters
     ----------
     change : str
-        What of the case it changes; empty for nothing.
+        The changed key of the case; empty for no change.
     angle : int, degrees
     depth : float, mm
     stderr : dict of parameter -> standard error, in the parameter's unit, or None
@@ -59,21 +59,21 @@ class FurtherTest:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Design:
-    """Further tests, ranked by what they would do to the worst parameter.
+    """Further tests, ranked by the standard error of the worst parameter.
 
     Parameters
     ----------
     parameters : dict of name -> value
-        Where the information was taken.
+        Parameters at which the information was computed.
     noise : float, mN
         Standard deviation of a force.
     stderr : dict of parameter -> standard error by the case's own tests
     worst : str
         The parameter whose standard error is largest, relative to its value.
     candidates : tuple of FurtherTest
-        The best for `worst` first, failed ones last.
+        Further tests, the best for `worst` first, failed tests last.
     runs : int
-        Of the forward model.
+        Number of runs of the forward model.
     case : Case or None
         None for a design that was read from design.json.
     """
@@ -137,7 +137,7 @@ class Design:
 
 @dataclass(frozen=True)
 class _Known:
-    """What is known before a further test: values of the parameters, information (p, p), noise, mN."""
+    """The state before a further test: values of the parameters, information (p, p), noise, mN."""
 
     parameters: Values
     information: Array
@@ -151,11 +151,15 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     ----------
     case : Case
     parameters : mapping of name to value
-        Where the information is taken; by default the start values.
+        Parameters at which the information is computed; by default the start values.
     noise : float, mN
         Standard deviation of a force; by default 1 % of the largest force of the case's tests.
     execution : Execution
-        Its progress, workers and cluster.
+        Progress, workers and cluster of the runs.
+
+    Returns
+    -------
+    Design
 
     Raises
     ------
@@ -181,7 +185,7 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
 
 
 def _variants(case: Case) -> Iterator[tuple[str, Case]]:
-    """(what is changed, the case so changed), one thing at a time."""
+    """(the changed key in words, the changed case), with one changed key at a time."""
     yield "", case
     for key, size in case.indenter.geometry.variants(case.sample.geometry.outline.extent):
         yield f"{key} {size:g} mm", _with_indenter(case, key, size)
@@ -219,7 +223,7 @@ def _further_tests(change: str, variant: Case, known: _Known, execution: Executi
             return list(_at_depths(change, tried, slopes, [factor * deepest for factor in allowed], known)), used
         except IndentfitError as error:
             cause = str(error)
-            allowed = allowed[:-1]  # shallower, equilibrium may be found
+            allowed = allowed[:-1]  # at a smaller depth, equilibrium may be found
     return [FurtherTest(change, angle, deepest, None, cause) for angle in ANGLES], used
 
 

@@ -1,4 +1,4 @@
-"""One function call in a fresh process: what it uses of processor and memory is its own, and its death is survived."""
+"""One function call in a fresh process: its processor time and memory can be measured, and the caller survives its death."""
 
 import multiprocessing
 import os
@@ -23,7 +23,7 @@ class Died(Exception):
 
 
 def isolated(function: Callable[..., Returned], *arguments: Any) -> Returned:
-    """What function(*arguments) returns, called in a process of its own. Raises Died, and whatever the function raises."""
+    """The value of function(*arguments), called in a process of its own. Raises Died, and every exception of the function."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin) as executor:
         try:
             with deaf_to_interrupts():
@@ -40,7 +40,7 @@ def isolated(function: Callable[..., Returned], *arguments: Any) -> Returned:
 def peak_memory() -> int:
     """Largest memory that this process has held so far, in bytes."""
     status = Path("/proc/self/status")
-    if status.exists():  # what getrusage says there includes the process that started this one
+    if status.exists():  # getrusage would include the parent process there
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
         return int(line.split()[1]) * 1024
     import resource  # not on Windows
@@ -49,7 +49,7 @@ def peak_memory() -> int:
 
 
 def available_memory() -> int | None:
-    """Memory that a new process can have, in bytes, None where not known: the machine's, or less by a group's limit."""
+    """Memory that a new process can have, bytes: that of the machine or of its control group; None where it is unknown."""
     limits = []
     table = Path("/proc/meminfo")
     if table.exists():

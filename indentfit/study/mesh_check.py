@@ -1,8 +1,8 @@
-"""How exact the forces of a case are on its mesh, and on a family of meshes, and what that costs.
+"""Mesh-check: the errors of the forces of a case on its mesh and on a family of meshes, and the cost of each mesh.
 
 The force approaches its limit at zero element size h like h^p. Singular edges (a sharp indenter's edge, the place where a strip
 leaves the sample) make p about 1 for any element. A mesh that was solved only by a second try, which may be on another mesh, is
-shown and not counted. Changes by contact penalty, load step and edge radius are found one at a time on the case's own mesh.
+shown but not counted. Contact penalty, load step and edge radius are changed one at a time, on the case's own mesh.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,12 +30,12 @@ METHOD = (
     "Roache and Celik et al. 2008 (J Fluids Eng 130:078001), safety factor 1.25"
 )
 LEAST_FAMILY = 4
-WANTED = 0.02  # largest error of force and stiffness, where none is asked for
+WANTED = 0.02  # largest error of force and stiffness, by default
 
 
 @dataclass(frozen=True)
 class MeshResult:
-    """One mesh of the family: what was asked for, what was measured, and how far its curves are from the measured ones.
+    """One mesh of the family: its key, its forces and cost, and the misfit of its curves to the measured curves.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class MeshResult:
         "mesh.size=..." or "mesh.elements=...".
     measured : Measured
     rmse : dict of test -> mN, or None
-        Of the tests that have a measured curve.
+        RMSE of the tests that have a measured curve.
     objective : float or None, mN
         Equation (1), where every test has a measured curve.
     """
@@ -74,8 +74,8 @@ class Quantity:
     approach : Approach or None
     index : Index or None
     band : (low, high) or None
-        From the finest mesh to the far end of where the value at zero size may lie; None where fewer than LEAST_FAMILY meshes
-        count.
+        Range from the finest mesh's value to the far end of the interval of the value at zero size; None where fewer than
+        LEAST_FAMILY meshes count.
     error : array (n,) or None
         Largest error of each mesh, a share of its value.
     """
@@ -131,7 +131,7 @@ class Change:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class MeshCheck:
-    """The whole check.
+    """The result of a mesh-check.
 
     Parameters
     ----------
@@ -139,15 +139,15 @@ class MeshCheck:
     parameters : dict of name -> value
         Parameters of the material, in their units.
     wanted : float
-        Largest error of force and stiffness that was asked for, a share.
+        Requested largest error of force and stiffness, a share.
     meshes : tuple of MeshResult, from coarse to fine
     quantities : tuple of Quantity
     changes : tuple of Change
     chosen : int or None
-        Number of the coarsest mesh that is exact enough.
+        Number of the coarsest mesh whose errors are small enough.
     verdict : str
     refits : tuple of Refit
-        The parameters fitted anew on each mesh, where that was asked for.
+        The parameters fitted anew on each mesh, if requested.
     case : Case or None
         None for a check that was read from result.json.
     """
@@ -229,33 +229,33 @@ def mesh_check(
     refit: bool = False,
     execution: Execution | None = None,
 ) -> MeshCheck:
-    """How exact a case is on a family of meshes, and what each mesh costs.
+    """The errors of a case on a family of meshes, and the cost of each mesh.
 
     Parameters
     ----------
     case : Case
-        A parameter that the case leaves free has its start value.
-    family : texts "mesh.size=..." or "mesh.elements=..."
-        By default six meshes around the case's own.
-    checks : key -> values
-        Contact penalty, load steps and edge at other values; by default `own_checks(case)`, none for an empty mapping.
+        The case; a free parameter has its start value.
+    family : sequence of "mesh.size=..." or "mesh.elements=..."
+        The meshes; by default six meshes around the case's own.
+    checks : mapping of keys to values
+        Other values of contact penalty, load steps and edge; by default `own_checks(case)`, none for an empty mapping.
     wanted : float
         Largest error of force and stiffness, a share.
     refit : bool
-        Fit the free parameters anew on each mesh, too.
+        Whether the free parameters are also fitted anew on each mesh.
     execution : Execution
         Ledger and progress; runs are made one after the other, each in a process of its own.
 
     Returns
     -------
     MeshCheck
-        Failures of the mechanics are in it, with their cause.
+        The check, which records failures of the mechanics with their cause.
 
     Raises
     ------
     CaseError
     MeshError
-        A mesh cannot be, or does not fit into memory.
+        A mesh cannot be made, or does not fit into memory.
     """
     plan = plan_mesh_check(case, family or own_family(case), own_checks(case) if checks is None else checks)
     return run_mesh_check(plan, wanted, refit, execution or Execution())
@@ -330,7 +330,7 @@ def _misfits(case: Case, measured: Measured) -> tuple[dict[str, float] | None, f
 
 
 def _changes(case: Case, measured: Sequence[Measured], others: Sequence[tuple[str, float, Case]]) -> Iterator[Change]:
-    """Change of each key's value against the case as it is, which is the first that was measured."""
+    """Changes of the last forces by each key's value against the case itself, which was measured first."""
     for (key, value, _), changed in zip(others, measured[1:], strict=True):
         own = measured[0]
         if changed.forces is None or own.forces is None:
@@ -363,7 +363,7 @@ def _verdict(meshes: Sequence[MeshResult], quantities: Sequence[Quantity], wante
 
 
 def _order_verdict(quantities: Sequence[Quantity]) -> str:
-    """What the observed orders of the forces are worth, in words."""
+    """The observed orders of the forces, and whether they are believed, in words."""
     forces = [(q.test, q.approach) for q in quantities if q.kind == "force" and q.approach is not None]
     seen = [f"{approach.order:.2g} ({test})" for test, approach in forces if approach.order]
     unseen = [f"{approach.raw_order:.2g} ({test})" for test, approach in forces if not approach.order]

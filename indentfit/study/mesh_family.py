@@ -1,4 +1,4 @@
-"""The meshes that a mesh-check compares, what each will cost, and the other keys that it varies.
+"""The meshes that a mesh-check compares, the memory that each needs, and the other keys that the check varies.
 
 The family is one mesh at several sizes: the widths of its elements at the singular edges are a smooth function of the element
 size h, mm (`mesh.size`); only its numbers of elements are rounded, so that the meshes are similar, not nested.
@@ -15,8 +15,8 @@ from indentfit.fem.meshing import count
 from indentfit.runs.points import setup_of
 from indentfit.study.isolated import available_memory
 
-SHARES = (0.2, 0.4, 0.5, 1.0, 2.0, 3.5)  # of the case's number of elements: a wide range of sizes, at bearable costs
-FITS = 0.9  # of the memory that is free
+SHARES = (0.2, 0.4, 0.5, 1.0, 2.0, 3.5)  # of the case's number of elements: a wide range of sizes at acceptable cost
+FITS = 0.9  # largest share of the free memory that a mesh may need
 # Peak memory of a run, bytes: a process with the libraries, and for each dof what element and solver take, which a factor of
 # three-dimensional nested dissection makes grow as n^(4/3). Quarter discs of 5,600 to 130,000 dofs took within 6 % of it with
 # PARDISO, 27,000 to 28,000 within 16 % with multigrid, which took a quarter less at 411,000; SuperLU's fill is a guess from above.
@@ -33,7 +33,7 @@ Checks = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True)
 class MeshCheckPlan:
-    """What a mesh-check computes.
+    """The cases that a mesh-check computes.
 
     Parameters
     ----------
@@ -58,14 +58,19 @@ def plan_mesh_check(case: Case, family: Sequence[str], checks: Checks | None = N
 
     Parameters
     ----------
-    family : texts "mesh.size=..." or "mesh.elements=..."
-    checks : key -> values of contact, load steps and edge, as `own_checks` gives them
+    case : Case
+    family : sequence of "mesh.size=..." or "mesh.elements=..."
+    checks : mapping of keys to values of contact, load steps and edge, as `own_checks` gives them
+
+    Returns
+    -------
+    MeshCheckPlan
 
     Raises
     ------
     CaseError
     MeshError
-        A mesh cannot be, or does not fit into memory; the estimate is in the text.
+        A mesh cannot be made, or does not fit into memory; the error's text states the estimate.
     """
     cases = [(asked, changed_case(case, [asked])) for asked in family]
     others = [

@@ -1,4 +1,4 @@
-"""The tests of a case on one mesh: their forces and what they cost, each measured in a process of its own."""
+"""The tests of a case on one mesh: their forces and their cost, measured in a process of its own."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ MEASURED = "measured"  # among a run's parameters: done in a process of its own,
 
 @dataclass(frozen=True)
 class Measured:
-    """The tests of a case on one mesh: what they gave, and what they cost; `cause` instead of forces where they failed.
+    """The tests of a case on one mesh: their forces and their cost; `cause` instead of forces where the tests failed.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class Measured:
     tries : int
         1, or more where the usual contact and mesh did not converge.
     penalty_error : float
-        Share of the force that the contact springs withhold.
+        Share of the force that is missing because of the contact springs' deflection.
     cpu_seconds : float
-        Of all tests, without the set-up.
+        Processor time of all tests, without the set-up.
     setup_seconds : float
     memory : int, bytes
-        Peak.
+        Peak memory.
     cause : str or None
     """
 
@@ -64,7 +64,7 @@ class Measured:
 
     @property
     def counts(self) -> bool:
-        """Whether the mesh is one of the family."""
+        """Whether the mesh counts as one of the family."""
         return self.forces is not None and self.tries == 1
 
     def as_json(self) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def measure_all(cases: Sequence[Case], execution: Execution) -> list[Measured]:
         if known is None:
             execution.progress(costs[:n].sum() / costs.sum(), f"mesh {n + 1} of {len(cases)}")
             known = _measured_or_cause(case)
-            if ledger is not None and known.cause != DIED:  # that was the machine's fault, and may not happen again
+            if ledger is not None and known.cause != DIED:  # a killed process is the machine's fault, and may not be killed again
                 _keep(case, ledger, known)
         measured.append(known)
     return measured
@@ -122,7 +122,7 @@ def _of_simulation(case: Case, simulation: Simulation, setup_seconds: float, cpu
 
 
 def _recorded(case: Case, ledger: Ledger) -> Measured | None:
-    """What the ledger holds of a case: its forces in a run of each test, the rest in the facts of each."""
+    """The stored measurement of a case: its forces are in a run of each test, the other numbers in the facts of that run."""
     runs = [ledger.find(case.start_values() | {MEASURED: True}, test) for test in case.tests]
     known = [run for run in runs if run is not None]
     if len(known) < len(runs):
@@ -148,7 +148,7 @@ def _measured_or_cause(case: Case) -> Measured:
 
 
 def _compile(case: Case) -> None:
-    """Run a small mesh to a small depth, so that what is compiled on first use is not counted as work."""
+    """Run a small mesh to a small depth, so that the time of compilation is not counted."""
     small = case.model_copy(update={"mesh": type(case.mesh)(elements=20)})
     try:
         press = press_of(small, small.tests[0], small.law(**small.start_values()))

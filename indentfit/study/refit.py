@@ -1,4 +1,4 @@
-"""How the fitted parameters themselves move when a key of the case, or its mesh, is another: one whole fit for each."""
+"""Refits: the change of the fitted parameters with a key of the case, or with its mesh, by one whole fit for each value."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ class Refit:
     Parameters
     ----------
     label : str
-        What was changed.
+        The change in words.
     parameters : dict of name -> RefitEstimate
         The free parameters.
     objective : float or None, mN
     success : bool
         Whether the fit converged.
     cause : str or None
-        Why there is no fit.
+        Why the fit is missing.
     """
 
     label: str
@@ -56,7 +56,7 @@ def refits(labelled: Sequence[tuple[str, Case]], execution: Execution) -> tuple[
     Raises
     ------
     CaseError
-        A case has nothing to fit; this is found before any is fitted.
+        A case has nothing to fit; no case is fitted then.
     Stopped, WorkerError, LedgerError
     """
     for _, case in labelled:

@@ -22,14 +22,14 @@ def _silent(share: float, note: str = "") -> None:
 
 @dataclass(frozen=True)
 class Execution:
-    """Where the runs of a study are made, where they are kept, and who hears of them.
+    """The execution of a study's runs: workers, ledger, stop and progress.
 
     Parameters
     ----------
     workers : int or None
-        Processes; by default as many as the case says, or cores.
+        Number of processes; by default that of the case, or of the cores.
     ledger : Ledger or None
-        A ledger that has the study's cases among its own.
+        The ledger of the runs, which was opened for all cases of the study.
     cluster : str or None
         "local", or the address of a Dask scheduler.
     stop : function or None
@@ -52,7 +52,7 @@ class Execution:
 def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluation]:
     """Evaluations of the tests of each case, at its fixed parameters and the start values of its free ones.
 
-    Failures of the mechanics are in the evaluations, never raised.
+    Failures of the mechanics are recorded in the evaluations, never raised.
 
     Raises
     ------
@@ -90,8 +90,8 @@ def _groups(cases: Sequence[Case]) -> list[tuple[Case, dict[int, Point]]]:
 
 
 def _point(first: Case, case: Case) -> Point | None:
-    """The point (name -> value) at which one case is another, as far as forces go; None where there is none: other tests,
-    another material, or another shape of the sample are no keys of a point."""
+    """The point (name -> value) at which the first case has the forces of another case; None where such a point does not exist,
+    because tests, material or the sample's shape differ."""
     changed = {}
     for table in TABLES:
         old, new = getattr(first, table), getattr(case, table)
@@ -104,6 +104,6 @@ def _point(first: Case, case: Case) -> Point | None:
 
 
 def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float]]]]:
-    """What decides the forces of a case, but its parameters."""
+    """All that decides the forces of a case, without its parameters."""
     tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
     return tables, [(test.angle, case.outputs(test).tolist()) for test in case.tests]

@@ -19,22 +19,22 @@ from indentfit.study.refit import Refit, refits
 from indentfit.study.runs import Execution, evaluate_cases
 from indentfit.study.variations import SweepPlan, Variation, Vary, own_value, plan_sweep
 
-FLAT = 1e-3  # of the force: less than the solver and its contact are exact to
+FLAT = 1e-3  # of the force: a smaller change is within the errors of the solver and its contact
 
 
 @dataclass(frozen=True)
 class TestPoint:
-    """What one test gives at one point of a sweep.
+    """The result of one test at one point of a sweep.
 
     Parameters
     ----------
     force : float, mN
-        At the last displacement.
+        Force at the last displacement.
     stiffness : float, mN/mm
     force_change, stiffness_change : float or None
-        Against the case as it is, as shares; None for the case itself.
+        Changes against the case itself, as shares; None for the case itself.
     rmse : float or None, mN
-        Misfit to the measured curve, where there is one.
+        Misfit to the measured curve; None where the test has no measured curve.
     curve : Curve
     """
 
@@ -67,7 +67,7 @@ class TestPoint:
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """The case with some keys at other values: what its tests gave, or the cause why they gave nothing.
+    """The case with some keys at other values: the results of its tests, or the cause of their failure.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class SweepPoint:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What one key does to one test.
+    """The effect of one key on one test.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Sensitivity:
     elasticity : float or None
         d ln(force) / d ln(value), where the values are positive numbers.
     trend : str
-        Of the force over the values: "rises", "falls", "flat", "turns", or "unordered" for words.
+        Trend of the force with the value: "rises", "falls", "flat", "turns", or "unordered" for words.
     """
 
     key: str
@@ -123,7 +123,7 @@ class Sensitivity:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Sweep:
-    """A sweep: the case as it is (`base`), the points around it or on the grid, and the keys by what they do.
+    """A sweep: the case itself (`base`), the points around it or on the grid, and the sensitivities to the keys.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class Sweep:
         Parameters of the material, in their units.
     own : dict of key -> the case's own value
     refits : tuple of Refit
-        The parameters fitted anew at each point, where that was asked for.
+        The parameters fitted anew at each point, if requested.
     case : Case or None
         None for a sweep that was read from result.json.
     """
@@ -157,7 +157,7 @@ class Sweep:
 
     @property
     def every_point(self) -> tuple[SweepPoint, ...]:
-        """The case as it is, then the points."""
+        """The case itself, then the points."""
         return self.base, *self.points
 
     def as_json(self) -> dict[str, Any]:
@@ -197,7 +197,7 @@ class Sweep:
         return "\n".join(sweep_lines(self))
 
     def plot(self, path: str | Path | None = None) -> Any:
-        """The matplotlib Figure of the keys by what they do, or of the grid; saved as SVG and PNG where a path is given."""
+        """The matplotlib Figure of the keys' effects, or of the grid; saved as SVG and PNG where a path is given."""
         from indentfit.report.sweep import overview
 
         return overview(self, path)
@@ -225,25 +225,25 @@ def sweep(case: Case, vary: Vary, grid: bool = False, refit: bool = False, execu
     Parameters
     ----------
     case : Case
-        A parameter that the case leaves free has its start value.
-    vary : mapping of key to values, or texts
-        `{"indenter.friction": [0.2, 0.5]}`, or "KEY=VALUES" as `indentfit sweep --vary` has them.
+        The case; a free parameter has its start value.
+    vary : mapping of keys to values, or texts
+        `{"indenter.friction": [0.2, 0.5]}`, or texts KEY=VALUES as `indentfit sweep --vary` takes them.
     grid : bool
-        Every combination, instead of one key at a time.
+        Whether every combination of values is computed, instead of one key at a time.
     refit : bool
-        Fit the free parameters anew at each point, too.
+        Whether the free parameters are also fitted anew at each point.
     execution : Execution
-        Where the runs are made and kept; by default on this machine's cores, kept nowhere.
+        Workers, ledger and progress of the runs; by default this machine's cores, without a ledger.
 
     Returns
     -------
     Sweep
-        Points that failed are in it, with their cause.
+        The sweep, which records failed points with their cause.
 
     Raises
     ------
     CaseError
-        A key or a value is none of the case's.
+        The case does not have a key, or cannot have a value.
     """
     return run_sweep(plan_sweep(case, vary, grid), refit, execution or Execution())
 
@@ -279,7 +279,7 @@ def stiffness(curve: Curve) -> float:
 
 
 def _refits(plan: SweepPlan, execution: Execution) -> tuple[Refit, ...]:
-    """The fits of the case as it is and of each point; a varied parameter is held."""
+    """The fits of the case itself and of each point; a varied parameter is held."""
     labels = [", ".join(f"{key} = {value}" for key, value in values.items()) or "the case" for values, _ in plan.points]
     return refits(list(zip(labels, plan.cases, strict=True)), execution)
 
@@ -308,7 +308,7 @@ def _test_point(curve: Curve, measured: Curve | None, own: TestPoint | None) -> 
 
 
 def _sensitivities(case: Case, varied: Variation, base: SweepPoint, points: Sequence[SweepPoint]) -> Iterator[Sensitivity]:
-    """Sensitivity of each test to one key; none where fewer than two values, the case's own among them, were computed."""
+    """Sensitivity of each test to one key; empty where fewer than two values, with the case's own, were computed."""
     mine = [(point.numbers[varied.key], point.tests) for point in points if set(point.values) == {varied.key} and point.tests]
     own = own_value(case, varied.key)
     if base.tests is None or not mine:
@@ -337,7 +337,7 @@ def _elasticity(numbers: Iterable[tuple[float, float]]) -> float | None:
 
 
 def _trend(numbers: Iterable[tuple[float, float]]) -> str:
-    """Whether the force "rises" or "falls" with the value throughout, is "flat", "turns", or "unordered" as words are."""
+    """The trend of the force with the value: "rises" or "falls" throughout, "flat", "turns", or "unordered" for words."""
     ordered = sorted(set(numbers))
     if len({value for value, _ in ordered}) < 2:
         return "unordered"
@@ -348,6 +348,6 @@ def _trend(numbers: Iterable[tuple[float, float]]) -> str:
 
 
 def _ranked(sensitivities: Sequence[Sensitivity]) -> tuple[Sensitivity, ...]:
-    """Keys in falling order of what they do to the test that they do most to."""
+    """Sensitivities in falling order of the keys' largest effect on any test."""
     spans = {key: max(s.force_span for s in sensitivities if s.key == key) for key in {s.key for s in sensitivities}}
     return tuple(sorted(sensitivities, key=lambda s: -spans[s.key]))

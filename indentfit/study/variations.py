@@ -1,4 +1,4 @@
-"""What a sweep varies: keys of the case with the values that each takes, and the cases that follow from them."""
+"""Variations of a sweep: keys of the case with the values that each takes, and the cases that follow from them."""
 
 import itertools
 import re
@@ -21,7 +21,7 @@ Vary = Mapping[str, Sequence[float | str]] | Sequence[str]
 
 @dataclass(frozen=True)
 class Variation:
-    """One key of the case and the values that it takes, as they are written after `--set KEY=`."""
+    """One key of the case and its values, in the form of `--set KEY=VALUE`."""
 
     key: str
     values: tuple[str, ...]
@@ -29,7 +29,7 @@ class Variation:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What a sweep computes: the case as it is, then each point, as (values as written, Case)."""
+    """The cases that a sweep computes: the case itself, then each point, as (values as written, Case)."""
 
     variations: tuple[Variation, ...]
     grid: bool
@@ -48,12 +48,16 @@ def plan_sweep(case: Case, vary: Vary, grid: bool = False) -> SweepPlan:
     case : Case
     vary : mapping of key to values, or texts KEY=VALUES
     grid : bool
-        Every combination of the values, instead of one key at a time.
+        Whether every combination of the values is planned, instead of one key at a time.
+
+    Returns
+    -------
+    SweepPlan
 
     Raises
     ------
     CaseError
-        One line for each key or value that the case cannot have.
+        The error's text has one line for each key or value that the case cannot have.
     """
     texts = [f"{key}={','.join(map(_text, values))}" for key, values in vary.items()] if isinstance(vary, Mapping) else vary
     variations = tuple(variation(case, text) for text in texts)
@@ -67,7 +71,7 @@ def variation(case: Case, text: str) -> Variation:
     Raises
     ------
     CaseError
-        The text is no variation; one line.
+        The text is not a variation.
     """
     name, equals, asked = (part.strip() for part in text.partition("="))
     where = f"--vary {text}"
@@ -82,7 +86,7 @@ def variation(case: Case, text: str) -> Variation:
 
 
 def number(value: str) -> float | None:
-    """The number that a value of a Variation is written as, or None."""
+    """The number that a value of a Variation states; None for a word."""
     try:
         return float(value)
     except ValueError:
@@ -90,7 +94,7 @@ def number(value: str) -> float | None:
 
 
 def own_value(case: Case, name: str) -> float | str | None:
-    """The value that the case itself has for a key; None where it has none."""
+    """The case's own value of a key; None where the case has no value."""
     section, _, rest = name.partition(".")
     parameter = rest.removeprefix("parameters.").removesuffix(".start")
     if section == "material" and parameter in case.start_values():
@@ -123,7 +127,7 @@ def _own_number(case: Case, name: str, where: str) -> float:
     own = own_value(case, name)
     if isinstance(own, bool) or not isinstance(own, int | float) or not own:
         shown = "no value" if own is None else f"the value {own!r}"
-        raise CaseError(f"{where}: the case has {shown} for it, and percents of that mean nothing; give a list of values")
+        raise CaseError(f"{where}: the case has {shown} for this key, and a percentage needs a number; give a list of values")
     return float(own)
 
 
@@ -160,7 +164,7 @@ def _combinations(variations: Sequence[Variation], grid: bool) -> list[dict[str,
 
 
 def _cases(case: Case, combinations: Sequence[Mapping[str, str]]) -> list[Case]:
-    """The Case of each point; every wrong one is named before any is run."""
+    """The Case of each point; the error names every wrong point before any run."""
     if len(combinations) > MOST_POINTS:
         raise CaseError(f"--grid: {len(combinations):,} points are too many; give fewer values")
     cases, faults = [], []
