@@ -316,7 +316,11 @@ def test_help_and_version_are_quick_and_know_every_command():
     assert done.stdout == "[]\n"
 
 
-HEAVY = ("numba", "sympy", "scipy", "pymoo", "skfem", "matplotlib", "pint")
+HEAVY = (
+    "numba", "sympy", "scipy", "pymoo", "skfem", "matplotlib", "pint", "pandas", "dask", "jinja2", "meshio",
+    "numpy", "pydantic", "indentfit.case", "indentfit.material",
+)  # fmt: skip
+ALL_THE_SAME = {"fit": ["numpy", "pydantic", "indentfit.case"]}  # its help shows the choices of fit.method
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
@@ -334,7 +338,19 @@ names = [item.value for item in ShellComplete(main, {{}}, "indentfit", "_X").get
 assert "--help" in names, names
 print("HEAVY", [name for name in {HEAVY} if name in sys.modules])"""
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.rstrip().endswith("HEAVY []")
+    assert done.stdout.rstrip().endswith(f"HEAVY {ALL_THE_SAME.get(name, [])}")
+
+
+def test_validating_a_case_of_an_installed_material_imports_no_library_that_is_slow():
+    script = f"""import sys
+from indentfit.cli import main
+try:
+    main(["validate", {str(PAPER)!r}])
+except SystemExit as end:
+    assert end.code == 0
+print("HEAVY", [name for name in {HEAVY} if name in sys.modules])"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.rstrip().endswith("HEAVY ['numpy', 'pydantic', 'indentfit.case', 'indentfit.material']")
 
 
 def test_the_choices_of_a_method_are_completed_from_the_case():
@@ -346,7 +362,7 @@ def test_the_choices_of_a_method_are_completed_from_the_case():
 
 def test_every_command_is_a_module_of_its_own_with_the_same_help():
     folder = Path(cli.__file__).parent
-    shared = {"--init--", "clusters", "lazy", "progress", "speech", "stopping"}
+    shared = {"--init--", "clusters", "command", "lazy", "progress", "speech", "stopping"}
     modules = {path.stem.replace("_", "-") for path in folder.glob("*.py")} - shared
     assert modules <= set(cli.COMMANDS)
     for name in modules:

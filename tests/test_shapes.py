@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 from indentfit import indenters, samples
 from indentfit.case import Indenter, Sample
 from indentfit.case.keys import choices
-from indentfit.cli.validate import _summary
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.indenters import Distance, Rings
+from indentfit.report.case_text import case_lines
 from indentfit.report.html_case import case_words
 from indentfit.report.schema import CaseFacts, case_json
 from indentfit.runs.key import Inputs
@@ -155,7 +155,7 @@ def test_a_plate_is_a_block_of_two_equal_sides(run):
 
 
 def test_a_new_shape_has_its_words_in_summary_and_report(case):
-    summary = "\n".join(_summary(case))
+    summary = "\n".join(case_lines(case))
     assert "plate, 20 mm square, thickness 10 mm" in summary and "paraboloid, 8 mm across its latus rectum" in summary
     words = "\n".join(case_words(CaseFacts.from_json(case_json(case))))
     assert "plate, 20 mm square" in words and "paraboloid, 8 mm across" in words

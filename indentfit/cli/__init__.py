@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from indentfit.cli.command import Command
 from indentfit.errors import CaseError, IndentfitError, InputError, MaterialError
 
 COMMANDS = {
@@ -35,10 +36,11 @@ class Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
+        command = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
+        assert isinstance(command, Command), f"{cmd_name} would run the code of others without asking"
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -80,9 +82,7 @@ class Commands(click.Group):
 @click.pass_context
 def main(context: click.Context, debug: bool, no_plugins: bool) -> None:
     """Material parameters of soft tissue from indentation, by inverse finite elements."""
-    from indentfit.material import foreign_code  # NumPy is slow to import, for --help
-
-    context.with_resource(foreign_code(_refused if no_plugins else _announced()))
+    context.obj = _refused if no_plugins else _announced()  # a `Command` asks it before code of others runs
 
 
 def _refused(code: str) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from indentfit.cli.command import Command
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import warn
 from indentfit.errors import CaseError
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from indentfit.case import Case
 
 
-@click.command(short_help="Say which test to do next.")
+@click.command(cls=Command, short_help="Say which test to do next.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--result", type=click.Path(), metavar="DIR", help="Take the parameters of this result folder.")

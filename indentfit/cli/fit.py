@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from indentfit.cli import clusters
+from indentfit.cli.command import Command
 from indentfit.cli.lazy import KeyChoice
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from indentfit.report.lasting import Place
 
 
-@click.command(short_help="Find the parameters that its curves ask for.")
+@click.command(cls=Command, short_help="Find the parameters that its curves ask for.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--method", type=KeyChoice("fit.method"), help="The same as --set fit.method=...")

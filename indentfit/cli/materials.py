@@ -2,16 +2,18 @@
 
 import inspect
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from indentfit import material
+from indentfit.cli.command import Command
 from indentfit.errors import MaterialError
-from indentfit.material import Material, Parameter
+
+if TYPE_CHECKING:
+    from indentfit.material import Material, Parameter
 
 
-@click.command(short_help="List, describe or check materials.")
+@click.command(cls=Command, short_help="List, describe or check materials.")
 @click.argument("words", nargs=-1, metavar="[NAME | check NAME]")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(words: tuple[str, ...], as_json: bool) -> None:
@@ -30,7 +32,9 @@ def command(words: tuple[str, ...], as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    laws = material.installed()
+    from indentfit.material import installed  # NumPy is slow to import, for --help
+
+    laws = installed()
     if as_json:
         rows = {
             name: {"error": str(law)} if isinstance(law, MaterialError) else {"parameters": list(law.parameters)}
@@ -47,7 +51,9 @@ def _list(as_json: bool) -> None:
 
 
 def _describe(name: str, as_json: bool) -> None:
-    kind = material.load(name)
+    from indentfit.material import load  # NumPy is slow to import, for --help
+
+    kind = load(name)
     if as_json:
         rows = {parameter: _row(known) for parameter, known in kind.parameters.items()}
         click.echo(json.dumps({"material": name, "equation": _doc(kind), "parameters": rows}, indent=2))
@@ -59,7 +65,7 @@ def _describe(name: str, as_json: bool) -> None:
         click.echo(f"  {parameter:<{width}}  {known.unit:<4} {_bounds(known):<16} {known.meaning}{scale}")
 
 
-def _row(parameter: Parameter) -> dict[str, Any]:
+def _row(parameter: "Parameter") -> dict[str, Any]:
     return {
         "unit": parameter.unit,
         "min": parameter.min,
@@ -70,7 +76,10 @@ def _row(parameter: Parameter) -> dict[str, Any]:
 
 
 def _check(name: str, as_json: bool) -> None:
-    checks = material.check(material.load(name))
+    from indentfit.material import check as conformance
+    from indentfit.material import load
+
+    checks = conformance(load(name))
     if as_json:
         rows = [{"name": check.name, "ok": check.ok, "detail": check.detail} for check in checks]
         click.echo(json.dumps({"material": name, "ok": all(check.ok for check in checks), "checks": rows}, indent=2))
@@ -83,11 +92,11 @@ def _check(name: str, as_json: bool) -> None:
         raise MaterialError(f"{name}: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}")
 
 
-def _doc(kind: type[Material]) -> str:
+def _doc(kind: "type[Material]") -> str:
     return inspect.getdoc(kind) or "(no equation in its docstring)"
 
 
-def _bounds(parameter: Parameter) -> str:
+def _bounds(parameter: "Parameter") -> str:
     low, high = parameter.min, parameter.max
     return " and ".join(
         text for text in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "") if text

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from indentfit.cli.command import Command
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.errors import CaseError, ConvergenceError
@@ -11,7 +12,7 @@ from indentfit.errors import CaseError, ConvergenceError
 AGAIN = "the same command"
 
 
-@click.command("mesh-check", short_help="How exact a mesh is, and what that costs.")
+@click.command("mesh-check", cls=Command, short_help="How exact a mesh is, and what that costs.")
 @click.argument("case", type=click.Path())
 @click.option("--sizes", metavar="LIST", help="Element sizes, mm, such as 0.8,0.6,0.5,0.4 (as mesh.size).")
 @click.option("--elements", metavar="LIST", help="Numbers of elements, such as 60,100,180,300 (as mesh.elements).")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from indentfit.case import read_record_table
+from indentfit.cli.command import Command
 from indentfit.cli.progress import progress
 from indentfit.errors import RecordError
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SIDECAR = "record.toml"
 
 
-@click.command(short_help="Turn raw records into curves and stiffnesses.")
+@click.command(cls=Command, short_help="Turn raw records into curves and stiffnesses.")
 @click.argument("raw", nargs=-1, type=click.Path())
 @click.option("-m", "--manifest", type=click.Path(), help="CSV: sample, direction, file, thickness, diameter.")
 @click.option(
@@ -62,6 +62,8 @@ def command(
 
     A record that cannot be used is named on stderr and left out. The command ends with exit code 2 where no record can be used.
     """
+    # imported when the command runs: --help and completion are quick without
+    from indentfit.case import read_record_table
     from indentfit.experiment.mean_case import MeanCase
     from indentfit.report.folder import json_text, refuse_existing
     from indentfit.report.record_folder import Listener, write_process

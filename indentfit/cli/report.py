@@ -2,8 +2,10 @@
 
 import click
 
+from indentfit.cli.command import Command
 
-@click.command(short_help="Draw the report of a result folder again.")
+
+@click.command(cls=Command, short_help="Draw the report of a result folder again.")
 @click.argument("folder", metavar="DIR", type=click.Path())
 def command(folder: str) -> None:
     """Write report.html into DIR, the result folder of another command, from what lies there."""

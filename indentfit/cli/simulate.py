@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from indentfit.cli.command import Command
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import warn
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from indentfit.runs.simulated import SimulatedCase
 
 
-@click.command(short_help="Compute the curves of a case, and its stresses.")
+@click.command(cls=Command, short_help="Compute the curves of a case, and its stresses.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")

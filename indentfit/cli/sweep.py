@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from indentfit.cli import clusters
+from indentfit.cli.command import Command
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
@@ -13,7 +14,7 @@ from indentfit.errors import ConvergenceError
 AGAIN = "the same command"
 
 
-@click.command(short_help="Vary keys of a case: curves and ranked sensitivities.")
+@click.command(cls=Command, short_help="Vary keys of a case: curves and ranked sensitivities.")
 @click.argument("case", type=click.Path())
 @click.option(
     "--vary", "asked", multiple=True, required=True, metavar="KEY=VALUES",

@@ -1,0 +1,15 @@
+"""A command that asks before it runs code of others: the materials that a case names."""
+
+from typing import Any
+
+import click
+
+
+class Command(click.Command):
+    """A click command that runs with the permission that the group has left in its context: `--no-plugins`, or a note."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from indentfit.material import foreign_code  # NumPy is slow to import, for --help
+
+        with foreign_code(ctx.obj):
+            return super().invoke(ctx)

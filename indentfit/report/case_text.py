@@ -1,0 +1,50 @@
+"""A case in words and as JSON, as `indentfit validate` prints it."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from indentfit.case import Case, Mesh, Range
+
+
+def case_facts(case: Case) -> dict[str, Any]:
+    """The case as JSON holds it."""
+    sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests"})
+    tests = [{**test.model_dump(mode="json"), "n": len(case.outputs(test))} for test in case.tests]
+    return {"hash": case.hash, **sections, "tests": tests, "free": list(case.free), "warnings": case.warnings()}
+
+
+def case_lines(case: Case) -> Iterator[str]:
+    """The case in words, line by line."""
+    sample, indenter = case.sample, case.indenter
+    yield f"{case.path}: valid" + (f", {case.title}" if case.title else "")
+    yield f"  sample    {sample.geometry.words()}, thickness {sample.thickness:g} mm, {sample.base} base"
+    friction = "sticking" if indenter.friction == "stick" else f"friction {indenter.friction:g}"
+    yield f"  indenter  {indenter.geometry.words()}, {friction}"
+    yield f"  mesh      {_mesh(case.mesh)}"
+    part = case.material
+    bulk = f"kappa = {part.kappa:g} kPa" if part.bulk_ratio is None else f"kappa = {part.bulk_ratio:g} x shear modulus"
+    yield f"  material  {part.model or part.energy}, {bulk}"
+    for name, parameter in case.law.parameters.items():
+        yield f"    {name:<8}{_value(part.parameters[name], parameter.unit)}"
+    for test in case.tests:
+        displacements = case.outputs(test)
+        source = test.curve or test.record or "no curve"
+        yield (
+            f"  test      {test.name}: {test.angle} degrees, {len(displacements)} points to "
+            f"{displacements[-1]:g} mm, weight {test.weight:g}, {source}"
+        )
+    free = ", ".join(case.free) or "none"
+    yield f"  fit       {case.fit.method}, seed {case.fit.seed}; free parameters: {free}"
+
+
+def _mesh(mesh: Mesh) -> str:
+    if mesh.default:
+        return "default"
+    return f"elements of {mesh.size:g} mm" if mesh.size else f"about {mesh.elements} elements"
+
+
+def _value(value: float | Range, unit: str) -> str:
+    unit = f" {unit}" if unit not in ("", "1") else ""
+    if isinstance(value, Range):
+        return f"{value.min:g} to {value.max:g}{unit}, from {value.start:g}"
+    return f"{value:g}{unit}, fixed"
