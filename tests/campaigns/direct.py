@@ -33,17 +33,17 @@ def main():
 
     keys = [*options.set, "fit.method=ga", "fit.profiles=false", "fit.uncertain.mesh=0", "fit.published={}"]
     keys += [f"fit.workers={options.workers}"] if options.workers else []
-    found = {}
+    results = {}
     for direct in ("false", "true"):
-        found[direct] = result = fitted(read_case(options.case, [*keys, f"fit.direct={direct}"]), options.ledger)
-        values = ", ".join(f"{name} {result.parameters[name]['value']:.6g}" for name in result.free)
+        results[direct] = result = fitted(read_case(options.case, [*keys, f"fit.direct={direct}"]), options.ledger)
+        values = ", ".join(f"{name} {result.parameters[name].value:.6g}" for name in result.free)
         print(
             f"{'ga --direct' if direct == 'true' else 'ga':<12} {values}; objective {result.objective:.6g} mN; "
             f"{result.nfev} sets of parameters, {result.runs} runs ({result.reused} reused), {result.seconds:.0f} s\n"
             f"             {result.message}",
             flush=True,
         )
-    sys.exit(not all(claims(found["false"], found["true"])))
+    sys.exit(not all(claims(results["false"], results["true"])))
 
 
 def fitted(case, path):
@@ -57,7 +57,7 @@ def fitted(case, path):
 def claims(ours, direct):
     """Whether each claim holds, told as it is found."""
     for name, share in WITHIN.items():
-        one, other = (result.parameters[name]["value"] for result in (ours, direct))
+        one, other = (result.parameters[name].value for result in (ours, direct))
         apart = abs(one - other) / abs(other)
         yield told(f"{name}: {apart:.3%} apart, at most {share:.1%}", apart <= share)
     excess = ours.objective / direct.objective - 1

@@ -90,21 +90,27 @@ SPOILT = {
 HOOK = """\
 import os, sys
 kind, _, number = os.environ.get("INDENTFIT_FAULT", "").partition(":")
+def strike():
+    with open(os.environ["INDENTFIT_STRUCK"], "w") as mark:
+        mark.write(kind)
 if kind == "clock":
     import time
     real, calls = time.time, [0]
     def back():
+        if not calls[0]:
+            strike()
         calls[0] += 1
         return real() - float(number) * calls[0]
     time.time = back
 elif kind == "memory" and "spawn_main" in " ".join(sys.orig_argv) or kind == "memory here":
     from indentfit.fem import path
     usual = path._step
-    def step(*words):
+    def step(*words, **named):
         import resource
+        strike()
         pages = int(open("/proc/self/statm").read().split()[0])
         resource.setrlimit(resource.RLIMIT_AS, (pages * 4096 + int(number) * 1024, resource.RLIM_INFINITY))
-        return usual(*words)
+        return usual(*words, **named)
     path._step = step
 elif kind.startswith("garbage"):
     import numpy
@@ -115,6 +121,7 @@ elif kind.startswith("garbage"):
             x = usual(b)
             if rng.random() > share:
                 return x
+            strike()
             noise = rng.standard_normal(x.size)
             return {"garbage noise": x * (1 + noise), "garbage small": x * (1 + 1e-3 * noise), "garbage zero": 0 * x,
                     "garbage NaN": x * numpy.nan, "garbage large": x * 1e12}[kind]
@@ -143,6 +150,7 @@ class Trial:
     def __init__(self, command, folder, undisturbed, dice):
         self.command, self.folder, self.undisturbed, self.dice, self.again = command, folder, undisturbed, dice, "--resume"
         folder.mkdir(exist_ok=True)
+        self.mark, self.hooked = folder / "struck", False
         self.case, self.out, self.sets, self.workers = folder / "case" / "case.toml", folder / "room" / "out", list(TINY), 1
         shutil.copytree(CASES / "quickstart", folder / "case")
         (folder / "room").mkdir()
@@ -156,8 +164,15 @@ class Trial:
         again = [self.again] if resume and self.command == "fit" else []
         return [self.command, str(self.case), *sets, *COMMANDS[self.command], *again, "-o", str(self.out)]
 
+    @property
+    def idle(self):
+        """Whether a fault was to be put into the program's own code and that code was never reached."""
+        return self.hooked and not self.mark.exists()
+
     def start(self, resume=False, hook="", limit=None):
-        hooks = {"PYTHONPATH": str(self.folder.parent / "hook"), "INDENTFIT_FAULT": hook} if hook else {}
+        path = os.pathsep.join([str(self.folder.parent / "hook"), *filter(None, [os.environ.get("PYTHONPATH")])])
+        hooks = {"PYTHONPATH": path, "INDENTFIT_FAULT": hook, "INDENTFIT_STRUCK": str(self.mark)} if hook else {}
+        self.hooked = self.hooked or bool(hook)
         before = (lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))) if limit is not None else None
         return subprocess.Popen(
             [*PROGRAM, *self.words(resume)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
@@ -337,7 +352,7 @@ def spoilt_memory_of_runs(trial):
     """What was finished when a command was killed is changed on the disk before it is given again."""
     trial.command = trial.dice.choice(["fit", "fit", "sweep"])
     process = trial.start()
-    place = trial.folder / "room" / (".out.unfinished/ledger.sqlite" if trial.command == "fit" else ".out.unfinished.jsonl")
+    place = trial.folder / "room" / ".out.unfinished" / "ledger.sqlite"
     until = time.monotonic() + 30
     while time.monotonic() < until and process.poll() is None and not (place.exists() and place.stat().st_size > 600):
         time.sleep(0.02)
@@ -357,7 +372,7 @@ def spoilt_memory_of_runs(trial):
         place.write_bytes(b"")
     elif how == "other case":
         trial.case.write_text(trial.case.read_text().replace("friction = 0.5", "friction = 0.45"))
-    elif trial.command == "fit":
+    else:
         statement = "PRAGMA user_version = 7" if how == "other version" else "UPDATE about SET value = '{}' WHERE name = 'versions'"
         with contextlib.closing(sqlite3.connect(place)) as file:
             file.execute(statement)
@@ -369,8 +384,7 @@ def spoilt_memory_of_runs(trial):
             return "computed anew" if found != true else _raise("the other case's numbers")
         return trial.judge(done, again=False)
     if done.code:
-        shutil.rmtree(place.parent if place.parent.name == ".out.unfinished" else trial.folder / "none", ignore_errors=True)
-        place.unlink(missing_ok=True)
+        shutil.rmtree(place.parent, ignore_errors=True)
     return trial.judge(done)
 
 
@@ -531,6 +545,7 @@ def main():
     (folder / "hook" / "sitecustomize.py").write_text(HOOK)
     undisturbed = dict(_undisturbed(folder))
     table: dict[str, collections.Counter] = {name: collections.Counter() for name in names}
+    struck: collections.Counter[str] = collections.Counter()
     numbers_of_runs = options.numbers or range(options.runs)
     for n in numbers_of_runs:
         dice = random.Random(f"{options.seed} {n}")
@@ -543,9 +558,14 @@ def main():
         except (Finding, OSError, subprocess.SubprocessError) as error:
             wrong, outcome = wrong + 1, "FINDING"
             print(f"FINDING {n} {trial.command}, {name}: {error}", flush=True)
+        outcome += " (the code with the fault was not reached)" if trial.idle else ""
+        struck[name] += not trial.idle
         table[name][outcome] += 1
         print(f"{n:3d}  {trial.command:10s}  {name}: {outcome}", flush=True)
         shutil.rmtree(trial.folder, ignore_errors=True)
+    for name in [name for name in names if table[name].total() and not struck[name]]:
+        wrong += 1
+        print(f"FINDING {name}: not once was the code with the fault reached; has it moved?")
     print(f"\n{len(numbers_of_runs)} runs, {wrong} findings\n\n| fault | runs | outcome |\n|---|---|---|")
     for name, counts in table.items():
         print(f"| {name} | {counts.total()} | {'; '.join(f'{number} x {outcome}' for outcome, number in counts.most_common())} |")

@@ -39,22 +39,23 @@ from hypothesis import strategies as st
 
 from indentfit import curve, material, units
 from indentfit.case import Record as Layout
-from indentfit.cli import validate
 from indentfit.errors import CaseError, IndentfitError
 from indentfit.experiment import manifest, outcomes, processed, reading, specimens
 from indentfit.experiment.measured import read_case
 from indentfit.material.typed_energy import typed_class
-from indentfit.report import html, html_design, html_fit, html_samples, html_simulation, html_studies, page
+from indentfit.report import html, html_design, html_fit, html_process, html_samples, html_simulation, html_studies, page
+from indentfit.report.case_text import case_facts, case_lines
 from indentfit.report.schema import RESULT_FILES
 from indentfit.runs import ledger
 from indentfit.runs.run import Run
 
 SHIPPED = Path(__file__).parents[2] / "cases"
+FIRST_VERSION = Path(__file__).parents[1] / "baseline" / "results-0.1"
 SECONDS, MEMORY = 10, 2 << 30
 BATCH = 500  # examples of one run of Hypothesis: it stops at a finding, the next batch goes on with others
 SHARES = {
-    "case": 0.22, "curve": 0.2, "record": 0.14, "workbook": 0.02, "manifest": 0.13, "replicates": 0.08, "result": 0.025,
-    "ledger": 0.02, "unfinished": 0.045, "energy": 0.12,
+    "case": 0.22, "curve": 0.2, "record": 0.14, "workbook": 0.02, "manifest": 0.13, "replicates": 0.08, "result": 0.07,
+    "ledger": 0.02, "energy": 0.12,
 }  # fmt: skip
 
 
@@ -222,8 +223,8 @@ class CaseFile:
         path = self.folder / "case.toml"
         path.write_bytes(text)
         found = read_case(path, sets)
-        json.dumps(validate._facts(found), allow_nan=False)
-        require("\n" not in "".join(validate._summary(found)), "a summary line with a line break")
+        json.dumps(case_facts(found), allow_nan=False)
+        require("\n" not in "".join(case_lines(found)), "a summary line with a line break")
         require(all("\n" not in line for line in found.warnings()), "a warning of two lines")
         require(all(np.isfinite(found.outputs(test)).all() for test in found.tests), "depths that are not finite")
 
@@ -397,28 +398,31 @@ class Replicates:
 
 
 class ResultFolder:
-    """What `report` reads back: result.json or simulation.json. Figures are made, and not drawn: 20 times as many inputs."""
+    """What `report` reads back: the JSON file of each kind of result, of this version and of 0.1. Figures are made, and not drawn:
+    20 times as many inputs."""
 
     where = "result"
 
     def __init__(self, folder):
         self.folder = folder / self.where
         self.folder.mkdir()
-        self.results = [json.loads(text) for text in sound_results(folder)]
-        for module in (html_design, html_fit, html_samples, html_simulation, html_studies):
+        self.results = [(file.name, json.loads(file.read_text())) for file in sound_results(folder)]
+        for module in (html_design, html_fit, html_process, html_samples, html_simulation, html_studies):
             module.drawn = lambda figure, caption, alt: page.Picture(str(caption), str(alt))
         self.inputs = st.builds(self.text, st.integers(0, len(self.results) - 1), CHANGES, SELDOM)
 
     def text(self, which, changes, bits):
-        tree = changed(json.loads(json.dumps(self.results[which])), changes)
+        name, sound = self.results[which]
+        tree = changed(json.loads(json.dumps(sound)), changes)
         with contextlib.suppress(ValueError, RecursionError):
-            return bytes_changed(json.dumps(tree).encode("utf-8", "replace"), bits)
-        return b"{}"
+            return name, bytes_changed(json.dumps(tree).encode("utf-8", "replace"), bits)
+        return name, b"{}"
 
-    def read(self, text):
+    def read(self, named):
         for name in RESULT_FILES:
             (self.folder / name).unlink(missing_ok=True)
-        (self.folder / "result.json").write_bytes(text)
+        name, text = named
+        (self.folder / name).write_bytes(text)
         written = html.write_report(self.folder).read_text(encoding="utf-8")
         require("<script" not in written.lower(), "a script in the page")
         require("Content-Security-Policy" in written, "a page without its policy")
@@ -591,22 +595,28 @@ STATEMENTS = (
 
 
 def sound_results(folder):
-    """Texts of result.json of a fit, a sweep and a mesh-check, and of simulation.json, each made by its command on a tiny case."""
+    """The result file of each kind: made by its command on a tiny case, and those that version 0.1 wrote."""
     program = [sys.executable, "-c", "from indentfit.cli import main; main()"]
-    small = ["--set", "mesh.elements=40", "--set", "fit.workers=1", "--set", "fit.profiles=false"]
+    small = ["--set", "mesh.elements=24", "--set", "fit.workers=1", "--set", "fit.profiles=false"]
+    case, records = SHIPPED / "quickstart" / "case.toml", SHIPPED / "rig_records"
+    processed_records = folder / "sound-process"
     commands = {
-        "simulate": ["--set", "mesh.elements=40"],
-        "fit": [*small, "--method", "least_squares", "--no-fields"],
-        "sweep": [*small, "--vary", "material.mu=+-10%", "--vary", "indenter.friction=0.2,0.4"],
-        "mesh-check": [*small[2:], "--elements", "30,45,60"],
+        "simulate": [case, "--set", "mesh.elements=24"],
+        "fit": [case, *small, "--method", "least_squares", "--no-fields"],
+        "sweep": [case, *small, "--vary", "material.mu=+-10%", "--vary", "indenter.friction=0.2,0.4"],
+        "mesh-check": [case, *small[2:], "--elements", "24,30,40", "--mesh-only"],
+        "design": [case, *small],
+        "process": ["--manifest", records / "manifest.csv", "--case", "--base", records / "case.toml", "--no-figures"],
+        "fit --per-sample": [processed_records / "case.toml", *small, "--method", "least_squares"],
     }
     for command, options in commands.items():
-        place = folder / f"sound-{command}"
-        given = [command, str(SHIPPED / "quickstart" / "case.toml"), *options, "-o", str(place)]
+        place = folder / f"sound-{command.replace(' ', '')}"
+        given = [*command.split(), *map(str, options), "-o", str(place)]
         done = subprocess.run([*program, *given], capture_output=True, text=True)
         if not place.exists():
             sys.exit(f"{command} did not write its result: {done.stderr}")
-        yield next(place / name for name in RESULT_FILES if (place / name).exists()).read_text()
+        yield next(place / name for name in RESULT_FILES if (place / name).exists())
+    yield from sorted(file for name in RESULT_FILES for file in FIRST_VERSION.rglob(name))
 
 
 # Running
@@ -710,8 +720,10 @@ def atheris_campaign(name, folder):
     target = TARGETS[name](folder)
 
     def one(raw):
-        given = raw if name in ("curve", "manifest", "replicates", "result", "unfinished") else None
-        if name == "energy":
+        given = raw if name in ("curve", "manifest", "replicates") else None
+        if name == "result":
+            given = "result.json", raw
+        elif name == "energy":
             given = raw.decode("utf-8", "replace"), ("mu", "k")
         elif name in ("record", "workbook"):
             given = raw, Layout()
