@@ -1,5 +1,6 @@
-"""The errors that indentfit raises; each class carries the exit code with which the command line then ends."""
+"""The errors that indentfit raises, each class with the exit code of the command line, and the suggestion that ends a message."""
 
+import difflib
 from collections.abc import Iterable
 
 
@@ -117,3 +118,9 @@ class DesignError(IndentfitError):
     """The mechanics failed at a point that the design of an experiment needs."""
 
     exit_code = 3
+
+
+def suggestion(word: object, known: Iterable[object], quoted: bool = False) -> str:
+    """The end of a message, "; did you mean X?", with the known word that is nearest to the given one; empty where none is near."""
+    near = difflib.get_close_matches(str(word), [str(name) for name in known], n=1)
+    return f"; did you mean {repr(near[0]) if quoted else near[0]}?" if near else ""

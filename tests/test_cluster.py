@@ -4,13 +4,18 @@ import gc
 import json
 import subprocess
 import sys
+import time
 
 import pytest
 from click.testing import CliRunner
-from fixtures.cases import CASES
+from fixtures.cases import CASES, tiny_case
 
 from indentfit.cli import main
+from indentfit.errors import WorkerError
+from indentfit.experiment.measured import read_case
 from indentfit.runs import cluster as clusters
+from indentfit.runs.mechanics import mechanics_of
+from indentfit.runs.run import RunRequest
 
 distributed = pytest.importorskip("distributed")
 
@@ -67,6 +72,25 @@ def test_with_an_address_nobody_else_is_connected_to_and_nothing_is_started(tmp_
     seen = json.loads(done.stdout)
     assert set(seen.pop("asked")) <= {"127.0.0.1"}
     assert seen == {"connected": [address], "listening": [], "started": []}
+
+
+def test_a_cluster_whose_last_worker_leaves_is_waited_for_no_longer_than_patience(tmp_path, monkeypatch):
+    """Dask itself would wait for another worker without end."""
+    monkeypatch.setattr(clusters, "PATIENCE", 2)
+    case = read_case(tiny_case(tmp_path, test=[{"name": "parallel", "angle": 0, "depth": 0.1, "points": 2}]))
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=None,
+        silence_logs=50,
+    ) as there:  # fmt: skip
+        pool = clusters.Cluster(mechanics_of(case), there.scheduler_address, 1, 60.0)
+        there.scale(0)
+        until = time.monotonic() + 30
+        while there.scheduler.workers and time.monotonic() < until:
+            time.sleep(0.05)
+        with pytest.raises(WorkerError, match="no workers for 2 s") as error:
+            list(pool.solve([RunRequest((("mu", 1.0),), 0)], bool))
+        pool.close(now=True)
+    assert "\n" not in str(error.value) and there.scheduler_address in str(error.value)
 
 
 @pytest.mark.parametrize(

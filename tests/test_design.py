@@ -1,6 +1,7 @@
 """The design of the next experiment: Fisher's information added up, and what the mechanics make of it."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from click.testing import CliRunner
 from fixtures.cases import CASES, white_matter
 
 from indentfit.cli import main
-from indentfit.errors import ConvergenceError, DesignError
+from indentfit.errors import CaseError, ConvergenceError, DesignError
 from indentfit.fem.simulate import Model
 from indentfit.runs.forward import Evaluation
 from indentfit.study import design as module
@@ -147,7 +148,17 @@ def test_a_result_of_another_material_is_refused_in_one_line(springs, tmp_path):
     assert "result.json" in done.stderr
 
 
+def test_a_result_of_another_kind_is_refused_in_one_line(tmp_path):
+    stored = Path(__file__).parent / "baseline" / "results-0.1" / "design"
+    done = run("--set", MU, "--result", str(stored))
+    assert done.exit_code == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "holds no parameters of" in done.stderr
+
+
 def test_nothing_free_is_refused():
     done = run("--set", "material.parameters={mu=1,zeta=4,phi=1}")
     assert done.exit_code == 2
     assert "no parameter is free" in done.stderr
+    with pytest.raises(CaseError, match="no parameter is free"):
+        design(white_matter())

@@ -25,7 +25,10 @@ LAZY = {
     "inference/result.py": {
         "indentfit.report.fit_folder.write_fit", "indentfit.report.plots.force_displacement", "indentfit.report.text.fit_lines",
     },
-    "inference/per_sample.py": {"indentfit.report.per_sample.sample_lines", "indentfit.report.per_sample.samples_figure"},
+    "inference/per_sample.py": {
+        "indentfit.report.per_sample.sample_lines", "indentfit.report.per_sample.samples_figure",
+        "indentfit.report.samples_folder.write_samples",
+    },
     "runs/simulated.py": {
         "indentfit.report.fields.FieldChoice", "indentfit.report.plots.force_displacement",
         "indentfit.report.study_folder.write_simulation", "indentfit.report.text.simulation_lines",

@@ -18,5 +18,6 @@ from .tables import Solver as Solver
 from .tables import Test as Test
 from .whole import Case as Case
 from .whole import require_fittable as require_fittable
+from .whole import require_free as require_free
 from .write import case_toml as case_toml
 from .write import write_case as write_case

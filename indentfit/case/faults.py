@@ -178,11 +178,16 @@ def _indenter_too_wide(sample: Sample, indenter: Indenter, depth: float) -> Iter
 
 def faults_of_fit(free: Mapping[str, Range], tests: Sequence[Test], curves: Sequence[Curve | None]) -> Iterator[Fault]:
     """Faults of a case that can be simulated but not fitted."""
-    if not free:
-        text = "no parameter is free; give at least one as {start = ..., min = ..., max = ...}"
-        yield Fault(("material", "parameters"), MISSING, text)
+    yield from faults_of_freedom(free)
     for test, curve in zip(tests, curves, strict=True):
         if curve is None:
             yield Fault(("test", test.name, "curve"), MISSING, "missing; a fit needs a measured curve")
     if not sum(test.weight or 0.0 for test in tests):
         yield Fault(("test",), MISSING, "every weight is 0; give at least one test a weight")
+
+
+def faults_of_freedom(free: Mapping[str, Range]) -> Iterator[Fault]:
+    """The fault of a case that leaves no parameter free."""
+    if not free:
+        text = "no parameter is free; give at least one as {start = ..., min = ..., max = ...}"
+        yield Fault(("material", "parameters"), MISSING, text)

@@ -75,16 +75,16 @@ class KeyFacts:
 def keys() -> Iterator[KeyFacts]:
     """Every key, table by table; the keys of an inner table follow those of the table that holds it."""
     for model in TABLES:
-        yield from keys_of(model)
+        yield from facts_of_keys(model)
 
 
-def keys_of(model: type[Section], place: str = "") -> Iterator[KeyFacts]:
+def facts_of_keys(model: type[Section], place: str = "") -> Iterator[KeyFacts]:
     """The keys of one table, and of the tables inside of it."""
     facts = [_facts(place or model.place, name, field) for name, field in model.model_fields.items()]
     yield from facts
     for key in facts:
         if key.inner:
-            yield from keys_of(key.inner, key.key)
+            yield from facts_of_keys(key.inner, key.key)
 
 
 def choices(key: str) -> tuple[Any, ...]:

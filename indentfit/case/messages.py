@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from indentfit.case.quantities import meaning
+from indentfit.errors import suggestion
 
 Key = tuple[str | int, ...]
 
@@ -82,7 +82,7 @@ def wording(model: type[BaseModel], flaw: ErrorDetails, sections: Mapping[str, t
         return unknown(key, model.model_fields, sections=sections)
     if kind == "literal_error":
         choices = re.findall(r"'(.*?)'", context["expected"])
-        return f"must be {context['expected']}{nearest(flaw['input'], choices)}"
+        return f"must be {context['expected']}{suggestion(flaw['input'], choices)}"
     if isinstance(flaw["input"], float) and math.isnan(flaw["input"]):
         kind = "finite_number"  # nan is neither greater nor less than a bound: the message names the actual fault
     field = model.model_fields.get("tests" if key == "test" else key)
@@ -114,18 +114,12 @@ WORDS = {
 def unknown(key: str, known: Iterable[str], what: str = "key", sections: Mapping[str, type[BaseModel]] | None = None) -> str:
     """Why a key is not known, and where it may belong."""
     known = list(known)
-    if near := nearest(key, known):
+    if near := suggestion(key, known):
         return f"unknown {what}{near}"
     for name, model in (sections or {}).items():
         if key in model.model_fields:
             return f"unknown {what} here; it belongs to [{name}]"
     return f"unknown {what}; known here: {', '.join(known)}"
-
-
-def nearest(word: object, known: Iterable[object]) -> str:
-    """The words "; did you mean X?" where a known word is near; empty where none is."""
-    near = difflib.get_close_matches(str(word), [str(name) for name in known], n=1)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 def shown(value: object) -> str:

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from indentfit import indenters, samples
-from indentfit.case.messages import Fault, Key, nearest
+from indentfit.case.messages import Fault, Key
 from indentfit.case.tables import MaterialChoice
+from indentfit.errors import suggestion
 from indentfit.shapes import Registry, keys_of
 
 Tree = dict[str, Any]
@@ -100,7 +101,7 @@ def _path_in_test(tree: Tree, rest: str) -> Key:
             if isinstance(label, str) and rest.startswith(label + "."):
                 return "test", number, *rest[len(label) + 1 :].split(".")
     known = [str(test.get("name", number)) for number, test in enumerate(tests)]
-    raise LookupError(f"no such test; write test.NAME.KEY{nearest(rest.split('.')[0], known)}")
+    raise LookupError(f"no such test; write test.NAME.KEY{suggestion(rest.split('.')[0], known)}")
 
 
 def _put(tree: Any, key: Key, value: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Wit
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
 
-from indentfit.errors import InputError
+from indentfit.errors import InputError, suggestion
 from indentfit.shapes import Registry
 from indentfit.units import number_in
 
@@ -57,9 +56,7 @@ class Shape:
         except InputError as error:
             raise refusal(str(error)) from None
         names = self.shapes.names()
-        near = difflib.get_close_matches(str(value), names, n=1)
-        text = f"must be {', '.join(map(repr, names[:-1]))} or {names[-1]!r}"
-        raise refusal(text + (f"; did you mean {near[0]}?" if near else ""))
+        raise refusal(f"must be {', '.join(map(repr, names[:-1]))} or {names[-1]!r}{suggestion(value, names)}")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
-from indentfit.case.keys import SECTIONS, TABLES, KeyFacts, keys_of
+from indentfit.case.keys import SECTIONS, TABLES, KeyFacts, facts_of_keys
 from indentfit.case.section import Section
 from indentfit.case.tables import Test
 
@@ -62,7 +62,7 @@ def _without_null(schema: Any) -> Any:
 
 def _table(model: type[Section], place: str) -> Iterator[str]:
     """The rows of a table, and of the tables inside of it."""
-    keys = [key for key in keys_of(model, place) if key.table == place]
+    keys = [key for key in facts_of_keys(model, place) if key.table == place]
     yield f"## {'[[test]]' if model is Test else f'[{place}]'}"
     yield from ("", " ".join((model.__doc__ or "").split("\n\n")[0].split()), "")
     yield from ("| key | unit | default | values | meaning |", "|---|---|---|---|---|")

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from indentfit.case.keys import TABLES, KeyFacts, keys_of
+from indentfit.case.keys import TABLES, KeyFacts, facts_of_keys
 from indentfit.case.section import Section
 from indentfit.case.tables import MaterialChoice, Test
 from indentfit.material import load
@@ -45,7 +45,7 @@ def template() -> str:
 def _table(model: type[Section]) -> Iterator[str]:
     """A table with all its keys, and an empty line below it."""
     behind = "# " if model.place in OPTIONAL else ""
-    start, keys = START.get(model.place, {}), [key for key in keys_of(model) if key.table == model.place]
+    start, keys = START.get(model.place, {}), [key for key in facts_of_keys(model) if key.table == model.place]
     yield from _comment((model.__doc__ or "").split("\n\n")[0])
     yield f"{behind}[[test]]" if model is Test else f"{behind}[{model.place}]"
     for key in keys:
@@ -73,7 +73,7 @@ def _inner(model: type[Section]) -> Iterator[str]:
     """A table inside of another, commented out."""
     yield from _comment((model.__doc__ or "").split("\n\n")[0])
     yield f"# [{model.place}]"
-    for key in keys_of(model):
+    for key in facts_of_keys(model):
         yield from _key(key, None, "# ")
 
 

@@ -17,6 +17,7 @@ from indentfit.case.faults import (
     Parts,
     faults_across,
     faults_of_fit,
+    faults_of_freedom,
     faults_of_parameters,
     faults_of_stiffness,
     labels,
@@ -192,6 +193,12 @@ def require_fittable(case: Case) -> None:
     """Raise CaseError unless the case has a free parameter, every test has a curve, and at least one test has a weight."""
     faults = list(faults_of_fit(case.free, case.tests, case.curves))
     if faults:
+        raise CaseError([line(case.path, fault) for fault in faults])
+
+
+def require_free(case: Case) -> None:
+    """Raise CaseError unless the case has a free parameter."""
+    if faults := list(faults_of_freedom(case.free)):
         raise CaseError([line(case.path, fault) for fault in faults])
 
 

@@ -9,8 +9,6 @@ from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.errors import CaseError, ConvergenceError
 
-AGAIN = "the same command"
-
 
 @click.command("mesh-check", cls=Command, short_help="How exact a mesh is, and what that costs.")
 @click.argument("case", type=click.Path())
@@ -44,8 +42,8 @@ def command(
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import require_fittable
     from indentfit.experiment.measured import read_case
-    from indentfit.report.folder import clear, json_text, lasting_folder, refuse_existing
-    from indentfit.report.lasting import opened, say_what_was_done, saying_what_is_kept
+    from indentfit.report.folder import json_text, refuse_existing
+    from indentfit.report.lasting import Place, study_in_folder
     from indentfit.report.study_folder import fill_study
     from indentfit.study.mesh_check import run_mesh_check
     from indentfit.study.mesh_family import own_checks, own_family, parse_family, plan_mesh_check
@@ -59,19 +57,15 @@ def command(
     if refit:
         require_fittable(read)
     plan = plan_mesh_check(read, family or own_family(read), {} if mesh_only else own_checks(read))
-    output = output or f"{Path(case).resolve().parent.name or 'case'}-mesh-check"
-    target = refuse_existing(output, overwrite)
+    place = Place(output or f"{Path(case).resolve().parent.name or 'case'}-mesh-check", overwrite)
+    refuse_existing(place.output, overwrite)
     warn(read.warnings())
     with (
-        lasting_folder(output, overwrite) as folder,
-        opened(folder, read, False, [target], None, plan.cases, say) as ledger,
-        saying_what_is_kept(ledger, "check", AGAIN),
+        study_in_folder(read, plan.cases, place, say, [], "check") as study,
         progress("mesh-check", total=1) as step,
     ):
-        clear(folder)
-        say_what_was_done(ledger, say)
-        result = run_mesh_check(plan, wanted / 100, refit, Execution(ledger=ledger, progress=step))
-        written = fill_study(folder, result)
-    click.echo(json_text(written) if as_json else f"{result.summary()}\nwritten   {output}")
+        result = run_mesh_check(plan, wanted / 100, refit, Execution(ledger=study.ledger, progress=step))
+        written = fill_study(study.folder, result)
+    click.echo(json_text(written) if as_json else f"{result.summary()}\nwritten   {place.output}")
     if all(mesh.measured.cause for mesh in result.meshes):
         raise ConvergenceError(f"every mesh failed; the first: {result.meshes[0].measured.cause}")

@@ -11,8 +11,6 @@ from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
 from indentfit.errors import ConvergenceError
 
-AGAIN = "the same command"
-
 
 @click.command(cls=Command, short_help="Vary keys of a case: curves and ranked sensitivities.")
 @click.argument("case", type=click.Path())
@@ -52,8 +50,8 @@ def command(
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import require_fittable
     from indentfit.experiment.measured import read_case
-    from indentfit.report.folder import clear, json_text, lasting_folder, refuse_existing
-    from indentfit.report.lasting import opened, say_what_was_done, saying_what_is_kept
+    from indentfit.report.folder import json_text, refuse_existing
+    from indentfit.report.lasting import Place, study_in_folder
     from indentfit.report.study_folder import fill_study
     from indentfit.study.runs import Execution
     from indentfit.study.sweep import run_sweep
@@ -65,20 +63,16 @@ def command(
     if refit:
         require_fittable(read)
     name = Path(case).resolve().parent.name or "case"
-    output = output or f"{name}-sweep"
-    earlier = [refuse_existing(output, overwrite), Path(f"{name}-result")]
+    place = Place(output or f"{name}-sweep", overwrite, reuse=reuse)
+    refuse_existing(place.output, overwrite)
     warn(read.warnings())
     with (
         stopping() as stop,
-        lasting_folder(output, overwrite) as folder,
-        opened(folder, read, False, earlier, reuse, plan.cases, say) as ledger,
-        saying_what_is_kept(ledger, "sweep", AGAIN),
+        study_in_folder(read, plan.cases, place, say, [Path(f"{name}-result")], "sweep") as study,
         progress("sweep", total=1) as step,
     ):
-        clear(folder)
-        say_what_was_done(ledger, say)
-        result = run_sweep(plan, refit, Execution(ledger=ledger, cluster=where, stop=stop, progress=step))
-        written = fill_study(folder, result)
-    click.echo(json_text(written) if as_json else f"{result.summary()}\nwritten   {output}")
+        result = run_sweep(plan, refit, Execution(ledger=study.ledger, cluster=where, stop=stop, progress=step))
+        written = fill_study(study.folder, result)
+    click.echo(json_text(written) if as_json else f"{result.summary()}\nwritten   {place.output}")
     if all(point.tests is None for point in result.every_point):
         raise ConvergenceError(f"every point of the sweep failed; the first: {result.base.cause}")

@@ -122,6 +122,7 @@ class PerSample:
 
     samples: tuple[SampleSummary, ...]
     spread: dict[str, ParameterSpread]
+    fits: tuple[SampleFit, ...] = field(default=(), compare=False)  # empty for a result that was read from per_sample.json
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -132,7 +133,7 @@ class PerSample:
     def of(cls, fits: Sequence[SampleFit], folders: Sequence[str]) -> "PerSample":
         """The fits of samples, each with the name of its own result folder."""
         samples = tuple(SampleSummary.of(fitted, folder) for fitted, folder in zip(fits, folders, strict=True))
-        return cls(samples, parameter_spread(fits))
+        return cls(samples, parameter_spread(fits), tuple(fits))
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of per_sample.json, under the tag `format`."""
@@ -156,6 +157,12 @@ class PerSample:
         from indentfit.report.per_sample import samples_figure
 
         return samples_figure(self, path)
+
+    def write(self, folder: str | Path, overwrite: bool = False) -> None:
+        """Write the result folder, with a folder of each sample. Raises OutputError where it cannot be written."""
+        from indentfit.report.samples_folder import write_samples
+
+        write_samples(self, folder, overwrite)
 
     def __repr__(self) -> str:
         spread = ", ".join(f"{name} = {over}" for name, over in self.spread.items())

@@ -1,13 +1,13 @@
 """Words that messages about materials share."""
 
-import difflib
 from collections.abc import Iterable
+
+from indentfit.errors import suggestion
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a message that suggests the known name nearest to the given name; empty where no name is near."""
-    close = difflib.get_close_matches(name, list(known), 1)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    """The end of a message that suggests the known name, in quotes, nearest to the given name; empty where no name is near."""
+    return suggestion(name, known, quoted=True)
 
 
 def one_line(error: BaseException) -> str:

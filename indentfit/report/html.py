@@ -8,7 +8,7 @@ from pathlib import Path
 
 import jinja2
 
-from indentfit.errors import IndentfitError, OutputError
+from indentfit.errors import OutputError
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
 from indentfit.report.html_design import design_page
@@ -18,14 +18,11 @@ from indentfit.report.html_samples import per_sample_page
 from indentfit.report.html_simulation import simulation_page
 from indentfit.report.html_studies import mesh_check_page, sweep_page
 from indentfit.report.page import Page, render
-from indentfit.report.schema import Stored, read_result
+from indentfit.report.schema import DAMAGE, Stored, read_result
 from indentfit.report.stored_process import StoredProcess
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
-
-# Errors that damaged or foreign values in a result file raise.
-DAMAGE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, IndentfitError, jinja2.TemplateError)
 
 
 def write_report(folder: str | Path) -> Path:
@@ -46,7 +43,7 @@ def write_report(folder: str | Path) -> Path:
         text = render(_page(read_result(folder))).encode("utf-8")
     except OutputError:
         raise
-    except DAMAGE as error:
+    except (*DAMAGE, jinja2.TemplateError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise OutputError(f"{folder}: its result file is damaged or not complete ({what}); run the command again") from error
     path, partial = folder / "report.html", folder / ".report.html.partial"

@@ -13,9 +13,8 @@ from indentfit.inference.fit import fit
 from indentfit.inference.per_sample import PerSample, SampleFit, fit_sample
 from indentfit.inference.result import FitResult
 from indentfit.report.fit_folder import fill_fit
-from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished, write_json
-from indentfit.report.html import write_report
-from indentfit.report.per_sample import write_samples_table
+from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished
+from indentfit.report.samples_folder import fill_samples
 from indentfit.runs.ledger import Ledger, refuse_in_use
 
 Say = Callable[[str], object]
@@ -53,6 +52,14 @@ class Conduct:
     stop: Callable[[], int]
     say: Say
     cluster: str | None = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """The folder that a study fills, and the ledger of its runs."""
+
+    folder: Path
+    ledger: Ledger
 
 
 def refuse_unfinished(place: Place, samples: bool) -> None:
@@ -131,10 +138,42 @@ def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, c
             for n, (name, (sample, case)) in enumerate(named.items())
         ]
         result = PerSample.of(fits, list(named))
-        write_json(folder / "per_sample.json", result.as_json())
-        write_samples_table(folder / "per_sample.csv", result)
-        write_report(folder)
+        fill_samples(folder, result)
     return result
+
+
+@contextlib.contextmanager
+def study_in_folder(
+    case: Case, others: Sequence[Case], place: Place, say: Say, earlier: Sequence[Path], what: str
+) -> Iterator[Study]:
+    """Context that gives the folder and the ledger of a sweep or a mesh-check; the folder gets its name where the block ends well.
+
+    Parameters
+    ----------
+    case, others : Case
+        The case, and further cases whose runs belong to the ledger.
+    place : Place
+    say : function
+        Called with notes and warnings.
+    earlier : sequence of paths
+        Further result folders whose runs are used where they fit, beside the one that is replaced.
+    what : str
+        The word for the study in messages, such as "sweep".
+
+    Raises
+    ------
+    OutputError, LedgerError, WorkerError, Stopped
+    """
+    replaced = refuse_existing(place.output, place.overwrite)
+    with (
+        lasting_folder(place.output, place.overwrite) as folder,
+        opened(folder, case, False, [replaced, *earlier], place.reuse, others, say) as ledger,
+        saying_what_is_kept(ledger, what, "the same command"),
+    ):
+        clear(folder)
+        if ledger.has_own:
+            say(f"resumed: {len(ledger)} runs are there from an earlier run")
+        yield Study(folder, ledger)
 
 
 def _part(conduct: Conduct, n: int, number: int, sample: str) -> Conduct:
@@ -222,12 +261,6 @@ def saying_what_is_kept(ledger: Ledger, what: str = "fit", remedy: str = "--resu
         raise WorkerError(f"{error}; {_kept(ledger, remedy)}") from error
     except KeyboardInterrupt as error:
         raise Stopped(f"the {what} was stopped at once; {_kept(ledger, remedy)}") from error
-
-
-def say_what_was_done(ledger: Ledger, say: Say) -> None:
-    """Say how many runs an earlier run of the same command has left."""
-    if ledger.has_own:
-        say(f"resumed: {len(ledger)} runs are there from an earlier run")
 
 
 def _take_over(ledger: Ledger, source: Path, needed: bool, say: Say) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 from indentfit import indenters, samples
 from indentfit.case import Case, MaterialChoice, Mesh
 from indentfit.curve import Curve
-from indentfit.errors import OutputError
+from indentfit.errors import CaseError, IndentfitError, OutputError
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
@@ -160,6 +160,8 @@ FIRST_VERSION = {  # tags of version 0.1
     "indentfit.per_sample/1": PerSample.FORMAT,
     "indentfit.records/1": StoredProcess.FORMAT,
 }
+# errors that damaged or foreign values in a result file raise
+DAMAGE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, IndentfitError)
 UNTAGGED = {"format_version": FitResult.FORMAT, "candidates": Design.FORMAT}  # keys by which 0.1's files without a tag are known
 
 
@@ -182,6 +184,37 @@ def read_result(folder: str | Path) -> Stored:
     case = CaseFacts.from_json(value["case"]) if value.get("case") else None
     overrides, versions = tuple(value.get("overrides", ())), dict(value.get("versions") or {})
     return Stored(folder, READERS[tag](value), case, overrides, value.get("case_hash"), versions)
+
+
+def fitted_parameters(folder: str | Path, case: Case) -> dict[str, float]:
+    """The parameters that a fit of the same material has found, the free ones within the ranges of the case.
+
+    Parameters
+    ----------
+    folder : path
+        The result folder of a fit.
+    case : Case
+
+    Returns
+    -------
+    dict of parameter -> value, in its unit
+
+    Raises
+    ------
+    CaseError
+        The folder holds no fit, or one of another material.
+    """
+    path = Path(folder) / "result.json"
+    kind = case.material.model or "this energy"
+    try:
+        result = read_result(folder).result
+    except (OutputError, *DAMAGE) as error:
+        what = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        raise CaseError([f"{path}: cannot be read as the result of a fit ({what}); name the folder of a fit"]) from error
+    if not isinstance(result, FitResult) or not set(case.law.parameters) <= set(result.parameters):
+        raise CaseError([f"{path}: holds no parameters of {kind}; name the folder of a fit of this case"])
+    values = {name: result.parameters[name].value for name in case.law.parameters}
+    return values | {name: min(max(values[name], bounds.min), bounds.max) for name, bounds in case.free.items() if name in values}
 
 
 def case_json(case: Case) -> dict[str, Any]:

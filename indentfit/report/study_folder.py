@@ -32,7 +32,7 @@ def fill_study(folder: Path, study: Sweep | MeshCheck) -> dict[str, Any]:
     write_json(folder / "result.json", written)
     if isinstance(study, Sweep):
         sweep_report.write_tables(folder, study)
-        sweep_report.draw(folder, study, lambda name: case.law.parameters[name].unit if name in case.law.parameters else "1")
+        sweep_report.draw(folder, study)
     else:
         mesh_check_report.write_tables(folder, study)
         mesh_check_report.draw(folder, study)

@@ -47,20 +47,20 @@ def write_tables(folder: Path, sweep: Sweep) -> None:
         table(folder / "sensitivities.csv", list(rows[0]), ([_given(value) for value in row.values()] for row in rows))
 
 
-def draw(folder: Path, sweep: Sweep, units: Units) -> None:
+def draw(folder: Path, sweep: Sweep) -> None:
     """Save the figures: one for each key, and the ranking; or one of the grid."""
     if sweep.grid:
-        grid_figure(sweep, sweep.tests, units, folder / "grid")
+        grid_figure(sweep, sweep.tests, sweep.unit, folder / "grid")
         return
     keys = [varied.key for varied in sweep.variations]
     for key, stem in zip(keys, file_names([key.replace(".", "-") for key in keys]), strict=True):
-        key_figure(sweep, key, sweep.tests, units, folder / f"sweep-{stem}")
+        key_figure(sweep, key, sweep.tests, sweep.unit, folder / f"sweep-{stem}")
     ranking_figure(sweep, folder / "sensitivities")
 
 
 def overview(sweep: Sweep, path: str | Path | None = None) -> Figure | None:
     """The figure of a whole sweep: the grid, or the keys by what they do; None where there is nothing to draw."""
-    return grid_figure(sweep, sweep.tests, _no_units, path) if sweep.grid else ranking_figure(sweep, path)
+    return grid_figure(sweep, sweep.tests, sweep.unit, path) if sweep.grid else ranking_figure(sweep, path)
 
 
 def key_figure(sweep: Sweep, key: str, tests: dict[str, int], units: Units, path: str | Path | None = None) -> Figure | None:
@@ -126,10 +126,6 @@ def _measures(point: SweepPoint, name: str) -> list[Any]:
         return [""] * len(MEASURES)
     measures = point.tests[name].as_json()
     return [_given(measures[measure]) for measure in MEASURES]
-
-
-def _no_units(parameter: str) -> str:
-    return "1"
 
 
 def _is_number(text: str) -> bool:

@@ -24,6 +24,7 @@ from indentfit.runs.watch import watched
 
 LOCAL = "local"
 PATIENCE = 30  # seconds to find the scheduler, and for it to have a worker
+POLL = 0.01  # s between two looks for an ended run
 
 
 class Cluster:
@@ -82,8 +83,7 @@ class Cluster:
         try:
             submit()
             while futures:
-                with self._there():
-                    future, request = futures.pop(next(course).key)
+                future, request = futures.pop(self._next(course).key)
                 run = self._run(future)
                 submit()  # before the caller stores the ended run, so that no worker waits for the disk
                 yield request, run
@@ -119,6 +119,22 @@ class Cluster:
     def _submit(self, request: RunRequest) -> Any:
         with self._there():
             return self._client.submit(run_there, self.mechanics, request, self.limit, self.origin, pure=False)
+
+    def _next(self, course: Any) -> Any:
+        """The next future that ends. Raises WorkerError where the cluster has had no worker for PATIENCE seconds: Dask would wait."""
+        last_seen = time.monotonic()
+        while True:
+            with self._there():
+                looked = time.monotonic()
+                while time.monotonic() < looked + NEWS:
+                    if course.has_ready():
+                        return next(course)
+                    time.sleep(POLL)
+                if self._client.nthreads():
+                    last_seen = time.monotonic()
+            if time.monotonic() > last_seen + PATIENCE:
+                what = f"the cluster has had no workers for {PATIENCE} s; the last one was lost, or left with a run that never came back"
+                raise WorkerError(f"{self._option}: {what}; start some with `dask worker`, best with a nanny")
 
     def _run(self, future: Any) -> Run:
         with self._there():

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Test
+from indentfit.case import Case, Test, require_free
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
@@ -163,9 +163,12 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
 
     Raises
     ------
+    CaseError
+        No parameter of the case is free.
     DesignError
         The case's own tests have no derivatives.
     """
+    require_free(case)
     parameters, execution = dict(parameters or case.start_values()), execution or Execution()
     variants = list(_variants(case))
     own, forces, runs = _own(case, parameters, execution)

@@ -136,6 +136,7 @@ class Sweep:
     own : dict of key -> the case's own value
     refits : tuple of Refit
         The parameters fitted anew at each point, if requested.
+    units : dict of parameter of the material -> unit, "1" for none
     case : Case or None
         None for a sweep that was read from result.json.
     """
@@ -153,7 +154,12 @@ class Sweep:
     parameters: dict[str, float]
     own: dict[str, float | str | None]
     refits: tuple[Refit, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
     case: Case | None = None
+
+    def unit(self, parameter: str) -> str:
+        """The unit of a parameter of the material, "1" for none."""
+        return self.units.get(parameter, "1")
 
     @property
     def every_point(self) -> tuple[SweepPoint, ...]:
@@ -188,6 +194,7 @@ class Sweep:
             points=tuple(map(SweepPoint.from_json, value["points"])),
             sensitivities=tuple(Sensitivity(**sensitivity) for sensitivity in value["sensitivities"]),
             refits=tuple(map(Refit.from_json, value.get("refits", ()))),
+            units=dict((value.get("case") or {}).get("units", {})),  # the table `case` of the same file holds them
         )
 
     def summary(self) -> str:
@@ -269,6 +276,7 @@ def run_sweep(plan: SweepPlan, refit: bool, execution: Execution) -> Sweep:
         parameters=case.start_values(),
         own={varied.key: own_value(case, varied.key) for varied in plan.variations},
         refits=_refits(plan, execution) if refit else (),
+        units={name: parameter.unit for name, parameter in case.law.parameters.items()},
         case=case,
     )
 
