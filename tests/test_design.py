@@ -15,6 +15,7 @@ from indentfit.runs.forward import Evaluation
 from indentfit.study import design as module
 from indentfit.study.design import POINTS, design
 
+STORED = Path(__file__).parent / "baseline" / "results-0.1"
 COARSE = ("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
 MU = "material.parameters={mu={start=2,min=0,max=10},zeta=4,phi=1}"
 ZETA = "material.parameters={mu=1,zeta={start=3,min=0,max=20},phi=1}"
@@ -127,10 +128,14 @@ def test_the_command_prints_a_table_or_json_and_writes_a_plot(springs, tmp_path)
 
 
 def test_the_parameters_of_a_result_are_taken(springs, tmp_path):
-    values = {name: {"value": value} for name, value in {"mu": 5, "zeta": 4, "phi": 1}.items()}
-    (tmp_path / "result.json").write_text(json.dumps({"parameters": values}))
-    found = json.loads(run("--set", MU, "--json", "--result", str(tmp_path)).stdout)
-    assert found["parameters"]["mu"] == 5
+    """Of a fit of version 0.1, too; a free parameter is put into its range."""
+    result = json.loads((STORED / "fit" / "result.json").read_text())
+    result["parameters"]["mu"]["value"], result["parameters"]["phi"]["value"] = 5.0, 2.5
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    narrow = "material.parameters={mu={start=2,min=0,max=3},zeta=4,phi=1}"
+    for keys, mu in ((MU, 5.0), (narrow, 3.0)):
+        printed = json.loads(run("--set", keys, "--json", "--result", str(tmp_path)).stdout)
+        assert printed["parameters"] == {"mu": mu, "zeta": result["parameters"]["zeta"]["value"], "phi": 2.5}
 
 
 @pytest.mark.parametrize("arguments", [["--noise", "0"], ["--result", "no/such"], ["--overwrite"]])
@@ -141,19 +146,15 @@ def test_wrong_input_ends_with_2(springs, arguments):
 
 
 def test_a_result_of_another_material_is_refused_in_one_line(springs, tmp_path):
-    (tmp_path / "result.json").write_text('{"parameters": {"c10": {"value": 1}}}')
-    done = run("--set", MU, "--result", str(tmp_path))
-    assert done.exit_code == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert "result.json" in done.stderr
-
-
-def test_a_result_of_another_kind_is_refused_in_one_line(tmp_path):
-    stored = Path(__file__).parent / "baseline" / "results-0.1" / "design"
-    done = run("--set", MU, "--result", str(stored))
-    assert done.exit_code == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert "holds no parameters of" in done.stderr
+    """The result of another law, of another kind, and a damaged one."""
+    law = (STORED / "fit" / "result.json").read_text().replace('"phi"', '"c10"')
+    design_of_0_1 = (STORED / "design" / "design.json").read_text()
+    for text, said in ((law, "holds no param"), (design_of_0_1, "holds no param"), ('{"parameters": 1}', "cannot be read")):
+        (tmp_path / "result.json").write_text(text)
+        done = run("--set", MU, "--result", str(tmp_path))
+        assert done.exit_code == 2
+        assert len(done.stderr.splitlines()) == 1
+        assert "result.json" in done.stderr and said in done.stderr
 
 
 def test_nothing_free_is_refused():

@@ -121,7 +121,7 @@ class Cluster:
             return self._client.submit(run_there, self.mechanics, request, self.limit, self.origin, pure=False)
 
     def _next(self, course: Any) -> Any:
-        """The next future that ends. Raises WorkerError where the cluster has had no worker for PATIENCE seconds: Dask would wait."""
+        """The next future that ends. Raises WorkerError after PATIENCE seconds without a worker: Dask would wait."""
         last_seen = time.monotonic()
         while True:
             with self._there():
@@ -133,7 +133,7 @@ class Cluster:
                 if self._client.nthreads():
                     last_seen = time.monotonic()
             if time.monotonic() > last_seen + PATIENCE:
-                what = f"the cluster has had no workers for {PATIENCE} s; the last one was lost, or left with a run that never came back"
+                what = f"the cluster has had no workers for {PATIENCE} s (lost, or left with a run that never came back)"
                 raise WorkerError(f"{self._option}: {what}; start some with `dask worker`, best with a nanny")
 
     def _run(self, future: Any) -> Run:
