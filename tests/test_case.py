@@ -327,7 +327,6 @@ def test_what_is_missing_is_named(tmp_path):
         "indenter",
         "material.model",
         "test.0.name",
-        "test.0.angle",
         "test.0.curve",
     }
 

@@ -68,6 +68,8 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         "sample.length": ["sample.shape=block", "sample.width=14"],
         "sample.width": ["sample.shape=block", "sample.length=14"],
         "indenter.diameter": ["indenter.shape=cylinder"],
+        "indenter.radius": ["indenter.shape=cylinder"],
+        "material.poisson_ratio": ["material.model=neo_hookean", "material.parameters={mu=1}"],
         "material.energy": ["material.parameters={mu=1}"],
         "test.points": ["test.parallel.depth=0.3"],
     }

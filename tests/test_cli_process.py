@@ -12,12 +12,16 @@ import pytest
 from click.testing import CliRunner
 from fixtures.cases import tiny_case
 
+from indentfit.case.template import template
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
+from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.rig import Rig, SensorNoise
+from indentfit.experiment.specimens import read_specimens
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
+from indentfit.inference.per_sample import sample_cases
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
 RECORD = CASE / "records" / "S1_parallel.csv"
@@ -319,3 +323,26 @@ def test_per_sample_without_its_table_says_what_writes_it(made):
     table.unlink()
     result = run(made, "--per-sample", command="fit")
     assert result.exit_code == 2 and "process --case" in result.stderr
+
+
+def test_a_set_of_a_gel_needs_no_directions(manifest, tmp_path):
+    """mean stiffness of 60, 66 and 72 mN/mm: 66."""
+    rows = [row.split(",") for row in manifest.read_text().splitlines() if ",90," not in row and "lost" not in row]
+    plain = manifest.with_name("plain.csv")
+    plain.write_text("\n".join(",".join([row[0], *row[2:]]) for row in rows) + "\n")
+    gel = tmp_path / "gel.toml"
+    gel.write_text(
+        template().replace("transversely_isotropic", "neo_hookean").replace("zeta =", "# zeta =").replace("phi =", "# phi =")
+    )
+    result = run("-m", plain, "--case", "-o", "set", "--base", gel)
+    assert result.exit_code == 0, result.stderr
+    summary = json.loads(Path("set/summary.json").read_text())
+    assert summary["stiffness_mN_per_mm"]["0"]["mean"] == pytest.approx(66.0, rel=0.01)
+    (test,) = read_case("set/case.toml").tests
+    assert (test.name, test.angle) == ("press", None)
+    specimens = read_specimens("set/replicates.csv")
+    assert [specimen.curves for specimen in specimens] == [{None: f"curves/S{n}.csv"} for n in range(3)]
+    (name, case), *_ = sample_cases("set/case.toml", specimens)
+    assert name == "S0" and case.curves[0].force[-1] == pytest.approx(60.0 * case.curves[0].displacement[-1], rel=0.05)
+    with pytest.raises(CaseError, match=r"test\.press\.angle: missing; the material has fibres"):
+        read_case("set/case.toml", ["material.model=transversely_isotropic", "material.parameters={mu=1,zeta=1,phi=1}"])

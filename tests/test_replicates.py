@@ -180,7 +180,7 @@ def test_a_manifest_in_other_units_and_separators_is_the_same(tmp_path):
 
 
 def test_a_manifest_without_a_needed_column_is_refused(tmp_path):
-    for text, words in (("sample,file\nA,a.csv\n", "no column direction"), (HEADER, "no rows"), ("", "no rows")):
+    for text, words in (("sample,direction\nA,0\n", "no column file"), (HEADER, "no rows"), ("", "no rows")):
         (tmp_path / "m.csv").write_text(text)
         with pytest.raises(RecordError, match=words):
             read_manifest(tmp_path / "m.csv")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
 from indentfit.case.messages import MISSING, Fault, Key, unknown
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
@@ -50,19 +51,40 @@ class Parts:
 
 def faults_of_parameters(choice: MaterialChoice | None, law: type[Material] | None) -> Iterator[Fault]:
     """Faults where the parameters are not those of the law, or outside its own bounds."""
-    given = getattr(choice, "parameters", None)
-    if given is None or law is None:
+    if choice is None or law is None or choice.parameters is None:
         return
     place: Key = ("material", "parameters")
+    if faults := list(_faults_of_young(choice, law)):
+        yield from faults
+        return
+    given = own_parameters(choice, law)
     for name in given:
         if name not in law.parameters:
-            yield Fault((*place, name), plain(given[name]), unknown(name, law.parameters, "parameter"))
+            yield Fault((*place, name), plain(given[name]), unknown(name, _words_of(law), "parameter"))
     for name, parameter in law.parameters.items():
         if name in given:
             yield from _outside_of_the_law(place, name, given[name], parameter)
             continue
         unit = f", {parameter.unit}" if parameter.unit not in ("", "1") else ""
         yield Fault((*place, name), MISSING, f"missing; give a number, or {{start, min, max}}: {parameter.meaning}{unit}")
+
+
+def _words_of(law: type[Material]) -> list[str]:
+    """The names that the parameters of a law can have in a case."""
+    return [*law.parameters, *([YOUNG] if shear_parameter(law) else [])]
+
+
+def _faults_of_young(choice: MaterialChoice, law: type[Material]) -> Iterator[Fault]:
+    """Young's modulus beside the shear modulus, or too large for the bulk modulus."""
+    young, name = choice.parameters.get(YOUNG), shear_parameter(law)
+    if young is None or name is None or YOUNG in law.parameters:
+        return
+    if name in choice.parameters:
+        yield Fault(("material", "parameters", YOUNG), plain(young), f"{name} is given too; keep one of them")
+    numbers = (young.min, young.start, young.max) if isinstance(young, Range) else (young,)
+    if choice.kappa is not None and max(numbers) >= 9 * choice.kappa:
+        text = f"must stay below 9 kappa = {9 * choice.kappa:g} kPa; raise material.kappa, or give poisson_ratio in its place"
+        yield Fault(("material", "parameters", YOUNG), plain(young), text)
 
 
 def _outside_of_the_law(place: Key, name: str, value: float | Range, parameter: Any) -> Iterator[Fault]:
@@ -94,13 +116,27 @@ def faults_of_stiffness(choice: MaterialChoice, law: type[Material]) -> Iterator
 
 def start_values(choice: MaterialChoice, law: type[Material]) -> dict[str, float]:
     """Every parameter in the order of the law: its fixed number, or the start of its search."""
-    values = {name: choice.parameters[name] for name in law.parameters}
+    given = own_parameters(choice, law)
+    values = {name: given[name] for name in law.parameters}
     return {name: value.start if isinstance(value, Range) else value for name, value in values.items()}
 
 
 def plain(value: Any) -> Any:
     """A range as a table of numbers; any other value unchanged."""
     return value.model_dump() if isinstance(value, Range) else value
+
+
+def faults_of_fibres(choice: MaterialChoice | None, law: type[Material] | None, tests: Sequence[Test | None]) -> Iterator[Fault]:
+    """Faults where a material with fibres lacks what only fibres need, or has what only materials without fibres can have."""
+    if law is None or not has_fibres(law):
+        return
+    for label, test in zip(labels([test and test.name for test in tests]), tests, strict=True):
+        if test is not None and test.angle is None and "angle" not in test.model_fields_set:
+            text = "missing; the material has fibres: give their angle to x, the indenter's long side, 0 or 90"
+            yield Fault(("test", label, "angle"), MISSING, text)
+    if choice is not None and choice.poisson_ratio is not None:
+        text = "the material has fibres, and no single Poisson's ratio; give bulk_ratio or kappa in its place"
+        yield Fault(("material", "poisson_ratio"), choice.poisson_ratio, text)
 
 
 # Tables that do not agree
@@ -164,8 +200,9 @@ def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
     if uncertain.friction is not None and indenter is not None and indenter.friction == "stick":
         text = "the indenter sticks; give indenter.friction a number"
         yield Fault(("fit", "uncertain", "friction"), plain(uncertain.friction), text)
-    if uncertain.bulk_ratio is not None and material is not None and material.kappa is not None:
-        text = "material.kappa is given; give material.bulk_ratio instead"
+    given = material and next((key for key in ("kappa", "poisson_ratio") if getattr(material, key) is not None), None)
+    if uncertain.bulk_ratio is not None and given:
+        text = f"material.{given} is given; give material.bulk_ratio instead"
         yield Fault(("fit", "uncertain", "bulk_ratio"), plain(uncertain.bulk_ratio), text)
 
 
@@ -173,6 +210,7 @@ def _indenter_too_wide(sample: Sample, indenter: Indenter, depth: float) -> Iter
     geometry, shape = sample.geometry_if_right(), indenter.geometry_if_right()
     if geometry is not None and shape is not None:
         for key, text in shape.faults_on(geometry.outline.extent, depth):
+            key = indenter.word_for(key)
             yield Fault(("indenter", key), getattr(indenter, key), text)
 
 

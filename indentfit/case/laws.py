@@ -1,12 +1,23 @@
-"""The law that a [material] table asks for: an installed class, a class in a file, or a typed energy."""
+"""The law that a [material] table asks for: an installed class, a class in a file, or a typed energy.
+
+Also its parameters by the law's own names, where the table gives Young's modulus."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from indentfit.material import Material, load, typed
+import numpy as np
+
+from indentfit.case.tables import MaterialChoice, Range
+from indentfit.errors import MaterialError
+from indentfit.material import Material, load, trial_values, typed
+
+YOUNG = "young"  # the word for Young's modulus among the parameters
+OF_FIBRES = {"I4", "I5"}  # invariants that depend on a direction
+TRIALS = 3  # sets of parameters at which the shear modulus is compared with a parameter
 
 
 def open_law(model: str | None, energy: str | None, names: Sequence[str], folder: Path) -> type[Material]:
@@ -48,3 +59,47 @@ def plugin_file(model: str | None, folder: Path) -> Path | None:
     """The file of a model given as file.py:Class, relative to the case; None for an installed model."""
     file, colon, _ = (model or "").rpartition(":")
     return (folder / file).resolve() if colon and file.endswith(".py") else None
+
+
+def has_fibres(law: type[Material]) -> bool:
+    """Whether the energy depends on the direction of fibres."""
+    return bool(OF_FIBRES & set(law.invariants))
+
+
+def shear_parameter(law: type[Material]) -> str | None:
+    """The parameter that is the small-strain shear modulus itself, whatever the values of the others; None for a law without one,
+    and for a law with fibres, which has several shear moduli."""
+    return None if has_fibres(law) else _shear_parameter(law)  # type: ignore[arg-type]
+
+
+@functools.cache
+def _shear_parameter(law: Any) -> str | None:
+    rng = np.random.default_rng(0)
+    names = set(law.parameters)
+    try:
+        for _ in range(TRIALS):
+            material = law(**trial_values(law.parameters, rng))
+            names = {name for name in names if abs(material.values[name] / material.shear_modulus - 1) < 1e-9}
+    except (MaterialError, ArithmeticError):
+        return None
+    return next(iter(names), None) if len(names) == 1 else None
+
+
+def own_parameters(choice: MaterialChoice, law: type[Material]) -> dict[str, float | Range]:
+    """The parameters of a [material] table by the names of the law: `young` becomes the shear modulus."""
+    given = choice.parameters
+    if YOUNG not in given or YOUNG in law.parameters:
+        return given
+    name = shear_parameter(law)
+    if name is None or name in given:
+        return given
+    others = {key: value for key, value in given.items() if key != YOUNG}
+    return {**others, name: _shear_moduli(choice, given[YOUNG])}
+
+
+def _shear_moduli(choice: MaterialChoice, young: float | Range) -> float | Range:
+    """The shear modulus, or its range, of Young's modulus or the range of Young's modulus."""
+    if not isinstance(young, Range):
+        return choice.shear_modulus_of(young)
+    start, low, high = (choice.shear_modulus_of(value) for value in (young.start, young.min, young.max))
+    return Range.model_construct(start=start, min=low, max=high)

@@ -114,12 +114,29 @@ WORDS = {
 def unknown(key: str, known: Iterable[str], what: str = "key", sections: Mapping[str, type[BaseModel]] | None = None) -> str:
     """Why a key is not known, and where it may belong."""
     known = list(known)
+    word, reason = SAME_AS.get(key.lower(), ("", ""))
+    if word in known:
+        return f"unknown {what}; did you mean {word}?{reason}"
+    if word == "young" and "parameters" in known:
+        return f"unknown {what}; give young among [material.parameters].{reason}"
     if near := suggestion(key, known):
         return f"unknown {what}{near}"
     for name, model in (sections or {}).items():
         if key in model.model_fields:
             return f"unknown {what} here; it belongs to [{name}]"
     return f"unknown {what}; known here: {', '.join(known)}"
+
+
+NU = " Poisson's ratio nu stands for bulk_ratio = 2 (1 + nu) / (3 (1 - 2 nu))"
+E = " Young's modulus E stands for the shear modulus E / (2 (1 + nu))"
+SAME_AS = {  # other words of the field, in small letters: (the key, its meaning)
+    **dict.fromkeys(("nu", "poisson", "poissons_ratio", "poisson_s_ratio", "poissonratio", "v"), ("poisson_ratio", NU)),
+    **dict.fromkeys(("e", "e0", "young", "youngs_modulus", "young_modulus", "young_s_modulus", "e_modulus"), ("young", E)),
+    **dict.fromkeys(("r", "tip_r", "sphere_radius", "bead_radius", "punch_radius", "a"), ("radius", "")),
+    **dict.fromkeys(("d", "dia", "radius"), ("diameter", "")),
+    **dict.fromkeys(("h", "height"), ("thickness", "")),
+    **dict.fromkeys(("k", "bulk", "bulk_modulus"), ("kappa", "")),
+}
 
 
 def shown(value: object) -> str:

@@ -9,22 +9,13 @@ from typing import Any
 
 from indentfit import indenters, samples
 from indentfit.case.messages import Fault, Key
-from indentfit.case.tables import MaterialChoice
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Test
 from indentfit.errors import suggestion
 from indentfit.shapes import Registry, keys_of
 
 Tree = dict[str, Any]
 
-RIVALS: dict[str, dict[str, set[str]]] = {  # setting a key removes these keys of the same table
-    "mesh": {"size": {"elements"}, "elements": {"size"}},
-    "material": {
-        "model": {"energy"},
-        "energy": {"model"},
-        "kappa": {"bulk_ratio"},
-        "bulk_ratio": {"kappa"},
-    },
-    "test": {"curve": {"depth", "points", "record"}, "record": {"depth", "points", "curve"}, "depth": {"curve", "record"}},
-}
+RIVALS = {model.place: model.rivals for model in (Indenter, Mesh, MaterialChoice, Test)}  # setting a key removes its rivals
 
 
 def override(tree: Tree, overrides: Sequence[str]) -> tuple[set[Key], list[Fault]]:
@@ -134,11 +125,12 @@ def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
             table.pop(rival, None)
 
 
-def _rivals(section: str, key: str, table: Tree) -> set[str]:
+def _rivals(section: str, key: str, table: Tree) -> frozenset[str]:
     """The keys that contradict this key."""
     registries: dict[str, Registry[Any]] = {"sample": samples.SHAPES, "indenter": indenters.SHAPES}
     shapes = registries.get(section)
     shape = shapes.find_or_none(table[key]) if shapes is not None and key == "shape" else None
     if shapes is None or shape is None:
-        return RIVALS.get(section, {}).get(key, set())
-    return shapes.all_keys() - set(keys_of(shape))
+        return RIVALS.get(section, {}).get(key, frozenset())
+    others = shapes.all_keys() - set(keys_of(shape))
+    return frozenset(others.union(*(RIVALS.get(section, {}).get(other, ()) for other in others)) - set(keys_of(shape)))

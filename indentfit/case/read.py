@@ -15,8 +15,9 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from indentfit.case.faults import Parts, faults_across, faults_of_parameters, faults_of_stiffness, labels
+from indentfit.case.faults import Parts, faults_across, faults_of_fibres, faults_of_parameters, faults_of_stiffness, labels
 from indentfit.case.keys import SECTIONS
+from indentfit.case.laws import YOUNG
 from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable, short, unknown, wording
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
@@ -219,6 +220,7 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     faults += _faults_of_material(parts.material, law, faults)
     parts = _with_shape_of_records(parts)
     parts = parts.with_tests(*_tests_and_curves(tree, sources, parts.record, faults))
+    faults += faults_of_fibres(parts.material, law, parts.tests)
     faults += faults_across(parts)
     return parts
 
@@ -313,7 +315,7 @@ def _convert_parameters(tree: Tree, law: type[Material] | None, faults: list[Fau
     if not isinstance(parameters, dict):
         return
     for name, value in parameters.items():
-        unit = law.parameters[name].unit or "kPa" if law and name in law.parameters else None
+        unit = law.parameters[name].unit or "kPa" if law and name in law.parameters else "kPa" if name == YOUNG else None
         table, keys = (value, tuple(value)) if isinstance(value, dict) else (parameters, (name,))
         for key in keys:
             if not isinstance(table[key], str):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -24,10 +24,13 @@ class Section(BaseModel):
     ----------
     place : str
         Name of the table in the file.
+    rivals : mapping of a key to other keys
+        Keys that say the same in other words, or the contrary: a table has one of them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)  # built when first used
     place: ClassVar[str] = ""
+    rivals: ClassVar[Mapping[str, frozenset[str]]] = {}
 
     def __init__(self, /, **keys: Any) -> None:
         try:
@@ -44,6 +47,11 @@ class Section(BaseModel):
     def untouched(cls) -> Self:
         """The table with every key at its default, made without building validators."""
         return cls.model_construct()
+
+    def with_key(self, key: str, value: Any) -> Self:
+        """The table with another value of a key, and without the rivals of that key; the value is not checked."""
+        others = self.rivals.get(key, frozenset()) if value is not None else frozenset()
+        return self.model_copy(update={key: value, **dict.fromkeys(others)})
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
         """(key, what is wrong) for keys that are each correct but contradict each other; a key with a fault of its own is None."""
@@ -73,6 +81,11 @@ class Section(BaseModel):
                 yield key, f"missing; a {name} needs it: {meaning(known_keys[key])}"
             else:
                 yield key, f"does not belong to a {name}; remove it"
+
+
+def either(*keys: str) -> dict[str, frozenset[str]]:
+    """The rivals of keys of which a table has one."""
+    return {key: frozenset(keys) - {key} for key in keys}
 
 
 def raise_disagreements(model: type[BaseModel], faults: Sequence[tuple[Key, Any, str]]) -> None:

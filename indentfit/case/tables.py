@@ -6,12 +6,12 @@ that `init` writes, the reference page and the JSON schema are generated from th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, model_validator
 
-from indentfit import indenters, samples
+from indentfit import elastic, indenters, samples
 from indentfit.case.quantities import (
     Angle,
     Finite,
@@ -26,10 +26,13 @@ from indentfit.case.quantities import (
     is_number,
     refusal,
 )
-from indentfit.case.section import Section, known
+from indentfit.case.section import Section, either, known
 from indentfit.curve import Curve
+from indentfit.shapes import keys_of
 
 DEFAULT_BULK_RATIO = 1000.0
+LARGEST_BULK_RATIO = 1e5  # the solver takes this ratio for an exactly incompressible sample
+BULK = ("bulk_ratio", "kappa", "poisson_ratio")  # the keys that say how compressible a material is
 SIZE = (  # the factors are those of fem.mesh.FAMILIES
     "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
     "size wide and quadratic bricks (q2p1) up to 3 sizes; at the indenter's edge 0.15 and 0.126 sizes, or less under a narrow one"
@@ -69,6 +72,7 @@ class Indenter(Section):
     """The rigid indenter, centred on the sample; a strip's long side lies along x."""
 
     place = "indenter"
+    rivals = either("diameter", "radius")
 
     shape: Annotated[str, Shape(indenters.SHAPES)] = Field(description="shape of the indenter")
     width: Length | None = Field(default=None, examples=[2.0], description="size of the strip along z")
@@ -76,6 +80,7 @@ class Indenter(Section):
         default=None, examples=[20.0], description="size of the strip along x; it may overhang the sample"
     )
     diameter: Length | None = Field(default=None, examples=[2.0], description="diameter of the flat cylinder or of the sphere")
+    radius: Length | None = Field(default=None, examples=[1.0], description="radius, instead of the diameter")
     edge_radius: Radius = Field(default=0.0, description="radius of the edge; 0 is sharp")
     friction: Friction = Field(description='friction coefficient, or "stick" for no slip at all')
 
@@ -88,18 +93,41 @@ class Indenter(Section):
 
     def geometry_if_right(self) -> indenters.IndenterShape | None:
         """The shape with its sizes, None where a key of it is not right."""
-        return indenters.SHAPES.make(dict(self))
+        return indenters.SHAPES.make(keys_of_shape(dict(self)))
+
+    def word_for(self, key: str) -> str:
+        """The key of this table that gives a size of the shape: a diameter may be given by the radius."""
+        return "radius" if key == "diameter" and self.diameter is None and self.radius is not None else key
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
-        yield from self.of_shape(indenters.SHAPES)
+        for key, text in self.of_shape(indenters.SHAPES):
+            if not (key == "diameter" and "radius" in self.model_fields_set):
+                yield key, text
+        if "radius" in self.model_fields_set:
+            yield from self._faults_of_radius()
         if shape := self.geometry_if_right():
-            yield from shape.faults()
+            yield from ((self.word_for(key), text) for key, text in shape.faults())
+
+    def _faults_of_radius(self) -> Iterator[tuple[str, str]]:
+        """A radius beside a diameter, or of a shape that has none."""
+        shape = indenters.SHAPES.find_or_none(dict(self).get("shape"))
+        if "diameter" in self.model_fields_set:
+            yield "radius", "indenter.diameter is given too; keep one of them"
+        elif shape is not None and not {"diameter", "radius"} & set(keys_of(shape)):
+            yield "radius", f"does not belong to a {shape.name}; remove it"
+
+
+def keys_of_shape(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of an [indenter] table by the names that shapes have for them: a radius becomes a diameter."""
+    radius = keys.get("radius")
+    return {**keys, "diameter": 2 * radius} if radius is not None and keys.get("diameter") is None else dict(keys)
 
 
 class Mesh(Section):
     """The mesh of the quarter sample; without either key, the default mesh."""
 
     place = "mesh"
+    rivals = either("size", "elements")
 
     size: Length | None = Field(default=None, examples=[0.4], description=SIZE)
     elements: int | None = Field(
@@ -156,6 +184,7 @@ class MaterialChoice(Section):
     """The material: an installed model, `file.py:Class`, or a typed energy, with its parameters."""
 
     place = "material"
+    rivals = either("model", "energy") | either("bulk_ratio", "kappa", "poisson_ratio")
 
     model: Line | None = Field(
         default=None,
@@ -168,28 +197,53 @@ class MaterialChoice(Section):
         description="energy instead of a model, a formula in I1, I2, I4, I5 and the parameters",
     )
     parameters: dict[str, Annotated[float | Range, WrapValidator(_fixed_or_range)]] = Field(
-        default_factory=dict, description="parameters of the material, each a number, or {start, min, max} to be fitted"
+        default_factory=dict,
+        description="parameters of the material, each a number, or {start, min, max} to be fitted; young (kPa) may stand for the "
+        "shear modulus of an isotropic law",
     )
     bulk_ratio: Positive | None = Field(
         default=None,
         examples=[DEFAULT_BULK_RATIO],
-        description="bulk modulus over shear modulus; without kappa it is 1000 by default",
+        description="bulk modulus over shear modulus; without kappa and poisson_ratio it is 1000 by default",
     )
     kappa: Pressure | None = Field(default=None, examples=[1490.0], description="bulk modulus, instead of bulk_ratio")
+    poisson_ratio: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] | None = Field(
+        default=None,
+        examples=[0.45],
+        description="Poisson's ratio nu, instead of bulk_ratio = 2 (1 + nu) / (3 (1 - 2 nu)); 0.5 is exactly incompressible; for "
+        "materials without fibres",
+    )
 
     @model_validator(mode="before")
     @classmethod
     def _nearly_incompressible(cls, keys: Any) -> Any:
-        if isinstance(keys, dict) and not {"bulk_ratio", "kappa"} & set(keys):
+        if isinstance(keys, dict) and all(keys.get(name) is None for name in BULK):
             return {**keys, "bulk_ratio": DEFAULT_BULK_RATIO}
         return keys
+
+    @property
+    def bulk_over_shear(self) -> float | None:
+        """Bulk modulus over shear modulus: `bulk_ratio`, or that of `poisson_ratio` (inf at 0.5); None where `kappa` is given."""
+        return self.bulk_ratio if self.poisson_ratio is None else elastic.bulk_ratio(self.poisson_ratio)
 
     def bulk_modulus(self, shear_modulus: float) -> float:
         """kappa in kPa, for a material of this shear modulus, kPa."""
         if self.kappa is not None:
             return self.kappa
-        assert self.bulk_ratio is not None  # one of the two is always there
-        return self.bulk_ratio * shear_modulus
+        assert self.bulk_over_shear is not None  # one of the three is always there
+        return min(self.bulk_over_shear, LARGEST_BULK_RATIO) * shear_modulus
+
+    def poisson_ratio_at(self, shear_modulus: float) -> float:
+        """Poisson's ratio of a material of this shear modulus, kPa."""
+        ratio = self.bulk_over_shear
+        return elastic.poisson_ratio(self.bulk_modulus(shear_modulus) / shear_modulus if ratio is None else ratio)
+
+    def shear_modulus_of(self, young: float) -> float:
+        """The shear modulus of a material of this Young's modulus, both kPa."""
+        if self.kappa is not None:
+            return elastic.shear_modulus_beside(young, self.kappa)
+        assert self.bulk_over_shear is not None
+        return elastic.shear_modulus(young, self.bulk_over_shear)
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
         given = self.model_fields_set
@@ -197,8 +251,8 @@ class MaterialChoice(Section):
             yield "energy", "material.model is given too; keep one of them"
         if not {"model", "energy"} & given:
             yield "model", f"missing; give the {type(self).model_fields['model'].description}; or give material.energy"
-        if {"bulk_ratio", "kappa"} <= given:
-            yield "kappa", "material.bulk_ratio is given too; keep one of them"
+        first, *others = [name for name in BULK if name in given and dict(self).get(name) is not None] or [""]
+        yield from ((other, f"material.{first} is given too; keep one of them") for other in others)
 
 
 def _file_or_curve(value: Any) -> str | Curve | None:
@@ -219,9 +273,18 @@ class Test(Section):
     __test__ = False  # not a test of pytest's
 
     place = "test"
+    rivals: ClassVar[dict[str, frozenset[str]]] = {
+        "curve": frozenset({"depth", "points", "record"}),
+        "record": frozenset({"depth", "points", "curve"}),
+        "depth": frozenset({"curve", "record"}),
+    }
 
     name: Annotated[Line, Field(max_length=60)] = Field(examples=["parallel"], description="name of the test")
-    angle: Angle = Field(examples=[0], description="angle between the fibres and x, the indenter's long side")
+    angle: Angle | None = Field(
+        default=None,
+        examples=[0],
+        description="angle between the fibres and x, the indenter's long side; not needed where the material has no fibres",
+    )
     curve: Annotated[
         str | Curve | None, PlainValidator(_file_or_curve), WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]})
     ] = Field(
@@ -239,6 +302,11 @@ class Test(Section):
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
     )
+
+    @property
+    def direction(self) -> int:
+        """The angle, degrees; 0 where the material has no fibres and the case gives no angle."""
+        return 0 if self.angle is None else self.angle
 
     def __init__(self, name: str | None = None, /, **keys: Any) -> None:
         super().__init__(**({} if name is None else {"name": name}), **keys)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from indentfit.case.faults import depth_of
+from indentfit.case.laws import has_fibres
 from indentfit.errors import MaterialError
 
 if TYPE_CHECKING:
@@ -29,12 +30,15 @@ def warnings_of(case: Case) -> Iterator[str]:
         if depth > DEEP * case.sample.thickness:
             share = depth / case.sample.thickness
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {DEEP * 100:g} % equilibrium may not be found"
-    if len(case.free) > 1 and len({test.angle for test in case.tests}) == 1:
+    if len(case.free) > 1 and has_fibres(case.law) and len({test.angle for test in case.tests}) == 1:
         yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
 
 
 def _compressible(case: Case) -> Iterator[str]:
-    """A warning where the bulk modulus is not far above every small-strain modulus."""
+    """A warning where the bulk modulus is not far above every small-strain modulus, and Poisson's ratio does not say that this is
+    meant."""
+    if case.material.poisson_ratio is not None:
+        return
     material = case.law(**case.start_values())
     stiffest = max(material.moduli().values())
     kappa = case.material.bulk_modulus(material.shear_modulus)

@@ -16,6 +16,7 @@ from indentfit.case.curves import curve_files
 from indentfit.case.faults import (
     Parts,
     faults_across,
+    faults_of_fibres,
     faults_of_fit,
     faults_of_freedom,
     faults_of_parameters,
@@ -23,7 +24,7 @@ from indentfit.case.faults import (
     labels,
     start_values,
 )
-from indentfit.case.laws import open_law, plugin_file
+from indentfit.case.laws import open_law, own_parameters, plugin_file
 from indentfit.case.messages import MISSING, Fault, line, lines
 from indentfit.case.quantities import Title
 from indentfit.case.recording import Record
@@ -107,7 +108,7 @@ class Case(BaseModel):
     def _agree(self) -> Case:
         law = self._law_or_fault()
         faults = list(faults_of_parameters(self.material, law)) or list(faults_of_stiffness(self.material, law))
-        faults += [*faults_across(self._parts()), *self._faults_of_curves()]
+        faults += [*faults_of_fibres(self.material, law, self.tests), *faults_across(self._parts()), *self._faults_of_curves()]
         raise_disagreements(type(self), faults)
         return self
 
@@ -149,7 +150,9 @@ class Case(BaseModel):
     @property
     def free(self) -> dict[str, Range]:
         """The parameters to be fitted, in the order of the law."""
-        values = {name: self.material.parameters[name] for name in self.law.parameters}
+        law = self.law
+        given = own_parameters(self.material, law)
+        values = {name: given[name] for name in law.parameters}
         return {name: value for name, value in values.items() if isinstance(value, Range)}
 
     @property

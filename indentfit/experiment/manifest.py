@@ -14,7 +14,7 @@ from indentfit.experiment.record import RawRecord
 from indentfit.units import unit_factor
 
 COLUMNS = ("sample", "direction", "file", "thickness", "diameter")
-NEEDED = ("sample", "direction", "file")
+NEEDED = ("sample", "file")
 DIRECTIONS = {"0": 0, "90": 90, "parallel": 0, "perpendicular": 90}
 LENGTHS = ("thickness", "diameter")
 LONGEST_HEADER = 80  # letters of a header that a message quotes
@@ -28,7 +28,7 @@ class Entry:
     ----------
     sample : str
     direction : int or None, degrees
-        Angle between the fibres and the strip: 0 or 90; None where it is not known.
+        Angle between the fibres and the strip: 0 or 90; None where it is not known, or the tissue has no fibres.
     path : Path or None
         The file of the record.
     thickness, diameter : float or None, mm
@@ -55,6 +55,12 @@ class Entry:
         """Name of the record in tables: sample and direction."""
         return self.sample + ("" if self.direction is None else f" {self.direction}°")
 
+    @property
+    def group(self) -> int | None:
+        """Direction of the group in whose statistics the record counts: all rows of a manifest without directions are one group, 0;
+        None for a record that belongs to no set."""
+        return 0 if self.direction is None and self.row else self.direction
+
 
 @dataclass(frozen=True)
 class _Columns:
@@ -67,8 +73,8 @@ class _Columns:
 def read_manifest(path: str | Path) -> list[Entry]:
     """The entries of a manifest.
 
-    Columns: sample, direction (0, 90, parallel, perpendicular), file (relative to the manifest), thickness and diameter (mm, or
-    with a unit in the header: thickness_um).
+    Columns: sample, direction (0, 90, parallel, perpendicular; no such column for tissue without fibres), file (relative to the
+    manifest), thickness and diameter (mm, or with a unit in the header: thickness_um).
 
     Parameters
     ----------
@@ -133,11 +139,13 @@ def _factor(path: Path, cell: str, unit: str) -> float:
 def _entry(path: Path, row: list[str], number: int, columns: _Columns) -> Entry:
     """The entry of a row, with a problem where the row cannot be used."""
     cells = {name: " ".join(row[n].splitlines()).strip() if n < len(row) else "" for name, n in columns.places.items()}
-    entry = Entry(cells["sample"], DIRECTIONS.get(_direction(cells["direction"])), path.parent / cells["file"], row=number)
-    where = f"{path}: row {number} ({cells['sample'] or 'no sample'}, {cells['direction'] or 'no direction'})"
-    if missing := [name for name in NEEDED if not cells[name]]:
+    directed, asked = "direction" in columns.places, cells.get("direction", "")
+    entry = Entry(cells["sample"], DIRECTIONS.get(_direction(asked)), path.parent / cells["file"], row=number)
+    direction = f", {asked or 'no direction'}" if directed else ""
+    where = f"{path}: row {number} ({cells['sample'] or 'no sample'}{direction})"
+    if missing := [name for name in ("sample", *(("direction",) if directed else ()), "file") if not cells[name]]:
         return replace(entry, problem=f"{where}: no {missing[0]}; fill it in")
-    if entry.direction is None:
+    if directed and entry.direction is None:
         return replace(entry, problem=f"{where}: direction {cells['direction']!r} must be 0, 90, parallel or perpendicular")
     lengths = {name: _length(cells[name], factor) for name, factor in columns.factors.items() if cells[name]}
     if wrong := [name for name, length in lengths.items() if length is None]:
@@ -171,5 +179,6 @@ def once_each(entries: Iterable[Entry]) -> list[Entry]:
 
 def _repeats(entry: Entry, earlier: Entry) -> str:
     if entry.row:
-        return f"{entry.path}: row {entry.row} repeats {entry.sample}, {entry.direction} of row {earlier.row}; remove one"
+        direction = "" if entry.direction is None else f", {entry.direction}"
+        return f"{entry.path}: row {entry.row} repeats {entry.sample}{direction} of row {earlier.row}; remove one"
     return f"{entry.name}: another record has this sample and direction; remove one"

@@ -70,7 +70,7 @@ def usable(outcomes: Iterable[Outcome], direction: int | None = None) -> list[Us
     return [
         Usable(outcome.entry, outcome.processed)
         for outcome in outcomes
-        if outcome.processed and direction in (None, outcome.entry.direction)
+        if outcome.processed and direction in (None, outcome.entry.group)
     ]
 
 

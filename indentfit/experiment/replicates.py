@@ -109,7 +109,7 @@ def statistics(outcomes: Sequence[Outcome]) -> Statistics:
 
 def stiffness_by_direction(outcomes: Sequence[Outcome]) -> dict[int, Named]:
     """Direction -> sample -> stiffness, mN/mm, with the directions in rising order."""
-    directions = {outcome.entry.direction for outcome in usable(outcomes)}
+    directions = {outcome.entry.group for outcome in usable(outcomes)}
     return {
         direction: {outcome.entry.sample: outcome.processed.line.slope for outcome in usable(outcomes, direction)}
         for direction in sorted(direction for direction in directions if direction is not None)

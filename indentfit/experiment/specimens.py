@@ -22,18 +22,20 @@ class Specimen:
     ----------
     name : str
     curves : dict
-        Direction (degrees) -> CSV file, relative to the table.
+        Direction (degrees; None where the table gives none, for tissue without fibres) -> CSV file, relative to the table.
     thickness, diameter : float or None, mm
         None where the table has no such size.
     """
 
     name: str
-    curves: dict[int, str] = field(default_factory=dict)
+    curves: dict[int | None, str] = field(default_factory=dict)
     thickness: float | None = None
     diameter: float | None = None
 
 
-Row = tuple[str, int, str, float | None, float | None]  # sample, direction, curve, thickness, diameter
+NEEDED = ("sample", "curve", "thickness_mm", "diameter_mm")
+DIRECTIONS = {"0": 0, "90": 90, "": None}
+Row = tuple[str, int | None, str, float | None, float | None]  # sample, direction, curve, thickness, diameter
 
 
 def write_specimens(path: str | Path, rows: Iterable[Row]) -> None:
@@ -42,7 +44,14 @@ def write_specimens(path: str | Path, rows: Iterable[Row]) -> None:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
         for sample, direction, curve, *lengths in rows:
-            table.writerow([sample, direction, curve, *("" if length is None else f"{length:.10g}" for length in lengths)])
+            table.writerow(
+                [
+                    sample,
+                    "" if direction is None else direction,
+                    curve,
+                    *("" if length is None else f"{length:.10g}" for length in lengths),
+                ]
+            )
 
 
 def read_specimens(path: str | Path) -> list[Specimen]:
@@ -67,8 +76,9 @@ def read_specimens(path: str | Path) -> list[Specimen]:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise RecordError(f"{path}: cannot be read ({reason}); `indentfit process --case` writes it") from None
-    if not rows or set(COLUMNS) - set(rows[0]):
-        raise RecordError(f"{path}: the table needs the columns {', '.join(COLUMNS)} and a row for each curve")
+    if not rows or set(NEEDED) - set(rows[0]):
+        text = "and a row for each curve; direction may be left out where the material has no fibres"
+        raise RecordError(f"{path}: the table needs the columns {', '.join(COLUMNS)} {text}")
     specimens: dict[str, Specimen] = {}
     for number, row in enumerate(rows, start=2):
         specimen = _specimen(f"{path}: row {number}", row)
@@ -81,10 +91,11 @@ def read_specimens(path: str | Path) -> list[Specimen]:
 
 def _specimen(where: str, row: dict[str, str]) -> Specimen:
     """The specimen with the one curve of a row."""
-    if None in row or None in row.values() or not row["sample"] or not row["curve"] or row["direction"] not in ("0", "90"):
-        raise RecordError(f"{where}: the row needs a sample, a direction of 0 or 90, and a curve")
+    direction = row.get("direction", "")
+    if None in row or None in row.values() or not row["sample"] or not row["curve"] or direction not in DIRECTIONS:
+        raise RecordError(f"{where}: the row needs a sample, a direction of 0 or 90 (empty without fibres), and a curve")
     thickness, diameter = (_length(where, key, row[key]) for key in ("thickness_mm", "diameter_mm"))
-    return Specimen(row["sample"], {int(row["direction"]): row["curve"]}, thickness, diameter)
+    return Specimen(row["sample"], {DIRECTIONS[direction]: row["curve"]}, thickness, diameter)
 
 
 def _length(where: str, key: str, text: str) -> float | None:
@@ -102,6 +113,8 @@ def _length(where: str, key: str, text: str) -> float | None:
 
 def _require_same_lengths(where: str, earlier: Specimen, specimen: Specimen) -> None:
     if set(earlier.curves) & set(specimen.curves):
-        raise RecordError(f"{where}: a second curve of {specimen.name} in direction {next(iter(specimen.curves))}; remove one")
+        direction = next(iter(specimen.curves))
+        of = "without a direction" if direction is None else f"in direction {direction}"
+        raise RecordError(f"{where}: a second curve of {specimen.name} {of}; remove one")
     if (earlier.thickness, earlier.diameter) != (specimen.thickness, specimen.diameter):
         raise RecordError(f"{where}: {specimen.name} has another thickness or diameter than in an earlier row; correct one")

@@ -1,7 +1,7 @@
 """One fit for each sample of a set: the same case with the sample's own curves and size; then the spread of the parameters."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from indentfit.case import Case, require_fittable
+from indentfit.case.laws import has_fibres
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.specimens import Specimen
@@ -191,17 +192,24 @@ def sample_cases(path: str | Path, specimens: Sequence[Specimen], overrides: Seq
         A specimen lacks a direction of the case (its fit would use another specimen's curve), or two tests have the same direction.
     """
     pooled = read_case(path, overrides)
-    tests = {test.angle: test.name for test in pooled.tests}
+    tests = {test.direction: test.name for test in pooled.tests}
     if len(tests) < len(pooled.tests):
         raise CaseError(f"{path}: two tests have the same angle; --per-sample needs one test for each direction")
     cases = []
-    for specimen in specimens:
-        if missing := set(tests) - set(specimen.curves):
-            raise CaseError(f"{path}: sample {specimen.name} has no curve of direction {min(missing)}; remove it from the table")
+    for specimen in specimens if has_fibres(pooled.law) else [_turned(specimen, tests) for specimen in specimens]:
+        if missing := [direction for direction in tests if direction not in specimen.curves]:
+            raise CaseError(f"{path}: sample {specimen.name} has no curve of direction {missing[0]}; remove it from the table")
         case = read_case(path, (*overrides, *_own_keys(specimen, pooled, tests)))
         require_fittable(case)
         cases.append((specimen.name, case))
     return cases
+
+
+def _turned(specimen: Specimen, tests: Mapping[int, str]) -> Specimen:
+    """A specimen of a material without fibres: its only curve is that of the only test, whatever direction the table gives."""
+    if len(tests) == len(specimen.curves) == 1:
+        return replace(specimen, curves=dict(zip(tests, specimen.curves.values(), strict=True)))
+    return specimen
 
 
 def _own_keys(specimen: Specimen, pooled: Case, tests: Mapping[Any, str]) -> list[str]:

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import Any
 
-from indentfit.case import Case, Mesh, Range
+from indentfit.case import Case, MaterialChoice, Mesh, Range
+from indentfit.case.laws import YOUNG, own_parameters
 
 
 def case_facts(case: Case) -> dict[str, Any]:
@@ -21,20 +22,28 @@ def case_lines(case: Case) -> Iterator[str]:
     friction = "sticking" if indenter.friction == "stick" else f"friction {indenter.friction:g}"
     yield f"  indenter  {indenter.geometry.words()}, {friction}"
     yield f"  mesh      {_mesh(case.mesh)}"
-    part = case.material
-    bulk = f"kappa = {part.kappa:g} kPa" if part.bulk_ratio is None else f"kappa = {part.bulk_ratio:g} x shear modulus"
-    yield f"  material  {part.model or part.energy}, {bulk}"
-    for name, parameter in case.law.parameters.items():
-        yield f"    {name:<8}{_value(part.parameters[name], parameter.unit)}"
+    part, law = case.material, case.law
+    yield f"  material  {part.model or part.energy}, {_bulk(part)}"
+    for name, value in own_parameters(part, law).items():
+        young = f" (young {_value(part.parameters[YOUNG], 'kPa')})" if name not in part.parameters else ""
+        yield f"    {name:<8}{_value(value, law.parameters[name].unit)}{young}"
     for test in case.tests:
         displacements = case.outputs(test)
+        angle = "" if test.angle is None else f"{test.angle} degrees, "
         source = test.curve or test.record or "no curve"
         yield (
-            f"  test      {test.name}: {test.angle} degrees, {len(displacements)} points to "
+            f"  test      {test.name}: {angle}{len(displacements)} points to "
             f"{displacements[-1]:g} mm, weight {test.weight:g}, {source}"
         )
     free = ", ".join(case.free) or "none"
     yield f"  fit       {case.fit.method}, seed {case.fit.seed}; free parameters: {free}"
+
+
+def _bulk(material: MaterialChoice) -> str:
+    """How compressible the material is."""
+    if material.poisson_ratio is not None:
+        return f"Poisson's ratio {material.poisson_ratio:g}"
+    return f"kappa = {material.kappa:g} kPa" if material.kappa else f"kappa = {material.bulk_ratio:g} x shear modulus"
 
 
 def _mesh(mesh: Mesh) -> str:

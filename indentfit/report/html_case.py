@@ -10,7 +10,8 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
     """Lines on a case."""
     material, mesh = case.material, case.mesh
     bulk = f"bulk modulus {number(material.kappa)} kPa" if material.kappa else ""
-    bulk = bulk or f"bulk modulus {number(material.bulk_ratio)} x shear modulus"
+    bulk = bulk or (f"bulk modulus {number(material.bulk_ratio)} x shear modulus" if material.bulk_ratio else "")
+    bulk = bulk or f"Poisson's ratio {number(material.poisson_ratio)}"
     asked = f"elements of {number(mesh.size)} mm" if mesh.size else f"about {mesh.elements} elements" if mesh.elements else ""
     lines = [
         f"Sample: {case.sample}",
@@ -27,7 +28,7 @@ def tests_table(case: CaseFacts, caption: str) -> Table:
     rows = tuple(
         (
             test.name,
-            f"{test.angle}",
+            "–" if test.angle is None else f"{test.angle}",
             test.source or "none: simulated only",
             str(test.points),
             number(test.depth),

@@ -39,14 +39,15 @@ def write_case(folder: Path, result: ProcessResult, case: MeanCase) -> list[str]
     _keep_the_plugin(tree, case.base)
     tree["title"] = "mean curves of raw records"
     tree.pop("record", None)
-    tree["test"] = [_write_test(folder, result, direction, case.targets.get(direction, "mean")) for direction in result.means]
+    directed = any(outcome.entry.direction is not None for outcome in good)
+    tree["test"] = [_write_test(folder, result, direction, case) | _angle(direction, directed) for direction in result.means]
     origin = f"everything else is from {case.base}." if case.base else "everything else is a template: SET IT TO YOUR EXPERIMENT."
     (folder / "case.toml").write_text(HEAD.format(n=len(good), origin=origin) + "\n" + tomli_w.dumps(tree), encoding="utf-8")
     files = curve_files(result)
     rows = [
         (entry.sample, entry.direction, files[entry.name], entry.thickness, entry.diameter)
         for entry in (outcome.entry for outcome in good)
-        if entry.direction is not None
+        if entry.group is not None
     ]
     write_specimens(folder / TABLE, rows)
     return warnings
@@ -72,8 +73,14 @@ def _keep_the_plugin(tree: Tree, base: Path | None) -> None:
         tree["material"]["model"] = str(base.parent.resolve() / model)
 
 
-def _write_test(folder: Path, result: ProcessResult, direction: int, kind: str) -> Tree:
+def _write_test(folder: Path, result: ProcessResult, direction: int, case: MeanCase) -> Tree:
     """Write the curve of a direction; returns the [[test]] table that names the curve."""
     place = f"curves/mean_{direction}.csv"
-    write_curve(folder / place, result.means[direction].target(kind))
-    return {"name": NAMES[direction], "angle": direction, "curve": place}
+    write_curve(folder / place, result.means[direction].target(case.targets.get(direction, "mean")))
+    return {"name": NAMES[direction], "curve": place}
+
+
+def _angle(direction: int, directed: bool) -> Tree:
+    """Name and angle of the test of a direction; a test without angle where the manifest has no directions, so that a material with
+    fibres is refused."""
+    return {"name": NAMES[direction], "angle": direction} if directed else {"name": "press"}

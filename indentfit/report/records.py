@@ -41,8 +41,9 @@ def curve_files(result: ProcessResult) -> dict[str, str]:
 
 
 def outlier_names(statistics: Statistics) -> set[str]:
-    """Names of the records whose stiffness lies far from the others of their direction."""
-    return {f"{sample} {direction}°" for direction, spread in statistics.stiffness.items() for sample in spread.outliers}
+    """Names of the records whose stiffness lies far from the others of their direction, with and without the direction."""
+    names = [(sample, direction) for direction, spread in statistics.stiffness.items() for sample in spread.outliers]
+    return {f"{sample} {direction}°" for sample, direction in names} | {sample for sample, _ in names}
 
 
 # Tables

@@ -13,6 +13,7 @@ from typing import Any
 
 from indentfit import indenters, samples
 from indentfit.case import Case, MaterialChoice, Mesh
+from indentfit.case.tables import keys_of_shape
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, IndentfitError, OutputError
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
@@ -35,7 +36,7 @@ class TestFacts:
     __test__ = False  # not a test of pytest's
 
     name: str
-    angle: int
+    angle: int | None
     source: str | None
     points: int
     depth: float
@@ -242,7 +243,7 @@ def _sample_words(table: Mapping[str, Any]) -> str:
 
 def _indenter_words(table: Mapping[str, Any]) -> str:
     friction = "sticking" if table["friction"] == "stick" else f"friction coefficient {table['friction']:.4g}"
-    return f"rigid {_shape_words(indenters.SHAPES, table)}, {friction}"
+    return f"rigid {_shape_words(indenters.SHAPES, keys_of_shape(table))}, {friction}"
 
 
 def _shape_words(shapes: Registry[Any], table: Mapping[str, Any]) -> str:

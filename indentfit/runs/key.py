@@ -40,7 +40,7 @@ class Inputs:
                 part.hash for shape in (mechanics.sample.geometry, mechanics.indenter.geometry) for part in _of_bases(type(shape))
             ],
             "material": _material(mechanics),
-            "bulk_ratio": mechanics.material.bulk_ratio,
+            "bulk_ratio": mechanics.material.bulk_over_shear,
             "kappa": mechanics.material.kappa,
             "code": code(),
             "versions": self.versions,
@@ -50,7 +50,7 @@ class Inputs:
     def of(self, parameters: Mapping[str, Any], test: Test) -> dict[str, Any]:
         """The inputs of a run beyond the common ones: parameters (name -> value), of a test of the case."""
         depths = np.asarray(self.depths[test.name], dtype=float).tolist()
-        return {"parameters": dict(parameters), "angle": int(test.angle), "depths": depths}
+        return {"parameters": dict(parameters), "angle": test.direction, "depths": depths}
 
     def hash(self, inputs: Mapping[str, Any]) -> str:
         """SHA-256 of all that decides a run's curve."""

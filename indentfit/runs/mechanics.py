@@ -75,10 +75,10 @@ class Mechanics:
 
 def mechanics_of(case: "Case") -> Mechanics:
     """The Mechanics of a case."""
-    tests = tuple(Indentation(test.name, test.angle, case.outputs(test)) for test in case.tests)
+    tests = tuple(Indentation(test.name, test.direction, case.outputs(test)) for test in case.tests)
     return Mechanics(case.sample, case.indenter, case.mesh, case.solver, case.material, case.folder, tests)
 
 
 def with_key(table: Any, key: str, value: Any) -> Any:
     """A table with another value of a key; a mesh is made anew from that key and its symmetry."""
-    return Mesh(**{"symmetry": table.symmetry, key: value}) if isinstance(table, Mesh) else table.model_copy(update={key: value})
+    return Mesh(**{"symmetry": table.symmetry, key: value}) if isinstance(table, Mesh) else table.with_key(key, value)

@@ -72,4 +72,4 @@ def setup_of(case: "Case") -> Setup:
 def press_of(case: "Case", test: "Test", material: Material) -> Press:
     """The Press that one test of a case is, on a material."""
     kappa = case.material.bulk_modulus(material.shear_modulus)
-    return Press(material, kappa, test.angle, case.outputs(test), test.name)
+    return Press(material, kappa, test.direction, case.outputs(test), test.name)

@@ -217,7 +217,7 @@ class RunPool:
         def expected(request: RunRequest) -> tuple[float, float, int]:
             point, test = request.parameters, self.case.tests[request.test]
             nearest = min(((_apart(point, other), took) for of, other, took in ran if of == request.test), default=(0.0, np.inf))
-            return nearest[1], float(self.case.outputs(test)[-1]), test.angle
+            return nearest[1], float(self.case.outputs(test)[-1]), test.direction
 
         return sorted(requests, key=expected, reverse=True)
 

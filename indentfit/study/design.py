@@ -14,6 +14,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case, Test, require_free
+from indentfit.case.laws import has_fibres
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
@@ -198,7 +199,7 @@ def _variants(case: Case) -> Iterator[tuple[str, Case]]:
 
 
 def _with_indenter(case: Case, key: str, value: float | str) -> Case:
-    return case.model_copy(update={"indenter": case.indenter.model_copy(update={key: value})})
+    return case.model_copy(update={"indenter": case.indenter.with_key(key, value)})
 
 
 def _own(case: Case, parameters: Values, execution: Execution) -> tuple[list[Array], Sequence[Array], int]:
@@ -212,12 +213,12 @@ def _own(case: Case, parameters: Values, execution: Execution) -> tuple[list[Arr
 
 
 def _further_tests(change: str, variant: Case, known: _Known, execution: Execution) -> tuple[list[FurtherTest], int]:
-    """The FurtherTests of one variant, at both angles and all depths, from one run each to the deepest; and the number of runs."""
+    """The FurtherTests of one variant, at all angles and depths, from one run each to the deepest; and the number of runs."""
     deepest = max(float(variant.outputs(test)[-1]) for test in variant.tests)
     allowed = [factor for factor in DEPTHS if factor * deepest <= DEEPEST * variant.sample.thickness] or [DEPTHS[0]]
-    cause, used = "", 0
+    cause, used, angles = "", 0, ANGLES if has_fibres(variant.law) else ANGLES[:1]
     while allowed:
-        tests = tuple(Test(name=f"{angle}", angle=angle, depth=allowed[-1] * deepest, points=6 * POINTS) for angle in ANGLES)
+        tests = tuple(Test(name=f"{angle}", angle=angle, depth=allowed[-1] * deepest, points=6 * POINTS) for angle in angles)
         tried = variant.model_copy(update={"tests": tests, "curves": (None,) * len(tests)})
         try:
             with RunPool(tried, execution.workers, None, execution.cluster, execution.stop) as pool:
@@ -227,7 +228,7 @@ def _further_tests(change: str, variant: Case, known: _Known, execution: Executi
         except IndentfitError as error:
             cause = str(error)
             allowed = allowed[:-1]  # at a smaller depth, equilibrium may be found
-    return [FurtherTest(change, angle, deepest, None, cause) for angle in ANGLES], used
+    return [FurtherTest(change, angle, deepest, None, cause) for angle in angles], used
 
 
 def _at_depths(change: str, case: Case, slopes: Sequence[Array], depths: Sequence[float], known: _Known) -> Iterator[FurtherTest]:
@@ -237,7 +238,7 @@ def _at_depths(change: str, case: Case, slopes: Sequence[Array], depths: Sequenc
             within = case.outputs(test) <= depth * (1 + 1e-9)
             rows = np.linspace(0, np.count_nonzero(within) - 1, POINTS).round().astype(int)
             more = J[within][rows]
-            yield FurtherTest(change, test.angle, depth, _stderr(names, known.information + more.T @ more / known.noise**2))
+            yield FurtherTest(change, test.direction, depth, _stderr(names, known.information + more.T @ more / known.noise**2))
 
 
 def _slopes(problem: InverseProblem, pool: RunPool, parameters: Values) -> list[Array]:

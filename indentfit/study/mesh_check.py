@@ -271,7 +271,7 @@ def run_mesh_check(plan: MeshCheckPlan, wanted: float, refit: bool, execution: E
     return MeshCheck(
         title=case.title,
         case_hash=case.hash,
-        tests={test.name: test.angle for test in case.tests},
+        tests={test.name: test.direction for test in case.tests},
         parameters=case.start_values(),
         wanted=wanted,
         element=case.solver.element,

@@ -106,4 +106,4 @@ def _point(first: Case, case: Case) -> Point | None:
 def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float]]]]:
     """All that decides the forces of a case, without its parameters."""
     tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
-    return tables, [(test.angle, case.outputs(test).tolist()) for test in case.tests]
+    return tables, [(test.direction, case.outputs(test).tolist()) for test in case.tests]

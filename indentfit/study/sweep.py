@@ -272,7 +272,7 @@ def run_sweep(plan: SweepPlan, refit: bool, execution: Execution) -> Sweep:
         base=base,
         points=points,
         sensitivities=ranked,
-        tests={test.name: test.angle for test in case.tests},
+        tests={test.name: test.direction for test in case.tests},
         parameters=case.start_values(),
         own={varied.key: own_value(case, varied.key) for varied in plan.variations},
         refits=_refits(plan, execution) if refit else (),

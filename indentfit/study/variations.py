@@ -99,6 +99,9 @@ def own_value(case: Case, name: str) -> float | str | None:
     parameter = rest.removeprefix("parameters.").removesuffix(".start")
     if section == "material" and parameter in case.start_values():
         return case.start_values()[parameter]
+    if section == "material" and parameter in case.material.parameters:  # young, which is no parameter of the law
+        given = case.material.parameters[parameter]
+        return given.start if isinstance(given, Range) else given
     if section == "test":
         return _of_test(case, rest)
     value = getattr(getattr(case, section, None), rest, None)
