@@ -31,8 +31,9 @@ def case(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def write_case(folder):
-    fit = {"method": "ga", "population": 4, "generations": 3}
+def write_case(folder, **more):
+    """A case of two tests; without profiles and the error of the mesh, unless `more` keys of [fit] say so."""
+    fit = {"method": "ga", "population": 4, "generations": 3, "profiles": False, "uncertain": {"mesh": 0.0}, **more}
     material = {"model": "transversely_isotropic", "parameters": {"mu": MU, "zeta": ZETA, "phi": 0.5}}
     tiny_case(folder, indenter={"friction": 0.3}, material=material, test=two_tests(across="across"), fit=fit)
     straight_curve(folder / "parallel.csv", 80)
@@ -44,19 +45,19 @@ def expected(tmp_path_factory):
     """The result of the fit that nothing disturbs."""
     folder = tmp_path_factory.mktemp("undisturbed")
     write_case(folder)
-    done = CliRunner().invoke(main, ["fit", str(folder / "case.toml"), "-o", str(folder / "r")])
+    done = CliRunner().invoke(main, ["fit", str(folder / "case.toml"), "-o", str(folder / "r"), "--no-fields"])
     assert done.exit_code == 0, done.output
     return result(folder / "r")
 
 
 def run(*arguments):
-    return CliRunner().invoke(main, ["fit", "case.toml", "-o", "r", *arguments])
+    return CliRunner().invoke(main, ["fit", "case.toml", "-o", "r", "--no-fields", *arguments])
 
 
 def started(*arguments):
     """A fit in a process of its own, at work: its unfinished folder has a ledger."""
-    command = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()", "fit", "case.toml", "-o", "r", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()", "fit", "case.toml", "-o", "r", "--no-fields"]
+    process = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 120
     while not (unfinished("r") / LEDGER).exists() and process.poll() is None and time.monotonic() < end:
         time.sleep(0.01)
@@ -220,14 +221,16 @@ def test_resume_without_an_unfinished_fit_says_so_and_begins(case):
     assert run("--resume").exit_code == 2  # the result is there
 
 
-def test_a_second_fit_takes_its_runs_from_the_first(case):
+def test_a_second_fit_takes_its_runs_from_the_first(case, tmp_path):
+    """Those of the search, of the profiles and of the mesh's error."""
+    write_case(tmp_path, profiles=True, uncertain=None)
     assert run().exit_code == 0
     first = written()
-    other = CliRunner().invoke(main, ["fit", "case.toml", "-o", "s", "--reuse", "r", "--json"])
+    other = CliRunner().invoke(main, ["fit", "case.toml", "-o", "s", "--no-fields", "--reuse", "r", "--json"])
     second = json.loads(other.stdout)
     assert second["reused"] == second["runs"] == first["runs"]
     assert second["parameters"] == first["parameters"]
-    replaced = run("--overwrite", "--set", "test.across.weight=0.6", "--json")
+    replaced = run("--overwrite", "--set", "test.across.weight=0.6", "--set", "fit.profiles=false", "--json")
     assert json.loads(replaced.stdout)["reused"] >= 8
     wrong = CliRunner().invoke(main, ["fit", "case.toml", "-o", "t", "--reuse", "nowhere"])
     assert wrong.exit_code == 2
@@ -276,7 +279,7 @@ def test_a_mesh_that_cannot_be_leaves_nothing_behind(case, monkeypatch):
 
 def test_a_long_or_odd_name_has_its_unfinished_folder_too(case):
     name = "ü b" * 60
-    done = CliRunner().invoke(main, ["fit", "case.toml", "-o", name, "--method", "least_squares"])
+    done = CliRunner().invoke(main, ["fit", "case.toml", "-o", name, "--no-fields", "--method", "least_squares"])
     assert done.exit_code == 0, done.output
     assert os.path.exists(f"{name}/{LEDGER}")
     assert unfinished("x" * 200) != unfinished("x" * 201)

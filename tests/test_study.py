@@ -32,7 +32,7 @@ from indentfit.study.sweep import sweep
 from indentfit.study.variations import plan_sweep, variation
 
 QUICK = CASES / "quickstart" / "case.toml"
-SMALL = ("mesh.elements=30", "test.parallel.depth=0.1", "test.perpendicular.depth=0.1")
+SMALL = ("mesh.elements=30", "solver.element=q1p0", "test.parallel.depth=0.1", "test.perpendicular.depth=0.1")
 OPTIONS = tuple(word for one in SMALL for word in ("--set", one))
 
 
