@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 import shutil
 import tomllib
@@ -15,13 +16,13 @@ from fixtures.cases import tiny_case
 from indentfit.case.template import template
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
-from indentfit.errors import CaseError
+from indentfit.errors import CaseError, OutputError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.rig import Rig, SensorNoise
 from indentfit.experiment.specimens import read_specimens
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
-from indentfit.inference.per_sample import sample_cases
+from indentfit.inference.per_sample import PerSample, SampleFit, sample_cases
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
 RECORD = CASE / "records" / "S1_parallel.csv"
@@ -276,7 +277,16 @@ def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
     assert written["spread"]["mu"]["mean"] == pytest.approx(np.mean(mu))
     assert written["spread"]["mu"]["sd"] == pytest.approx(np.std(mu, ddof=1))
     alone = [*keys, 'test.parallel.curve="curves/S2_0.csv"', 'test.perpendicular.curve="curves/S2_90.csv"', "sample.thickness=3.2"]
-    assert fit(read_case(made, alone)).parameters["mu"].value == pytest.approx(mu[2], rel=1e-9)
+    last = fit(read_case(made, alone))
+    assert last.parameters["mu"].value == pytest.approx(mu[2], rel=1e-9)
+    result = PerSample.of([SampleFit("S2", last.case, last), SampleFit("S3", problem="it tears")], ["S2", ""])
+    result.write("from_python")
+    assert set(os.listdir("from_python")) == set(os.listdir("each")) - {"S0", "S1"}
+    assert {"result.json", "fit.svg", "report.html"} <= set(os.listdir("from_python/S2"))
+    with pytest.raises(OutputError, match="from_python"):
+        result.write("from_python")
+    with pytest.raises(OutputError, match="read from a file"):
+        PerSample.from_json(result.as_json()).write("again")
     rows = list(csv.DictReader(Path("each/per_sample.csv").read_text().splitlines()))
     assert [float(row["mu"]) for row in rows] == pytest.approx(mu)
     assert Path("each/S1/result.json").is_file() and Path("each/S1/fit.svg").is_file()

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from matplotlib.text import Text
 
 from indentfit.cli import main
+from indentfit.study.sweep import Sweep
 
 pytestmark = pytest.mark.quick
 
@@ -63,6 +65,11 @@ def test_a_sweep_of_version_0_1(drawn, folder, figures):
     for row in result["sensitivities"]:
         assert f"{100 * row['force_span']:.3g} %" in page
     assert page.count("<svg") == figures
+
+
+def test_the_plot_of_a_sweep_that_was_read_names_the_units():
+    figure = Sweep.from_json(json.loads((OLD / "grid" / "result.json").read_text(encoding="utf-8"))).plot()
+    assert "material.mu (kPa)" in [text.get_text() for text in figure.findobj(Text)]
 
 
 def test_a_mesh_check_of_version_0_1(drawn):
