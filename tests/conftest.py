@@ -5,4 +5,4 @@ import os
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # the numerical libraries read it when they are loaded
 
-pytest_plugins = ["fixtures.cases"]
+pytest_plugins = ["fixtures.cases", "fixtures.drawing"]

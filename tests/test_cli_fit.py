@@ -51,6 +51,7 @@ def test_a_fit_writes_its_folder_and_says_what_it_found(case, tmp_path):
     assert "equation (1)" in done.stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_json_on_stdout_is_the_one_in_the_folder_and_keeps_its_keys(case, tmp_path):
     done = run(case, "--json", "-o", "r")
     result = json.loads(done.stdout)
@@ -71,12 +72,14 @@ def test_the_json_on_stdout_is_the_one_in_the_folder_and_keeps_its_keys(case, tm
     assert [float(row[3]) for row in rows[1:]] == read_curve(case.parent / "parallel.csv").force.tolist()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_options_are_keys_of_the_case(case):
     result = json.loads(run(case, "--json", "--method", "least_squares", "--seed", 7).stdout)
     assert (result["method"], result["seed"]) == ("least_squares", 7)
     assert {"fit.method=least_squares", "fit.seed=7"} <= set(result["overrides"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_errors_are_told_apart_and_weights_are_shown_where_asked(case):
     """One parameter: its error is the mesh's and the noise's, which together make the whole."""
     done = run(case, "--json", "-o", "r")
@@ -91,6 +94,7 @@ def test_errors_are_told_apart_and_weights_are_shown_where_asked(case):
     assert "weights   no scan" in run(case, "--overwrite", "-o", "r", "--scan-weights").stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_scan_of_weights_is_a_table_of_fits():
     rows = [WeightsFit((w, 1 - w), {"mu": 1 + w}, {"a": 1 - w, "b": w}) for w in (0.25, 0.5)]
     lines = list(weights_lines(SimpleNamespace(weights_scan=rows, free=["mu"])))
@@ -123,6 +127,7 @@ def test_wrong_input_ends_with_2_and_leaves_nothing(case, tmp_path, arguments):
     assert [path.name for path in tmp_path.iterdir()] == ["gel"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_fit_that_does_not_converge_ends_with_4_and_is_written(case, tmp_path, monkeypatch):
     def never(self, *_, **__):
         raise ConvergenceError("the gel tears", 0.1, 3, 4)
@@ -137,12 +142,14 @@ def test_a_fit_that_does_not_converge_ends_with_4_and_is_written(case, tmp_path,
     assert "the gel tears" in result["failures"][0]["cause"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_earlier_result_is_replaced_when_asked(case):
     assert run(case).exit_code == 0
     assert run(case).exit_code == 2
     assert run(case, "--overwrite").exit_code == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_warnings_go_to_stderr(case):
     done = run(case, "--json", "--set", "material.bulk_ratio=5")
     json.loads(done.stdout)
@@ -155,6 +162,7 @@ def test_a_script_can_fit_without_the_command_line(case):
     assert result.curves["parallel"].force.shape == (5,)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_quickstart_comes_back_to_its_truth_within_its_intervals(tmp_path):
     quickstart = Path(__file__).parent.parent / "cases" / "quickstart" / "case.toml"
     program = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()"]

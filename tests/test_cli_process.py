@@ -90,12 +90,14 @@ def test_a_raw_record_becomes_a_curve_a_table_figures_and_a_page(tmp_path):
     assert summary["records"][0]["contact"]["method"] == "piecewise"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_json_goes_to_stdout_alone():
     result = run(RECORD, *TABLE, "--json", "--no-figures", "-o", "out")
     assert json.loads(result.stdout)["records"][0]["status"] == "ok"
     assert json.loads(result.stdout) == json.loads(Path("out/summary.json").read_text())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_sidecar_beside_the_records_is_used_and_said():
     shutil.copytree(CASE / "records", "rig")
     shutil.copy(CASE / "record.toml", "rig/record.toml")
@@ -104,6 +106,7 @@ def test_a_sidecar_beside_the_records_is_used_and_said():
     assert "record.toml" in result.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_calibration_can_be_given_by_set():
     keys = ["record.rate=1000", "record.displacement={gain=6,sign=-1}", "record.force.gain=24", "record.force.sign=-1"]
     result = run(RECORD, *(word for key in keys for word in ("--set", key)), "--no-figures", "-o", "out")
@@ -127,6 +130,7 @@ def test_a_bad_record_is_one_line_and_exit_code_2_and_nothing_is_written():
     assert both.exit_code == 2 and len(both.stderr.strip().splitlines()) == 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_bad_record_among_good_ones_is_flagged(manifest):
     result = run("-m", manifest, "--no-figures", "-o", "out")
     assert result.exit_code == 0
@@ -145,6 +149,7 @@ def test_a_bad_record_among_good_ones_is_flagged(manifest):
     assert float(last["sd_mN"]) == pytest.approx(6 * float(last["displacement_mm"]), rel=0.1)  # SD of 60, 66, 72 is 6
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_earlier_result_is_not_overwritten_unasked():
     arguments = [RECORD, *TABLE, "--no-figures", "-o", "out"]
     assert run(*arguments).exit_code == 0
@@ -223,6 +228,7 @@ def test_errors_of_records_are_errors_of_the_case():
         assert result.exit_code == 2 and text in result.stderr, result.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_fit_starts_from_the_rig_s_files_and_its_folder_can_be_run_again():
     """A neo-Hookean strip on quick elements: what the curves of `process` give, the raw records give; the copy is complete."""
     keys = ["material={model='neo_hookean',parameters={mu={start=1,min=0.1,max=20}}}", "solver.element=q1p0", "fit.workers=1"]
@@ -251,6 +257,7 @@ def made(manifest):
     return Path("set/case.toml")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_case_made_from_a_manifest_goes_straight_into_fit(made):
     tree = tomllib.loads(made.read_text())
     assert tree["sample"]["thickness"] == pytest.approx(3.1)  # mean of 3, 3.1, 3.2
@@ -263,6 +270,7 @@ def test_a_case_made_from_a_manifest_goes_straight_into_fit(made):
     assert result.exit_code == 0, result.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
     """Weights leave the 0-degree curve; each mu is what a fit of its curve alone gives."""
     keys = ("test.perpendicular.weight=0", "test.parallel.weight=1")
@@ -293,6 +301,7 @@ def test_each_sample_is_fitted_on_its_own_and_the_spread_is_reported(made):
     assert run(made, *words, "--per-sample", "-o", "each", command="fit").exit_code == 2  # nothing is overwritten unasked
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_stopped_fit_of_samples_is_resumed_with_the_same_numbers(made, monkeypatch):
     """Stopped within the second of three samples: the first costs no run again, nothing differs in the end."""
     words = ("--set", "test.perpendicular.weight=0", "--per-sample", "--json")

@@ -21,6 +21,8 @@ from indentfit.fem.simulate import Model
 from indentfit.report import fit_folder
 from indentfit.report.folder import LEDGER, unfinished
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 MAY_DIFFER = ("seconds", "reused", "solver")  # between a fit and the same one resumed: the solver's facts hold times
 
 

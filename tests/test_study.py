@@ -31,6 +31,8 @@ from indentfit.study.runs import Execution
 from indentfit.study.sweep import sweep
 from indentfit.study.variations import plan_sweep, variation
 
+pytestmark = pytest.mark.usefixtures("undrawn")  # the pictures are the subject of test_study_plots.py and test_html.py
+
 QUICK = CASES / "quickstart" / "case.toml"
 SMALL = ("mesh.elements=30", "solver.element=q1p0", "test.parallel.depth=0.1", "test.perpendicular.depth=0.1")
 OPTIONS = tuple(word for one in SMALL for word in ("--set", one))
