@@ -162,7 +162,6 @@ def test_a_script_can_fit_without_the_command_line(case):
     assert result.curves["parallel"].force.shape == (5,)
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_quickstart_comes_back_to_its_truth_within_its_intervals(tmp_path):
     quickstart = Path(__file__).parent.parent / "cases" / "quickstart" / "case.toml"
     program = [sys.executable, "-P", "-c", "from indentfit.cli import main; main()"]
