@@ -45,7 +45,9 @@ def test_json_has_the_stable_keys_and_nothing_else_is_on_stdout():
     done = run(CASE, *COARSE, *DEPTHS, "--set", "material.bulk_ratio=50", "--json")
     assert done.exit_code == 0, done.stderr
     found = json.loads(done.stdout)
-    assert list(found) == ["format", "indentfit", "title", "case_hash", "parameters", "tests", "mesh", "solver"]
+    keys = ["format", "indentfit", "title", "case_hash", "parameters", "tests", "mesh", "solver", "moduli", "closed_forms"]
+    assert list(found) == keys
+    assert (found["moduli"], found["closed_forms"]) == ({}, {})  # the material has fibres
     for test in found["tests"]:
         assert {"name", "angle", "displacement_mm", "force_mN"} <= set(test)
         assert len(test["displacement_mm"]) == len(test["force_mN"]) == 25

@@ -5,7 +5,7 @@ Also its parameters by the law's own names, where the table gives Young's modulu
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -103,3 +103,26 @@ def _shear_moduli(choice: MaterialChoice, young: float | Range) -> float | Range
         return choice.shear_modulus_of(young)
     start, low, high = (choice.shear_modulus_of(value) for value in (young.start, young.min, young.max))
     return Range.model_construct(start=start, min=low, max=high)
+
+
+def isotropic_moduli(choice: MaterialChoice, law: type[Material], values: Mapping[str, float]) -> dict[str, float]:
+    """Small-strain moduli of a material without fibres: mu (where no parameter is the shear modulus) and E in kPa, and nu.
+
+    Parameters
+    ----------
+    choice : MaterialChoice
+        It says how compressible the material is.
+    law : class of Material
+    values : mapping of the law's parameters to values
+
+    Returns
+    -------
+    dict of str to float
+        Empty for a material with fibres, which has no single Young's modulus.
+    """
+    if has_fibres(law):
+        return {}
+    mu = law(**{name: values[name] for name in law.parameters}).shear_modulus
+    nu = choice.poisson_ratio_at(mu)
+    own = {} if shear_parameter(law) else {"mu": mu}
+    return {**own, "E": 2 * mu * (1 + nu), "nu": nu}

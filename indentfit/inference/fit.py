@@ -15,12 +15,14 @@ from indentfit.fem.facts import SolveFacts, said_of_tries
 from indentfit.fem.simulate import Model
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
+from indentfit.inference.moduli import moduli
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.methods import Solved, solve
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
+from indentfit.runs.closed_form import closed_forms
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import UNITS, setup_of
 from indentfit.runs.pool import RunPool
@@ -148,7 +150,15 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         curves=_curves(problem, best),
         case=case,
     )
+    result = _with_moduli(case, result)
     return result if of_noise is None else _with_covariance(result, of_noise)
+
+
+def _with_moduli(case: Case, result: FitResult) -> FitResult:
+    """The result with the moduli that its parameters mean, and those of the measured curves by closed forms."""
+    values = {name: known.value for name, known in result.parameters.items()}
+    shear_modulus = case.law(**{name: values[name] for name in case.law.parameters}).shear_modulus
+    return replace(result, moduli=moduli(case, result), closed_forms=closed_forms(case, result.measured, shear_modulus))
 
 
 def _with_covariance(result: FitResult, known: Identifiability) -> FitResult:

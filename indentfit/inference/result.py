@@ -15,6 +15,7 @@ from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
+from indentfit.runs.closed_form import ClosedForm
 
 Interval = tuple[float, float]
 Numbers = tuple[float | None, ...]
@@ -296,6 +297,10 @@ class FitResult:
         Empty or None where the case does not ask for them, or they could not be computed.
     conclusions : tuple of sentences
         The parameters that these curves determine (the key `summary` of result.json).
+    moduli : dict of name -> ParameterEstimate
+        E, nu, and mu where no parameter is the shear modulus, of a material without fibres.
+    closed_forms : dict of test -> ClosedForm
+        Moduli of the measured curves by closed forms, where the indenter has one.
     curves : dict of test -> Curve
         The fitted curves (not part of result.json).
     case : Case or None
@@ -340,6 +345,8 @@ class FitResult:
     surrogate: SurrogateFacts | None = None
     published: PublishedComparison | None = None
     conclusions: tuple[str, ...] = ()
+    moduli: dict[str, ParameterEstimate] = field(default_factory=dict)
+    closed_forms: dict[str, ClosedForm] = field(default_factory=dict)
     curves: dict[str, InstanceOf[Curve]] = field(default_factory=dict)
     case: InstanceOf[Case] | None = None
 
@@ -415,7 +422,7 @@ class FitResult:
         return f"<table><caption>{caption}</caption><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
-        for name, known in self.parameters.items():
+        for name, known in (*self.parameters.items(), *self.moduli.items()):
             unit = "" if known.unit in ("", "1") else known.unit
             if known.fixed:
                 yield name, f"{known.value:.5g}", unit, "", "", "fixed"

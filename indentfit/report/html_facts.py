@@ -7,11 +7,13 @@ from typing import Any
 
 from indentfit.report.html_case import number, percent
 from indentfit.report.page import Figures, Part, Section, Table, Text, image
+from indentfit.runs.closed_form import ClosedForm
 
 STRESSES = (
     "Cauchy stresses at the last displacement, averaged at the nodes; at a sharp edge they grow without limit as the mesh is "
     "refined."
 )
+CLOSED = ("Test", "Layer: E (kPa)", "Layer: mu (kPa)", "Half-space: E (kPa)", "Half-space: mu (kPa)", "Half-space by", "To (mm)")
 PEAKS = (
     "Component", "Largest (kPa)", "Smallest (kPa)", "Largest magnitude (kPa)", "Exceeded at 1 % of nodes (kPa)",
     "Where, undeformed x, y, z (mm)",
@@ -75,3 +77,24 @@ def _is_beside(folder: Path, name: str) -> bool:
 def _peak_row(peak: Mapping[str, Any]) -> tuple[str, ...]:
     numbers = (number(peak[name]) for name in ("largest", "smallest", "magnitude", "usual"))
     return (peak["component"], *numbers, peak["place"])
+
+
+def closed_table(forms: Mapping[str, ClosedForm]) -> list[Part]:
+    """The moduli of each test's curve by closed forms; nothing where no test has one."""
+    rows = tuple(
+        (
+            name,
+            *(number(mu) for mu in (form.young(form.layer), form.layer, form.young(form.half_space), form.half_space)),
+            form.formula,
+            number(form.depth),
+        )
+        for name, form in forms.items()
+    )
+    if not rows:
+        return []
+    first = next(iter(forms.values()))
+    words = (
+        f"Closed forms assume small strain, no friction and a layer much wider than the contact; here with a {first.base} base and "
+        f"Poisson's ratio {number(first.poisson_ratio)}."
+    )
+    return [Table("Moduli of the same curves at small depth by closed forms", CLOSED, rows), Text(words)]

@@ -11,7 +11,7 @@ from indentfit.curve import Curve
 from indentfit.inference.result import FitResult, Interval, ParameterEstimate
 from indentfit.report import plots, study_plots
 from indentfit.report.html_case import again_section, case_words, number, tests_table
-from indentfit.report.html_facts import facts_table, stress_sections
+from indentfit.report.html_facts import closed_table, facts_table, stress_sections
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
 from indentfit.report.text import effect_of_base, share_rows
@@ -66,9 +66,14 @@ def _what(stored: Stored, result: FitResult) -> Section:
 
 
 def _parameters(result: FitResult) -> Section:
-    rows = tuple(_parameter_row(name, known) for name, known in result.parameters.items())
+    known = {**result.parameters, **{name: value for name, value in result.moduli.items() if name not in result.parameters}}
+    rows = tuple(_parameter_row(name, value) for name, value in known.items())
     table = Table("Parameters, their errors, and what these say", PARAMETERS, rows)
-    return Section("parameters", "Parameters", (table, *(Text(f"{note[:1].upper()}{note[1:]}.") for note in result.notes)))
+    return Section(
+        "parameters",
+        "Parameters",
+        (table, *closed_table(result.closed_forms), *(Text(f"{note[:1].upper()}{note[1:]}.") for note in result.notes)),
+    )
 
 
 def _parameter_row(name: str, known: ParameterEstimate) -> tuple[str, ...]:
@@ -76,7 +81,7 @@ def _parameter_row(name: str, known: ParameterEstimate) -> tuple[str, ...]:
     if known.fixed:
         return (name, value, unit, "–", "fixed", "–", "–", "–")
     errors = ("unknown" if error is None else number(error, 2) for error in (known.stderr, known.total))
-    bounds = f"{number(known.min)} to {number(known.max)}"
+    bounds = "–" if known.min is None else f"{number(known.min)} to {number(known.max)}"
     return (name, value, unit, _between(known.interval), known.verdict or "", *errors, bounds)
 
 

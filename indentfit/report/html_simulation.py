@@ -1,9 +1,10 @@
 """The page of a simulation."""
 
 from indentfit.curve import Curve
+from indentfit.inference.moduli import UNITS
 from indentfit.report import plots
 from indentfit.report.html_case import again_section, case_words, number, percent, tests_table
-from indentfit.report.html_facts import facts_table, stress_sections
+from indentfit.report.html_facts import closed_table, facts_table, stress_sections
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
 from indentfit.report.schema import Stored, StoredSimulation
 
@@ -28,8 +29,10 @@ def simulation_page(stored: Stored, simulation: StoredSimulation) -> Page:
 
 def _what(stored: Stored, simulation: StoredSimulation) -> Section:
     parts: list[Part] = [Lines(case_words(stored.case)), tests_table(stored.case, "Tests")] if stored.case else []
-    rows = tuple((name, number(value, 6)) for name, value in simulation.parameters.items())
-    parts.append(Table("Parameters of the material", ("Parameter", "Value"), rows))
+    units = UNITS | (stored.case.units if stored.case else {})
+    known = simulation.parameters | {name: value for name, value in simulation.moduli.items() if name not in simulation.parameters}
+    rows = tuple((name, number(value, 6), "–" if units.get(name, "1") == "1" else units[name]) for name, value in known.items())
+    parts += [Table("Parameters of the material", ("Parameter", "Value", "Unit"), rows), *closed_table(simulation.closed_forms)]
     return Section("what", "What was computed", tuple(parts))
 
 

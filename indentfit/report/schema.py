@@ -7,7 +7,7 @@ and "indentfit.KIND/1" for the others; its files are read too.
 import inspect
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
 from indentfit.report.stored_process import StoredProcess
+from indentfit.runs.closed_form import ClosedForm
 from indentfit.runs.simulated import SimulatedCase
 from indentfit.shapes import Registry
 from indentfit.study.design import Design
@@ -104,6 +105,8 @@ class StoredSimulation:
     tests: tuple[SimulatedTest, ...]
     mesh: MeshFacts
     solver: SolverFacts
+    moduli: dict[str, float] = field(default_factory=dict)
+    closed_forms: dict[str, ClosedForm] = field(default_factory=dict)
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "StoredSimulation":
@@ -114,7 +117,8 @@ class StoredSimulation:
             for test in value["tests"]
         )
         facts = MeshFacts(**value["mesh"]), SolverFacts(**value["solver"])
-        return cls(value["title"], value["parameters"], tests, *facts)
+        forms = {name: ClosedForm(**form) for name, form in value.get("closed_forms", {}).items()}
+        return cls(value["title"], value["parameters"], tests, *facts, value.get("moduli", {}), forms)
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,17 @@
 """Results as text for a terminal."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from indentfit.case import Case
+from indentfit.case.laws import isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.inference.result import FitResult, InputShare, Interval, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
+from indentfit.runs.closed_form import ClosedForm, closed_forms
 
 KINDS = {
     ("quarter", "q1p0"): "eight-node bricks",
@@ -25,6 +27,7 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
     for tests in _of_equal_displacement(simulation.tests):
         yield from _table(tests)
         yield ""
+    yield from closed_lines(closed_forms(case, {test.name: test.curve for test in simulation.tests}, material.shear_modulus))
     yield from _mesh(simulation.mesh)
     yield from _solver(simulation.solver)
     yield from _contact(simulation)
@@ -38,7 +41,9 @@ def _material(case: Case, material: Material) -> Iterator[str]:
         f"{name} = {getattr(material, name):g}{_unit(parameter)}{_start(name, material, case)}"
         for name, parameter in parameters.items()
     )
-    yield f"{case.material.model or case.material.energy}: {values}"
+    moduli = isotropic_moduli(case.material, case.law, material.values)
+    beside = "".join(f", {name} = {value:.4g}{'' if name == 'nu' else ' kPa'}" for name, value in moduli.items())
+    yield f"{case.material.model or case.material.energy}: {values}{beside}"
 
 
 def _start(name: str, material: Material, case: Case) -> str:
@@ -111,6 +116,7 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
     """A FitResult in words, line by line; scan_weights: with fits under other weights of the tests."""
     yield from _parameter_lines(result)
     yield ""
+    yield from closed_lines(result.closed_forms)
     if result.objective is not None:
         parts = ", ".join(f"{name} {value:.4g}" for name, value in result.rmse.items())
         yield f"objective {result.objective:.5g} mN, equation (1): weighted sum of the tests' RMSEs ({parts} mN)"
@@ -129,7 +135,7 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
 def _parameter_lines(result: FitResult) -> Iterator[str]:
     """A row for each parameter; noise: its standard error by the residuals; total: with the mesh and uncertain inputs."""
     rows = [["parameter", "value", "noise", "total", "95 % interval", "", "verdict"]]
-    for name, known in result.parameters.items():
+    for name, known in (*result.parameters.items(), *result.moduli.items()):
         unit = "" if known.unit in ("", "1") else known.unit
         if known.fixed:
             rows.append([name, f"{known.value:.6g}", "", "", "", unit, "fixed"])
@@ -140,6 +146,12 @@ def _parameter_lines(result: FitResult) -> Iterator[str]:
     widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
     for row in rows:
         yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def closed_lines(forms: Mapping[str, ClosedForm]) -> Iterator[str]:
+    """The moduli of each test by closed forms, to be compared with those of the simulation or the fit."""
+    for name, form in forms.items():
+        yield f"closed    {name}: {form.words()}"
 
 
 def _work_lines(result: FitResult) -> Iterator[str]:

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from indentfit.case import Case
+from indentfit.case.laws import isotropic_moduli
 from indentfit.curve import Curve
 from indentfit.fem.result import Simulation
 from indentfit.fem.simulate import Model
 from indentfit.material import Material
+from indentfit.runs.closed_form import ClosedForm, closed_forms
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,6 +45,16 @@ class SimulatedCase(Simulation):
         pairs = zip(self.case.tests, self.case.curves, strict=True)
         return {test.name: curve for test, curve in pairs if curve is not None}
 
+    @property
+    def moduli(self) -> dict[str, float]:
+        """E (kPa), nu, and mu (kPa) where no parameter is the shear modulus, of a material without fibres."""
+        return isotropic_moduli(self.case.material, self.case.law, self.material.values)
+
+    @property
+    def closed_forms(self) -> dict[str, ClosedForm]:
+        """Moduli of the simulated curves by closed forms, by the names of their tests, where the indenter has one."""
+        return closed_forms(self.case, self.curves, self.material.shear_modulus)
+
     def as_json(self) -> dict[str, Any]:
         """The stable keys of simulation.json and of `simulate --json`, under the tag `format`."""
         return {
@@ -52,6 +64,8 @@ class SimulatedCase(Simulation):
             "case_hash": self.case.hash,
             "parameters": self.material.values,
             **super().as_json(),
+            "moduli": self.moduli,
+            "closed_forms": {name: form.as_json() for name, form in self.closed_forms.items()},
         }
 
     def summary(self) -> str:

@@ -1,0 +1,65 @@
+"""Moduli of a fitted material without fibres, beside its parameters: Young's modulus with its interval, and Poisson's ratio."""
+
+from dataclasses import replace
+from typing import Any
+
+from indentfit.case import Case
+from indentfit.case.laws import isotropic_moduli
+from indentfit.inference.result import FitResult, Interval, ParameterEstimate
+
+UNITS = {"mu": "kPa", "E": "kPa", "nu": "1"}
+
+
+def moduli(case: Case, result: FitResult) -> dict[str, ParameterEstimate]:
+    """Name (E, nu, and mu where no parameter is the shear modulus) -> estimate; empty for a material with fibres.
+
+    A modulus that changes with one free parameter alone has the interval of that parameter, carried over. One that changes with
+    several has no interval, because the parameters' errors are not independent.
+    """
+    values = {name: known.value for name, known in result.parameters.items()}
+    return {name: _estimate(case, result, values, name, value) for name, value in _moduli(case, values).items()}
+
+
+def _moduli(case: Case, values: dict[str, float]) -> dict[str, float]:
+    """The moduli at values of the parameters, and of a fitted bulk ratio."""
+    ratio = values.get("bulk_ratio")
+    choice = case.material if ratio is None else case.material.with_key("bulk_ratio", ratio)
+    return isotropic_moduli(choice, case.law, values)
+
+
+def _estimate(case: Case, result: FitResult, values: dict[str, float], modulus: str, value: float) -> ParameterEstimate:
+    unit = UNITS[modulus]
+    changing = [name for name in result.free if _changes(case, result, values, name, modulus)]
+    if not changing:
+        return ParameterEstimate(value, unit, fixed=True)
+    verdict = f"from {' and '.join(changing)}"
+    if len(changing) > 1:
+        return ParameterEstimate(value, unit, verdict=verdict)
+    known = result.parameters[changing[0]]
+    if known.interval is None:
+        return ParameterEstimate(value, unit, verdict=verdict)
+
+    def at(number: float) -> float:
+        return _moduli(case, {**values, changing[0]: number})[modulus]
+
+    low, high = sorted(at(number) for number in known.interval)
+    slope = abs(high - low) / (known.interval[1] - known.interval[0])
+    errors: dict[str, Any] = {name: _scaled(getattr(known, name), slope) for name in ("stderr", "stderr_total")}
+    estimate = ParameterEstimate(value, unit, interval=(low, high), verdict=verdict, **errors)
+    return replace(estimate, interval_linear=_carried(known.interval_linear, slope, value, known.value))
+
+
+def _changes(case: Case, result: FitResult, values: dict[str, float], name: str, modulus: str) -> bool:
+    """Whether a modulus changes with a free parameter."""
+    known = result.parameters[name]
+    ends = [_moduli(case, {**values, name: number})[modulus] for number in (known.min, known.max) if number]
+    here = _moduli(case, values)[modulus]
+    return any(abs(end - here) > 1e-9 * abs(here) for end in ends)
+
+
+def _scaled(error: float | None, slope: float) -> float | None:
+    return None if error is None else error * slope
+
+
+def _carried(interval: Interval | None, slope: float, value: float, at: float) -> Interval | None:
+    return None if interval is None else (value + slope * (interval[0] - at), value + slope * (interval[1] - at))

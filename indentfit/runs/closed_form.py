@@ -1,0 +1,130 @@
+"""Moduli of curves by closed forms, beside those of a simulation or a fit: a half-space, and an elastic layer.
+
+They are exact for small strain, no friction, and a layer much wider than the contact. Spheres and flat punches on materials without
+fibres have them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.case import Case, Test
+from indentfit.case.laws import has_fibres
+from indentfit.curve import Curve
+from indentfit.indenters import IndenterShape, Rings, has_sharp_edge
+from indentfit.layer import Layer
+
+SMALL = 0.1  # of the indenter's radius and of the thickness: forces up to this depth count
+FEWEST = 5  # points that count, where fewer lie above that depth
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """Moduli of one curve at small depth.
+
+    Parameters
+    ----------
+    formula : str
+        "Hertz" or "flat punch" (Sneddon), on a half-space.
+    half_space, layer : float, kPa
+        Shear modulus by the half-space and by the layer of the sample's thickness.
+    base : "sliding" or "bonded"
+    poisson_ratio : float
+    depth : float, mm
+        Depth up to which forces count.
+    points : int
+        Number of these forces.
+    """
+
+    formula: str
+    half_space: float
+    layer: float
+    base: str
+    poisson_ratio: float
+    depth: float
+    points: int
+
+    def young(self, shear_modulus: float) -> float:
+        """Young's modulus of a shear modulus, kPa."""
+        return 2 * shear_modulus * (1 + self.poisson_ratio)
+
+    def words(self) -> str:
+        """The moduli in words, with what they assume."""
+        half, layer = (f"E {self.young(mu):.3g} kPa (mu {mu:.3g})" for mu in (self.half_space, self.layer))
+        name = "Hertz" if self.formula == "Hertz" else "flat punch on a half-space"
+        return (
+            f"elastic layer {layer}, {name} {half}, by the first {self.points} forces, to {self.depth:.3g} mm "
+            f"(small strain, wide layer, {self.base} base, no friction, nu {self.poisson_ratio:.4g})"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys in result.json and simulation.json."""
+        return asdict(self)
+
+
+def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) -> dict[str, ClosedForm]:
+    """The ClosedForm of each curve that has one.
+
+    Parameters
+    ----------
+    case : Case
+    curves : mapping of the name of a test to its curve
+    shear_modulus : float, kPa
+        Of the simulation or the fit: it decides Poisson's ratio where the case gives a bulk modulus.
+
+    Returns
+    -------
+    dict of test -> ClosedForm
+    """
+    if has_fibres(case.law):
+        return {}
+    nu = case.material.poisson_ratio_at(shear_modulus)
+    forms = {test.name: _closed_form(case, test, curves[test.name], nu) for test in case.tests if test.name in curves}
+    return {name: form for name, form in forms.items() if form is not None}
+
+
+def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm | None:
+    shape, thickness = case.indenter.geometry, case.sample.thickness
+    formula = formula_of(shape)
+    if not formula or not 0 <= nu <= 0.5:
+        return None
+    depth, force = _small(curve, SMALL * min(shape.half_width, thickness))
+    try:
+        layer = _forces(formula, Layer(case.sample.base == "bonded", nu), shape.half_width / thickness, depth / thickness)
+    except ValueError:  # far wider than thick
+        return None
+    half = _half_space(formula, nu, shape.half_width / thickness, depth / thickness)
+    below, exact = (float(force @ unit / (unit @ unit)) / thickness**2 for unit in (half, layer))
+    return ClosedForm(formula, below, exact, case.sample.base, nu, float(depth[-1]), depth.size)
+
+
+def formula_of(shape: IndenterShape) -> str:
+    """The closed form of an indenter: that of a sphere, of a flat punch with a sharp edge, or none."""
+    if not isinstance(shape.partition(0.0), Rings):
+        return ""
+    if shape.end == "sphere":
+        return "Hertz" if abs(shape.curvature * shape.half_width - 1) < 1e-9 else ""
+    return "flat punch" if has_sharp_edge(shape) else ""
+
+
+def _small(curve: Curve, limit: float) -> tuple[Array, Array]:
+    """Depths above zero up to a limit, at least those of the first points, and their forces."""
+    pressed = curve.displacement > 0
+    depth, force = curve.displacement[pressed], curve.force[pressed]
+    count = max(int(np.count_nonzero(depth <= limit)), FEWEST)
+    return depth[:count], force[:count]
+
+
+def _forces(formula: str, layer: Layer, radius: float, depth: Array) -> Array:
+    """Forces on a layer with thickness 1 and shear modulus 1."""
+    return layer.sphere_force(radius, depth) if formula == "Hertz" else layer.punch_stiffness(radius) * depth
+
+
+def _half_space(formula: str, nu: float, radius: float, depth: Array) -> Array:
+    """Forces on a half-space with shear modulus 1: Hertz 1881, Sneddon 1965."""
+    if formula == "Hertz":
+        return 8 / (3 * (1 - nu)) * np.sqrt(radius) * depth**1.5
+    return 4 * radius / (1 - nu) * depth
