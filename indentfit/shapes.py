@@ -16,7 +16,7 @@ class Registry(Generic[Shape]):
     """Shapes of one kind by name.
 
     A shape is a frozen dataclass with a class attribute `name`. Its fields are the keys of the case's table that the shape takes,
-    under the same names; a field without a default is a key that the shape needs.
+    under the same names; the shape needs a key whose field has no default, and can do without a key whose default is None.
 
     Parameters
     ----------
@@ -80,7 +80,8 @@ class Registry(Generic[Shape]):
         shape = self.find_or_none(values.get("shape"))
         if shape is None:
             return None
-        own = {key: values[key] for key in keys_of(shape) if key in values}
+        optional = {field.name for field in fields(shape) if field.default is None}  # type: ignore[arg-type]
+        own = {key: values[key] for key in keys_of(shape) if key in values and not (key in optional and values[key] is None)}
         complete = needed_by(shape) <= own.keys() and all(value is not None for value in own.values())
         return shape(**own) if complete else None
 

@@ -250,7 +250,7 @@ WRONG = {
     "test.parallel.angle=false": "test.parallel.angle = false: must be 0 or 90",
     "test.parallel.curve=none.csv": 'test.parallel.curve = "none.csv": ',
     "test.parallel.curve=.": "not a file",
-    "test.parallel.depth=1.65": "test.parallel.depth = 1.65: goes 1.65 mm deep; it must stay below half",
+    "test.parallel.depth=1.7": "test.parallel.depth = 1.7: goes 1.7 mm deep; it must not exceed half",
     "test.parallel.depth=-0.1": "test.parallel.depth = -0.1: must be above 0",
     "test.parallel.points=5": "test.parallel.points = 5: belongs to a test with a depth",
     "test.parallel.weight=-1": "test.parallel.weight = -1: must be at least 0",
@@ -278,9 +278,9 @@ def test_a_wrong_value_is_refused_in_one_line(override):
     assert len(line) < 300
 
 
-def test_a_sphere_that_sinks_in_is_refused():
-    (line,) = problems("indenter.shape=sphere", "indenter.diameter=0.5")
-    assert "the sphere sinks in by half" in line
+def test_half_of_the_thickness_is_deep_enough_and_a_sphere_goes_on_as_its_shaft():
+    assert not problems("test.parallel.depth=1.65")
+    assert not problems("indenter.shape=sphere", "indenter.diameter=0.5")
 
 
 def test_a_large_sphere_is_as_wide_as_its_imprint():

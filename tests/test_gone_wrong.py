@@ -87,7 +87,7 @@ def test_an_indenter_that_never_touches_is_said_to(model, monkeypatch):
 
 @pytest.mark.parametrize(
     ("thickness", "said"),
-    [(0.3, r"goes 0.33 mm deep, through the sample"), (0.6, "goes 0.33 mm deep; it must stay below half of the thickness")],
+    [(0.3, r"goes 0.33 mm deep, through the sample"), (0.6, "goes 0.33 mm deep; it must not exceed half of the thickness")],
 )
 def test_a_curve_deeper_than_the_sample_is_refused(thickness, said):
     with pytest.raises(CaseError, match=said):

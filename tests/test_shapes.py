@@ -174,7 +174,7 @@ def test_the_case_knows_the_keys_of_a_new_shape():
         Indenter(shape="paraboloid", diameter=3, edge_radius=0.1, friction=0.5)
     with pytest.raises(CaseError, match=r"sample\.diameter = 3\.0: does not belong to a plate"):
         Sample(shape="plate", width=10, diameter=3.0, thickness=3, base="sliding")
-    assert choices("indenter.shape") == ("strip", "cylinder", "sphere", "paraboloid")
+    assert choices("indenter.shape") == ("strip", "cylinder", "sphere", "cone", "wedge", "paraboloid")
 
 
 def test_a_new_shape_says_what_does_not_fit_and_replaces_another(case):
@@ -235,10 +235,12 @@ def test_a_shape_of_another_package_is_loaded_when_a_case_asks_for_it(monkeypatc
 
 
 def test_a_package_that_cannot_be_loaded_harms_only_its_own_shape(monkeypatch):
-    broken = [_Entry("wedge", ImportError("no module named wedges"))]
-    monkeypatch.setattr("indentfit.shapes.entry_points", lambda group, name: broken if name == "wedge" else [])
-    with pytest.raises(CaseError, match=r"indenter\.shape.*'wedge' cannot be loaded: no module named wedges"):
-        Indenter(shape="wedge", diameter=2, friction=0)
-    with pytest.raises(CaseError, match="must be 'strip', 'cylinder', 'sphere' or 'paraboloid'; did you mean sphere"):
+    broken = [_Entry("pyramid", ImportError("no module named pyramids"))]
+    monkeypatch.setattr("indentfit.shapes.entry_points", lambda group, name: broken if name == "pyramid" else [])
+    with pytest.raises(CaseError, match=r"indenter\.shape.*'pyramid' cannot be loaded: no module named pyramids"):
+        Indenter(shape="pyramid", diameter=2, friction=0)
+    with pytest.raises(
+        CaseError, match="must be 'strip', 'cylinder', 'sphere', 'cone', 'wedge' or 'paraboloid'; did you mean sphere"
+    ):
         Indenter(shape="spere", diameter=2, friction=0)
     assert Indenter(shape="sphere", diameter=2, friction=0).geometry.half_width == 1

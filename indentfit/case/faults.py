@@ -177,10 +177,10 @@ def _equal_names(tests: Sequence[Test | None]) -> Iterator[Fault]:
 
 def _too_deep(thickness: float, tests: Sequence[Test | None], depths: Sequence[float | None]) -> Iterator[Fault]:
     for label, test, depth in zip(labels([test and test.name for test in tests]), tests, depths, strict=True):
-        if test is None or depth is None or depth < DEEPEST_INDENTATION * thickness:
+        if test is None or depth is None or depth <= DEEPEST_INDENTATION * thickness * (1 + 1e-9):
             continue
         key = "depth" if test.depth is not None else "curve"
-        text = f"goes {depth:g} mm deep; it must stay below half of the thickness, {thickness:g} mm"
+        text = f"goes {depth:g} mm deep; it must not exceed half of the thickness, {thickness:g} mm"
         if depth >= thickness:
             text = f"goes {depth:g} mm deep, through the sample of {thickness:g} mm: its unit or sample.thickness is wrong"
         yield Fault(("test", label, key), getattr(test, key), text)

@@ -55,7 +55,7 @@ class Record(Section):
     contact: Literal["piecewise", "threshold", "variance_ratio"] = Field(
         default="piecewise", description="method of the contact point"
     )
-    indenter: Literal["flat", "sphere"] | None = Field(
+    indenter: Literal["flat", "sphere", "cone"] | None = Field(
         default=None, examples=["flat"], description="end of the indenter, for the contact point; by default that of [indenter]"
     )
     filter: Annotated[float, Field(gt=0, le=0.3)] = Field(default=0.1, description="length of the filter over the ramp's duration")

@@ -16,6 +16,7 @@ from indentfit.case.quantities import (
     Angle,
     Finite,
     Friction,
+    HalfAngle,
     Length,
     Line,
     NotNegative,
@@ -75,12 +76,24 @@ class Indenter(Section):
     rivals = either("diameter", "radius")
 
     shape: Annotated[str, Shape(indenters.SHAPES)] = Field(description="shape of the indenter")
-    width: Length | None = Field(default=None, examples=[2.0], description="size of the strip along z")
-    length: Length | None = Field(
-        default=None, examples=[20.0], description="size of the strip along x; it may overhang the sample"
+    width: Length | None = Field(
+        default=None, examples=[2.0], description="size of the strip along z; of a wedge where its flank ends, if it does"
     )
-    diameter: Length | None = Field(default=None, examples=[2.0], description="diameter of the flat cylinder or of the sphere")
+    length: Length | None = Field(
+        default=None, examples=[20.0], description="size of the strip along x; it may overhang the sample, and a wedge must"
+    )
+    diameter: Length | None = Field(
+        default=None,
+        examples=[2.0],
+        description="diameter of the flat cylinder or of the sphere; of a cone where its flank ends, if it does",
+    )
     radius: Length | None = Field(default=None, examples=[1.0], description="radius, instead of the diameter")
+    half_angle: HalfAngle | None = Field(
+        default=None, examples=[70.0], description="angle between the axis of a cone, or the middle plane of a wedge, and its flank"
+    )
+    tip_radius: Radius = Field(
+        default=0.0, examples=[0.05], description="radius of the tip of a cone or wedge, tangential to the flank; 0 is sharp"
+    )
     edge_radius: Radius = Field(default=0.0, description="radius of the edge; 0 is sharp")
     friction: Friction = Field(description='friction coefficient, or "stick" for no slip at all')
 

@@ -25,7 +25,7 @@ from indentfit.experiment.loading import Ramp, filtered, noise_of, odd
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 
 CONFIDENCE = 0.9  # a stated uncertainty is half of this interval
-POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5)}  # of the displacement beyond contact, for each kind of indenter
+POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (1.5, 2.0)}  # of the displacement beyond contact, for each end
 MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
 BASELINE = 3.0  # length of the baseline that is used, in durations of the ramp
 GRID = 80  # contact points that are tried before the search
@@ -72,7 +72,7 @@ def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str = "f
     method : str
         One of METHODS.
     indenter : str
-        One of POWERS: "flat" or "sphere".
+        One of POWERS: "flat", "sphere", or "cone", which has a ball as its tip.
 
     Raises
     ------

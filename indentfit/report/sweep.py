@@ -13,7 +13,7 @@ from indentfit.report import study_plots
 from indentfit.report.vtu import file_names
 from indentfit.study.sweep import Sweep, SweepPoint
 
-LENGTHS = ("diameter", "length", "width", "thickness", "edge_radius", "size", "depth", "max_step")  # keys in mm
+LENGTHS = ("diameter", "length", "width", "thickness", "edge_radius", "tip_radius", "size", "depth", "max_step")  # keys in mm
 MEASURES = ("force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN")
 
 Units = Callable[[str], str]
