@@ -1,10 +1,12 @@
 """The page of processed records."""
 
+import functools
 import math
 from collections.abc import Iterator
 from pathlib import Path
 
 from indentfit.experiment.replicates import Spread
+from indentfit.report.digits import Scale
 from indentfit.report.html_case import number
 from indentfit.report.page import Figures, Lines, Page, Part, Picture, Section, Table, Text, image
 from indentfit.report.records import difference_size, outlier_names, relaxation_words
@@ -40,24 +42,28 @@ def process_page(stored: Stored, result: StoredProcess) -> Page:
 
 def _records(result: StoredProcess) -> Section:
     outlying = outlier_names(result.statistics)
-    rows = [_row(name, record, name in outlying) for name, record in result.records.items()]
-    parts: list[Part] = [Text(ERRORS), Table("Records that could be used", RECORDS, tuple(rows))]
+    known = result.records.values()
+    depth, peak = Scale.of((record.depth for record in known), "mm"), Scale.of((record.peak for record in known), "mN")
+    rows = [_row(name, record, name in outlying, depth, peak) for name, record in result.records.items()]
+    units = {"(mm)": f"({depth.symbol})", "(mm/s)": f"({depth.symbol}/s)", "(mN)": f"({peak.symbol})"}
+    heads = tuple(functools.reduce(lambda head, unit: head.replace(*unit), units.items(), head) for head in RECORDS)
+    parts: list[Part] = [Text(ERRORS), Table("Records that could be used", heads, tuple(rows))]
     if result.problems:
         parts.append(Table("Records that could not be used", ("Record", "Problem"), tuple(result.problems.items())))
     return Section("records", "Records", tuple(parts))
 
 
-def _row(name: str, record: StoredRecord, outlying: bool) -> tuple[str, ...]:
+def _row(name: str, record: StoredRecord, outlying: bool, depth: Scale, peak: Scale) -> tuple[str, ...]:
     remarks = [*(["outlier?"] if outlying else []), *record.notes]
     return (
         name,
         f"{record.slope:.4g} ± {record.slope_stderr:.2g}",
         f"{record.r_squared:.4f}",
-        f"{record.contact:.4f} ± {record.contact_uncertainty:.4f}",
-        number(record.velocity, 3),
+        depth.text_with_error(record.contact, record.contact_uncertainty).replace("+-", "±"),
+        number(record.velocity * depth.factor, 3),
         number(record.strain_rate, 3),
-        f"{record.depth:.4f}",
-        number(record.peak),
+        depth.text(record.depth),
+        number(record.peak * peak.factor),
         "–" if record.relaxation is None else f"{record.relaxation.ratio:.3f}",
         "; ".join(remarks) or "–",
     )

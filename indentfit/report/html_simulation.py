@@ -3,12 +3,13 @@
 from indentfit.curve import Curve
 from indentfit.inference.moduli import UNITS
 from indentfit.report import plots
+from indentfit.report.digits import CurveScale, quantity
 from indentfit.report.html_case import again_section, case_words, number, percent, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
 from indentfit.report.schema import Stored, StoredSimulation
 
-FORCES = ("Test", "Angle (°)", "Force (mN)", "Displacement (mm)", "Penalty error")
+FORCES = ("Test", "Angle (°)", "Force ({force})", "Displacement ({displacement})", "Penalty error")
 
 
 def simulation_page(stored: Stored, simulation: StoredSimulation) -> Page:
@@ -21,9 +22,7 @@ def simulation_page(stored: Stored, simulation: StoredSimulation) -> Page:
         Section("solver", "Mesh and solver", (facts,)),
         again_section(stored, "simulate"),
     ]
-    ends = "; ".join(
-        f"{test.name}: {test.curve.force[-1]:.4g} mN at {test.curve.displacement[-1]:.3g} mm" for test in simulation.tests
-    )
+    ends = "; ".join(f"{test.name}: {_end(test.curve)}" for test in simulation.tests)
     return Page(simulation.title or "Simulation", "Finite-element simulation", "Computed.", f"{ends}.", True, tuple(sections))
 
 
@@ -38,21 +37,26 @@ def _what(stored: Stored, simulation: StoredSimulation) -> Section:
 
 def _forces(simulation: StoredSimulation) -> Section:
     curves = [(test.name, test.curve) for test in simulation.tests]
-    figure = plots.force_displacement([], curves, None)
+    figure, scale = plots.force_displacement([], curves, None), CurveScale.of(curve for _, curve in curves)
     rows = tuple(
         (
             test.name,
             str(test.angle),
-            number(float(test.curve.force[-1]), 5),
-            number(float(test.curve.displacement[-1])),
+            scale.force.text(float(test.curve.force[-1])),
+            scale.displacement.text(float(test.curve.displacement[-1])),
             percent(test.facts.penalty_error),
         )
         for test in simulation.tests
     )
+    heads = tuple(head.format(force=scale.force.symbol, displacement=scale.displacement.symbol) for head in FORCES)
     pictures = Figures((drawn(figure, "Force of the full sample against displacement.", _alt(curves)),))
-    return Section("forces", "Forces", (pictures, Table("Forces at the last displacement", FORCES, rows)))
+    return Section("forces", "Forces", (pictures, Table("Forces at the last displacement", heads, rows)))
+
+
+def _end(curve: Curve) -> str:
+    return f"{quantity(float(curve.force[-1]), 'mN')} at {quantity(float(curve.displacement[-1]), 'mm', 3)}"
 
 
 def _alt(curves: list[tuple[str, Curve]]) -> str:
-    ends = "; ".join(f"{name} rises to {curve.force[-1]:.3g} mN at {curve.displacement[-1]:.3g} mm" for name, curve in curves)
+    ends = "; ".join(f"{name} rises to {_end(curve)}" for name, curve in curves)
     return f"Force against displacement: {ends}"

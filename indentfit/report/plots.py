@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from indentfit.arrays import Array
 from indentfit.curve import Curve
 from indentfit.inference.result import FitResult, ParameterEstimate, Profile
+from indentfit.report.digits import CurveScale
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 from indentfit.study.design import Design
 
@@ -38,6 +39,8 @@ def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure
     measured, simulated: lists of (name of the test, Curve); a test has one colour in both. Saves path.svg and
     path.png (any ending of `path` is replaced) and returns the figure.
     """
+    scale = CurveScale.of(curve for _, curve in (*simulated, *measured))
+    simulated, measured = ([(name, scale.scaled(curve)) for name, curve in curves] for curves in (simulated, measured))
     names = list(dict.fromkeys(name for name, _ in [*simulated, *measured]))
     dashes = ("-",) * len(COLOURS) if measured else DASHES  # where markers tell the tests apart, dashes only disturb
     looks = dict(zip(names, itertools.cycle(zip(COLOURS, MARKERS, dashes, strict=True)), strict=False))
@@ -57,6 +60,7 @@ def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure
             lower.plot(displacement, difference, markevery=_every(given), **_markers(looks[name]) | SMALL)
         drawn = [kind for kind, curves in (("measured", measured), ("simulated", simulated)) if curves]
         _finish(figure, (upper, lower), names, looks, drawn)
+        _label_units(upper, lower, scale)
         save(figure, path)
     return figure
 
@@ -182,20 +186,25 @@ def _markers(look: Look) -> dict[str, Any]:
 def _finish(figure: Figure, axes: tuple[Axes, Axes | None], names: Sequence[str], looks: Looks, drawn: Sequence[str]) -> None:
     """Axes from the origin, units, few ticks, and the legend; drawn: which of "measured" and "simulated" there are."""
     upper, lower = axes
-    upper.set_ylabel("Force (mN)")
     upper.set_xlim(left=0)
     upper.set_ylim(bottom=min(0.0, upper.dataLim.y0))
     upper.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
     bottom = upper if lower is None else lower
     bottom.xaxis.set_major_locator(MaxNLocator(7, steps=TICKS))
-    bottom.set_xlabel("Displacement (mm)")
     if lower is not None:
         lower.axhline(0, color="0.4", linewidth=0.6, zorder=0)
         lower.margins(y=0.15)
-        lower.set_ylabel("Sim. − meas.\n(mN)")
         lower.yaxis.set_major_locator(MaxNLocator(4, steps=TICKS))
-        figure.align_ylabels([upper, lower])
     _legend(figure, names, looks, drawn)
+
+
+def _label_units(upper: Axes, lower: Axes | None, scale: CurveScale) -> None:
+    """What the axes show, in their units."""
+    upper.set_ylabel(f"Force ({scale.force.symbol})")
+    (upper if lower is None else lower).set_xlabel(f"Displacement ({scale.displacement.symbol})")
+    if lower is not None:
+        lower.set_ylabel(f"Sim. − meas.\n({scale.force.symbol})")
+        upper.figure.align_ylabels([upper, lower])
 
 
 def _legend(figure: Figure, names: Sequence[str], looks: Looks, drawn: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
 from indentfit.experiment.relaxation import Prony
 from indentfit.experiment.replicates import Difference, MeanCurve, Spread, Statistics
+from indentfit.report.digits import Scale
 from indentfit.report.vtu import file_names
 
 FORMAT = "indentfit.process/2"
@@ -188,24 +189,26 @@ def more_lines(result: ProcessResult) -> Iterator[str]:
 def _record_lines(result: ProcessResult) -> Iterator[str]:
     """A table of the records; those that cannot be used have no numbers."""
     outlying = outlier_names(result.statistics)
+    good = [outcome.processed for outcome in usable(result.outcomes)]
+    depth, peak = Scale.of((record.depth for record in good), "mm"), Scale.of((record.peak for record in good), "mN")
     rows = [["record", "stiffness", "R2", "contact", "velocity", "depth", "peak", ""]]
-    rows.append(["", "mN/mm", "", "mm", "mm/s", "mm", "mN", ""])
+    rows.append(["", "mN/mm", "", depth.unit, f"{depth.unit}/s", depth.unit, peak.unit, ""])
     for outcome in result.outcomes:
-        cells = _cells(outcome.processed) if outcome.processed else ["failed", *[""] * 5]
+        cells = _cells(outcome.processed, depth, peak) if outcome.processed else ["failed", *[""] * 5]
         rows.append([outcome.name, *cells, "outlier?" if outcome.name in outlying else ""])
     widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
     for row in rows:
         yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
-def _cells(record: ProcessedRecord) -> list[str]:
+def _cells(record: ProcessedRecord, depth: Scale, peak: Scale) -> list[str]:
     return [
         f"{record.line.slope:.4g} +- {record.line.stderr:.2g}",
         f"{record.line.r_squared:.4f}",
-        f"{record.contact.displacement:.4f} +- {record.contact.uncertainty:.4f}",
-        f"{record.velocity:.3g}",
-        f"{record.depth:.4f}",
-        f"{record.peak:.4g}",
+        depth.text_with_error(record.contact.displacement, record.contact.uncertainty),
+        f"{record.velocity * depth.factor:.3g}",
+        depth.text(record.depth),
+        f"{record.peak * peak.factor:.4g}",
     ]
 
 

@@ -3,6 +3,7 @@
 import html
 from collections.abc import Iterator, Sequence
 
+from indentfit.report.digits import fixed
 from indentfit.study.convergence import Approach, Index
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck, MeshResult
@@ -42,7 +43,7 @@ def _point_cells(point: SweepPoint, tests: Sequence[str]) -> Row:
     for name in tests:
         test = point.tests[name]
         for value, change in ((test.force, test.force_change), (test.stiffness, test.stiffness_change)):
-            cells.append(f"{value:.3f}" + ("" if change is None else f" ({change:+.2%})"))
+            cells.append(fixed(value) + ("" if change is None else f" ({change:+.2%})"))
     return cells
 
 
@@ -91,8 +92,8 @@ def _mesh_row(mesh: MeshResult, width: int) -> Row:
     if facts.forces is None:
         return [*row, *[""] * (width - 4), "failed"]
     row += [f"{facts.h:.4f}", str(facts.newton_iterations), f"{facts.cpu_seconds:.2f}", f"{facts.memory / 1e6:.0f}"]
-    row += [f"{force[-1]:.3f}" for force in facts.forces]
-    return row + [f"{error:.3f}" for error in (mesh.rmse or {}).values()]
+    row += [fixed(force[-1]) for force in facts.forces]
+    return row + [fixed(error) for error in (mesh.rmse or {}).values()]
 
 
 def _quantity_rows(check: MeshCheck) -> list[Row]:
@@ -100,12 +101,12 @@ def _quantity_rows(check: MeshCheck) -> list[Row]:
     rows = [[*head, "GCI of the finest"]]
     for quantity in check.quantities:
         finest, approach = quantity.finest, quantity.approach
-        row = [quantity.test, f"{quantity.kind}, {quantity.unit}", "" if finest is None else f"{finest:.3f}"]
+        row = [quantity.test, f"{quantity.kind}, {quantity.unit}", "" if finest is None else fixed(finest)]
         if approach is None:
             rows.append([*row, "", "", "", "", gci_words(quantity.index)])
             continue
         low, high = approach.interval
-        row += [f"{approach.value:.3f}", f"{low:.3f} to {high:.3f}", f"+-{quantity.finest_uncertainty:.3f}"]
+        row += [fixed(approach.value), f"{fixed(low)} to {fixed(high)}", f"+-{fixed(quantity.finest_uncertainty)}"]
         rows.append([*row, order_words(approach), gci_words(quantity.index)])
     return rows
 

@@ -5,12 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from indentfit.case import Case
-from indentfit.case.laws import isotropic_moduli
+from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.inference.result import FitResult, InputShare, Interval, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
+from indentfit.report.digits import CurveScale
 from indentfit.runs.closed_form import ClosedForm, closed_forms
 
 KINDS = {
@@ -25,7 +26,7 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
     yield from _material(case, material)
     yield ""
     for tests in _of_equal_displacement(simulation.tests):
-        yield from _table(tests)
+        yield from _table(tests, has_fibres(case.law))
         yield ""
     yield from closed_lines(closed_forms(case, {test.name: test.curve for test in simulation.tests}, material.shear_modulus))
     yield from _mesh(simulation.mesh)
@@ -68,15 +69,17 @@ def _of_equal_displacement(tests: Sequence[TestResult]) -> list[list[TestResult]
     return groups
 
 
-def _table(tests: Sequence[TestResult]) -> Iterator[str]:
-    """One line for each displacement, one column of forces for each test."""
-    names = [f"{test.name} ({test.angle}°)" for test in tests]
+def _table(tests: Sequence[TestResult], fibres: bool) -> Iterator[str]:
+    """One line for each displacement, one column of forces for each test, named by its angle where there are fibres."""
+    names = [f"{test.name} ({test.angle}°)" if fibres else test.name for test in tests]
     widths = [max(10, len(name)) for name in names]
-    yield "  displacement  force, mN"
-    yield "  " + "  ".join(["          mm", *(f"{name:>{width}}" for name, width in zip(names, widths, strict=True))])
+    scale = CurveScale.of(test.curve for test in tests)
+    yield f"  displacement  force, {scale.force.unit}"
+    heads = (f"{name:>{width}}" for name, width in zip(names, widths, strict=True))
+    yield "  " + "  ".join([f"{scale.displacement.unit:>12}", *heads])
     for n, displacement in enumerate(tests[0].displacement):
-        forces = (f"{test.force[n]:>{width}.3f}" for test, width in zip(tests, widths, strict=True))
-        yield "  " + "  ".join([f"{displacement:>12.4f}", *forces])
+        forces = (f"{scale.force.text(test.force[n]):>{width}}" for test, width in zip(tests, widths, strict=True))
+        yield "  " + "  ".join([f"{scale.displacement.text(displacement):>12}", *forces])
 
 
 def _mesh(mesh: MeshFacts) -> Iterator[str]:
