@@ -16,6 +16,8 @@ from indentfit.fem.linear.factor import Apply
 from indentfit.fem.linear.tangent import Tangent
 
 MAX_KRYLOV = 15  # GMRES steps on a stale factor before a new one is cheaper
+STIFFEST = 1e4  # bulk over shear modulus that a factor holds; GMRES adds the rest
+SCHUR = 1.0  # shear moduli in the pressures' Schur complement
 HOPELESS = 0.5  # share of the residual that may be left after the first three of them
 
 
@@ -26,8 +28,8 @@ class DirectFactoriser:
     dear = False
 
     def bulk(self, kappa: float, mu: float) -> float:
-        """All of kappa."""
-        return kappa
+        """kappa, but at most STIFFEST times mu: factors in single precision lose the isochoric part under a larger one."""
+        return min(kappa, STIFFEST * mu)
 
     def weary(self, steps: int) -> float:
         """Never: a new factor costs more than all the steps that it could save."""
@@ -40,15 +42,15 @@ class DirectFactor:
 
     Parameters
     ----------
-    kappa : float, kPa
-        Bulk modulus of the earlier tangent.
+    bulk : float, kPa
+        Bulk modulus with which the earlier tangent was assembled.
     dilatation : CSR matrix (n_p, n)
         B0, that of the earlier tangent.
     inverse : tangent -> (r (n,) -> x (n,))
         The earlier body, with the contact of a tangent where the library can bring it in, inverted.
     """
 
-    kappa: float
+    bulk: float
     dilatation: sp.csr_matrix | None = field(repr=False)
     inverse: Callable[[Tangent], Apply] = field(repr=False)
 
@@ -61,11 +63,13 @@ class DirectFactor:
         apply, B = self.inverse(tangent), self.dilatation
         if tangent.dilatation is None or B is None:
             return apply
-        n, kappa, kappa0, BT = tangent.whole.shape[0], tangent.kappa, self.kappa, B.T
+        n, kappa, bulk, BT = tangent.whole.shape[0], tangent.kappa, self.bulk, B.T
+        rest = max(0.0, 1 - bulk / kappa) / (bulk + SCHUR * tangent.mu)  # flexibility that the factor lacks
+        flexibility = 1 / bulk if bulk >= tangent.bulk == kappa else 1 / kappa + rest
 
         def with_pressures(r: Array) -> Array:
             g = r[n:] / kappa
-            v = apply(r[:n] + BT @ (kappa0 * g))
-            return np.concatenate([v, (B @ v - g) * (kappa0 / kappa)])
+            v = apply(r[:n] + BT @ (bulk * g))
+            return np.concatenate([v, (B @ v - g) / (flexibility * kappa)])
 
         return with_pressures

@@ -67,7 +67,7 @@ class Pardiso(DirectFactoriser):
         if self._library is None:
             self._library = _Library(_Pattern.of(tangent.factorised, self._surface), self._kind)
         interface = _Interface(self._library.factorize(tangent.factorised))
-        return DirectFactor(tangent.kappa, tangent.dilatation, functools.partial(self._library.inverse, interface))
+        return DirectFactor(tangent.bulk, tangent.dilatation, functools.partial(self._library.inverse, interface))
 
 
 @dataclass(frozen=True)
