@@ -32,8 +32,10 @@ from indentfit.curve import Curve
 from indentfit.shapes import keys_of
 
 DEFAULT_BULK_RATIO = 1000.0
-LARGEST_BULK_RATIO = 1e5  # the solver takes this ratio for an exactly incompressible sample
+LARGEST_BULK_RATIO = 2e5  # the solver takes this ratio for an exactly incompressible sample
 BULK = ("bulk_ratio", "kappa", "poisson_ratio")  # the keys that say how compressible a material is
+MESH_ERRORS = (0.001, 0.1)  # range of the errors by the mesh that a case may ask for
+USUAL_MESH_ERROR = 0.01
 SIZE = (  # the factors are those of fem.mesh.FAMILIES
     "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
     "size wide and quadratic bricks (q2p1) up to 3 sizes; at the indenter's edge 0.15 and 0.126 sizes, or less under a narrow one"
@@ -137,10 +139,10 @@ def keys_of_shape(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Mesh(Section):
-    """The mesh of the quarter sample; without either key, the default mesh."""
+    """The mesh; without `size` and `elements` the mesh is chosen for an error of the force."""
 
     place = "mesh"
-    rivals = either("size", "elements")
+    rivals = either("size", "elements", "error")
 
     size: Length | None = Field(default=None, examples=[0.4], description=SIZE)
     elements: int | None = Field(
@@ -148,7 +150,15 @@ class Mesh(Section):
         ge=20,
         le=2_000_000,
         examples=[3000],
-        description="approximate number of elements; without size and elements, the default mesh is made",
+        description="approximate number of elements; without size and elements, the mesh is chosen by `error`",
+    )
+
+    error: float | None = Field(
+        default=None,
+        ge=MESH_ERRORS[0],
+        le=MESH_ERRORS[1],
+        examples=[0.003],
+        description="error of the largest force that the mesh may cause, as a share; 0.01 where neither size nor elements is given",
     )
 
     symmetry: Literal["auto", "axisymmetric", "quarter"] = Field(
@@ -159,12 +169,18 @@ class Mesh(Section):
 
     @property
     def default(self) -> bool:
-        """Whether the case asks for no particular mesh."""
+        """Whether the mesh is chosen by its error."""
         return self.size is None and self.elements is None
 
+    @property
+    def wanted_error(self) -> float:
+        """The error of the force, as a share, that a mesh without `size` and `elements` is chosen for."""
+        return self.error or USUAL_MESH_ERROR
+
     def disagreements(self) -> Iterator[tuple[str, str]]:
-        if {"size", "elements"} <= self.model_fields_set:
-            yield "elements", "mesh.size is given too; keep one of them"
+        given = [key for key in ("size", "elements", "error") if getattr(self, key, None) is not None]
+        for key in given[1:]:
+            yield key, f"mesh.{given[0]} is given too; keep one of them"
 
 
 class Range(Section):

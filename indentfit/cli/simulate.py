@@ -66,6 +66,5 @@ def _simulated(case: "Case") -> "SimulatedCase":
     """The simulated case, with its progress on stderr."""
     from indentfit.runs.forward import simulate
 
-    order = {test.name: n for n, test in enumerate(case.tests)}
-    with progress("simulate", total=len(case.tests)) as step:
-        return simulate(case, progress=lambda name, share: step(order[name] + share, name))
+    with progress("simulate", total=1) as step:
+        return simulate(case, progress=lambda note, share: step(share, note))

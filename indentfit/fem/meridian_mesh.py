@@ -25,7 +25,7 @@ EDGE = 0.02  # width at a sharp edge, of the punch's radius or of the thickness,
 ROUND = 4.0  # elements along a rounded edge
 SLOPE = 0.5  # growth of the widths with the distance
 FAR = 0.4  # largest width, of the thickness; in the radial direction far from the contact, of the radius
-FINEST = 1e-3
+FINEST = 1e-6  # place nearest to an end, and least width, of a line's length
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,8 @@ def _lines(task: _Task, scale: float) -> tuple[Array, Array]:
 
 def _spaced(start: float, stop: float, width: Callable[[Array], Array]) -> Array:
     """Positions from start to stop with a spacing that follows a width, a function of the position."""
-    fine = np.linspace(start, stop, 4001)
+    near = np.geomspace(FINEST, 0.5, 1000)  # as close to both ends as a sharp edge of a small punch on a wide sample asks for
+    fine = start + (stop - start) * np.concatenate([[0.0], near, 1 - near[-2::-1], [1.0]])
     density = 1 / np.maximum(width(fine), FINEST * (stop - start))
     count = np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine))])
     number = max(2, int(np.ceil(count[-1] - 1e-9)))

@@ -7,7 +7,7 @@ import numpy as np
 from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
-from indentfit.fem.result import Simulation, TestResult
+from indentfit.fem.result import ForceError, Simulation, TestResult
 from indentfit.inference.result import FitResult, InputShare, Interval, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
@@ -30,6 +30,8 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
         yield ""
     yield from closed_lines(closed_forms(case, {test.name: test.curve for test in simulation.tests}, material.shear_modulus))
     yield from _mesh(simulation.mesh)
+    for test in simulation.tests:
+        yield from mesh_error_lines(test)
     yield from _solver(simulation.solver)
     yield from _contact(simulation)
     for sentence in said_of_tries((test.name, test.facts) for test in simulation.tests):
@@ -88,6 +90,18 @@ def _mesh(mesh: MeshFacts) -> Iterator[str]:
     yield (
         f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, {part}; smallest element {mesh.smallest_mm:.3g} mm"
     )
+
+
+def mesh_error_lines(test: TestResult) -> Iterator[str]:
+    """The error of a test's forces by the mesh, as far as it was asked for."""
+    error = test.mesh_error
+    if isinstance(error, ForceError):
+        yield (
+            f"error     {test.name}: the mesh errs by at most {error.share(test.force):.1%} of the last force "
+            f"(95 %, by a mesh of {error.elements:,} elements)"
+        )
+    elif error is not None:
+        yield f"error     {test.name}: the error by the mesh is not known: {error}"
 
 
 def _solver(solver: SolverFacts) -> Iterator[str]:

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.fem.mesh_error import with_mesh_errors
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import Material
@@ -16,6 +17,8 @@ from indentfit.runs.points import press_of, setup_of
 from indentfit.runs.run import Point
 from indentfit.runs.simulated import SimulatedCase
 
+COARSER_SHARE = 0.3  # of the time that a curve and its mesh error take
+Progress = Callable[[str, float], None]  # called with (what is computed, share of all work that is done)
 Report = Callable[[int, int], object]  # called with (runs done, runs asked for)
 
 
@@ -91,7 +94,12 @@ class ForwardModel(Protocol):
         ...
 
 
-def simulate(case: Case, parameters: Point | None = None, progress: Callable[[str, float], None] | None = None) -> SimulatedCase:
+def simulate(
+    case: Case,
+    parameters: Point | None = None,
+    progress: Progress | None = None,
+    mesh_error: bool = True,
+) -> SimulatedCase:
     """Every test of a case, simulated at given parameters.
 
     Parameters
@@ -99,7 +107,9 @@ def simulate(case: Case, parameters: Point | None = None, progress: Callable[[st
     case : Case
     parameters : dict of name -> value
         By default the start values of the case.
-    progress : called with (name of a test, share of its depth that is done)
+    progress : called with (what is computed, share of all work that is done)
+    mesh_error : bool
+        Whether a second, coarser mesh is solved to state the error of the forces by the mesh.
 
     Returns
     -------
@@ -109,9 +119,36 @@ def simulate(case: Case, parameters: Point | None = None, progress: Callable[[st
     ------
     ConvergenceError
     """
-    material, model = case.law(**(parameters or case.start_values())), Model(setup_of(case))
-    simulation = model.simulate(presses_of(case, material), progress)
+    setup = setup_of(case)
+    material, model = case.law(**(parameters or case.start_values())), Model(setup)
+    presses = presses_of(case, material)
+    parts = _Parts(progress, [press.name for press in presses], 1 - COARSER_SHARE if mesh_error else 1.0)
+    simulation = model.simulate(presses, parts.curve)
+    if mesh_error:
+        simulation = with_mesh_errors(simulation, setup, presses, parts.mesh_error)
     return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, model)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Progress of a simulation: the curves of all tests, then their errors by the mesh."""
+
+    progress: Progress | None
+    names: Sequence[str]
+    first: float  # share of the work that the curves are
+
+    def curve(self, name: str, share: float) -> None:
+        self._report(name, self.first * self._share(name, share))
+
+    def mesh_error(self, name: str, share: float) -> None:
+        self._report(f"{name}, error of the mesh", self.first + (1 - self.first) * self._share(name, share))
+
+    def _share(self, name: str, share: float) -> float:
+        return (self.names.index(name) + share) / len(self.names)
+
+    def _report(self, note: str, share: float) -> None:
+        if self.progress is not None:
+            self.progress(note, share)
 
 
 def presses_of(case: Case, material: Material) -> list[Press]:
