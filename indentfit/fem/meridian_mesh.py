@@ -5,7 +5,8 @@ CONTACT-th of that radius wide, so that the force is right along the whole path,
 punch the stress is singular: elements grow from EDGE times the punch's radius (or the thickness, where that is less). The constants
 were chosen by comparison with exact elastic layers and with another code's large strains (tests/test_axisymmetric.py).
 
-All widths are in proportion to the mesh's size: 1 in the default mesh, so that `mesh.elements` scales it evenly.
+All widths are in proportion to the mesh's scale. SCALE is that of the usual error of the force, 1 %, and keeps 0.3 % on most exact
+elastic layers; the scale falls with the wanted error as its power SHRINK (measured by tests/campaigns/mesh_error.py).
 """
 
 import functools
@@ -16,14 +17,16 @@ import numpy as np
 from skfem import MeshQuad
 
 from indentfit.arrays import Array
-from indentfit.case.tables import Indenter, Mesh, Sample
+from indentfit.case.tables import USUAL_MESH_ERROR, Indenter, Mesh, Sample
 from indentfit.indenters import IndenterShape
 
+SCALE, SHRINK = 1.0, 0.6
 CONTACT = 8.0  # elements along the contact's radius at the largest depth
 BEYOND = 1.2  # of that radius, which elements of this width reach to: the sample's surface sinks in before it touches
 EDGE = 0.02  # width at a sharp edge, of the punch's radius or of the thickness, the less
 ROUND = 4.0  # elements along a rounded edge
 SLOPE = 0.5  # growth of the widths with the distance
+DEPTHS = 12.0  # under a sharp edge, narrower elements than the depth over DEPTHS fold up
 FAR = 0.4  # largest width, of the thickness; in the radial direction far from the contact, of the radius
 FINEST = 1e-6  # place nearest to an end, and least width, of a line's length
 
@@ -89,7 +92,9 @@ def size_of_meridian(sample: Sample, indenter: Indenter, mesh: Mesh, depth: floa
 def _scale(task: _Task, mesh: Mesh) -> float:
     if mesh.size is not None:
         return mesh.size / _finest(task)
-    return 1.0 if mesh.elements is None else _scale_for(task, mesh.elements)
+    if mesh.elements is not None:
+        return _scale_for(task, mesh.elements)
+    return SCALE * (mesh.wanted_error / USUAL_MESH_ERROR) ** SHRINK
 
 
 @functools.lru_cache(maxsize=256)
@@ -118,6 +123,8 @@ def _finest(task: _Task) -> float:
 def _lines(task: _Task, scale: float) -> tuple[Array, Array]:
     """Radii and heights of the mesh lines, mm; a line is on the circle of a flat punch."""
     a, R, h, edge = task.contact, task.radius, task.thickness, scale * _finest(task)
+    if task.shape.edge_radius == 0:
+        edge = max(edge, task.depth / DEPTHS)
     far_r, far_y = scale * max(FAR * h, FAR * a), scale * FAR * h
     if task.shape.edge_radius is None:
         radii = _spaced(0, R, lambda r: np.minimum(edge + SLOPE * np.maximum(r - BEYOND * a, 0), far_r))

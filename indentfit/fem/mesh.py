@@ -16,10 +16,11 @@ from skfem import MeshHex, MeshHex2
 
 from indentfit.arrays import Array, Bools
 from indentfit.case import Indenter, Mesh, Sample
+from indentfit.case.tables import USUAL_MESH_ERROR
 from indentfit.fem.bricks import extrude, merge, quadratic
 from indentfit.fem.grading import Grading, graded
 from indentfit.fem.plane import patches
-from indentfit.indenters import Band, IndenterShape
+from indentfit.indenters import Band, IndenterShape, Rings
 from indentfit.samples import Outline
 
 
@@ -57,6 +58,9 @@ FAMILIES = {  # the defaults take a second or a few
 # Nor can an edge be made that sharp. At the rim, where the sample's side rolls up against the strip layer by layer, each
 # with a snap, elements are as wide as the depth over ROLLS.
 DEPTHS, ROLLS = 12, 3
+ROUND_DEFAULT = 2.0  # elements of a default mesh under a round contact, over those under a strip
+GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
+FEWEST = 20
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,15 @@ def count(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0",
 
 def size(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0", depth: float | None = None) -> float:
     """Size, mm, of the mesh that `quarter` makes of the same arguments: all its widths are proportional to it."""
-    return mesh.size or _size_for(_Task.of(sample, indenter, element, depth), mesh.elements or FAMILIES[element].default)
+    task = _Task.of(sample, indenter, element, depth)
+    return mesh.size or _size_for(task, mesh.elements or _default(task, mesh.wanted_error))
+
+
+def _default(task: _Task, error: float) -> int:
+    """Number of elements that keeps an error of the force: more under a round contact, whose whole edge is fine."""
+    round_contact = isinstance(task.indenter.partition(task.depth), Rings)
+    number = task.family.default * (ROUND_DEFAULT if round_contact else 1.0)
+    return max(FEWEST, round(number * (USUAL_MESH_ERROR / error) ** GROWTH))
 
 
 @functools.lru_cache(maxsize=256)

@@ -22,10 +22,13 @@ class ForceError:
         At each displacement the exact force is within this of the force on the mesh, in 95 of 100 contacts.
     elements : int
         Number of elements of the coarser mesh, from which the band was estimated.
+    remark : str
+        Why meshes say little about the error, and what would help; mostly empty.
     """
 
     band: Array
     elements: int
+    remark: str = ""
 
     def share(self, force: Array) -> float:
         """The band at the last displacement, as a share of the force (n,) there."""

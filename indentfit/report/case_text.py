@@ -48,7 +48,7 @@ def _bulk(material: MaterialChoice) -> str:
 
 def _mesh(mesh: Mesh) -> str:
     if mesh.default:
-        return "default"
+        return f"chosen for an error of the force of at most {mesh.wanted_error:.1%}"
     return f"elements of {mesh.size:g} mm" if mesh.size else f"about {mesh.elements} elements"
 
 

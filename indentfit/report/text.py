@@ -98,7 +98,7 @@ def mesh_error_lines(test: TestResult) -> Iterator[str]:
     if isinstance(error, ForceError):
         yield (
             f"error     {test.name}: the mesh errs by at most {error.share(test.force):.1%} of the last force "
-            f"(95 %, by a mesh of {error.elements:,} elements)"
+            f"(95 %, by a mesh of {error.elements:,} elements){error.remark and '; ' + error.remark}"
         )
     elif error is not None:
         yield f"error     {test.name}: the error by the mesh is not known: {error}"

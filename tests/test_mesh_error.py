@@ -1,0 +1,76 @@
+"""The stated error of the force by the mesh, and meshes that are chosen for an error."""
+
+import numpy as np
+import pytest
+
+from indentfit.case import Indenter, Mesh, Sample, Solver
+from indentfit.errors import CaseError
+from indentfit.fem.mesh_error import with_mesh_errors
+from indentfit.fem.meshing import count
+from indentfit.fem.setup import Press, Setup
+from indentfit.fem.simulate import Model
+from indentfit.material import typed
+
+GEL = typed("mu / 2 * (I1 - 3)", ["mu"])(mu=1.0)
+LAYER = {"shape": "disc", "diameter": 20.0, "thickness": 1.0}
+# Exact forces on layers of thickness 1 and shear modulus 1 (Fredholm equation of Hayes et al. 1972, J Biomech 5:541; good to 1e-3):
+# radius, base, Poisson's ratio, force / (radius depth)
+PUNCHES = [(0.1, "bonded", 0.3, 6.25966), (0.5, "sliding", 0.45, 10.95337), (1.0, "bonded", 0.49, 27.32535)]
+
+
+def stated(indenter, base, depths, nu, **mesh):
+    setup = Setup(Sample(**LAYER, base=base), Indenter(**indenter), Mesh(**mesh), Solver(), depths[-1], "axisymmetric")
+    presses = [Press(GEL, 2 * (1 + nu) / (3 * (1 - 2 * nu)), 0, np.asarray(depths))]
+    return with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
+
+
+@pytest.mark.parametrize(("radius", "base", "nu", "exact"), PUNCHES)
+def test_the_band_holds_the_exact_force_and_is_not_far_wider_than_the_error(radius, base, nu, exact):
+    depth = 1e-3 * radius
+    test = stated({"shape": "cylinder", "diameter": 2 * radius, "friction": 0}, base, [depth / 2, depth], nu, elements=60)
+    error = abs(test.force[-1] - exact * radius * depth)
+    oracle = 1e-3 * exact * radius * depth
+    assert error <= test.mesh_error.band[-1] + oracle
+    assert test.mesh_error.band[-1] <= 4 * (error + oracle)
+
+
+def test_a_small_punch_on_a_wide_sample_has_elements_as_narrow_as_its_edge_asks_for():
+    """The widths near the edge do not depend on how wide the sample is: the exact force is met within 0.3 % on 60 thicknesses."""
+    depth, exact = 1e-4, 6.25966 * 0.1 * 1e-4
+    for diameter in (20.0, 60.0):
+        sample = Sample(shape="disc", diameter=diameter, thickness=1.0, base="bonded")
+        setup = Setup(sample, Indenter(shape="cylinder", diameter=0.2, friction=0), Mesh(), Solver(), depth, "axisymmetric")
+        force = Model(setup).run(Press(GEL, 2.1667, 0, np.array([depth / 2, depth]))).force[-1]
+        assert force == pytest.approx(exact, rel=3e-3)
+
+
+def test_a_sharp_edge_that_slides_at_large_strain_states_its_own_error_and_the_remedy():
+    punch = {"shape": "cylinder", "diameter": 2.0, "friction": 0}
+    deep, shallow = (stated(punch, "bonded", [d / 2, d], 0.3, elements=60).mesh_error for d in (0.1, 0.001))
+    assert "edge_radius" in deep.remark and not shallow.remark
+
+
+def test_an_incompressible_gel_is_solved_and_meets_the_exact_layer():
+    """kappa / mu = 2e5 stands for nu = 0.5; the exact force of a flat punch at a/h = 0.5 is 15.46347 G a w (bonded)."""
+    depth = 5e-4
+    setup = Setup(
+        Sample(**LAYER, base="bonded"),
+        Indenter(shape="cylinder", diameter=1.0, friction=0),
+        Mesh(),
+        Solver(),
+        depth,
+        "axisymmetric",
+    )
+    force = Model(setup).run(Press(GEL, 2e5, 0, np.array([depth / 2, depth]))).force[-1]
+    assert force == pytest.approx(15.46347 * 0.5 * depth, rel=3e-3)
+
+
+def test_a_smaller_error_asks_for_more_elements_and_the_keys_of_the_mesh_exclude_each_other(case):
+    def elements(symmetry, error):
+        disc, ball = Sample(**LAYER, base="bonded"), Indenter(shape="sphere", diameter=2.0, friction=0)
+        return count(Setup(disc, ball, Mesh(error=error), Solver(), 0.1, symmetry))
+
+    for symmetry in ("axisymmetric", "quarter"):
+        assert elements(symmetry, 0.003) > 1.5 * elements(symmetry, 0.01) > 1.5 * elements(symmetry, 0.05)
+    with pytest.raises(CaseError, match=r"mesh.elements is given too"):
+        case("mesh.error=0.01")
