@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from fixtures.cases import tiny_case
 
 from indentfit.case import Indenter, Mesh, Sample, Solver
 from indentfit.errors import CaseError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.mesh_error import with_mesh_errors
 from indentfit.fem.meshing import count
 from indentfit.fem.setup import Press, Setup
@@ -65,12 +67,12 @@ def test_an_incompressible_gel_is_solved_and_meets_the_exact_layer():
     assert force == pytest.approx(15.46347 * 0.5 * depth, rel=3e-3)
 
 
-def test_a_smaller_error_asks_for_more_elements_and_the_keys_of_the_mesh_exclude_each_other(case):
+def test_a_smaller_error_asks_for_more_elements_and_the_keys_of_the_mesh_exclude_each_other(tmp_path):
     def elements(symmetry, error):
         disc, ball = Sample(**LAYER, base="bonded"), Indenter(shape="sphere", diameter=2.0, friction=0)
         return count(Setup(disc, ball, Mesh(error=error), Solver(), 0.1, symmetry))
 
     for symmetry in ("axisymmetric", "quarter"):
         assert elements(symmetry, 0.003) > 1.5 * elements(symmetry, 0.01) > 1.5 * elements(symmetry, 0.05)
-    with pytest.raises(CaseError, match=r"mesh.elements is given too"):
-        case("mesh.error=0.01")
+    with pytest.raises(CaseError, match=r"elements is given too"):
+        read_case(tiny_case(tmp_path, mesh={"elements": 24, "error": 0.01}))
