@@ -35,9 +35,9 @@ def bulk_ratio(nu):
     return 2 * (1 + nu) / (3 * (1 - 2 * nu))
 
 
-def pressed(sample, indenter, depths, kappa=1000.0, symmetry="axisymmetric", sensitivities=(), **mesh):
+def pressed(sample, indenter, depths, kappa=1000.0, symmetry="axisymmetric", sensitivities=(), material=GEL, **mesh):
     setup = Setup(Sample(**sample), Indenter(**indenter), Mesh(**mesh), Solver(), float(depths[-1]), symmetry)
-    return Model(setup).run(Press(GEL, kappa, 0, np.asarray(depths, float), sensitivities=sensitivities))
+    return Model(setup).run(Press(material, kappa, 0, np.asarray(depths, float), sensitivities=sensitivities))
 
 
 @pytest.mark.parametrize(("base", "nu", "R", "depth", "force"), PARABOLOIDS)
@@ -170,3 +170,30 @@ def test_what_is_not_round_is_solved_as_a_quarter_and_asking_for_more_says_why()
         assert symmetry_of(sample, indenter, Mesh(), Solver(), law) == "quarter"
         with pytest.raises(MeshError, match=why):
             symmetry_of(sample, indenter, Mesh(symmetry="axisymmetric"), Solver(), law)
+
+
+@pytest.mark.skipif(not (SHARED / "oracles").is_dir(), reason="../shared/oracles is not here")
+def test_an_ogden_gel_of_exponent_8_meets_another_code_within_one_percent():
+    oracle = json.loads((SHARED / "oracles" / "axi_sphere_R1_bonded_ogden8.json").read_text())
+    material = load("ogden")(mu=1.0, alpha=8.0)
+    result = pressed(DISC, SPHERE, oracle["displacement_mm"], material=material)
+    error, own = np.abs(result.force / np.array(oracle["force_mN"]) - 1), np.array(oracle["error_percent_each"]) / 100
+    assert np.all(error < 0.01 + own)
+    assert error[1:].max() < 0.004
+
+
+def test_ogden_of_exponent_2_is_the_neo_hookean_gel_and_its_sensitivities_are_derivatives():
+    depths = [0.1, 0.2]
+    ogden = load("ogden")(mu=1.0, alpha=2.0)
+    result = pressed(DISC, SPHERE, depths, material=ogden, sensitivities=("mu", "alpha"), elements=60)
+    assert result.force == pytest.approx(pressed(DISC, SPHERE, depths, elements=60).force, rel=1e-9)
+    up, down = (pressed(DISC, SPHERE, depths, material=ogden.replace(alpha=2.0 + h), elements=60).force for h in (0.01, -0.01))
+    assert result.sensitivities["alpha"] == pytest.approx((up - down) / 0.02, rel=2e-3)
+
+
+def test_a_gent_gel_never_gives_a_force_beyond_its_locking_stretch():
+    """The steps shrink towards the end of the energy; what is solved is stiffer than the neo-Hookean gel, and no force is wrong."""
+    result = pressed(DISC, SPHERE, [0.1, 0.2], material=load("gent")(mu=1.0, Jm=0.5), elements=60)
+    soft = pressed(DISC, SPHERE, [0.1, 0.2], elements=60)
+    assert np.all(result.force > soft.force)
+    assert result.model.body.state(result.last.u, np.array([0.0, 1.0, 0.0])).I[0].max() < 3.5

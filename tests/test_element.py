@@ -24,6 +24,7 @@ MATERIALS = (
     load("neo_hookean")(mu=MU),
     load("mooney_rivlin")(c10=1.0, c01=0.7),
     load("holzapfel")(c=1.0, k1=3.0, k2=2.0, dispersion=0.1),
+    load("ogden")(mu=1.2, alpha=-5.0),
 )
 ELEMENTS = ("q1p0", "q2p1")
 by_name = pytest.mark.parametrize("material", MATERIALS, ids=lambda material: type(material).__name__)

@@ -17,6 +17,8 @@ from indentfit.material.trials import trial_values
 
 pytestmark = pytest.mark.quick
 
+FIRST = ("holzapfel", "mooney_rivlin", "neo_hookean", "transversely_isotropic")
+STRETCHES = {"l1", "l2", "l3"}
 TYPED = {
     "mu/2 * ((I1 - 3) + zeta*(I4 - 1)^2 + phi*(I5 - I4^2))": {"mu": 1.49, "zeta": 4.68, "phi": 0.68},
     "c/2*(I1-3) + k1/(2*k2)*(exp(k2*positive(I4-1)^2) - 1)": {"c": 1.1, "k1": 2.0, "k2": 0.7},
@@ -30,6 +32,12 @@ TYPED = {
     "m*tanh(I1-3) + k*(2^I4 - log(2)*2*I4)": {"m": 0.8, "k": 0.4},
     "m*(I1/3)^(I2/3) + k*cosh(I5 - I4^2) + k*(I5-I4^2)^2": {"m": 0.8, "k": 1.4},
     "m*(I1-3) + k*sinh(I4 - 1)^2 + k*(I5 - 2*I4)^2 - 2*k*(2*I4 - I5)": {"m": 0.8, "k": 0.4},
+    "2*m/a^2*(l1^a + l2^a + l3^a - 3) + n*(I1 - 3) + k*(I4 - 1)^2 + k*(I5 - I4^2)": {"m": 1.1, "a": -3.7, "n": 0.2, "k": 0.8},
+    "m*(exp(k*(log(l1)^2 + log(l2)^2 + log(l3)^2)) - 1)/k + n*((l1*l2)^-1 + (l2*l3)^-1 + (l3*l1)^-1)*I4^0": {
+        "m": 1,
+        "k": 2,
+        "n": 3,
+    },
     "m/(1 - (I1 - 3)/j) + k*positive(1 - I4)^2 + k*positive(I1 - 2)": {"m": 0.8, "k": 0.4, "j": 30.0},
 }
 
@@ -39,10 +47,17 @@ def assert_same(material):
     law, theta = law_of(type(material)), material.values
     jet, derived = at_rest(law.energy, theta), require_derivable(type(material))
     assert jet is not None
-    size = max(np.abs(jet.gradient).max(), np.abs(jet.hessian).max())
+    size = max(np.abs(jet.gradient).max(), np.nanmax(np.abs(jet.hessian)))
     np.testing.assert_allclose(jet.value, derived.psi(REST, theta.values()), rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(jet.gradient, derived.gradient(REST, theta.values()), rtol=1e-12, atol=1e-14 * size)
-    np.testing.assert_allclose(jet.hessian, derived.hessian(REST, theta.values()), rtol=1e-12, atol=1e-14 * size)
+    gradient, hessian = derived.gradient(REST, theta.values()), derived.hessian(REST, theta.values())
+    if STRETCHES & set(material.invariants):  # of stretches a jet knows what small strains see
+        assert np.isnan(jet.hessian[:2]).all()
+        assert jet.gradient[:2].sum() == pytest.approx(gradient[:2].sum(), rel=1e-12)
+        np.testing.assert_allclose(jet.gradient[2:], gradient[2:], rtol=1e-12, atol=1e-14 * size)
+        np.testing.assert_allclose(jet.hessian[2:, 2:], hessian[2:, 2:], rtol=1e-12, atol=1e-14 * size)
+    else:
+        np.testing.assert_allclose(jet.gradient, gradient, rtol=1e-12, atol=1e-14 * size)
+        np.testing.assert_allclose(jet.hessian, hessian, rtol=1e-12, atol=1e-14 * size)
     assert moduli_by(jet, material) == pytest.approx(moduli_by(None, material), rel=1e-12)
 
 
@@ -60,7 +75,8 @@ def test_moduli_of_an_installed_law_are_those_of_its_symbolic_derivatives(name):
         material = law(**trial_values(law.parameters, rng))
         assert_same(material)
         assert not shipped(law) or material._rest is not None
-        assert material.moduli() == moduli_by(None, material)  # bit for bit: a search amplifies round-off
+        if name in FIRST:
+            assert material.moduli() == moduli_by(None, material)  # bit for bit: results of 0.1 had SymPy's, and a search amplifies
 
 
 @pytest.mark.parametrize(("text", "values"), TYPED.items())

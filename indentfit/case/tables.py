@@ -223,7 +223,7 @@ class MaterialChoice(Section):
     energy: Line | None = Field(
         default=None,
         examples=["mu/2*(I1 - 3)"],
-        description="energy instead of a model, a formula in I1, I2, I4, I5 and the parameters",
+        description="energy instead of a model, a formula in I1, I2, I4, I5, the principal stretches l1, l2, l3 and the parameters",
     )
     parameters: dict[str, Annotated[float | Range, WrapValidator(_fixed_or_range)]] = Field(
         default_factory=dict,

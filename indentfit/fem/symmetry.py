@@ -5,11 +5,11 @@ from typing import Literal
 from indentfit.case.tables import Indenter, Mesh, Sample, Solver
 from indentfit.errors import MeshError
 from indentfit.indenters import Rings
-from indentfit.material import Material
+from indentfit.material import STRETCHES, Material
 from indentfit.samples import Circle
 
 Symmetry = Literal["axisymmetric", "quarter"]
-ISOTROPIC = {"I1", "I2"}
+ISOTROPIC = {"I1", "I2", *STRETCHES}
 
 
 def symmetry_of(sample: Sample, indenter: Indenter, mesh: Mesh, solver: Solver, law: type[Material]) -> Symmetry:

@@ -19,6 +19,7 @@ from indentfit.material.kinematics import INVARIANTS, REST, invariant_gradients,
 from indentfit.material.model import GROUP, Material, require_derivable, shipped
 from indentfit.material.parameter import Parameter
 from indentfit.material.plugins import blamed, checked_derivatives, foreign_code, installed, load
+from indentfit.material.stretches import STRETCHES
 from indentfit.material.trials import trial_values
 from indentfit.material.typed_energy import typed
 
@@ -27,6 +28,7 @@ __all__ = [
     "GROUP",
     "INVARIANTS",
     "REST",
+    "STRETCHES",
     "Check",
     "Material",
     "Parameter",

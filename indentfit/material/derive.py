@@ -12,6 +12,8 @@ from indentfit.errors import MaterialError
 from indentfit.material.functions import ON_ARRAYS, Term, algebra
 from indentfit.material.kinematics import INVARIANTS, REST, invariants
 from indentfit.material.parameter import Parameter
+from indentfit.material.separable import Stretched, Sums, invariant_symbols, stretch_symbols
+from indentfit.material.stretches import STRETCHES
 from indentfit.material.trials import trial_states, trial_values
 from indentfit.material.words import one_line
 
@@ -34,7 +36,7 @@ class Law:
     invariants : tuple of str
         The invariants that the energy uses.
     energy : function
-        psi, kPa, of the parameters' values by name and all invariants by name.
+        psi, kPa, of the parameters' values by name and all invariants by name, principal stretches among them.
     """
 
     name: str
@@ -55,12 +57,17 @@ class Compiled:
     places : tuple
         The entry of the array that each value of the function fills, in the order of the function's values.
     function : function
-        Values of the entries, at four invariants and the parameters.
+        Values of the entries, at four invariants, the values of `sums` and the parameters.
+        Behind its values stand the arguments of the energy's logarithms: all entries are nan where one of them is not positive,
+        because the derivatives of a logarithm would go on where the energy ends.
+    sums : Sums
+        Sums over the principal stretches that the entries need.
     """
 
     shape: tuple[int, ...]
     places: tuple[tuple[Place, ...], ...]
     function: Callable[..., Any]
+    sums: Sums
 
     def __call__(self, I: ArrayLike, theta: Iterable[float]) -> Array:
         """The array of derivatives at invariants and values of the parameters.
@@ -81,9 +88,12 @@ class Compiled:
         out = np.zeros((*self.shape, *I.shape[1:]))
         numbers = [np.float64(value) for value in theta]  # Python's floats would raise
         with np.errstate(all="ignore"):
-            for places, value in zip(self.places, self.function(*I, *numbers), strict=True):
+            values = self.function(*I, *self.sums(I, numbers), *numbers)
+            for places, value in zip(self.places, values, strict=False):  # the guards stand behind
                 for place in places:
                     out[place] = value
+            for argument in values[len(self.places) :]:
+                out[..., ~np.asarray(argument > 0)] = np.nan
         return out
 
 
@@ -113,19 +123,20 @@ def derive(law: Law) -> Derived:
         The energy cannot be evaluated or differentiated twice, does not depend on a parameter, is not finite or not free of
         stress at rest, or is not proportional to the parameter that claims to be its scale.
     """
-    I, theta, psi = _symbolic(law)
-    used = [(i, I[i]) for i, name in enumerate(INVARIANTS) if name in law.invariants]
-    first = {i: psi.diff(x) for i, x in used}
-    second: Entries = {((i, j), (j, i)): first[i].diff(y) for i, _ in used for j, y in used if j >= i}
-    mixed: Entries = {((k, i),): first[i].diff(t) for k, t in enumerate(theta) for i, _ in used}
+    I, theta, energy = _symbolic(law)
+    stretched = Stretched(energy, law.name)
+    used = [(i, I[i]) for i, name in enumerate(INVARIANTS) if name in law.invariants or (i < 2 and stretched.sums)]
+    first = {i: stretched.by_invariant(stretched.psi, x, i) for i, x in used}
+    second: Entries = {((i, j), (j, i)): stretched.by_invariant(first[i], y, j) for i, _ in used for j, y in used if j >= i}
+    mixed: Entries = {((k, i),): stretched.by_parameter(first[i], t) for k, t in enumerate(theta) for i, _ in used}
     gradient: Entries = {((i,),): entry for i, entry in first.items()}
-    arrays: list[tuple[tuple[int, ...], Entries]] = [
-        ((), {((),): psi}),
-        ((4,), gradient),
-        ((4, 4), second),
-        ((len(theta), 4), mixed),
+    arrays: list[tuple[tuple[int, ...], Entries, int]] = [
+        ((), {((),): stretched.psi}, 0),
+        ((4,), gradient, 1),
+        ((4, 4), second, 2),
+        ((len(theta), 4), mixed, 1),
     ]
-    derived = Derived(*(_compiled(law, (*I, *theta), shape, entries) for shape, entries in arrays))
+    derived = Derived(*(_compiled(law, stretched, (I, theta), *array) for array in arrays))
     _refuse_stress_at_rest(law, derived)
     if law.scale and not proportional(law, derived, law.scale):
         raise MaterialError(f"{law.name}: {law.scale} claims to be the scale; the energy is not proportional to it")
@@ -136,10 +147,11 @@ def _symbolic(law: Law) -> tuple[tuple[Any, ...], tuple[Any, ...], Any]:
     """Symbols of the invariants and of the parameters, and the energy in them."""
     import sympy
 
-    I = sympy.symbols(INVARIANTS, real=True)
+    I = invariant_symbols()
     theta = {name: sympy.Symbol(name, real=True) for name in law.parameters}
     try:
-        psi = sympy.sympify(law.energy(theta, dict(zip(INVARIANTS, I, strict=True)))).replace(sympy.Abs, algebra().abs)
+        named = dict(zip((*INVARIANTS, *STRETCHES), (*I, *stretch_symbols()), strict=True))
+        psi = sympy.sympify(law.energy(theta, named)).replace(sympy.Abs, algebra().abs)
     except MaterialError:
         raise
     except Exception as error:
@@ -151,8 +163,18 @@ def _symbolic(law: Law) -> tuple[tuple[Any, ...], tuple[Any, ...], Any]:
     return I, tuple(theta.values()), psi
 
 
-def _compiled(law: Law, arguments: tuple[Any, ...], shape: tuple[int, ...], entries: Entries) -> Compiled:
-    """The entries that are not identically zero, as one NumPy function."""
+def _compiled(
+    law: Law,
+    stretched: Stretched,
+    known: tuple[tuple[Any, ...], tuple[Any, ...]],
+    shape: tuple[int, ...],
+    entries: Entries,
+    order: int,
+) -> Compiled:
+    """The entries that are not identically zero, as one NumPy function; known: symbols of the invariants and of the parameters.
+
+    order: how far sums over stretches are differentiated in the entries.
+    """
     import sympy
 
     # No simplification anywhere: expressions are evaluated as differentiated, with common parts computed once.
@@ -161,8 +183,13 @@ def _compiled(law: Law, arguments: tuple[Any, ...], shape: tuple[int, ...], entr
         raise MaterialError(f"{law.name}: its energy cannot be differentiated twice; write switches as positive(x)")
     if any(e.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo) for e in entries.values()):
         raise MaterialError(f"{law.name}: its energy or a derivative of it is not a finite real number")
-    function = sympy.lambdify(arguments, list(entries.values()), [ON_ARRAYS, "numpy"], cse=True, dummify=True)
-    return Compiled(shape, tuple(entries), function)
+    I, theta = known
+    varying = {*I, *(symbol for each in stretched.sums for symbol in each.symbols)}
+    guards = [log.args[0] for log in sorted(stretched.psi.atoms(sympy.log), key=str) if log.free_symbols & varying]
+    results = [*entries.values(), *guards]
+    more, sums = stretched.compiled(theta, results, order)
+    function = sympy.lambdify((*I, *more, *theta), results, [ON_ARRAYS, "numpy"], cse=True, dummify=True)
+    return Compiled(shape, tuple(entries), function, sums)
 
 
 def _refuse_stress_at_rest(law: Law, derived: Derived) -> None:

@@ -1,4 +1,4 @@
-"""Second-order Taylor arithmetic in the four invariants: derivatives of an energy at one state, without SymPy.
+"""Second-order Taylor arithmetic in the invariants: derivatives of an energy at one state, without SymPy.
 
 A jet is the value of a term of an energy at one state, with its gradient and Hessian by the invariants. Sums, products, quotients,
 powers and functions of jets are jets, by the chain rule. An energy evaluated on jets therefore gives its own first and second
@@ -15,11 +15,12 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.material.kinematics import INVARIANTS, REST
+from indentfit.material.stretches import STRETCHES
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Jet:
-    """A term of an energy at one state: its value, gradient (4,) and Hessian (4, 4) by the invariants.
+    """A term of an energy at one state: its value, gradient (n,) and Hessian (n, n) by the invariants and principal stretches.
 
     The result of an operation without a finite value is nan or inf; an operation that jets do not know raises TypeError.
     """
@@ -150,7 +151,7 @@ def positive_part(x: Jet) -> Jet:
 
 
 def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], parameters: Mapping[str, float]) -> Jet | None:
-    """The energy and its derivatives by the invariants in the undeformed state.
+    """The energy and its derivatives by the four invariants in the undeformed state.
 
     Parameters
     ----------
@@ -162,17 +163,36 @@ def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], param
     Returns
     -------
     Jet or None
+        For a law by principal stretches, what small strains see of them stands in psi_1, and second derivatives by I1 and I2 are
+        nan.
         None where the energy raises an exception, uses an operation that jets do not know, or is not finite. SymPy's derivatives
         decide there.
     """
-    theta = {name: Jet(np.float64(value), np.zeros(4), np.zeros((4, 4))) for name, value in parameters.items()}
-    rest = {name: Jet(x, unit, np.zeros((4, 4))) for name, x, unit in zip(INVARIANTS, REST, np.eye(4), strict=True)}
+    names, values = (*INVARIANTS, *STRETCHES), (*REST, 1.0, 1.0, 1.0)
+    flat, units = np.zeros((len(names),) * 2), np.eye(len(names))
+    theta = {name: Jet(np.float64(value), flat[0], flat) for name, value in parameters.items()}
+    rest = {name: Jet(np.float64(x), unit, flat) for name, x, unit in zip(names, values, units, strict=True)}
     try:
         with np.errstate(all="ignore"):
             psi = energy(theta, rest)
     except Exception:
         return None
-    return psi if isinstance(psi, Jet) and _finite(psi) else None
+    return _by_invariants(psi) if isinstance(psi, Jet) and _finite(psi) else None
+
+
+def _by_invariants(psi: Jet) -> Jet:
+    """The jet by the four invariants, of one by invariants and stretches.
+
+    With psi_l, psi_ll and psi_lm the derivatives by one stretch and by two, psi = (psi_l + psi_ll - psi_lm) / 2 tr e^2 to second
+    order in isochoric strains e; a law by I1 has psi = 2 psi_1 tr e^2 (see `Material.moduli`).
+    """
+    n = len(INVARIANTS)
+    gradient, hessian = psi.gradient[:n].copy(), psi.hessian[:n, :n].copy()
+    slopes, bends = psi.gradient[n:], psi.hessian[n:, n:]
+    if slopes.any() or bends.any():
+        gradient[0] += (slopes[0] + bends[0, 0] - bends[0, 1]) / 4
+        hessian[:2] = hessian[:, :2] = np.nan
+    return Jet(psi.value, gradient, hessian)
 
 
 def _finite(psi: Jet) -> bool:

@@ -19,6 +19,7 @@ from indentfit.material.functions import Term
 from indentfit.material.jets import Jet, at_rest
 from indentfit.material.kinematics import INVARIANTS, REST
 from indentfit.material.parameter import Parameter
+from indentfit.material.stretches import STRETCHES
 from indentfit.material.words import nearest
 
 GROUP = "indentfit.materials"
@@ -28,8 +29,10 @@ GROUP = "indentfit.materials"
 class Material:
     """Base class of materials: the fields are `Parameter`s, the one method `energy` is psi in kPa.
 
-    `energy` names in its signature the invariants that it uses, some of `INVARIANTS`, and is written with + - * / **
-    and the functions of this package (exp, log, sqrt, positive). The derivatives are derived from the energy once per class.
+    `energy` names in its signature the invariants that it uses, some of `INVARIANTS` and `STRETCHES`, and is written with
+    + - * / ** and the functions of this package (exp, log, sqrt, positive). Principal stretches l1, l2, l3 come in sums over them,
+    such as l1**a + l2**a + l3**a. The derivatives are derived from the energy once per class; those by I1 and I2 contain
+    the stretches' share, because isochoric stretches are functions of I1 and I2.
     Instances are frozen and can be pickled. Arrays of invariants have shape (4, ...), in the order of `INVARIANTS`.
 
     Parameters
@@ -240,8 +243,9 @@ def _named_invariants(cls: type[Material]) -> tuple[str, ...]:
         return ()
     names = tuple(inspect.signature(cls.energy).parameters)[1:]
     for name in names:
-        if name not in INVARIANTS:
-            raise MaterialError(f"{cls.__name__}: its energy asks for {name!r}; invariants: {', '.join(INVARIANTS)}")
+        if name not in (*INVARIANTS, *STRETCHES):
+            known = ", ".join((*INVARIANTS, *STRETCHES))
+            raise MaterialError(f"{cls.__name__}: its energy asks for {name!r}; invariants: {known}")
     return names
 
 

@@ -16,8 +16,10 @@ from indentfit.material.jets import Jet
 from indentfit.material.kinematics import INVARIANTS
 from indentfit.material.model import Material, law_of, require_derivable
 from indentfit.material.parameter import Parameter
+from indentfit.material.stretches import STRETCHES
 from indentfit.material.words import nearest, one_line
 
+KNOWN = (*INVARIANTS, *STRETCHES)
 # Limits of a typed energy: far above any published energy, far below what could stall the reader.
 LENGTH, NODES, DEPTH, CALLS, POWER, NUMBER = 500, 150, 60, 4, 20, 1e15
 
@@ -28,7 +30,8 @@ def typed(energy: str, parameters: Iterable[str] | Mapping[str, Parameter]) -> t
     Parameters
     ----------
     energy : str
-        psi, kPa, in I1, I2, I4, I5, the parameters' names, numbers, + - * / ** ^ ( ) and `FUNCTIONS`; ^ is a power.
+        psi, kPa, in I1, I2, I4, I5, the principal stretches l1, l2, l3, the parameters' names, numbers, + - * / ** ^ ( ) and
+        `FUNCTIONS`; ^ is a power.
     parameters : names, or names with their `Parameter`
         The first parameter that the energy is proportional to becomes the scale.
 
@@ -72,7 +75,7 @@ def _refuse_parameter_names(names: list[str]) -> None:
     for name in names:
         if not (isinstance(name, str) and name.isascii() and name.isidentifier() and not name.startswith("_")):
             raise MaterialError(f"a parameter cannot be called {repr(name)[:60]}: use letters, digits and _")
-        if name in INVARIANTS or name in FUNCTIONS or keyword.iskeyword(name) or hasattr(Material, name):
+        if name in KNOWN or name in FUNCTIONS or keyword.iskeyword(name) or hasattr(Material, name):
             raise MaterialError(f"a parameter cannot be called {name!r}: that name has a meaning already")
     if len(set(names)) < len(names):
         raise MaterialError(f"a parameter is named twice: {', '.join(names)}")
@@ -115,12 +118,12 @@ def _nested(node: ast.AST, kind: type[ast.AST]) -> int:
 def _made_class(text: str, tree: ast.expr, parameters: Mapping[str, Parameter]) -> type[Material]:
     """The class whose energy builds the tree's expression."""
     named = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    used = [name for name in INVARIANTS if name in named]
+    used = [name for name in KNOWN if name in named]
 
     def energy(self: Material, **I: Term) -> Term:
         psi = _built(tree, {**I, **{name: getattr(self, name) for name in parameters}})
         if not isinstance(psi, Jet) and (isinstance(psi, float) or not any(x in psi.free_symbols for x in I.values())):
-            raise MaterialError(f"the energy depends on none of {', '.join(INVARIANTS)}")
+            raise MaterialError(f"the energy depends on none of {', '.join(KNOWN)}")
         return psi
 
     signature = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in ("self", *used)]
@@ -154,7 +157,7 @@ def _built(node: ast.expr, symbols: Mapping[str, Term], power: float = 1) -> Ter
 def _symbol(name: str, symbols: Mapping[str, Term]) -> Term:
     if name in symbols:
         return symbols[name]
-    known = [*INVARIANTS, *(n for n in symbols if n not in INVARIANTS)]
+    known = [*KNOWN, *(n for n in symbols if n not in KNOWN)]
     remedy = "give it its argument" if name in FUNCTIONS else f"known: {', '.join(known)}{nearest(name, known)}"
     raise MaterialError(f"the energy names {name!r}, which is no parameter or invariant; {remedy}")
 

@@ -25,7 +25,13 @@ from pathlib import Path
 
 HOME = Path(__file__).parents[2]
 CONSTRAINTS = HOME / "tests" / "constraints.txt"
-MATERIALS = {"transversely_isotropic", "neo_hookean", "mooney_rivlin", "holzapfel"}
+MATERIALS = {"transversely_isotropic", "neo_hookean", "mooney_rivlin", "holzapfel", "ogden", "ogden2", "ogden3"} | {
+    "yeoh",
+    "gent",
+    "demiray_fung",
+    "arruda_boyce",
+    "polynomial",
+}
 SIMULATE = ["simulate", "case.toml", "--set", "mesh.elements=40", "--json"]
 THREADS = {"MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
