@@ -76,6 +76,8 @@ class MeshFacts:
         Cube root of the smallest element's volume.
     symmetry : "quarter" or "axisymmetric"
         Which part of the sample was meshed.
+    remark : str
+        What was solved in place of the sample (fem.wide_block); empty where the sample itself was.
     """
 
     elements: int
@@ -83,10 +85,11 @@ class MeshFacts:
     element: str
     smallest_mm: float
     symmetry: str = "quarter"
+    remark: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """Stable keys."""
-        return asdict(self)
+        """Stable keys; remark only where there is one."""
+        return {key: value for key, value in asdict(self).items() if key != "remark" or value}
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,8 @@ def coarser(setup: Setup) -> Setup:
 def force_error(test: TestResult, coarse: TestResult, setup: Setup) -> ForceError:
     """The stated error of a test's forces, from those of the coarser mesh."""
     change = FACTOR[setup.symmetry] * np.maximum.accumulate(np.abs(coarse.force - test.force))
-    least, folds = FLOOR * np.abs(test.force), _folds(setup) * test.displacement * np.abs(test.force)
+    shape = setup.block[1].effect if setup.block else 0.0
+    least, folds = (FLOOR + shape) * np.abs(test.force), _folds(setup) * test.displacement * np.abs(test.force)
     remark = FOLDING if folds[-1] > 3 * least[-1] else ""
     return ForceError(np.maximum.reduce([change, least, folds]), coarse.facts.elements, remark)
 

@@ -9,6 +9,25 @@ from indentfit.material import Material
 
 
 @dataclass(frozen=True)
+class DiscForBlock:
+    """The disc in place of a block: its diameter, mm, and the largest relative change of the force by the block's shape."""
+
+    diameter: float
+    effect: float
+
+    def sample(self, block: Sample) -> Sample:
+        """The block's table with the disc in its place."""
+        return Sample(shape="disc", diameter=self.diameter, thickness=block.thickness, base=block.base)
+
+    def words(self, block: Sample) -> str:
+        """What is solved in place of what, for reports."""
+        return (
+            f"the {block.geometry.words()} is solved as a disc of diameter {self.diameter:.4g} mm: the shape of the block changes "
+            f"the force by at most {self.effect:.2%}"
+        )
+
+
+@dataclass(frozen=True)
 class Setup:
     """The tables and the depth for which one mesh and its contact are made.
 
@@ -23,6 +42,8 @@ class Setup:
         Largest depth that the indenter will reach.
     symmetry : "quarter" or "axisymmetric"
         Which part of the sample is meshed (fem.symmetry).
+    block : tuple of (Sample, DiscForBlock), or None
+        The block in whose place `sample` is a disc (fem.wide_block).
     """
 
     sample: Sample
@@ -31,6 +52,12 @@ class Setup:
     solver: Solver
     depth: float
     symmetry: Symmetry = "quarter"
+    block: tuple[Sample, DiscForBlock] | None = None
+
+    @property
+    def remark(self) -> str:
+        """What is solved in place of the sample, in words; empty where the sample itself is."""
+        return "" if self.block is None else self.block[1].words(self.block[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -149,7 +149,9 @@ class Model:
     def mesh_facts(self) -> MeshFacts:
         """Numbers of the mesh."""
         smallest = float(np.min(self.body.volume) ** (1 / 3))
-        return MeshFacts(int(self.mesh.nelements), int(self.body.n_dofs), self.body.element, smallest, self.setup.symmetry)
+        return MeshFacts(
+            int(self.mesh.nelements), int(self.body.n_dofs), self.body.element, smallest, self.setup.symmetry, self.setup.remark
+        )
 
     def _solver_facts(self, tests: Sequence[TestResult]) -> SolverFacts:
         assembly = self.setup.solver.assembly

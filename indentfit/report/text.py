@@ -90,6 +90,8 @@ def _mesh(mesh: MeshFacts) -> Iterator[str]:
     yield (
         f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, {part}; smallest element {mesh.smallest_mm:.3g} mm"
     )
+    if mesh.remark:
+        yield f"note      {mesh.remark}"
 
 
 def mesh_error_lines(test: TestResult) -> Iterator[str]:

@@ -34,7 +34,7 @@ class Inputs:
             "sample": mechanics.sample.model_dump(mode="json"),
             "indenter": mechanics.indenter.model_dump(mode="json"),
             "mesh": mechanics.mesh.model_dump(mode="json"),
-            "depth": mechanics.setup.depth,  # the mesh is made for this depth
+            "depth": mechanics.depth,  # the mesh is made for this depth
             "solver": {**mechanics.solver.model_dump(mode="json"), "linear": choice(mechanics.solver.linear)},
             "shapes": [
                 part.hash for shape in (mechanics.sample.geometry, mechanics.indenter.geometry) for part in _of_bases(type(shape))

@@ -8,7 +8,7 @@ from indentfit.arrays import Array
 from indentfit.case.laws import open_law
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver
 from indentfit.fem.setup import Setup
-from indentfit.fem.symmetry import symmetry_of
+from indentfit.fem.wide_block import setup_for
 from indentfit.material import Material
 
 if TYPE_CHECKING:
@@ -58,11 +58,14 @@ class Mechanics:
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
     @property
+    def depth(self) -> float:
+        """The largest depth of the tests, mm: the mesh is made for it."""
+        return max(float(test.depths[-1]) for test in self.tests)
+
+    @property
     def setup(self) -> Setup:
-        """The Setup of the mesh, for the deepest of the tests."""
-        depth = max(float(test.depths[-1]) for test in self.tests)
-        symmetry = symmetry_of(self.sample, self.indenter, self.mesh, self.solver, self.law)
-        return Setup(self.sample, self.indenter, self.mesh, self.solver, depth, symmetry)
+        """The Setup of the mesh, for the deepest of the tests. Raises MeshError."""
+        return setup_for(self.sample, self.indenter, self.mesh, self.solver, self.law, self.depth)
 
     def changed(self, changes: dict[str, Any]) -> "Mechanics":
         """The mechanics with other values of keys ("table.key" -> value)."""
