@@ -40,7 +40,7 @@ def copy(tmp_path):
 # What the shipped cases say
 
 
-@pytest.mark.parametrize("name", ["white_matter_2017", "white_matter_small_strain", "quickstart", "rig_records"])
+@pytest.mark.parametrize("name", ["white_matter_2017", "white_matter_small_strain", "quickstart", "rig_records", "hydrogel_sphere"])
 def test_a_shipped_case_is_valid_without_warnings(name):
     case = read_case(CASES / name / "case.toml")
     assert case.warnings() == []

@@ -1,6 +1,7 @@
 """Moduli of curves by closed forms, beside those of a simulation or a fit: a half-space, and an elastic layer.
 
-They are exact for small strain, no friction, and a layer much wider than the contact. Spheres and flat punches on materials without
+They are exact for small strain, no friction, and a layer much wider than the contact: under a sphere of 0.4 thicknesses a
+neo-Hookean gel resists 4 % less at a depth of 0.1 radii, 7 % less at 0.2. Spheres and flat punches on materials without
 fibres have them.
 """
 
@@ -9,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from indentfit.arrays import Array
 from indentfit.case import Case, Test
@@ -17,8 +19,9 @@ from indentfit.curve import Curve
 from indentfit.indenters import IndenterShape, Rings, has_sharp_edge
 from indentfit.layer import Layer
 
-SMALL = 0.1  # of the indenter's radius and of the thickness: forces up to this depth count
+SMALL = (0.05, 0.1, 0.2)  # of the indenter's radius and of the thickness: forces up to the first depth that suffices count
 FEWEST = 5  # points that count, where fewer lie above that depth
+SUFFICES = 0.05  # relative half-width of the modulus's 95 % interval, by the scatter of the forces
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,8 @@ class ClosedForm:
         Depth up to which forces count.
     points : int
         Number of these forces.
+    scatter : float
+        Relative half-width of the 95 % interval of both moduli, by the scatter of these forces about the layer's.
     """
 
     formula: str
@@ -46,6 +51,7 @@ class ClosedForm:
     poisson_ratio: float
     depth: float
     points: int
+    scatter: float
 
     def young(self, shear_modulus: float) -> float:
         """Young's modulus of a shear modulus, kPa."""
@@ -56,7 +62,7 @@ class ClosedForm:
         half, layer = (f"E {self.young(mu):.3g} kPa (mu {mu:.3g})" for mu in (self.half_space, self.layer))
         name = "Hertz" if self.formula == "Hertz" else "flat punch on a half-space"
         return (
-            f"elastic layer {layer}, {name} {half}, by the first {self.points} forces, to {self.depth:.3g} mm "
+            f"elastic layer {layer}, {name} {half}, +- {self.scatter:.1%} by scatter, {self.points} forces to {self.depth:.3g} mm "
             f"(small strain, wide layer, {self.base} base, no friction, nu {self.poisson_ratio:.4g})"
         )
 
@@ -91,14 +97,24 @@ def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm 
     formula = formula_of(shape)
     if not formula or not 0 <= nu <= 0.5:
         return None
-    depth, force = _small(curve, SMALL * min(shape.half_width, thickness))
-    try:
-        layer = _forces(formula, Layer(case.sample.base == "bonded", nu), shape.half_width / thickness, depth / thickness)
-    except ValueError:  # far wider than thick
-        return None
-    half = _half_space(formula, nu, shape.half_width / thickness, depth / thickness)
-    below, exact = (float(force @ unit / (unit @ unit)) / thickness**2 for unit in (half, layer))
-    return ClosedForm(formula, below, exact, case.sample.base, nu, float(depth[-1]), depth.size)
+    layer, radius = Layer(case.sample.base == "bonded", nu), shape.half_width / thickness
+    for share in SMALL:
+        depth, force = _small(curve, share * min(shape.half_width, thickness))
+        try:
+            exact, scatter = _modulus(_forces(formula, layer, radius, depth / thickness) * thickness**2, force)
+        except ValueError:  # far wider than thick
+            return None
+        if scatter < SUFFICES:
+            break
+    half, _ = _modulus(_half_space(formula, nu, radius, depth / thickness) * thickness**2, force)
+    return ClosedForm(formula, half, exact, case.sample.base, nu, float(depth[-1]), depth.size, scatter)
+
+
+def _modulus(unit: Array, force: Array) -> tuple[float, float]:
+    """The shear modulus, kPa, of forces where those of 1 kPa are known, and the relative half-width of its 95 % interval."""
+    modulus = float(force @ unit / (unit @ unit))
+    variance = ((force - modulus * unit) ** 2).sum() / max(force.size - 1, 1) / (unit @ unit)
+    return modulus, float(stdtrit(max(force.size - 1, 1), 0.975) * np.sqrt(variance) / abs(modulus)) if modulus else np.inf
 
 
 def formula_of(shape: IndenterShape) -> str:

@@ -1,0 +1,58 @@
+"""The shipped hydrogel under a sphere: its truth comes back through `fit`, with default settings."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from fixtures.cases import CASES
+
+from indentfit.experiment.measured import read_case
+from indentfit.inference.fit import fit
+
+GEL = CASES / "hydrogel_sphere" / "case.toml"
+MU = 9.0 / (2 * 1.499)
+SECONDS = 15.0  # of CPU, in all, with compiled code cached
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return fit(read_case(GEL))
+
+
+def test_the_truth_comes_back(fitted):
+    known = fitted.parameters["mu"]
+    assert known.value == pytest.approx(MU, rel=0.01)
+    assert known.verdict.startswith("determined")
+    low, high = known.interval
+    assert low < MU < high
+    assert (high - low) / 2 <= 0.03 * known.value
+    young = fitted.moduli["E"]
+    assert young.value == pytest.approx(9.0, rel=0.01) and young.interval[0] < 9.0 < young.interval[1]
+
+
+def test_the_closed_forms_stand_beside_it(fitted):
+    form = fitted.closed_forms["press"]
+    assert form.formula == "Hertz" and form.base == "bonded"
+    assert form.layer == pytest.approx(MU, rel=form.scatter + 0.07)  # noise, and large strain at 0.2 radii
+    assert form.half_space > 1.1 * form.layer
+
+
+def test_the_noise_of_the_curve_is_the_stated_one(fitted):
+    (curve,) = read_case(GEL).curves
+    residuals = curve.force - fitted.curves["press"].force
+    assert np.std(residuals) == pytest.approx(0.01 * curve.force.max(), rel=0.35)  # of 25 draws
+
+
+@pytest.mark.campaign
+def test_the_whole_command_takes_a_quarter_of_a_minute(tmp_path):
+    command = [sys.executable, "-m", "indentfit", "fit", str(GEL), "--json", "-o"]
+    before = os.times()
+    for name in ("compiles", "cached"):
+        before = os.times()
+        done = subprocess.run([*command, str(tmp_path / name)], capture_output=True, text=True, check=True)
+    used = os.times()
+    assert json.loads(done.stdout)["parameters"]["mu"]["value"] == pytest.approx(MU, rel=0.01)
+    assert used.children_user - before.children_user + used.children_system - before.children_system <= SECONDS
