@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from indentfit.fem import compiled
+from indentfit import compiled
 
 TESTS = Path(__file__).parent
 SIMULATION = """

@@ -12,8 +12,8 @@ pytestmark = pytest.mark.quick
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
 ROOMS = (
-    "arrays", "errors", "units", "curve", "elastic", "material", "shapes", "indenters", "samples", "layer", "case", "experiment",
-    "fem", "runs", "inverse", "inference", "study", "report", "cli",
+    "arrays", "compiled", "errors", "units", "curve", "elastic", "material", "shapes", "indenters", "samples", "layer", "case",
+    "experiment", "fem", "runs", "inverse", "inference", "study", "report", "cli",
 )  # fmt: skip
 DRAWING = {"matplotlib", "jinja2", "meshio"}
 # Live results know how they are shown and written: methods that import a function of report when they are called.

@@ -206,3 +206,19 @@ def test_energies_written_in_other_ways_are_the_same_energy():
         for name, apart in (("psi", 1e-13), ("gradient", 1e-11), ("hessian", 1e-9), ("parameter_gradient", 1e-11)):
             x, y = getattr(a, name)(I), getattr(b, name)(I)
             np.testing.assert_allclose(x, y, rtol=0, atol=apart * size, err_msg=f"{stretched}: {name}")
+
+
+def test_the_compiled_loop_is_the_numpy_one(monkeypatch):
+    rng = np.random.default_rng(2)
+    size = 10 ** rng.uniform(-9, -0.5, 500)
+    y = rng.standard_normal((2, 500)) * size
+    z = np.exp(2 * np.array([*y, -y.sum(axis=0)]))
+    I1, I2 = z.sum(axis=0), z[0] * z[1] + z[1] * z[2] + z[2] * z[0]
+    functions = [lambda l: l**-7.3, lambda l: log(l) ** 2, lambda l: 2.0]
+    for derivatives in (0, 1, 2):
+        fast = sums(functions, I1, I2, derivatives)
+        with monkeypatch.context() as context:
+            context.setattr("indentfit.material.stretches.COMPILED_FROM", 10**9)
+            slow = sums(functions, I1, I2, derivatives)
+        np.testing.assert_allclose(fast[:, :3], slow[:, :3], rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(fast, slow, rtol=1e-9, atol=1e-12)

@@ -20,8 +20,8 @@ import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
 from indentfit.arrays import Array, Ints
+from indentfit.compiled import THREADS, compiled, on_stack, on_threads
 from indentfit.fem.body import BodyState
-from indentfit.fem.compiled import THREADS, compiled, on_stack, on_threads
 from indentfit.material import Material, checked_derivatives
 
 ELEMENTS = {

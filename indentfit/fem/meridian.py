@@ -17,8 +17,8 @@ import scipy.sparse as sp
 from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
 
 from indentfit.arrays import Array, Ints
+from indentfit.compiled import compiled, on_stack
 from indentfit.fem.body import BodyState
-from indentfit.fem.compiled import compiled, on_stack
 from indentfit.fem.element import _at_point, _directions, _inverse, _kirchhoff, _moduli, _strain, pressure_modes, sparsity
 from indentfit.material import Material, checked_derivatives
 

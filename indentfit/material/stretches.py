@@ -33,6 +33,7 @@ STRETCHES = ("l1", "l2", "l3")
 VALUE, FIRST, SECOND = slice(0, 1), slice(1, 3), slice(3, 6)
 ROWS = (1, 3, 6)  # S; and its first; and its second derivatives by I1, I2: 11, 12, 22
 BLOCK = 2048  # points that are worked on at once, so that their weights stay in the processor's cache
+COMPILED_FROM = 64  # points from which compiled code is worth its import
 NEAR = 0.03  # of the spread 3 - I2 / c^2 of three roots around their mean c: all within about 0.2 c of it
 PAIR = 0.02  # of the square of half the gap of two roots over their mean
 TERMS, PAIR_TERMS = 28, 24  # highest powers of the series around three roots and around two
@@ -85,22 +86,44 @@ def sums(functions: Sequence[Callable[[Power], Any]], I1: Array, I2: Array, deri
     with np.errstate(all="ignore"):
         for start in range(0, I1.size, BLOCK):
             block = slice(start, start + BLOCK)
-            for piece in pieces(I1[block], I2[block], derivatives):
-                for k, function in enumerate(functions):
-                    out[k, :, start + piece.at] += piece.shares(function).T
+            _add_block(functions, I1[block], I2[block], out[:, :, block], derivatives)
     return out
 
 
-def pieces(I1: Array, I2: Array, derivatives: int) -> Iterator[Piece]:
-    """The clusters of the roots at invariants I1, I2 (n,), sorted out by their distances."""
+def _add_block(functions: Sequence[Callable[[Power], Any]], I1: Array, I2: Array, out: Array, derivatives: int) -> None:
+    """Adds the sums of some points to out, sorted out by the distances of their roots."""
     spread = 3 - I2 / (I1 / 3) ** 2
     near = np.abs(spread) <= NEAR
     if near.any():
         at = np.flatnonzero(near)
-        yield _triple(at, I1[at] / 3, spread[at], derivatives)
+        c, P = I1[at] / 3, spread[at]
+        if at.size >= COMPILED_FROM:
+            out[:, :, at] = _compiled_near(functions, c, P, derivatives)
+        else:
+            _add(functions, _triple(at, c, P, derivatives), out)
     if not near.all():
         at = np.flatnonzero(~near)
-        yield from _apart(at, I1[at], I2[at], derivatives)
+        for piece in _apart(at, I1[at], I2[at], derivatives):
+            _add(functions, piece, out)
+
+
+def _add(functions: Sequence[Callable[[Power], Any]], piece: Piece, out: Array) -> None:
+    for k, function in enumerate(functions):
+        out[k, :, piece.at] += piece.shares(function).T
+
+
+def _compiled_near(functions: Sequence[Callable[[Power], Any]], c: Array, P: Array, derivatives: int) -> Array:
+    """What `_triple` gives, at many points."""
+    from indentfit.material.near import near_sums
+
+    variable = Power(c, 0.5, TERMS)
+    terms = np.zeros((len(functions), TERMS + 1, c.size))
+    for k, function in enumerate(functions):
+        series = function(variable)
+        terms[k] = series.terms if isinstance(series, Series) else [[series]] + [[0.0]] * TERMS
+    out = np.empty((len(functions), ROWS[derivatives], c.size))
+    near_sums(c, P, terms, out)
+    return out
 
 
 def _triple(at: Ints, c: Array, P: Array, derivatives: int) -> Piece:

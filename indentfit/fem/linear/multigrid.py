@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from indentfit.arrays import Array, Ints
-from indentfit.fem.compiled import THREADS, compiled, on_threads
+from indentfit.compiled import THREADS, compiled, on_threads
 from indentfit.fem.linear.factor import Apply
 from indentfit.fem.linear.tangent import Tangent
 
