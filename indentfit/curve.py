@@ -1,15 +1,17 @@
 """A force-displacement curve, and its CSV file in and out.
 
-The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT`, in any order;
-other columns are ignored. Columns are separated by commas or tabs, or by semicolons, and only then may
-numbers have a decimal comma. Lines that begin with `#` and empty lines are skipped. The force is that of the
-full sample, positive in compression; displacements are positive into the sample and rise from line to line.
+The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT` (or `Displacement (mm)`, `Load (gf)`),
+in any order; other columns are ignored, and named in the curve's notes where they hold a retraction or standard deviations. Columns
+are separated by commas or tabs, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and
+empty lines are skipped. The force is that of the full sample, positive in compression; displacements are positive into the sample
+and rise from line to line.
 """
 
 from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +24,16 @@ from indentfit.units import unit_factor
 
 MIN_POINTS = 5
 UNITS = {"displacement": "mm", "force": "mN"}
+QUANTITIES = dict.fromkeys(("displacement", "indentation", "depth"), "displacement") | dict.fromkeys(("force", "load"), "force")
+HEADER = re.compile(rf"(?P<name>{'|'.join(QUANTITIES)})[_\s]*(?P<rest>[_(\[\s].*)", re.IGNORECASE)
+LEFT_OUT = {  # words in a header after the quantity
+    "retraction": {"retract", "retraction", "unload", "unloading", "return"},
+    "deviation": {"sd", "std", "stdev", "se", "sem", "err", "error", "uncertainty"},
+}
+SAID = {
+    "retraction": "the loading is read, and the retraction is left out",
+    "deviation": "standard deviations of single points are left out, so that every point counts alike",
+}
 Column = tuple[int, float]  # the column's place, and the factor that converts its numbers to mm or mN
 
 
@@ -35,6 +47,8 @@ class Curve:
         Displacement of the indenter into the sample, from the contact point. Lists and columns of a pandas frame are converted.
     force : array (n,), mN
         Force on the full sample, positive in compression.
+    notes : tuple of str
+        What a reader should know of the file: columns that were left out.
 
     Raises
     ------
@@ -44,6 +58,7 @@ class Curve:
 
     displacement: Array
     force: Array
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in UNITS:
@@ -87,11 +102,12 @@ def read_curve(path: str | Path) -> Curve:
         raise CurveError(f"{path}: the file is empty; it needs a header displacement_mm,force_mN and numbers below")
     number, header = lines.pop(0)
     separator = _separator(header)
-    width, columns = _columns(f"{path}: line {number}", _cells(header, separator))
+    cells = _cells(header, separator)
+    width, columns = _columns(f"{path}: line {number}", cells)
     points = [_point(f"{path}: line {number}", _cells(line, separator), width, columns, separator) for number, line in lines]
     _require_loading(path, [number for number, _ in lines], points)
     displacement, force = np.array(points).T
-    return Curve(np.maximum(displacement, 0.0), force)
+    return Curve(np.maximum(displacement, 0.0), force, tuple(_notes(cells)))
 
 
 def require_loading(curve: Curve) -> None:
@@ -170,19 +186,38 @@ def _columns(where: str, header: list[str]) -> tuple[int, list[Column]]:
     """Column and factor of the displacement and of the force, from a header such as displacement_um,force_N."""
     places = []
     for quantity, target in UNITS.items():
-        matching = [(place, cell) for place, cell in enumerate(header) if cell.lower().startswith(quantity + "_")]
+        matching = [(place, cell) for place, cell in enumerate(header) if _named(cell)[0] == quantity]
         if len(matching) != 1:
             reason = f"{len(matching)} columns of {quantity}" if matching else f"no column {quantity}_{target}"
             raise CurveError(
                 f"{where}: header {_shown(','.join(header))} has {reason}; "
-                "it must be displacement_mm,force_mN (other units by name: displacement_um, force_N)"
+                "it must be displacement_mm,force_mN (other units by name: displacement_um, force_N); a rig's own file is read as "
+                "test.record, where [record] names its columns"
             )
         place, cell = matching[0]
         try:
-            places.append((place, unit_factor(cell[len(quantity) + 1 :], target)))
+            places.append((place, unit_factor(_named(cell)[1], target)))
         except ValueError as error:
             raise CurveError(f"{where}: column {_shown(cell)} {error}") from None
     return len(header), places
+
+
+def _named(cell: str) -> tuple[str, str]:
+    """The quantity that the header of a column names, and its unit; a kind of column that is left out, or nothing."""
+    match = HEADER.fullmatch(cell)
+    if not match:
+        return "", ""
+    words = re.split(r"[_\s]+", match["rest"])
+    kind = next((kind for word in words for kind, names in LEFT_OUT.items() if word.lower() in names), "")
+    return kind or QUANTITIES[match["name"].lower()], match["rest"].strip("()[] _")
+
+
+def _notes(header: list[str]) -> Iterator[str]:
+    """What is said of columns that are left out."""
+    for kind in LEFT_OUT:
+        cells = [cell for cell in header if _named(cell)[0] == kind]
+        if cells:
+            yield f"{SAID[kind]}: {', '.join(cells)}"
 
 
 def _point(where: str, cells: list[str], width: int, columns: list[Column], separator: str) -> list[float]:

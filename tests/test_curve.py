@@ -85,7 +85,7 @@ BAD = {
     "no header": (ROWS, "line 1: header '0.0,0.0' has no column displacement_mm"),
     "a wrong header": ("depth,load\n" + ROWS, "'depth,load' has no column displacement_mm; it must be"),
     "a header without units": ("displacement,force\n" + ROWS, "no column displacement_mm"),
-    "no force": ("displacement_mm,load_mN\n" + ROWS, "no column force_mN"),
+    "no force": ("displacement_mm,stress_mN\n" + ROWS, "no column force_mN"),
     "two forces": ("displacement_mm,force_mN,force_N\n" + ROWS, "2 columns of force"),
     "a unit of another kind": ("displacement_mm,force_kPa\n" + ROWS, "'force_kPa' is in kPa"),
     "an unknown unit": ("displacement_mm,force_foo\n" + ROWS, "unknown unit 'foo'; use mN"),
@@ -165,3 +165,45 @@ def test_a_curve_of_other_things_than_numbers_is_refused():
 def test_a_curve_is_shown_in_one_line():
     assert repr(Curve([0.1, 0.33], [1.0, 24.06])) == "Curve(2 points to 0.33 mm and 24.06 mN)"
     assert repr(Curve([], [])) == "Curve(0 points)"
+
+
+@pytest.mark.parametrize(
+    ("header", "displacement", "force"),
+    [
+        ("Displacement (mm),Load (gf)", 1.0, 9.80665),  # one gram-force is 9.80665 mN by definition
+        ("Indentation [um],Force [nN]", 1e-3, 1e-6),
+        ("depth_um,LOAD_uN", 1e-3, 1e-3),
+        ("Displacement um,Load mN", 1e-3, 1.0),
+    ],
+)
+def test_headers_of_other_programs_are_read(tmp_path, header, displacement, force):
+    (tmp_path / "c.csv").write_text(header + "\n" + "".join(f"{n},{2 * n}\n" for n in range(1, 7)))
+    curve = read_curve(tmp_path / "c.csv")
+    np.testing.assert_allclose(curve.displacement, displacement * np.arange(1, 7), rtol=1e-12)
+    np.testing.assert_allclose(curve.force, 2 * force * np.arange(1, 7), rtol=1e-12)
+    assert curve.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("more", "note"),
+    [
+        (
+            "displacement_retract_mm,force_retract_mN",
+            "the loading is read, and the retraction is left out: displacement_retract_mm, force_retract_mN",
+        ),
+        ("force_sd_mN,Load std (mN)", "every point counts alike: force_sd_mN, Load std (mN)"),
+    ],
+)
+def test_columns_that_are_left_out_are_named(tmp_path, more, note):
+    rows = "".join(f"{n},{2 * n},{n},{n}\n" for n in range(1, 7))
+    (tmp_path / "c.csv").write_text(f"displacement_mm,force_mN,{more}\n{rows}")
+    curve = read_curve(tmp_path / "c.csv")
+    assert curve.force.tolist() == [2.0 * n for n in range(1, 7)]
+    (said,) = curve.notes
+    assert said.endswith(note)
+
+
+def test_two_forces_of_one_kind_name_the_other_way(tmp_path):
+    (tmp_path / "c.csv").write_text("Displacement (mm),Load (gf),Force (N)\n" + "1,1,1\n" * 6)
+    with pytest.raises(CurveError, match=r"2 columns of force; .* a rig's own file is read as test\.record"):
+        read_curve(tmp_path / "c.csv")

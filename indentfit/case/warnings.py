@@ -26,6 +26,7 @@ def warnings_of(case: Case) -> Iterator[str]:
     yield from _unstable(case)
     yield from _compressible(case)
     for test, curve in zip(case.tests, case.curves, strict=True):
+        yield from (f"test.{test.name}: {note}" for note in (curve.notes if curve else ()))
         depth = depth_of(test, curve) or 0.0
         if depth > DEEP * case.sample.thickness:
             share = depth / case.sample.thickness
