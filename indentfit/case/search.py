@@ -7,44 +7,69 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WrapValidator
 
+from indentfit.case.priors import Prior, PriorOfLength, prior_or_none
 from indentfit.case.quantities import Finite, Odds, Positive, Quantity, Share, Unit, is_number, refusal
 from indentfit.case.section import Section
 from indentfit.case.tables import Range
 
-LEAST_INPUT = {"friction": 0.0, "bulk_ratio": 1.0, "thickness": 1e-3}
+LEAST_INPUT = {"friction": 0.0, "bulk_ratio": 1.0, "thickness": 1e-3, "size": 1e-3}  # of the inputs that cannot be lower
 
 
-def _spread_or_range(value: Any, _: Any) -> float | Range:
+WANTED = (
+    "must be a standard deviation above 0, a prior such as {uniform = [least, largest]} or {normal = [mean, sd]}, or "
+    "{start = ..., min = ..., max = ...} to be fitted"
+)
+
+
+def _uncertainty(value: Any, kind: type[Prior]) -> float | Prior | Range:
     if isinstance(value, Range):
         return value
+    if prior := prior_or_none(value, kind):
+        return prior
     if isinstance(value, dict):
         return Range.model_validate(value)
     if not is_number(value) or value <= 0:
-        raise refusal("must be a standard deviation above 0, or {start = ..., min = ..., max = ...} to be fitted")
+        raise refusal(WANTED)
     return float(value)
 
 
-Spread = Annotated[float | Range, WrapValidator(_spread_or_range)]
-SpreadOfLength = Annotated[float | Range, WrapValidator(_spread_or_range), Quantity("mm")]
+def _of_number(value: Any, _: Any) -> float | Prior | Range:
+    return _uncertainty(value, Prior)
+
+
+def _of_length(value: Any, _: Any) -> float | Prior | Range:
+    return _uncertainty(value, PriorOfLength)
+
+
+Spread = Annotated[float | Prior | Range, WrapValidator(_of_number)]
+SpreadOfLength = Annotated[float | PriorOfLength | Range, WrapValidator(_of_length), Quantity("mm")]
 
 
 class Uncertain(Section):
-    """Uncertain inputs: each has a standard deviation, whose share in the parameters' errors is reported, or a range, in which the
-    input is fitted together with the parameters."""
+    """Uncertain inputs: each has a prior (a number is the standard deviation about the case's value; or a table with `normal`,
+    `log_normal`, `uniform` or `log_uniform`), over which the intervals of the parameters go; or a range, in which the input is
+    fitted together with the parameters."""
 
     place = "fit.uncertain"
 
     friction: Spread | None = Field(
-        default=None, examples=[0.1], description="standard deviation, or range, of the friction coefficient"
+        default=None, examples=[0.1], description="standard deviation, prior or range of the friction coefficient"
     )
     bulk_ratio: Spread | None = Field(
-        default=None, examples=[200.0], description="standard deviation, or range, of bulk over shear modulus"
+        default=None, examples=[200.0], description="standard deviation, prior or range of bulk over shear modulus"
     )
     thickness: SpreadOfLength | None = Field(
-        default=None, examples=[0.05], description="standard deviation, or range, of the thickness"
+        default=None, examples=[0.05], description="standard deviation, prior or range of the thickness"
+    )
+    size: SpreadOfLength | None = Field(
+        default=None,
+        examples=[0.01],
+        description="standard deviation, or prior, of the indenter's size: the width of a strip, the diameter of others",
     )
     offset: SpreadOfLength | None = Field(
-        default=None, examples=[0.005], description="standard deviation, or range, of the contact point's offset: F(d - offset)"
+        default=None,
+        examples=[0.005],
+        description="standard deviation, or prior, of each test's contact point: F(d - offset); a range is one offset of all tests",
     )
     base: Odds = Field(
         default=None,
@@ -63,8 +88,9 @@ class Uncertain(Section):
 
     @property
     def given(self) -> dict[str, float]:
-        """Name -> standard deviation (for the base: probability) of the inputs that have one."""
-        return {name: value for name, value in self if isinstance(value, float) and value}
+        """Name -> standard deviation (for the base: probability) of the inputs that have one, or a prior."""
+        spreads = {name: value.sd if isinstance(value, Prior) else value for name, value in self}
+        return {name: value for name, value in spreads.items() if isinstance(value, float) and value}
 
     @property
     def fitted(self) -> dict[str, Range]:
@@ -76,6 +102,10 @@ class Uncertain(Section):
             value = getattr(self, name)
             if isinstance(value, Range) and value.min < low:
                 yield name, f"its min must be at least {low:g}; raise it"
+            if isinstance(value, Prior) and value.numbers[0] < low:
+                yield name, f"its first number must be at least {low:g}; raise it"
+        if isinstance(self.size, Range):
+            yield "size", "must be a standard deviation or a prior"
 
 
 class Fit(Section):

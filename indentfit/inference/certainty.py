@@ -117,7 +117,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         progress(0.0, "profiles")
         findings, facts = _profiled(solution, model, solved, uncertain, progress)
     estimates = _estimates(solution, alone_known, findings, uncertain)
-    published = _published(solution, estimates)
+    published = published_comparison(solution, estimates)
     return Certainty(
         known=alone_known,
         estimates=estimates,
@@ -311,7 +311,7 @@ def _estimates(
     return estimates
 
 
-def _published(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:
+def published_comparison(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:
     """The published parameters that the case names: their objective for these curves, and whether each lies in its interval."""
     published = solution.case.fit.published
     if not published:

@@ -17,6 +17,8 @@ from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.moduli import moduli
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
+from indentfit.inference.wide_certainty import wide_certainty
+from indentfit.inference.wide_fit import wide_fit, widens
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.methods import Solved, solve
 from indentfit.inverse.objective import rmse
@@ -29,6 +31,7 @@ from indentfit.runs.pool import RunPool
 
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
+SHARE_OF_WIDE = 0.95  # share of a fit whose inputs are coordinates
 SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
 
@@ -71,8 +74,13 @@ def fit(
     whole = Progress(progress)
     with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
         watched = Watched(pool)
-        solved = solve(problem, watched, case.fit, whole.part(0, SHARE_OF_FIT))
-        known = certainty(case, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
+        wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
+        if wide is not None:
+            solved = wide.solved()
+            known = wide_certainty(case, problem, watched, solved, wide)
+        else:
+            solved = solve(problem, watched, case.fit, whole.part(0, SHARE_OF_FIT))
+            known = certainty(case, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
         work = _Work(model, pool, _facts_at(pool, problem, solved.optimum.best))
     result = _result(case, problem, solved, known, work)
     return replace(result, seconds=time.perf_counter() - started)

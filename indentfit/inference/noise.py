@@ -66,7 +66,7 @@ def errors(slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequenc
         [np.eye(len(r)) * (k == j) - s @ B[j] for j in range(len(B))]
         for k, (s, r) in enumerate(zip(slopes, residuals, strict=True))
     ]
-    rho = [_autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]
+    rho = [autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]
     R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
@@ -115,7 +115,7 @@ def _seen(J: Array) -> Array:
     return (directions[seen].T / singular_values[seen] ** 2) @ directions[seen]
 
 
-def _autocorrelation(M: Array, residuals: Array) -> float:
+def autocorrelation(M: Array, residuals: Array) -> float:
     """The AR(1) coefficient under which the residuals, M times the noise, are expected to have the observed lag-1 product."""
     n = len(residuals)
     if n < 4 or not residuals.any():

@@ -169,7 +169,7 @@ class _Walk:
 
     def profile(self) -> ProfilePath:
         value = float(self.x[self.n])
-        ends = [_end(self.chi2, value, bound, self.limit) for bound in (0.0, 1.0)]
+        ends = [end_of_profile(self.chi2, value, bound, self.limit) for bound in (0.0, 1.0)]
         shown = self._shown(ends)
         low, width = self.problem.free[self.name].min, self.problem.range(self.name)
         return ProfilePath(
@@ -202,7 +202,7 @@ class _Walk:
         return shown
 
 
-def _end(chi2: Callable[[float], float], value: float, bound: float, limit: float) -> float:
+def end_of_profile(chi2: Callable[[float], float], value: float, bound: float, limit: float) -> float:
     """The value between the optimum and a bound beyond which chi2 stays above its limit; the bound where no such value exists."""
     if not np.isfinite(limit) or abs(bound - value) < 1e-6:
         return bound

@@ -60,6 +60,7 @@ class ParameterEstimate:
     interval_linear: Interval | None = None
     verdict: str | None = None
     stderr_total: float | None = None
+    pieces: tuple[Interval, ...] | None = None
 
     @property
     def total(self) -> float | None:
@@ -71,7 +72,7 @@ class ParameterEstimate:
         if self.fixed:
             return {"value": self.value, "unit": self.unit, "fixed": True}
         known = plain_fields(self)
-        dropped = [name for name in ("stderr_total", "interval_linear") if known[name] is None]
+        dropped = [name for name in ("stderr_total", "interval_linear", "pieces") if known[name] is None]
         return {name: value for name, value in known.items() if name not in dropped}
 
     def __str__(self) -> str:
@@ -186,7 +187,14 @@ class InputShare:
     elements : int or None
         For the mesh: number of elements of the mesh with which the case's mesh was compared.
     probability : float or None
-        For the base: probability that the other base is the true one.
+        For the base: probability that the other base is the true one, before the fit.
+    prior : str or None
+        What the case states about an input that was a coordinate of the fit, in words.
+    fitted, interval : float and (low, high), or None
+        For such an input: its value at the optimum, and its 95 % interval after the fit. The shares are then those of the
+        parameter's variance that would vanish if the input were known, and the effects are those of its standard deviation after
+        the fit.
+    unit : str or None
     """
 
     value: float | str
@@ -195,6 +203,10 @@ class InputShare:
     share: dict[str, float | None] = field(default_factory=dict)
     elements: int | None = None
     probability: float | None = None
+    prior: str | None = None
+    fitted: float | None = None
+    interval: Interval | None = None
+    unit: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The keys of the input in result.json, without those whose value is None."""
@@ -209,16 +221,54 @@ class NoiseShare:
 
 
 @dataclass(frozen=True)
+class AlternativeFit:
+    """One of several alternatives, such as a base, each of which was fitted.
+
+    Parameters
+    ----------
+    name : str
+        Such as "base = bonded".
+    prior, probability : float
+        Its probability before and after the fit.
+    parameters : dict of name -> value
+    intervals : dict of name -> (low, high)
+        95 % intervals under this alternative.
+    rmse : dict of test -> mN
+    """
+
+    name: str
+    prior: float
+    probability: float
+    parameters: dict[str, float]
+    intervals: dict[str, Interval]
+    rmse: dict[str, float]
+
+
+@dataclass(frozen=True)
 class UncertainInputs:
-    """The sources of the parameters' errors: uncertain inputs (with the mesh) and noise; and the total standard errors."""
+    """The sources of the parameters' errors: uncertain inputs (with the mesh) and noise; and the total standard errors.
+
+    Parameters
+    ----------
+    inputs : dict of name -> InputShare
+    noise : NoiseShare or None
+    stderr_total : dict of name -> standard error
+    at : dict of name -> value
+        Inputs of the forward model at the optimum, as `runs.points` takes them, where they are not those of the case.
+    alternatives : tuple of AlternativeFit
+        The most probable first.
+    """
 
     inputs: dict[str, InputShare] = field(default_factory=dict)
     noise: NoiseShare | None = None
     stderr_total: dict[str, float | None] = field(default_factory=dict)
+    at: dict[str, float | str] = field(default_factory=dict)
+    alternatives: tuple[AlternativeFit, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The keys in result.json; empty where no input is uncertain."""
-        return {} if self.noise is None else plain_fields(self)
+        known = {} if self.noise is None else plain_fields(self)
+        return {name: value for name, value in known.items() if value or name not in ("at", "alternatives")}
 
 
 @dataclass(frozen=True)
@@ -428,7 +478,8 @@ class FitResult:
                 yield name, f"{known.value:.5g}", unit, "", "", "fixed"
                 continue
             error = "unknown" if known.total is None else f"{known.total:.2g}"
-            between = "unknown" if known.interval is None else f"{known.interval[0]:.4g} to {known.interval[1]:.4g}"
+            pieces = known.pieces or (() if known.interval is None else (known.interval,))
+            between = " or ".join(f"{low:.4g} to {high:.4g}" for low, high in pieces) or "unknown"
             yield name, f"{known.value:.5g}", unit, error, between, known.verdict or ""
 
 

@@ -1,8 +1,13 @@
 """Chebyshev polynomials of a total degree in warped parameters, and the places that determine such a polynomial best.
 
 Each range is stretched at its lower end, u -> t = 2 log(1 + beta u) / log(1 + beta) - 1, since stiffness enters curves by ratios.
+Inputs whose effect has a limit are warped otherwise. A beta of -1 or below stands for the reciprocal,
+t = 2 (1 + b) u / (1 + b u) - 1 with b = -beta, which is linear in 1 / kappa if b = max / min - 1. A beta between -1 and 0 stands
+for u that stops growing at c = -beta, u / (1 + (u / c)^6)^(1/6): the force grows so with friction, until the contact sticks.
 """
 
+import functools
+from collections.abc import Callable
 from itertools import product
 from typing import Any
 
@@ -14,6 +19,7 @@ from scipy.stats import qmc
 from indentfit.arrays import Array
 
 USUAL_BETA = 10.0  # beta of the first runs
+SHARP = 6.0  # how sharply a clipped range stops growing
 SPARE = 1.15  # least number of rows of a fit for each coefficient
 OF_SLOPES = 0.3  # weight of a derivative by t relative to a value
 LEVELS = 5  # levels of each parameter in the grid from which the first runs are chosen
@@ -22,23 +28,73 @@ DRAWN = 128  # further places, drawn at random, from which the first runs are ch
 
 def warp(u: Array, betas: Array) -> Array:
     """Places in units of the ranges, (..., d), as the polynomials' variables, -1..1."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return 2 * np.where(betas > 0, np.log1p(betas * u) / np.log1p(betas), u) - 1
+    return 2 * _by_kind(betas, (_logarithm, _reciprocal, _clip), u, u) - 1
 
 
 def unwarp(t: Array, betas: Array) -> Array:
     """The inverse of `warp`."""
     half = (t + 1) / 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(betas > 0, np.expm1(half * np.log1p(betas)) / betas, half)
+    return _by_kind(betas, (_from_logarithm, _from_reciprocal, _from_clip), half, half)
 
 
 def stretch(places: Array, betas: Array) -> Array:
     """dt/du, (m, d), at places in units of the ranges."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(betas > 0, 2 * betas / ((1 + betas * places) * np.log1p(betas)), 2.0)
+    return 2 * _by_kind(betas, (_logarithm_slope, _reciprocal_slope, _clip_slope), places, np.ones_like(places))
 
 
+Warp = Callable[[Array, Array], Array]
+
+
+def _by_kind(betas: Array, functions: tuple[Warp, Warp, Warp], x: Array, plain: Array) -> Array:
+    """Each column by the function that its beta asks for; `plain` where beta is 0."""
+    logarithm, reciprocal, clip = functions
+    kinds = [betas > 0, betas <= -1, (betas > -1) & (betas < 0)]
+    with np.errstate(all="ignore"):
+        return np.asarray(np.select(kinds, [logarithm(x, betas), reciprocal(x, -betas), clip(x, -betas)], plain))
+
+
+def _logarithm(u: Array, b: Array) -> Array:
+    return np.log1p(b * u) / np.log1p(b)
+
+
+def _from_logarithm(s: Array, b: Array) -> Array:
+    return np.expm1(s * np.log1p(b)) / b
+
+
+def _logarithm_slope(u: Array, b: Array) -> Array:
+    return b / ((1 + b * u) * np.log1p(b))
+
+
+def _reciprocal(u: Array, b: Array) -> Array:
+    return (1 + b) * u / (1 + b * u)
+
+
+def _from_reciprocal(s: Array, b: Array) -> Array:
+    return s / (1 + b - b * s)
+
+
+def _reciprocal_slope(u: Array, b: Array) -> Array:
+    return (1 + b) / (1 + b * u) ** 2
+
+
+def _clip(u: Array, c: Array) -> Array:
+    return u / (1 + (u / c) ** SHARP) ** (1 / SHARP) / _plateau(c)
+
+
+def _from_clip(s: Array, c: Array) -> Array:
+    v = s * _plateau(c)
+    return np.minimum(v / np.maximum(1 - (v / c) ** SHARP, 1e-300) ** (1 / SHARP), 1.0)
+
+
+def _clip_slope(u: Array, c: Array) -> Array:
+    return (1 + (u / c) ** SHARP) ** (-1 - 1 / SHARP) / _plateau(c)
+
+
+def _plateau(c: Array) -> Array:
+    return 1 / (1 + c**-SHARP) ** (1 / SHARP)
+
+
+@functools.lru_cache(maxsize=64)
 def powers(d: int, degree: int) -> list[tuple[int, ...]]:
     """The degrees by each of d variables of every polynomial up to a total degree."""
     return [degrees for degrees in product(range(degree + 1), repeat=d) if sum(degrees) <= degree]
@@ -55,7 +111,7 @@ def by_t(places: Array, betas: Array, degree: int) -> list[Array]:
     vanders = chebyshev.chebvander(warp(places, betas), degree)
     D = np.zeros((degree + 1, degree + 1))
     D[:, :-1] = chebyshev.chebder(np.eye(degree + 1)).T if degree else 0
-    derivatives = []
+    derivatives: list[Array] = []
     for k in range(len(betas)):
         derived = vanders.copy()
         derived[:, k] = vanders[:, k] @ D.T
@@ -69,18 +125,20 @@ def by_units(places: Array, betas: Array, degree: int) -> list[Array]:
     return [ahead[:, [k]] * A for k, A in enumerate(by_t(places, betas, degree))]
 
 
-def design_points(d: int, slopes: bool, seed: int, degree: int | None = None) -> Array:
+def design_points(d: int, slopes: bool | int, seed: int, degree: int | None = None, betas: Array | None = None) -> Array:
     """Places of the first runs: those that determine a polynomial best (D-optimal).
 
     Parameters
     ----------
     d : int
         Number of searched parameters.
-    slopes : bool
-        Whether runs give sensitivities; fewer runs are then enough.
+    slopes : bool or int
+        Whether runs give sensitivities, or by how many of the parameters; fewer runs are then enough.
     seed : int
     degree : int or None
         Total degree of the polynomial; by default 3, or 4 where sensitivities of few parameters come with the runs.
+    betas : array (d,) or None
+        The stretch of each range; by default the usual one.
 
     Returns
     -------
@@ -88,15 +146,16 @@ def design_points(d: int, slopes: bool, seed: int, degree: int | None = None) ->
     """
     degree = degree or (4 if slopes and d < 3 else 3)
     size = len(powers(d, degree))
-    n = int(np.ceil(SPARE * size)) if not slopes else int(np.ceil(1.5 * size / (1 + d)))
+    known = d if slopes is True else int(slopes)
+    n = int(np.ceil(SPARE * size)) if not known else int(np.ceil(1.5 * size / (1 + known)))
     levels = (1 - np.cos(np.pi * np.arange(LEVELS) / (LEVELS - 1))) / 2
     grid = np.array(list(product(levels, repeat=d))) if d < 5 else np.zeros((0, d))
     places = np.concatenate([grid, qmc.Sobol(d, seed=seed).random(DRAWN)])
     plain = np.zeros(d)  # the polynomial's own variable; turned into units at the end
     own = values(places, plain, degree)
-    derived = [OF_SLOPES * A / 2 for A in by_units(places, plain, degree)] if slopes else []
+    derived = [OF_SLOPES * A / 2 for A in by_units(places, plain, degree)[:known]]
     chosen = _most_telling(np.stack([own, *derived], axis=1), n)
-    return unwarp(2 * places[chosen] - 1, np.full(d, USUAL_BETA))
+    return unwarp(2 * places[chosen] - 1, np.full(d, USUAL_BETA) if betas is None else betas)
 
 
 def _most_telling(blocks: Array, n: int) -> list[int]:

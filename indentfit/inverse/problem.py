@@ -1,7 +1,7 @@
 """The inverse problem: the tests, the free parameters, and the scale, a parameter to which the force is proportional."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case, Range
 from indentfit.curve import Curve
 from indentfit.inverse.objective import Target, best_scale, equation_one, sum_of_squares
+from indentfit.inverse.polynomials import USUAL_BETA
 
 Values = Mapping[str, Any]  # name -> value of a parameter, or of a key of the case
 
@@ -52,6 +53,8 @@ class InverseProblem:
         The value of the scale at which the forward model is run.
     differences : tuple of str
         Free parameters by which the mechanics cannot be differentiated.
+    warps : dict of name -> float
+        The beta (see `polynomials`) of searched inputs whose effect on the force is known to have a certain form.
     """
 
     tests: tuple[Target, ...]
@@ -60,6 +63,7 @@ class InverseProblem:
     scale: str | None
     reference: float = 1.0
     differences: tuple[str, ...] = ()
+    warps: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def searched(self) -> list[str]:
@@ -75,6 +79,11 @@ class InverseProblem:
     def weights(self) -> list[float]:
         """The weight of the square of one force residual of each test in the sum of squares."""
         return [test.weight / test.curve.force.size for test in self.tests]
+
+    @property
+    def betas(self) -> Array:
+        """The usual stretch of the range of each searched parameter (see `polynomials.warp`), (n_searched,)."""
+        return np.array([self.warps.get(name, USUAL_BETA) for name in self.searched])
 
     def number(self, name: str) -> int:
         """The number of a free parameter."""

@@ -13,13 +13,16 @@ import numpy as np
 from indentfit.arrays import Array, Bools
 from indentfit.inverse import polynomials
 from indentfit.inverse.derivatives import given_by
-from indentfit.inverse.polynomials import OF_SLOPES, USUAL_BETA, warp
+from indentfit.inverse.polynomials import OF_SLOPES, warp
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.runs.forward import Evaluation, Report
 
 BETAS = (0.0, 3.0, 10.0, 30.0)
 DEGREES = range(1, 9)
+WIDE_DEGREES = range(2, 5)  # of a problem that is widened by uncertain inputs
+CLIPS = (0.7, 1.0, 1.3)  # factors on the place where the effect of friction ends
 LEAST_MISFIT = 1e-3  # over the measured forces' root mean square: runs with a smaller misfit all weigh the same
+LEAST_MISFIT_WIDE = 0.02  # the same, of a problem that is widened by uncertain inputs
 FAILED_NEAR = "the mechanics failed at the nearest point that was run"
 
 
@@ -34,7 +37,7 @@ class TrainingRun:
     curves : array (N,), mN
         Curves of all tests in a row, at the reference scale.
     slopes : array (N, d), or None
-        Derivatives of the curves by the place.
+        Derivatives of the curves by the place; a column of NaN for a parameter by which the run has none.
     weight : float
     """
 
@@ -57,12 +60,15 @@ class Fitted:
     coefficients : array (coefficients, N), mN
     error : float
         Root mean square error of the prediction of each run from all others, as a share of max(misfit, floor).
+    left_out : array (m, N) or None
+        Errors of the predictions of each run from all others, in the same shares.
     """
 
     betas: Array
     degree: int
     coefficients: Array
     error: float
+    left_out: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +169,7 @@ def learn(problem: InverseProblem, evaluations: Iterable[Evaluation]) -> Surroga
     if len(good) < 2 or not d:
         return None
     training = _training(problem, list(good.values()))
-    fitted = _best_fit(training, d)
+    fitted = _best_fit(training, problem)
     return None if fitted is None else Surrogate(problem, training, np.array(failed).reshape(-1, d), fitted)
 
 
@@ -195,7 +201,7 @@ def _training(problem: InverseProblem, evaluations: list[Evaluation]) -> tuple[T
     candidates = [problem.judge_best_scale(known.parameters, known.forces or ()) for known in evaluations]
     misfits = np.array([np.sqrt(candidate.sum_of_squares) for candidate in candidates])
     size = np.sqrt(np.mean(np.concatenate([test.curve.force for test in problem.tests if test.weight]) ** 2))
-    floor = max(LEAST_MISFIT * size, misfits.min())
+    floor = max((LEAST_MISFIT_WIDE if problem.warps else LEAST_MISFIT) * size, misfits.min())
     return tuple(
         TrainingRun(
             problem.place(known.parameters), np.concatenate(known.forces or ()), _slopes(problem, known), 1 / max(misfit, floor)
@@ -205,28 +211,40 @@ def _training(problem: InverseProblem, evaluations: list[Evaluation]) -> tuple[T
 
 
 def _slopes(problem: InverseProblem, evaluation: Evaluation) -> Array | None:
-    by_test = evaluation.sensitivities
-    if by_test is None or len(given_by(problem, evaluation)) < len(problem.searched):
+    by_test, known = evaluation.sensitivities, given_by(problem, evaluation)
+    if by_test is None or not known:
         return None
-    columns = [np.concatenate([given[name] for given in by_test]) * problem.range(name) for name in problem.searched]
+    unknown = np.full(sum(test.curve.force.size for test in problem.tests), np.nan)
+    columns = [
+        np.concatenate([given[name] for given in by_test]) * problem.range(name) if name in known else unknown
+        for name in problem.searched
+    ]
     return np.column_stack(columns)
 
 
-def _best_fit(training: tuple[TrainingRun, ...], d: int) -> Fitted | None:
+def _best_fit(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Fitted | None:
     """The polynomial that best predicts each run from all others; betas are tried one parameter at a time."""
     best: Fitted | None = None
-    betas = np.full(d, USUAL_BETA)
+    betas, d = problem.betas, len(problem.searched)
     for _ in range(2 if d > 1 else 1):
         for n in range(d):
-            for beta in BETAS:
+            for beta in _betas_tried(problem, n):
                 trial = betas.copy()
                 trial[n] = beta
-                for degree in DEGREES:
+                for degree in WIDE_DEGREES if problem.warps else DEGREES:
                     fitted = fit_polynomial(training, trial, degree)
                     if fitted and (best is None or fitted.error < best.error):
                         best = fitted
             betas = best.betas if best else betas
     return best
+
+
+def _betas_tried(problem: InverseProblem, n: int) -> tuple[float, ...]:
+    """The betas of searched parameter n among which the runs choose."""
+    known = problem.warps.get(problem.searched[n])
+    if known is None:
+        return BETAS
+    return tuple(known * share for share in CLIPS) if -1 < known < 0 else (known,)
 
 
 def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int) -> Fitted | None:
@@ -237,12 +255,15 @@ def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int) -
     ahead = polynomials.stretch(places, betas)  # dt/du, (m, d)
     rows, targets, owners = [], [], []
     for n, run in enumerate(training):
+        slopes = run.slopes
+        given = [] if slopes is None else [k for k in range(d) if np.isfinite(slopes[0, k])]
         rows.append(run.weight * values[n])
         targets.append(run.weight * run.curves)
-        if run.slopes is not None:
-            rows += [OF_SLOPES * run.weight * by_t[k][n] for k in range(d)]
-            targets += [OF_SLOPES * run.weight * run.slopes[:, k] / ahead[n, k] for k in range(d)]
-        owners += [n] * (1 if run.slopes is None else 1 + d)
+        if slopes is not None:
+            shares = {k: OF_SLOPES * run.weight * (min(1.0, ahead[n, k]) if -1 < betas[k] < 0 else 1.0) for k in given}
+            rows += [shares[k] * by_t[k][n] for k in given]  # where friction has no effect, its derivative by t is mostly chatter
+            targets += [shares[k] * slopes[:, k] / ahead[n, k] for k in given]
+        owners += [n] * (1 + len(given))
     if len(rows) < polynomials.SPARE * values.shape[1] or len(training) < 2:
         return None
     A, b = np.array(rows), np.array(targets)
@@ -250,19 +271,21 @@ def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int) -
     if np.abs(np.diag(R)).min() < 1e-8 * np.abs(np.diag(R)).max():
         return None
     coefficients = np.linalg.solve(R, Q.T @ b)
-    return Fitted(betas, degree, coefficients, _left_out(Q, b - A @ coefficients, np.array(owners)))
+    left_out = _left_out(Q, b - A @ coefficients, np.array(owners))
+    error = np.inf if left_out is None else float(np.sqrt(np.mean(np.square(left_out))))
+    return Fitted(betas, degree, coefficients, error, left_out)
 
 
-def _left_out(Q: Array, residuals: Array, owners: Array) -> float:
-    """Weighted rms error of the prediction of each run from all others, from the projection on the fit's columns."""
+def _left_out(Q: Array, residuals: Array, owners: Array) -> Array | None:
+    """Weighted errors of the prediction of each run from all others, from the projection on the fit's columns, (m, N)."""
     errors = []
     for n in range(owners[-1] + 1):
         rows = np.flatnonzero(owners == n)
         kept = np.eye(rows.size) - Q[rows] @ Q[rows].T
         if np.linalg.eigvalsh(kept)[0] < 1e-6:
-            return np.inf  # this run alone determines a coefficient, so the error is unknown
+            return None  # this run alone determines a coefficient, so the error is unknown
         errors.append(np.linalg.solve(kept, residuals[rows])[0])
-    return float(np.sqrt(np.mean(np.square(errors))))
+    return np.array(errors)
 
 
 def _key(problem: InverseProblem, evaluation: Evaluation) -> tuple[float, ...]:

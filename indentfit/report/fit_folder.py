@@ -57,7 +57,7 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
 
 def _write_stresses(folder: Path, case: Case, result: FitResult, warn: Callable[[str], object]) -> None:
     """The stresses at the optimum, by one more run; a fit does not fail for want of them."""
-    point = {name: parameter.value for name, parameter in result.parameters.items()}
+    point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
     there, material = case_at(case, point), case.law(**split_point(case.law, point).parameters)
     model = Model(setup_of(there))
     try:

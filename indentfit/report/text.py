@@ -8,7 +8,7 @@ from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import ForceError, Simulation, TestResult
-from indentfit.inference.result import FitResult, InputShare, Interval, NoiseShare, UncertainInputs
+from indentfit.inference.result import FitResult, InputShare, Interval, NoiseShare, ParameterEstimate, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
 from indentfit.report.digits import CurveScale
@@ -159,7 +159,7 @@ def _parameter_lines(result: FitResult) -> Iterator[str]:
         if known.fixed:
             rows.append([name, f"{known.value:.6g}", "", "", "", unit, "fixed"])
             continue
-        interval = "unknown" if known.interval is None else " to ".join(f"{x:.4g}" for x in known.interval)
+        interval = said_of_interval(known)
         errors = ["unknown" if error is None else f"{error:.2g}" for error in (known.stderr, known.total)]
         rows.append([name, f"{known.value:.6g}", *errors, interval, unit, known.verdict or ""])
     widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
@@ -171,6 +171,12 @@ def closed_lines(forms: Mapping[str, ClosedForm]) -> Iterator[str]:
     """The moduli of each test by closed forms, to be compared with those of the simulation or the fit."""
     for name, form in forms.items():
         yield f"closed    {name}: {form.words()}"
+
+
+def said_of_interval(known: ParameterEstimate) -> str:
+    """The 95 % interval of an estimate in words, or its pieces."""
+    pieces = known.pieces or (() if known.interval is None else (known.interval,))
+    return " or ".join(f"{low:.4g} to {high:.4g}" for low, high in pieces) or "unknown"
 
 
 def _work_lines(result: FitResult) -> Iterator[str]:
@@ -193,6 +199,9 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
         parts = ", ".join(f"{key} {_span(alone.interval)}" for key, alone in test.parameters.items())
         yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} mN"
     yield from _shares(result)
+    for tried in result.uncertain.alternatives:
+        values = ", ".join(f"{key} {tried.parameters[key]:.3g} ({_span(tried.intervals[key])})" for key in result.free)
+        yield f"either    {tried.name}, probability {tried.probability:.2g}: {values}"
     for other in result.rivals:
         values = ", ".join(f"{key} = {value:.4g}" for key, value in other.parameters.items())
         yield f"rival     {values}: objective {other.objective:.5g} mN"
@@ -241,6 +250,9 @@ def _of_input(name: str, share: InputShare) -> str:
         return f"mesh (forces +- {share.sd:.2%}, from a mesh of about {share.elements} elements)"
     if name == "force":
         return f"force (+- {share.sd:.2%} of each test's)"
+    if share.interval is not None and share.fitted is not None:
+        unit = "" if share.unit in (None, "1") else f" {share.unit}"
+        return f"{name} (prior {share.prior}; fitted {share.fitted:.3g}, {_span(share.interval)}{unit})"
     if name == "base":
         return f"base ({share.probability:.0%} that it is {OTHER[str(share.value)]})"
     return f"{name} ({share.value:g} +- {share.sd:g})"

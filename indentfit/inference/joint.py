@@ -1,0 +1,418 @@
+"""A fit whose uncertain inputs are coordinates: search, optimum and profiles over parameters and inputs together.
+
+The surrogate is learnt over the ranges of the free parameters and of the inputs that change the solution. Runs at the optimum and
+at the ends of the profiles prove its predictions. chi2 counts the residuals of the curves, the inputs under their priors, and the
+errors of mesh and surrogate; the intervals are profiles of chi2, and nothing is linear about them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+from scipy.stats import t as student
+
+from indentfit.arrays import Array
+from indentfit.inference.posterior import Climber, Curves, Mode, NoiseModel, Posterior, Shift, noise_at
+from indentfit.inference.profiles import BEYOND, SHOWN, end_of_profile
+from indentfit.inference.result import Interval
+from indentfit.inverse.course import HistoryStep, Proof
+from indentfit.inverse.derivatives import evaluate_at_reference
+from indentfit.inverse.exploration import Watched
+from indentfit.inverse.objective import equation_one
+from indentfit.inverse.polynomials import design_points, warp
+from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.progress import SILENT, Progress
+from indentfit.inverse.surrogate import Surrogate, learn
+from indentfit.inverse.wide import UncertainInput
+from indentfit.runs.forward import Evaluation
+
+SCANNED = 2048  # places of a scan for starts
+STARTS = 8  # searches from the best places of the scan
+APART = 0.15  # of the ranges: distance of these places
+DRAWN, ALLOWED = 400, 10.0  # places drawn about the optimum; those whose chi2 has grown by less are allowed by the curves
+TELLING = 3  # runs of a round beside that of the optimum
+SETTLED = 1.1  # largest standard deviation with the surrogate's error, over that without it, of a surrogate good enough
+ROUNDS = 2  # largest number of rounds of prediction and proof
+RIGHT = 0.3  # largest shift of a coordinate, over its standard deviation, by the error of a prediction that counts as right
+FIRST_NOISE = 0.02  # of a curve's largest force: where the search for the noise begins
+CONFIDENCE = 0.95
+OTHERS = 2  # other maxima from which each value of a profile is tried
+
+
+@dataclass(frozen=True, eq=False)
+class MeshError:
+    """What another mesh tells about the error of the forces: relative correction of the row of all curves, and the covariance of
+    what remains, relative too."""
+
+    correction: Array
+    covar: Array
+
+    @classmethod
+    def none(cls, size: int) -> "MeshError":
+        """No error."""
+        return cls(np.zeros(size), np.zeros((size, size)))
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """The profile of one coordinate.
+
+    Parameters
+    ----------
+    units : array (m,)
+        Values in units of the range.
+    chi2 : array (m,)
+        Growth of chi2.
+    limit : float
+        Largest chi2 within the interval.
+    interval : (low, high), units of the range
+    places : array (m, n)
+        All coordinates along the profile.
+    """
+
+    units: Array
+    chi2: Array
+    limit: float
+    interval: Interval
+    places: Array
+
+    def ends(self) -> Array:
+        """The places at both ends of the interval, (2, n)."""
+        return np.array([self.places[int(np.argmin(np.abs(self.units - end)))] for end in self.interval])
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """The end of a joint fit under one alternative.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    mode : Mode
+    others : tuple of Mode
+        Other places where the density has a maximum, best first.
+    freedom : float
+        Degrees of freedom of the noise.
+    """
+
+    posterior: Posterior
+    mode: Mode
+    others: tuple[Mode, ...]
+    freedom: float
+    surrogate: Surrogate
+    proofs: tuple[Proof, ...] = ()
+    history: tuple[HistoryStep, ...] = ()
+
+    @property
+    def reached(self) -> bool:
+        """Whether a run proved the surrogate's prediction at the optimum."""
+        return any(proof.right for proof in self.proofs)
+
+    @property
+    def quantile(self) -> float:
+        """97.5 % quantile of Student's t."""
+        return float(student.ppf((1 + CONFIDENCE) / 2, max(self.freedom, 1.0)))
+
+    def log_evidence(self) -> float:
+        """Logarithm of the density of the curves by Laplace's method, with free parameters uniform over their ranges."""
+        curves, z = self.posterior.curves, self.mode.z
+        n, log_two_pi = z.size, float(np.log(2 * np.pi))
+        priors = 0.0
+        for known in curves.inputs:
+            low, high = known.ends
+            if known.prior.spread is not None:  # normalised over units; the square is in chi2 already
+                priors += float(np.log((high - low) / known.prior.spread)) - log_two_pi / 2
+        rows = self.posterior.rows.size
+        volume = float(np.linalg.slogdet(_bounded(self.mode.covar, z))[1])
+        return -0.5 * (self.mode.chi2 + self.posterior.log_volume() + rows * log_two_pi) + priors + 0.5 * (n * log_two_pi + volume)
+
+
+def _bounded(covar: Array, z: Array) -> Array:
+    """A covariance whose standard deviations do not exceed those of a uniform density over the ranges."""
+    sd = np.sqrt(np.diag(covar))
+    shrink = np.minimum(1.0, 1 / np.sqrt(2 * np.pi) / sd)
+    return covar * np.outer(shrink, shrink)
+
+
+def joint_fit(
+    problem: InverseProblem,
+    inputs: tuple[UncertainInput, ...],
+    model: Watched,
+    mesh: MeshError,
+    seed: int,
+    progress: Progress = SILENT,
+) -> JointFit | None:
+    """The optimum of parameters and inputs together, proved by runs; None where too few runs succeed.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+        Widened by the inputs (`inverse.wide`).
+    inputs : tuple of UncertainInput
+    model : Watched
+    mesh : MeshError
+    seed : int
+    progress : Progress
+
+    Returns
+    -------
+    JointFit or None
+    """
+    first_runs(problem, model, seed, progress.part(0, 0.6))
+    proofs: list[Proof] = []
+    history: list[HistoryStep] = []
+    for number in range(ROUNDS):
+        surrogate = learn(problem, model.known)
+        if surrogate is None:
+            return None
+        progress(0.6 + 0.4 * number / ROUNDS, f"surrogate of {len(surrogate.training)} runs")
+        fit = fitted(problem, inputs, surrogate, mesh, seed)
+        enough = settled(fit)
+        proofs.append(proved(fit, model, () if enough else telling(fit, seed)))
+        history.append(HistoryStep("joint", number + 1, _objective(fit), model.runs))
+        if proofs[-1].right and enough:
+            break
+    surrogate = learn(problem, model.known)
+    if surrogate is None:
+        return None
+    return replace(fitted(problem, inputs, surrogate, mesh, seed), proofs=tuple(proofs), history=tuple(history))
+
+
+def first_runs(problem: InverseProblem, model: Watched, seed: int, progress: Progress = SILENT) -> None:
+    """Run the start values and the places that determine a polynomial best."""
+    d = len(problem.searched)
+    known = len([name for name in problem.searched if name not in problem.differences and name in model.differentiable()])
+    places = design_points(d, known, seed, betas=problem.betas)
+    points = [_parameters(problem, place) for place in places]
+    evaluate_at_reference(problem, model, [problem.start, *points], progress.of_runs("first runs"))
+
+
+def _parameters(problem: InverseProblem, place: Array) -> dict[str, float]:
+    x = problem.units(problem.start)
+    x[problem.searched_numbers] = place
+    return problem.parameters(x)
+
+
+def fitted(
+    problem: InverseProblem,
+    inputs: tuple[UncertainInput, ...],
+    surrogate: Surrogate,
+    mesh: MeshError,
+    seed: int,
+    used: Sequence[bool] | None = None,
+) -> JointFit:
+    """The optimum on a surrogate, with the noise that its residuals show.
+
+    Parameters
+    ----------
+    problem, inputs, surrogate, mesh, seed
+    used : sequence of bool
+        Whether each test counts; by default all with a weight.
+
+    Returns
+    -------
+    JointFit
+    """
+    shifts = tuple(Shift.of(test.curve.displacement) for test in problem.tests)
+    curves = Curves(problem, surrogate, inputs, shifts, mesh.correction)
+    counted = tuple(used) if used is not None else tuple(test.weight > 0 for test in problem.tests)
+    force = curves.measured()
+    sizes = np.array([np.abs(force[rows]).max() for rows in curves.slices])
+    model = mesh.covar * np.outer(force, force) + surrogate_covar(curves)
+    posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model), counted)
+    modes = _modes(posterior, seed)
+    for _ in range(2):
+        posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))
+        modes = _climbed(posterior, [mode.z for mode in modes])
+    posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))
+    modes = _climbed(posterior, [mode.z for mode in modes])
+    return JointFit(posterior, modes[0], tuple(modes[1:]), freedom_of(posterior, modes[0]), surrogate)
+
+
+def surrogate_covar(curves: Curves) -> Array:
+    """Covariance of the surrogate's errors, (N, N) mN^2, from the predictions of each run near the optimum from all others."""
+    surrogate, problem = curves.surrogate, curves.problem
+    if surrogate.fitted.left_out is None:
+        return np.zeros((curves.measured().size,) * 2)
+    weights = np.array([run.weight for run in surrogate.training])
+    runs = np.array([run.curves for run in surrogate.training])
+    factor = _best_factors(curves.measured(), runs) if problem.scale else np.ones(len(runs))
+    errors = surrogate.fitted.left_out / weights[:, None] * factor[:, None]
+    shares = weights**4 / np.sum(weights**4)  # the place of interest is where the misfit is small
+    return np.einsum("m,mi,mj->ij", shares, errors, errors)
+
+
+def _best_factors(target: Array, runs: Array) -> Array:
+    return (runs @ target) / np.sum(runs**2, axis=1)
+
+
+def _modes(posterior: Posterior, seed: int) -> list[Mode]:
+    """Maxima of the density from the best places of a scan, best first."""
+    curves = posterior.curves
+    places = qmc.Sobol(curves.size, seed=seed).random(SCANNED)
+    centres = [known.unit_of(known.prior.value(known.prior.center)) for known in curves.inputs]
+    for n, (known, centre) in enumerate(zip(curves.inputs, centres, strict=True), start=len(curves.free)):
+        if not known.point:
+            places[:, n] = centre
+    climber = Climber(posterior)
+    values = _scanned(climber, places)
+    chosen: list[Array] = []
+    for n in np.argsort(values):
+        if len(chosen) < STARTS and all(np.abs(places[n] - other).max() > APART for other in chosen):
+            chosen.append(places[n])
+    return _climbed(posterior, chosen)
+
+
+def _scanned(climber: Climber, places: Array) -> Array:
+    """chi2 at places, each at its best scale, which is put into the place."""
+    curves = climber.curves
+    problem = curves.problem
+    units = np.array([curves._units(z)[0] for z in places])
+    forces = curves.surrogate.curves(units[:, problem.searched_numbers]) * (1 + curves.mesh)
+    forces = forces[:, climber.rows] @ climber.W.T
+    target = climber.W @ climber.y
+    if problem.scale is not None:
+        factor = np.clip(forces @ target / np.maximum(np.sum(forces**2, axis=1), 1e-300), *problem.factor_bounds())
+        bounds = problem.free[problem.scale]
+        places[:, curves.free.index(problem.scale)] = (factor * problem.reference - bounds.min) / (bounds.max - bounds.min)
+        forces = factor[:, None] * forces
+    priors = places @ climber.P.T - climber.centre
+    values: Array = np.sum((forces - target) ** 2, axis=1) + np.sum(priors**2, axis=1)
+    return np.where(curves.surrogate.near_failure(units[:, problem.searched_numbers]), np.inf, values)
+
+
+def _climbed(posterior: Posterior, starts: Sequence[Array]) -> list[Mode]:
+    """Different maxima of the density near starts, best first."""
+    climber = Climber(posterior)
+    ends = sorted((climber.climb(z) for z in starts), key=_chi2)
+    modes: list[Mode] = []
+    for z, chi2 in ends:
+        if all(np.abs(z - mode.z).max() > 0.02 for mode in modes):
+            modes.append(Mode(z, chi2, climber.covar(z)))
+    return modes
+
+
+def _chi2(end: tuple[Array, float]) -> float:
+    return end[1]
+
+
+def freedom_of(posterior: Posterior, mode: Mode) -> float:
+    """Degrees of freedom: independent points, without the coordinates that the curves determine."""
+    climber = Climber(posterior)
+    J = climber.residuals(mode.z)[1][: climber.rows.size]
+    determined = float(np.trace(J @ mode.covar @ J.T))
+    points = 0.0
+    for rows, rho, used in zip(posterior.curves.slices, posterior.noise.rho, posterior.used, strict=True):
+        n = rows.stop - rows.start
+        points += n * (1 - rho) / (1 + rho) if used else 0.0
+    return max(points - determined, 1.0)
+
+
+def telling(fit: JointFit, seed: int) -> list[dict[str, float]]:
+    """Points that the curves allow, far from each other and from all runs, so that a run there tells the surrogate most."""
+    curves, problem = fit.posterior.curves, fit.posterior.curves.problem
+    climber, rng = Climber(fit.posterior), np.random.default_rng(seed)
+    draws = fit.mode.z + rng.standard_normal((DRAWN, curves.size)) @ np.linalg.cholesky(_bounded(fit.mode.covar, fit.mode.z)).T
+    draws = np.clip(draws, 0, 1)
+    values = _scanned(climber, draws)
+    places = draws[values <= max(fit.mode.chi2 + ALLOWED, np.quantile(values, 0.1))]
+    points = [curves.point(z) for z in places]
+    betas = fit.surrogate.fitted.betas
+    here = np.array([warp(problem.place(point), betas) for point in points])
+    known = warp(np.vstack([fit.surrogate.known_places(), problem.place(curves.point(fit.mode.z))[None]]), betas)
+    chosen = []
+    for _ in range(min(TELLING, len(points))):
+        n = int(np.argmax(np.abs(here[:, None] - known[None]).max(axis=2).min(axis=1)))
+        chosen.append(points[n])
+        known = np.vstack([known, here[n]])
+    return chosen
+
+
+def proved(fit: JointFit, model: Watched, others: Sequence[dict[str, float]] = ()) -> Proof:
+    """The prediction at the optimum, compared with a run there: the error is right if it shifts no coordinate by much. Other points
+    are run together with it."""
+    curves, z = fit.posterior.curves, fit.mode.z
+    point = curves.point(z)
+    ran = evaluate_at_reference(curves.problem, model, [point, *others])[0]
+    if ran.forces is None:
+        return Proof(dict(point), None, None)
+    error = prediction_error(fit, z, ran)
+    climber = Climber(without_surrogate(fit))
+    J, covar = climber.residuals(z)[1][: climber.rows.size], climber.covar(z)
+    shift = covar @ J.T @ climber.W @ error[climber.rows]
+    worst = float(np.max(np.abs(shift) / np.sqrt(np.diag(covar))))
+    size = float(np.sqrt(np.mean(error**2)))
+    return Proof(dict(point), size, size * RIGHT / worst if worst > 0 else size)
+
+
+def without_surrogate(fit: JointFit) -> Posterior:
+    """The posterior as if the surrogate were exact."""
+    noise = fit.posterior.noise
+    return replace(fit.posterior, noise=replace(noise, model=noise.model - surrogate_covar(fit.posterior.curves)))
+
+
+def settled(fit: JointFit) -> bool:
+    """Whether the surrogate's error adds little to the standard deviations of the free parameters."""
+    plain = Climber(without_surrogate(fit)).covar(fit.mode.z)
+    n = len(fit.posterior.curves.free)
+    return bool(np.all(np.diag(fit.mode.covar)[:n] <= SETTLED**2 * np.diag(plain)[:n]))
+
+
+def prediction_error(fit: JointFit, z: Array, ran: Evaluation) -> Array:
+    """Prediction minus run at a place, (N,) mN, at its scale."""
+    problem = fit.posterior.curves.problem
+    point = fit.posterior.curves.point(z)
+    predicted = fit.surrogate.curves(problem.place(point)[None])[0]
+    return problem.factor(point) * (predicted - np.concatenate(ran.forces or ()))
+
+
+def _objective(fit: JointFit) -> float:
+    curves = fit.posterior.curves
+    force = curves.at(fit.mode.z)[0]
+    parts = [force[rows] for rows in curves.slices]
+    return equation_one(curves.problem.tests, parts)
+
+
+class JointWalk:
+    """A walk along the profile of one coordinate; visited places are remembered, and other maxima are tried on the way."""
+
+    def __init__(self, fit: JointFit, n: int) -> None:
+        self.climber, self.n = Climber(fit.posterior), n
+        self.least, self.limit = fit.mode.chi2, fit.quantile**2
+        self.walked: dict[float, tuple[float, Array]] = {float(fit.mode.z[n]): (fit.mode.chi2, fit.mode.z)}
+        self.others = [mode.z for mode in fit.others if mode.chi2 < fit.mode.chi2 + 25][:OTHERS]
+        self.value = float(fit.mode.z[n])
+
+    def profile(self) -> JointPath:
+        """The JointPath of the coordinate."""
+        for other in self.others:
+            self.chi2(float(other[self.n]))
+        ends = [end_of_profile(self.chi2, self.value, bound, self.limit) for bound in (0.0, 1.0)]
+        reach = BEYOND * max(ends[1] - ends[0], 1e-6)
+        for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), SHOWN):
+            self.chi2(float(unit))
+        units = np.array([u for u in sorted(self.walked) if ends[0] - 1.01 * reach <= u <= ends[1] + 1.01 * reach])
+        chi2 = np.array([max(self.chi2(float(unit)), 0.0) for unit in units])
+        places = np.array([self.walked[float(unit)][1] for unit in units])
+        return JointPath(units, chi2, self.limit, (ends[0], ends[1]), places)
+
+    def chi2(self, unit: float) -> float:
+        """Growth of chi2 at a value of the coordinate, from the nearest visited place and the other maxima."""
+        if unit not in self.walked:
+            nearest = self.walked[min(self.walked, key=lambda known: abs(known - unit))][1]
+            ends = [self._climbed(start, unit) for start in (nearest, *self.others)]
+            z, chi2 = min(ends, key=_chi2)
+            self.walked[unit] = (chi2, z)
+        return self.walked[unit][0] - self.least
+
+    def _climbed(self, start: Array, unit: float) -> tuple[Array, float]:
+        z = start.copy()
+        z[self.n] = unit
+        return self.climber.climb(z, self.n)
+
+
+def joint_profiles(fit: JointFit, numbers: Sequence[int] | None = None) -> dict[int, JointPath]:
+    """The profiles of coordinates, by their numbers; by default of the free parameters."""
+    wanted = range(len(fit.posterior.curves.free)) if numbers is None else numbers
+    return {n: JointWalk(fit, n).profile() for n in wanted}

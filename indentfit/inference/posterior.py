@@ -1,0 +1,339 @@
+"""The density of parameters and uncertain inputs, given the curves: on a surrogate, with priors, noise and the mesh's error.
+
+A place z holds all coordinates in units of their ranges: the free parameters first, then the uncertain inputs. The curves there are
+
+    (1 + gain) (1 + mesh) F(d - offset; parameters, inputs),
+
+and chi2 is that of their residuals, under noise that is correlated along each curve and under the errors of the mesh and of the
+surrogate, and that of the inputs under their priors.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import least_squares
+
+from indentfit.arrays import Array
+from indentfit.inference.noise import autocorrelation, correlations
+from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.surrogate import Surrogate
+from indentfit.inverse.wide import UncertainInput
+
+ROUNDS = 12  # of the estimate of the noise
+FINEST = 3e-5  # of a curve's largest force: the least noise
+POWERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # of the depth: what a curve is made of between its points
+EDGE = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Shift:
+    """The shift of one curve along its depth: the change of a function of POWERS of the depth, fitted to the curve."""
+
+    depth: Array
+    fitted: Array  # (b, n): from a curve to its coefficients
+
+    @classmethod
+    def of(cls, depth: Array) -> "Shift":
+        """The Shift of a curve at the depths (n,)."""
+        return cls(depth, np.asarray(np.linalg.pinv(_basis(depth, depth.size)[0]), dtype=float))
+
+    def by(self, offset: float) -> tuple[Array, Array]:
+        """Operators (n, n) on a curve F: F(d - offset), and its derivative by the offset."""
+        if offset == 0:
+            here = _basis(self.depth, self.depth.size)
+            return np.eye(self.depth.size), -here[1] @ self.fitted
+        before, there = _basis(self.depth, self.depth.size), _basis(self.depth - offset, self.depth.size)
+        return np.eye(self.depth.size) + (there[0] - before[0]) @ self.fitted, -there[1] @ self.fitted
+
+
+def _basis(depth: Array, points: int) -> tuple[Array, Array]:
+    """Powers of the depth and their derivatives, (n, b); 0 before contact."""
+    powers = np.array(POWERS[: max(1, min(len(POWERS), points - 1))])
+    d = np.maximum(depth, 0.0)[:, None]
+    slopes = np.where(d > 0, powers * np.maximum(d, 1e-12) ** (powers - 1), 0.0)
+    return d**powers, slopes
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """The curves of all tests, in a row, as a function of the place.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+        The problem whose free parameters are widened by the inputs that change the solution.
+    surrogate : Surrogate
+    inputs : tuple of UncertainInput
+        Those of the free parameters at the end of `problem.free` first, then those of single tests.
+    mesh : array (N,)
+        Relative correction of the forces for the mesh.
+    """
+
+    problem: InverseProblem
+    surrogate: Surrogate
+    inputs: tuple[UncertainInput, ...]
+    shifts: tuple[Shift, ...]
+    mesh: Array
+
+    @property
+    def free(self) -> list[str]:
+        """The free parameters, without inputs."""
+        solved = {known.point for known in self.inputs}
+        return [name for name in self.problem.free if name not in solved]
+
+    @property
+    def size(self) -> int:
+        """The number of coordinates."""
+        return len(self.free) + len(self.inputs)
+
+    @property
+    def slices(self) -> list[slice]:
+        """The part of the row that each test is."""
+        ends = np.cumsum([0, *(test.curve.force.size for test in self.problem.tests)]).tolist()
+        return [slice(a, b) for a, b in pairwise(ends)]
+
+    def point(self, z: Array) -> dict[str, float]:
+        """Parameters and changed inputs at a place, as the forward model takes them."""
+        units = self._units(z)[0]
+        return self.problem.parameters([*units])
+
+    def place(self, point: dict[str, float]) -> Array:
+        """The place of parameters and inputs; inputs of single tests are at their centres."""
+        units = dict(zip(self.problem.free, self.problem.units(point), strict=True))
+        parts = [units[name] for name in self.free]
+        for known in self.inputs:
+            value = point[known.point] if known.point else known.prior.value(known.prior.center)
+            parts.append(known.unit_of(value))
+        return np.clip(np.array(parts), 0, 1)
+
+    def _units(self, z: Array) -> tuple[Array, Array]:
+        """The free parameters of the widened problem in units of their ranges, (n,), and their derivatives by z."""
+        solved = {known.point: (known, z[len(self.free) + n]) for n, known in enumerate(self.inputs) if known.point}
+        units, ahead = np.zeros(len(self.problem.free)), np.ones(len(self.problem.free))
+        for n, name in enumerate(self.problem.free):
+            if name not in solved:
+                units[n] = z[self.free.index(name)]
+                continue
+            known, unit = solved[name]
+            value, (low, high) = known.value_at(unit), known.ends
+            units[n] = (value - known.low) / (known.high - known.low)
+            ahead[n] = (high - low) * (value if known.prior.logarithmic else 1.0) / (known.high - known.low)
+        return units, ahead
+
+    def at(self, z: Array) -> tuple[Array, Array]:
+        """The curves (N,) and their derivatives (N, n) at a place."""
+        force, J = self._solved(z)
+        first = len(self.free)
+        for n, known in enumerate(self.inputs):
+            if known.test is None:
+                continue
+            rows, column, (low, high) = self.slices[known.test], first + n, known.ends
+            if known.name == "offset":
+                moved, slope = self.shifts[known.test].by(known.value_at(z[column]))
+                J[rows, column] = slope @ force[rows] * (high - low)
+                J[rows] = np.where(np.arange(J.shape[1]) == column, J[rows], moved @ J[rows])
+                force[rows] = moved @ force[rows]
+            else:
+                gain = 1 + known.value_at(z[column])
+                J[rows] *= gain
+                J[rows, column] = force[rows] * (high - low)
+                force[rows] *= gain
+        return force, J
+
+    def _solved(self, z: Array) -> tuple[Array, Array]:
+        """Curves and derivatives before offset and gain, with the correction for the mesh."""
+        problem, (units, ahead) = self.problem, self._units(z)
+        searched = problem.searched_numbers
+        place = units[searched][None]
+        curves, slopes = self.surrogate.curves(place)[0], self.surrogate.slopes(place)[0]
+        names, columns = list(problem.free), [self._column(name) for name in problem.free]
+        J, factor = np.zeros((curves.size, self.size)), 1.0
+        if problem.scale is not None:
+            n = names.index(problem.scale)
+            factor = (problem.free[problem.scale].min + units[n] * problem.range(problem.scale)) / problem.reference
+            J[:, columns[n]] = curves * problem.range(problem.scale) / problem.reference
+        for k, n in enumerate(searched):
+            J[:, columns[n]] = factor * slopes[k] * ahead[n]
+        return factor * curves * (1 + self.mesh), J * (1 + self.mesh)[:, None]
+
+    def _column(self, name: str) -> int:
+        if name in self.free:
+            return self.free.index(name)
+        return len(self.free) + [known.point for known in self.inputs].index(name)
+
+    def measured(self) -> Array:
+        """The measured forces, (N,)."""
+        return np.concatenate([test.curve.force for test in self.problem.tests])
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """What makes the residuals: white or correlated noise of each test, and errors of the model (N, N), mN^2."""
+
+    sigma: Array
+    rho: Array
+    model: Array
+
+    def covar(self, slices: Sequence[slice]) -> Array:
+        """Covariance of the residuals, (N, N)."""
+        covar = self.model.copy()
+        for rows, sigma, rho in zip(slices, self.sigma, self.rho, strict=True):
+            covar[rows, rows] += sigma**2 * correlations(rows.stop - rows.start, rho)
+        return covar
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The density of places, under a NoiseModel; `used` says which tests count."""
+
+    curves: Curves
+    noise: NoiseModel
+    used: tuple[bool, ...]
+
+    @property
+    def rows(self) -> Array:
+        """The numbers of the forces that count."""
+        parts = [np.arange(rows.start, rows.stop) for rows, used in zip(self.curves.slices, self.used, strict=True) if used]
+        return np.concatenate(parts)
+
+    def whitener(self) -> Array:
+        """The inverse of the Cholesky factor of the covariance of the rows."""
+        covar = self.noise.covar(self.curves.slices)[np.ix_(self.rows, self.rows)]
+        L = np.linalg.cholesky(covar)
+        return solve_triangular(L, np.eye(len(L)), lower=True)
+
+    def log_volume(self) -> float:
+        """Logarithm of the determinant of the covariance of the rows."""
+        covar = self.noise.covar(self.curves.slices)[np.ix_(self.rows, self.rows)]
+        return float(np.linalg.slogdet(covar)[1])
+
+    def prior_rows(self) -> tuple[Array, Array]:
+        """Matrix and centre of the residuals of normal priors: matrix @ z - centre, (k, n) and (k,)."""
+        matrix, centres, first = [], [], len(self.curves.free)
+        for n, known in enumerate(self.curves.inputs):
+            if known.prior.spread is not None:
+                low, high = known.ends
+                row = np.zeros(self.curves.size)
+                row[first + n] = (high - low) / known.prior.spread
+                matrix.append(row)
+                centres.append((known.prior.center - low) / known.prior.spread)
+        return np.array(matrix).reshape(-1, self.curves.size), np.array(centres)
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A place of largest density, with the covariance of the places about it by linear theory."""
+
+    z: Array
+    chi2: float
+    covar: Array
+
+
+class Climber:
+    """Searches for places of least chi2 of one Posterior; what does not depend on the place is computed once."""
+
+    def __init__(self, posterior: Posterior) -> None:
+        self.posterior, self.curves = posterior, posterior.curves
+        self.rows, self.W = posterior.rows, posterior.whitener()
+        self.P, self.centre = posterior.prior_rows()
+        self.y = self.curves.measured()[self.rows]
+
+    def residuals(self, z: Array) -> tuple[Array, Array]:
+        """Residuals whose squares add up to chi2, and their derivatives."""
+        force, J = self.curves.at(z)
+        residuals = np.concatenate([self.W @ (force[self.rows] - self.y), self.P @ z - self.centre])
+        return residuals, np.concatenate([self.W @ J[self.rows], self.P])
+
+    def climb(self, z: Array, fixed: int | None = None) -> tuple[Array, float]:
+        """The place of least chi2 near z, and its chi2; coordinate `fixed` keeps its value."""
+        moving = np.array([n for n in range(z.size) if n != fixed])
+        last: list[tuple[Array, tuple[Array, Array]]] = []
+
+        def whole(part: Array) -> Array:
+            full = z.copy()
+            full[moving] = part
+            return full
+
+        def both(part: Array) -> tuple[Array, Array]:
+            if not last or not np.array_equal(last[-1][0], part):
+                last[:] = [(part.copy(), self.residuals(whole(part)))]
+            return last[-1][1]
+
+        start = np.clip(z[moving], EDGE, 1 - EDGE)
+        ended = least_squares(
+            lambda part: both(part)[0],
+            start,
+            lambda part: both(part)[1][:, moving],
+            bounds=(0, 1),
+            method="dogbox",
+            max_nfev=60,
+            ftol=1e-7,
+            xtol=1e-7,
+            gtol=1e-10,
+        )
+        return whole(ended.x), float(2 * ended.cost)
+
+    def covar(self, z: Array) -> Array:
+        """Covariance of the coordinates by linear theory at z; large for coordinates that nothing determines."""
+        J = self.residuals(z)[1]
+        return np.asarray(np.linalg.inv(J.T @ J + 1e-6 * np.eye(z.size)), dtype=float)
+
+
+def noise_at(posterior: Posterior, z: Array) -> NoiseModel:
+    """The noise of each test that the residuals at z show, beside the errors of the model: largest restricted likelihood, by EM."""
+    curves, noise = posterior.curves, posterior.noise
+    force, J = curves.at(z)
+    P = posterior.prior_rows()[0]
+    floors = np.array([FINEST * np.abs(test.curve.force).max() for test in curves.problem.tests])
+    for _ in range(3):
+        for _ in range(ROUNDS):
+            noise = _step(posterior, noise, force - curves.measured(), J, P, floors)
+        rho = _correlated(posterior, noise, force - curves.measured(), J, P)
+        if np.allclose(rho, noise.rho, atol=1e-3):
+            break
+        noise = replace(noise, rho=rho)
+    return noise
+
+
+def _projection(posterior: Posterior, noise: NoiseModel, J: Array, P: Array) -> tuple[Array, Array]:
+    """Inverse of the covariance of the used rows, and the same without what the coordinates explain."""
+    rows = posterior.rows
+    inverse = cho_solve(cho_factor(noise.covar(posterior.curves.slices)[np.ix_(rows, rows)]), np.eye(rows.size))
+    A = np.linalg.inv(J[rows].T @ inverse @ J[rows] + P.T @ P + 1e-6 * np.eye(J.shape[1]))
+    return inverse, inverse - inverse @ J[rows] @ A @ J[rows].T @ inverse
+
+
+def _step(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: Array, floors: Array) -> NoiseModel:
+    """One step of EM."""
+    rows = posterior.rows
+    inverse, left = _projection(posterior, noise, J, P)
+    weighted, sigma, done = inverse @ r[rows], noise.sigma.copy(), 0
+    for k, (part, used) in enumerate(zip(posterior.curves.slices, posterior.used, strict=True)):
+        n = part.stop - part.start
+        if not used:
+            continue
+        here = slice(done, done + n)
+        R, done = correlations(n, noise.rho[k]), done + n
+        variance = noise.sigma[k] ** 2
+        squares = variance**2 * weighted[here] @ R @ weighted[here]
+        spread = n * variance - variance**2 * np.trace(R @ left[here, here])
+        sigma[k] = max(np.sqrt(max(squares + spread, 0.0) / n), floors[k])
+    return replace(noise, sigma=sigma)
+
+
+def _correlated(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: Array) -> Array:
+    """Autocorrelation of the noise of each test."""
+    rows, rho, done = posterior.rows, noise.rho.copy(), 0
+    inverse, left = _projection(posterior, noise, J, P)
+    weighted = inverse @ r[rows]
+    for k, (part, used) in enumerate(zip(posterior.curves.slices, posterior.used, strict=True)):
+        n = part.stop - part.start
+        if used:
+            here = slice(done, done + n)
+            M = noise.sigma[k] ** 2 * left[here, here]
+            rho[k] = autocorrelation(M, noise.sigma[k] ** 2 * weighted[here])
+            done += n
+    return rho

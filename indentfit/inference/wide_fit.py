@@ -1,0 +1,222 @@
+"""A fit with uncertain inputs: a joint fit under each alternative, their mixture, and what the result says of it.
+
+Inputs with a prior are coordinates (`joint`). The base has two values: each is fitted, and weighed by its evidence; the interval of
+a parameter is that of the mixture, and may be in pieces.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.case import Case
+from indentfit.case.search import Fit
+from indentfit.fem.meshing import DIMENSIONS
+from indentfit.inference import mixture
+from indentfit.inference.inputs import ORDER, OTHER_BASE, another_mesh, elements_of
+from indentfit.inference.joint import JointFit, JointPath, MeshError, fitted, joint_fit, joint_profiles, prediction_error
+from indentfit.inference.posterior import Climber
+from indentfit.inference.result import ConfirmedPoint, Interval
+from indentfit.inverse.derivatives import evaluate_at_reference
+from indentfit.inverse.exploration import Exploration, Watched
+from indentfit.inverse.generations import Search
+from indentfit.inverse.local import Optimum
+from indentfit.inverse.methods import SEARCHES, Solved
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.progress import SILENT, Progress
+from indentfit.inverse.surrogate import learn
+from indentfit.inverse.wide import MOST, uncertain_inputs, widened_problem
+from indentfit.runs.points import setup_of
+
+REMAINS = 0.5  # standard deviation of what a correction for the mesh leaves, over the correction
+SMOOTHLY = 0.5  # of the depth: length over which what remains of the mesh's error keeps its sign
+
+
+@dataclass(frozen=True, eq=False)
+class WideAlternative:
+    """One alternative: its changes of the case, its probability before and after the fit, its fit and the profiles of the free
+    parameters."""
+
+    name: str
+    changes: dict[str, Any]
+    prior: float
+    fit: JointFit
+    paths: dict[int, JointPath]
+    probability: float = 1.0
+    confirmed: Mapping[int, tuple[ConfirmedPoint, ...]] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class WideFit:
+    """All alternatives of a fit, the most probable first, and the error of the mesh."""
+
+    problem: InverseProblem
+    alternatives: tuple[WideAlternative, ...]
+    mesh: MeshError
+    elements: int | None
+
+    @property
+    def best(self) -> WideAlternative:
+        """The most probable alternative."""
+        return self.alternatives[0]
+
+    def candidate(self) -> Candidate:
+        """The optimum of the best alternative: its point, and the curves with offset, gain and correction for the mesh."""
+        fit = self.best.fit
+        curves = fit.posterior.curves
+        force = curves.at(fit.mode.z)[0]
+        forces = tuple(force[rows] for rows in curves.slices)
+        judged = replace(self.problem, scale=None).judge(curves.point(fit.mode.z), forces)
+        return judged
+
+    def derivatives(self) -> tuple[Array, ...]:
+        """Derivatives of these curves by the free parameters, mN per range, one array (n, n_free) for each test."""
+        curves = self.best.fit.posterior.curves
+        J = curves.at(self.best.fit.mode.z)[1][:, : len(curves.free)]
+        return tuple(J[rows] for rows in curves.slices)
+
+    def solved(self) -> Solved:
+        """The end of the fit as that of a method."""
+        fit = self.best.fit
+        message = "the surrogate's prediction at the optimum was proved" if fit.reached else "the optimum was not proved by a run"
+        optimum = Optimum(self.candidate(), self.derivatives(), fit.reached, message, fit.history)
+        coordinates = ", ".join(known.point or known.name for known in fit.posterior.curves.inputs)
+        said = f"joint search on a surrogate of {len(fit.surrogate.training)} runs over the parameters"
+        said += f" and {coordinates}" if coordinates else ""
+        return Solved(optimum, Exploration(fit.surrogate, Search(optimum.best, fit.history, message), equation_one=False), said)
+
+    def pieces(self, n: int) -> tuple[Interval, ...]:
+        """The 95 % set of free parameter n, in its unit."""
+        shares = np.array([known.probability for known in self.alternatives])
+        found = mixture.pieces([known.paths[n] for known in self.alternatives], shares)
+        name = list(self.problem.free)[n]
+        low, width = self.problem.free[name].min, self.problem.range(name)
+        return tuple((float(low + a * width), float(low + b * width)) for a, b in found)
+
+
+def widens(case: Case, problem: InverseProblem) -> bool:
+    """Whether the uncertain inputs of a case can be coordinates of a fit: there are some, and a surrogate is possible."""
+    inputs = uncertain_inputs(case)
+    if not inputs and not case.fit.uncertain.base:
+        return False
+    coordinates = len(widened_problem(problem, inputs).searched)
+    return _learnable(case.fit) and 0 < coordinates <= MOST
+
+
+def _learnable(options: Fit) -> bool:
+    return options.method in SEARCHES and not options.direct and options.profiles
+
+
+def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Progress = SILENT) -> WideFit | None:
+    """The fit of a case whose inputs are uncertain; None where the mechanics fails too often.
+
+    Parameters
+    ----------
+    case : Case
+        One that `widens`.
+    problem : InverseProblem
+    model : Watched
+    progress : Progress
+
+    Returns
+    -------
+    WideFit or None
+    """
+    inputs = uncertain_inputs(case)
+    size = sum(test.curve.force.size for test in problem.tests)
+    stated = _alternatives(case)
+    parts = [progress.part(n / len(stated), (n + 1) / len(stated)) for n in range(len(stated))]
+    found: list[WideAlternative] = []
+    mesh, elements = MeshError.none(size), None
+    for (name, changes, prior), part in zip(stated, parts, strict=True):
+        wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
+        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part.part(0, 0.8))
+        if fit is None:
+            continue
+        if elements is None and case.fit.uncertain.mesh:
+            mesh, elements = mesh_error(case, fit, model)
+            fit = _again(fit, mesh, case.fit.seed)
+        fit, confirmed = _ends_proved(fit, mesh, model, case.fit.seed, part.part(0.8, 1))
+        found.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), confirmed=confirmed))
+    return _weighed(problem, found, mesh, elements) if found else None
+
+
+def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
+    """Name, changes of the case, and probability of each alternative; the case itself first."""
+    base, odds = case.sample.base, case.fit.uncertain.base or 0.0
+    own: tuple[str, dict[str, Any], float] = (f"base = {base}", {}, 1 - odds)
+    other = OTHER_BASE[base]
+    return [own, (f"base = {other}", {"sample.base": other}, odds)] if odds else [own]
+
+
+def _weighed(problem: InverseProblem, found: list[WideAlternative], mesh: MeshError, elements: int | None) -> WideFit:
+    """The alternatives with their probabilities, the most probable first."""
+    shares = mixture.probabilities([known.prior for known in found], [known.fit.log_evidence() for known in found])
+    weighed = [replace(known, probability=float(share)) for known, share in zip(found, shares, strict=True)]
+    return WideFit(problem, tuple(sorted(weighed, key=_improbable)), mesh, elements)
+
+
+def _improbable(alternative: WideAlternative) -> float:
+    return -alternative.probability
+
+
+def _again(fit: JointFit, mesh: MeshError, seed: int) -> JointFit:
+    """The same fit with another error of the mesh, without a run."""
+    curves = fit.posterior.curves
+    changed = fitted(curves.problem, curves.inputs, fit.surrogate, mesh, seed)
+    return replace(changed, proofs=fit.proofs, history=fit.history)
+
+
+def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[MeshError, int | None]:
+    """The error of the forces by the mesh, from a run on another mesh at the optimum; none where that run fails.
+
+    The error falls with the size of the elements like its ORDER-th power (the traction is singular at a sharp edge), so two meshes
+    tell a correction of the curve (Richardson). REMAINS of it stays uncertain, in one piece and in a smooth part of its size.
+    """
+    curves = fit.posterior.curves
+    problem, point = curves.problem, curves.point(fit.mode.z)
+    elements = another_mesh(case)
+    here, there = evaluate_at_reference(problem, model, [point, {**point, "mesh.elements": elements}])
+    size = curves.measured().size
+    if here.forces is None or there.forces is None:
+        return MeshError.none(size), None
+    own = elements_of(case, case.mesh)
+    other = elements_of(case, case.mesh.model_copy(update={"size": None, "elements": elements}))
+    coarser = (own / other) ** (ORDER / DIMENSIONS[setup_of(case).symmetry])
+    own_forces, other_forces = np.concatenate(here.forces), np.concatenate(there.forces)
+    correction = -(other_forces - own_forces) / own_forces / (coarser - 1)
+    covar = np.zeros((size, size))
+    worst = max(float(np.sqrt(np.mean(correction[rows] ** 2))) for rows in curves.slices)
+    for rows, test in zip(curves.slices, problem.tests, strict=True):
+        depth = test.curve.displacement
+        smooth = np.exp(-0.5 * (np.subtract.outer(depth, depth) / (SMOOTHLY * depth[-1])) ** 2)
+        covar[rows, rows] = (case.fit.uncertain.mesh * REMAINS * worst) ** 2 * smooth
+    return MeshError(correction, covar), elements
+
+
+def _ends_proved(
+    fit: JointFit, mesh: MeshError, model: Watched, seed: int, progress: Progress
+) -> tuple[JointFit, dict[int, tuple[ConfirmedPoint, ...]]]:
+    """The fit on a surrogate that has learnt runs at the ends of the profiles, and what these runs say of the first profiles."""
+    curves = fit.posterior.curves
+    paths = joint_profiles(fit)
+    ends = [(n, z) for n, path in paths.items() for z in path.ends()]
+    points = [curves.point(z) for _, z in ends]
+    ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles"))
+    confirmed: dict[int, tuple[ConfirmedPoint, ...]] = {n: () for n in paths}
+    climber = Climber(fit.posterior)
+    for (n, z), point, run in zip(ends, points, ran, strict=True):
+        name = curves.free[n]
+        if run.forces is None:
+            row = ConfirmedPoint(point[name], None, None, run.cause, point)
+        else:
+            residuals = climber.residuals(z)[0]
+            predicted = float(residuals @ residuals)
+            residuals[: climber.rows.size] -= climber.W @ prediction_error(fit, z, run)[climber.rows]
+            chi2 = max(float(residuals @ residuals) - fit.mode.chi2, 0.0)
+            row = ConfirmedPoint(point[name], chi2, max(predicted - fit.mode.chi2, 0.0), None, point)
+        confirmed[n] = (*confirmed[n], row)
+    surrogate = learn(curves.problem, model.known) or fit.surrogate
+    return _again(replace(fit, surrogate=surrogate), mesh, seed), confirmed

@@ -1,0 +1,134 @@
+"""The inverse problem widened by uncertain inputs: each input with a prior is a coordinate beside the free parameters.
+
+Friction, the bulk ratio, the thickness and the indenter's size change the solution: they are coordinates of the surrogate. The
+contact point of each test shifts its curve along the depth, and the gain of the load cell multiplies the curve, so these two need
+no run.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from indentfit.case import Case, Range
+from indentfit.case.priors import Prior
+from indentfit.case.search import LEAST_INPUT
+from indentfit.inverse.problem import InverseProblem
+from indentfit.runs.points import KEYS, UNITS
+
+SIZES = ("width", "diameter")  # keys of an indenter that are its size
+OF_CURVES = ("offset", "force")  # inputs of each test that need no run
+SOLVED = ("friction", "bulk_ratio", "thickness", "size")  # inputs that change the solution
+DIFFERENTIABLE = ("friction", "bulk_ratio")  # inputs by which the mechanics can differentiate
+STICKS = 0.4  # friction coefficient from which most of a contact sticks, and the force grows no more
+MOST = 7  # largest number of coordinates of a surrogate
+
+
+@dataclass(frozen=True)
+class UncertainInput:
+    """One coordinate that is an uncertain input.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input in [fit.uncertain].
+    point : str
+        Its name in points of the forward model; empty where it needs no run.
+    test : int or None
+        Number of the test to which it belongs.
+    prior : Prior
+    value : float
+        The value that the case gives.
+    low, high : float
+        Values between which it is looked for.
+    unit : str
+    """
+
+    name: str
+    point: str
+    test: int | None
+    prior: Prior
+    value: float
+    low: float
+    high: float
+    unit: str = "1"
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The coordinates of `low` and `high`."""
+        return self.prior.coordinate(self.low), self.prior.coordinate(self.high)
+
+    def unit_of(self, value: float) -> float:
+        """A value in units of the range of the coordinate, 0..1."""
+        low, high = self.ends
+        return (self.prior.coordinate(value) - low) / (high - low)
+
+    def value_at(self, unit: float) -> float:
+        """The inverse of `unit_of`."""
+        low, high = self.ends
+        return self.prior.value(low + unit * (high - low))
+
+
+def uncertain_inputs(case: Case) -> tuple[UncertainInput, ...]:
+    """The inputs of a case that have a prior, those that change the solution first."""
+    return (*_solved(case), *_of_curves(case))
+
+
+def widened_problem(problem: InverseProblem, inputs: tuple[UncertainInput, ...]) -> InverseProblem:
+    """The problem whose free parameters are those of `problem` and the inputs that change the solution."""
+    solved = [known for known in inputs if known.point]
+    starts = {known.point: min(max(known.value, known.low), known.high) for known in solved}
+    free = {known.point: Range(start=starts[known.point], min=known.low, max=known.high) for known in solved}
+    differences = tuple(known.point for known in solved if known.name not in DIFFERENTIABLE)
+    return replace(
+        problem,
+        start={**problem.start, **starts},
+        free={**problem.free, **free},
+        differences=(*problem.differences, *differences),
+        warps={known.point: _warp(known) for known in solved},
+    )
+
+
+def _warp(known: UncertainInput) -> float:
+    """The beta with which the force is most nearly proportional to an input."""
+    if known.name == "bulk_ratio":
+        return min(-(known.high / known.low - 1), -1.0)
+    share = (STICKS - known.low) / (known.high - known.low)
+    return -share if known.name == "friction" and known.low < STICKS / 2 and share < 0.95 else 0.0
+
+
+def prior_of(case: Case, name: str, value: float) -> Prior | None:
+    """The prior of an input of a case: a number states the standard deviation about the value."""
+    stated = getattr(case.fit.uncertain, name)
+    if isinstance(stated, Prior):
+        return stated
+    return Prior.about(value, stated) if isinstance(stated, float) and stated else None
+
+
+def _solved(case: Case) -> Iterator[UncertainInput]:
+    for name in SOLVED:
+        point = _point(case, name)
+        value = _value(case, point)
+        prior = prior_of(case, name, value) if isinstance(value, float) else None
+        if prior is not None:
+            low, high = prior.bounds(LEAST_INPUT[name])
+            yield UncertainInput(name, point, None, prior, value, low, high, UNITS.get(name, "mm"))
+
+
+def _of_curves(case: Case) -> Iterator[UncertainInput]:
+    for name in OF_CURVES:
+        prior = prior_of(case, name, 0.0)
+        for n in range(len(case.tests) if prior is not None else 0):
+            assert prior is not None
+            yield UncertainInput(name, "", n, prior, 0.0, *prior.bounds(), "mm" if name == "offset" else "1")
+
+
+def _point(case: Case, name: str) -> str:
+    """The name of an input in points of the forward model."""
+    if name != "size":
+        return name
+    return next((f"indenter.{key}" for key in SIZES if getattr(case.indenter, key, None) is not None), "")
+
+
+def _value(case: Case, point: str) -> float:
+    table, key = KEYS.get(point, point).split(".")
+    value: float = getattr(getattr(case, table), key)
+    return value

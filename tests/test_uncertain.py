@@ -1,0 +1,243 @@
+"""Uncertain inputs as coordinates of a fit: priors, the density over parameters and inputs, profiles, and mixtures."""
+
+import numpy as np
+import pytest
+from fixtures.cases import white_matter
+from fixtures.formulas import FREE, TRUTH, formula, problem
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from indentfit.case import Range
+from indentfit.case.priors import Prior
+from indentfit.curve import Curve
+from indentfit.errors import CaseError
+from indentfit.inference import joint, mixture
+from indentfit.inference.joint import JointPath, MeshError
+from indentfit.inference.posterior import Shift
+from indentfit.inverse import polynomials
+from indentfit.inverse.exploration import Watched
+from indentfit.inverse.objective import Target
+from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.wide import UncertainInput, uncertain_inputs, widened_problem
+from indentfit.runs.forward import Evaluation
+
+DEPTH = np.linspace(0.0132, 0.33, 25)
+UNIFORM = Prior(uniform=(0, 1))
+
+
+# Priors
+
+
+@pytest.mark.parametrize(
+    ("stated", "coordinate", "sd"),
+    [
+        ({"normal": [0.5, 0.1]}, 0.5, 0.1),
+        ({"log_normal": [1000, 2]}, np.log(1000), 1000 * np.log(2)),
+        ({"uniform": [0, 1]}, 0.5, 1 / np.sqrt(12)),
+        ({"log_uniform": [20, 5000]}, np.log(np.sqrt(20 * 5000)), None),
+    ],
+)
+def test_a_prior_has_the_centre_and_the_spread_of_its_distribution(stated, coordinate, sd):
+    prior = Prior(**stated)
+    assert prior.center == pytest.approx(coordinate)
+    assert sd is None or prior.sd == pytest.approx(sd)
+    low, high = (prior.coordinate(bound) for bound in prior.bounds())
+    grid = np.linspace(low, high, 20001)
+    density = np.exp([prior.log_density(x) for x in grid])
+    assert np.trapezoid(density, grid) == pytest.approx(1, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("friction={uniform=[1,0]}", "its first number must be below its second"),
+        ("friction={uniform=[-1,1]}", "its first number must be at least 0"),
+        ("friction={uniform=[0,1],normal=[0,1]}", "give one of normal"),
+        ("offset={normal=[0,-1]}", "its standard deviation must be above 0"),
+        ("size={start=2,min=1,max=3}", "must be a standard deviation or a prior"),
+    ],
+)
+def test_a_prior_that_cannot_be_is_refused(key, said):
+    with pytest.raises(CaseError, match=said):
+        white_matter(f"fit.uncertain.{key}")
+
+
+def test_every_kind_of_input_becomes_a_coordinate_in_its_place():
+    """A number is the standard deviation about the case's value; offset and gain belong to each test, and change no run."""
+    case = white_matter(
+        "fit.uncertain.friction={uniform=[0,1]}",
+        "fit.uncertain.bulk_ratio={log_uniform=[20,5000]}",
+        "fit.uncertain.thickness=0.1",
+        'fit.uncertain.size={normal=[2,"20 um"]}',
+        'fit.uncertain.offset={normal=[0,"10 um"]}',
+        "fit.uncertain.force=0.02",
+    )
+    inputs = uncertain_inputs(case)
+    assert [known.point for known in inputs] == ["friction", "bulk_ratio", "thickness", "indenter.width", "", "", "", ""]
+    assert [known.test for known in inputs] == [None] * 4 + [0, 1, 0, 1]
+    assert [known.prior.numbers for known in inputs[2:5]] == [(3.3, 0.1), (2.0, 0.02), (0.0, 0.01)]
+    assert (inputs[2].low, inputs[2].high) == (pytest.approx(3.0), pytest.approx(3.6))
+
+
+# Warps
+
+
+def test_the_warps_of_inputs_are_what_they_say():
+    """The reciprocal is linear in 1 / kappa, the clip is proportional below its place and flat above, and both can be inverted."""
+    betas, u = np.array([-249.0, -0.4]), np.linspace(0, 1, 101)[:, None] * np.ones(2)
+    t = polynomials.warp(u, betas)
+    np.testing.assert_allclose(polynomials.unwarp(t, betas), u, atol=1e-9)
+    inverse = 1 / (20 + 4980 * u[:, 0])
+    line = np.polynomial.Polynomial.fit(inverse, t[:, 0], 1)
+    np.testing.assert_allclose(line(inverse), t[:, 0], atol=1e-9)
+    assert t[20, 1] == pytest.approx(-1 + 2 * 0.5, abs=0.01)  # half of the place where it ends
+    assert t[80, 1] > 0.99
+    step = 1e-6
+    ahead = (polynomials.warp(u + step, betas) - polynomials.warp(u - step, betas)) / (2 * step)
+    np.testing.assert_allclose(polynomials.stretch(u, betas), ahead, rtol=1e-4, atol=1e-6)
+
+
+# The contact point
+
+
+@pytest.mark.parametrize("offset", [0.02, -0.02])
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+def test_a_shifted_curve_is_the_curve_of_the_shifted_depth(offset, power):
+    """Punches, spheres and stiffening curves, past the last point too: to 2e-4 of the largest force."""
+    moved, slope = Shift.of(DEPTH).by(offset)
+    force = 30 * DEPTH**power
+    exact = 30 * np.maximum(DEPTH - offset, 0) ** power
+    assert np.abs(moved @ force - exact).max() < 2e-4 * force.max()
+    ahead, behind = (30 * np.maximum(DEPTH - offset + step, 0) ** power for step in (-1e-6, 1e-6))
+    inside = DEPTH - offset > 1e-3
+    assert np.abs(slope @ force - (ahead - behind) / 2e-6)[inside].max() < 0.02 * np.abs(np.gradient(force, DEPTH)).max()
+
+
+# Fits, on curves in closed form
+
+
+class Press:
+    """A forward model in closed form whose curve across the fibres grows with friction until the contact sticks."""
+
+    def __init__(self):
+        self.runs, self.failures = 0, []
+
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        self.runs += 2 * len(points)
+        return [Evaluation(dict(point), self.forces(**point), None, 0.0, ({}, {})) for point in points]
+
+    @staticmethod
+    def forces(mu, zeta, phi, friction=0.5, **_):
+        along, across = formula(mu, zeta, phi)
+        grown = friction / (1 + (friction / 0.4) ** 6) ** (1 / 6)
+        return along, across * (1 + 0.9 * grown)
+
+
+def friction_input(prior=UNIFORM):
+    return UncertainInput("friction", "friction", None, prior, 0.5, *prior.bounds(0.0))
+
+
+def of_test(name, n, sd):
+    prior = Prior.about(0.0, sd)
+    return UncertainInput(name, "", n, prior, 0.0, *prior.bounds())
+
+
+def noisy(forces, noise, seed):
+    rng = np.random.default_rng(seed)
+    return tuple(force + noise * force.max() * rng.standard_normal(force.size) for force in forces)
+
+
+def straight(forces, inputs=()):
+    """An inverse problem of one curve a d + b d^2, and its joint fit."""
+
+    class Line(Press):
+        @staticmethod
+        def forces(a, b, **_):
+            return (a * DEPTH + b * DEPTH**2,)
+
+    free = {name: Range(start=50, min=0, max=200) for name in "ab"}
+    whole = InverseProblem((Target("t", Curve(DEPTH, forces), 1.0),), {"a": 50.0, "b": 50.0}, free, None)
+    return joint.joint_fit(widened_problem(whole, inputs), inputs, Watched(Line()), MeshError.none(25), 0)
+
+
+def test_without_inputs_the_intervals_are_those_of_linear_regression():
+    rng = np.random.default_rng(3)
+    design = np.column_stack([DEPTH, DEPTH**2])
+    forces = design @ [90, 60] + 0.3 * rng.standard_normal(25)
+    found = straight(forces)
+    theta, squares, *_ = np.linalg.lstsq(design, forces, rcond=None)
+    covar = np.linalg.inv(design.T @ design) * squares[0] / 23
+    paths = joint.joint_profiles(found)
+    for n in range(2):
+        assert 200 * found.mode.z[n] == pytest.approx(theta[n], rel=1e-4)
+        half = np.sqrt(covar[n, n]) * 2.0687  # Student's t of 23 degrees of freedom
+        assert 200 * np.array(paths[n].interval) == pytest.approx([theta[n] - half, theta[n] + half], rel=2e-2)
+
+
+def test_a_gain_widens_a_parameter_by_its_own_share():
+    """With (1 + gain) a d and a gain of 3 %, the standard error of a is sqrt(noise^2 + (3 % a)^2)."""
+    rng = np.random.default_rng(3)
+    design = np.column_stack([DEPTH, DEPTH**2])
+    forces = design @ [90, 60] + 0.1 * rng.standard_normal(25)
+    plain, wide = straight(forces), straight(forces, (of_test("force", 0, 0.03),))
+    noise = 200 * np.sqrt(plain.mode.covar[0, 0])
+    assert 200 * np.sqrt(wide.mode.covar[0, 0]) == pytest.approx(np.hypot(noise, 0.03 * 90), rel=0.03)
+    low, high = 200 * np.array(joint.joint_profiles(wide)[0].interval)
+    assert high - low == pytest.approx(2 * wide.quantile * np.hypot(noise, 2.7), rel=0.06)
+
+
+def pressed(friction, inputs, noise=0.01, seed=0):
+    """The joint fit of the two curves of `Press` at TRUTH and a friction that the fit does not know."""
+    forces = noisy(Press.forces(**TRUTH, friction=friction), noise, seed)
+    whole = widened_problem(problem(forces), inputs)
+    size = sum(force.size for force in forces)
+    return joint.joint_fit(whole, inputs, Watched(Press()), MeshError.none(size), 0)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2, 0.9])
+def test_a_friction_that_nobody_knows_is_inside_and_so_are_the_parameters(friction):
+    """A fit that takes friction 0.5 for granted is wrong by a third in zeta where the truth is 0. With the prior, chi2 of the
+    profile at each truth is below the 99.9 % quantile."""
+    inputs = (friction_input(), of_test("offset", 0, 0.005), of_test("offset", 1, 0.005))
+    found = pressed(friction, inputs)
+    truth = [(TRUTH[name] - FREE[name].min) / (FREE[name].max - FREE[name].min) for name in TRUTH] + [friction]
+    for n, unit in enumerate(truth):
+        assert joint.JointWalk(found, n).chi2(unit) < 10.83
+    low, high = 20 * np.array(joint.JointWalk(found, 1).profile().interval)
+    assert high - low < 9  # not merely the whole range of 20
+
+
+# Mixtures
+
+
+def normal_path(mean, sd):
+    units = np.linspace(max(mean - 5 * sd, 0), min(mean + 5 * sd, 1), 801)
+    chi2 = ((units - mean) / sd) ** 2
+    return JointPath(units, chi2, 1.959964**2, (mean - 1.96 * sd, mean + 1.96 * sd), units[:, None])
+
+
+def test_the_interval_of_a_mixture_is_the_smallest_set_of_95_percent():
+    """Two normal densities of equal width, 0.7 and 0.3: by the density at which 95 % are inside, by SciPy."""
+    shares = np.array([0.7, 0.3])
+
+    def inside(level):
+        reach = [0.02 * np.sqrt(max(-2 * np.log(level / share), 0)) for share in shares]
+        return sum(share * (2 * norm.cdf(r / 0.02) - 1) for share, r in zip(shares, reach, strict=True)) - 0.95
+
+    level = brentq(inside, 1e-4, 0.29)
+    reach = [0.02 * np.sqrt(-2 * np.log(level / share)) for share in shares]
+    found = mixture.pieces([normal_path(0.3, 0.02), normal_path(0.7, 0.02)], shares)
+    np.testing.assert_allclose(found, [(0.3 - reach[0], 0.3 + reach[0]), (0.7 - reach[1], 0.7 + reach[1])], atol=5e-4)
+
+
+def test_overlapping_alternatives_are_one_piece_and_a_certain_one_stands_alone():
+    paths = [normal_path(0.5, 0.05), normal_path(0.55, 0.05)]
+    assert len(mixture.pieces(paths, np.array([0.5, 0.5]))) == 1
+    assert mixture.pieces(paths, np.array([0.995, 0.005])) == (paths[0].interval,)
+
+
+def test_probabilities_follow_from_prior_and_evidence():
+    assert mixture.probabilities([0.2, 0.8], [np.log(6.0), np.log(1.0)]) == pytest.approx([0.6, 0.4])
