@@ -12,7 +12,7 @@ from indentfit.case.priors import Prior
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.inference import joint, mixture
-from indentfit.inference.joint import JointPath, MeshError
+from indentfit.inference.joint import JointPath, ModelError
 from indentfit.inference.posterior import Shift
 from indentfit.inverse import polynomials
 from indentfit.inverse.exploration import Watched
@@ -160,7 +160,7 @@ def straight(forces, inputs=()):
 
     free = {name: Range(start=50, min=0, max=200) for name in "ab"}
     whole = InverseProblem((Target("t", Curve(DEPTH, forces), 1.0),), {"a": 50.0, "b": 50.0}, free, None)
-    return joint.joint_fit(widened_problem(whole, inputs), inputs, Watched(Line()), MeshError.none(25), 0)
+    return joint.joint_fit(widened_problem(whole, inputs), inputs, Watched(Line()), ModelError.none(25), 0)
 
 
 def test_without_inputs_the_intervals_are_those_of_linear_regression():
@@ -194,7 +194,7 @@ def pressed(friction, inputs, noise=0.01, seed=0):
     forces = noisy(Press.forces(**TRUTH, friction=friction), noise, seed)
     whole = widened_problem(problem(forces), inputs)
     size = sum(force.size for force in forces)
-    return joint.joint_fit(whole, inputs, Watched(Press()), MeshError.none(size), 0)
+    return joint.joint_fit(whole, inputs, Watched(Press()), ModelError.none(size), 0)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.2, 0.9])

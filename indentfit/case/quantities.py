@@ -98,10 +98,10 @@ def is_number(value: Any) -> bool:
 
 
 def _friction(value: Any) -> float | str:
-    if isinstance(value, str) and value == "stick":
+    if isinstance(value, str) and value in ("stick", "unknown"):
         return value
     if not is_number(value) or not 0 <= value <= 10:
-        raise refusal('must be a coefficient from 0 to 10, or "stick" for no slip at all')
+        raise refusal('must be a coefficient from 0 to 10, "stick" for no slip at all, or "unknown"')
     return float(value)
 
 
@@ -134,7 +134,7 @@ def _odds(value: Any) -> Any:
 
 
 ODDS = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, {"type": "boolean"}]}
-STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"const": "stick"}]}
+STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"enum": ["stick", "unknown"]}]}
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -145,7 +145,7 @@ Radius = Annotated[NotNegative, Quantity("mm")]
 HalfAngle = Annotated[float, Field(ge=5, lt=90, allow_inf_nan=False), Unit("degrees")]
 Pressure = Annotated[Positive, Quantity("kPa")]
 Rate = Annotated[Positive, Quantity("Hz")]
-Friction = Annotated[float | Literal["stick"], PlainValidator(_friction), WithJsonSchema(STICK)]
+Friction = Annotated[float | Literal["stick", "unknown"], PlainValidator(_friction), WithJsonSchema(STICK)]
 Angle = Annotated[Literal[0, 90], BeforeValidator(_not_bool), Unit("degrees")]
 Odds = Annotated[Share | None, BeforeValidator(_odds), WithJsonSchema(ODDS)]
 Line = Annotated[str, AfterValidator(_one_line)]

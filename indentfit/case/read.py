@@ -23,6 +23,7 @@ from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
 from indentfit.case.section import Section
 from indentfit.case.tables import MaterialChoice, Test
+from indentfit.case.unknown import with_priors
 from indentfit.case.whole import Case
 from indentfit.case.write import case_tree
 from indentfit.curve import Curve, read_curve
@@ -216,6 +217,7 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     law = _law(table_of(tree, "material"), sources, faults)
     _convert_parameters(tree, law, faults)
     sections = {name: _section(model, (name,), _keys(tree, name), faults) for name, model in SECTIONS.items()}
+    sections = with_priors(sections)
     parts = Parts(title, **sections)  # type: ignore[arg-type]
     faults += _faults_of_material(parts.material, law, faults)
     parts = _with_shape_of_records(parts)

@@ -52,8 +52,9 @@ class Sample(Section):
     length: Length | None = Field(default=None, examples=[14.0], description="size of the block along x")
     width: Length | None = Field(default=None, examples=[14.0], description="size of the block along z")
     thickness: Length = Field(description="thickness of the sample along y, the axis of indentation")
-    base: Literal["sliding", "bonded"] = Field(
-        description="support of the sample: the sample slides on it, or is bonded to it; the force can differ by half"
+    base: Literal["sliding", "bonded", "unknown"] = Field(
+        description="support of the sample: the sample slides on it, or is bonded to it (the force can differ by half); "
+        "if unknown, a fit tries both"
     )
 
     @property
@@ -97,7 +98,7 @@ class Indenter(Section):
         default=0.0, examples=[0.05], description="radius of the tip of a cone or wedge, tangential to the flank; 0 is sharp"
     )
     edge_radius: Radius = Field(default=0.0, description="radius of the edge; 0 is sharp")
-    friction: Friction = Field(description='friction coefficient, or "stick" for no slip at all')
+    friction: Friction = Field(description='friction coefficient, "stick" for no slip at all, or "unknown" (0 to 1)')
 
     @property
     def geometry(self) -> indenters.IndenterShape:
@@ -230,10 +231,10 @@ class MaterialChoice(Section):
         description="parameters of the material, each a number, or {start, min, max} to be fitted; young (kPa) may stand for the "
         "shear modulus of an isotropic law",
     )
-    bulk_ratio: Positive | None = Field(
+    bulk_ratio: Positive | Literal["unknown"] | None = Field(
         default=None,
         examples=[DEFAULT_BULK_RATIO],
-        description="bulk modulus over shear modulus; without kappa and poisson_ratio it is 1000 by default",
+        description='bulk modulus over shear modulus, or "unknown" (20 to 5000); without kappa and poisson_ratio it is 1000 by default',
     )
     kappa: Pressure | None = Field(default=None, examples=[1490.0], description="bulk modulus, instead of bulk_ratio")
     poisson_ratio: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] | None = Field(
@@ -253,7 +254,10 @@ class MaterialChoice(Section):
     @property
     def bulk_over_shear(self) -> float | None:
         """Bulk modulus over shear modulus: `bulk_ratio`, or that of `poisson_ratio` (inf at 0.5); None where `kappa` is given."""
-        return self.bulk_ratio if self.poisson_ratio is None else elastic.bulk_ratio(self.poisson_ratio)
+        if self.poisson_ratio is not None:
+            return elastic.bulk_ratio(self.poisson_ratio)
+        assert not isinstance(self.bulk_ratio, str)  # a case has a value in place of `unknown`
+        return self.bulk_ratio
 
     def bulk_modulus(self, shear_modulus: float) -> float:
         """kappa in kPa, for a material of this shear modulus, kPa."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from indentfit.case.faults import depth_of
 from indentfit.case.laws import has_fibres
+from indentfit.case.unknown import IGNORANCE
 from indentfit.errors import MaterialError
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ def warnings_of(case: Case) -> Iterator[str]:
     """One line for each allowed but unusual value of a case."""
     yield from _unstable(case)
     yield from _compressible(case)
+    yield from _unknown(case)
     for test, curve in zip(case.tests, case.curves, strict=True):
         yield from (f"test.{test.name}: {note}" for note in (curve.notes if curve else ()))
         depth = depth_of(test, curve) or 0.0
@@ -48,6 +50,15 @@ def _compressible(case: Case) -> Iterator[str]:
             f"kappa = {kappa:g} kPa is below {NEARLY_INCOMPRESSIBLE} x the largest small-strain modulus ({stiffest:g} kPa) at the "
             "start values: the tissue is not nearly incompressible; raise material.bulk_ratio unless this is intended"
         )
+
+
+def _unknown(case: Case) -> Iterator[str]:
+    """A warning for each input with a wide prior, at whose own value single runs are made."""
+    for known in IGNORANCE:
+        stated = getattr(case.fit.uncertain, known.name)
+        if stated == known.prior:
+            value = getattr(getattr(case, known.table), known.key)
+            yield f"{known.table}.{known.key} counts as unknown: a fit goes over all its values, a simulation takes {value}"
 
 
 def _unstable(case: Case) -> Iterator[str]:

@@ -31,6 +31,7 @@ from indentfit.case.recording import Record
 from indentfit.case.search import Fit
 from indentfit.case.section import raise_disagreements
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
+from indentfit.case.unknown import with_priors
 from indentfit.case.warnings import warnings_of
 from indentfit.curve import Curve, require_loading
 from indentfit.errors import CaseError, CurveError, MaterialError
@@ -91,7 +92,10 @@ class Case(BaseModel):
     @classmethod
     def _curves_of_tests(cls, keys: Any) -> Any:
         """Curves in memory move from the tests into `curves`; a test keeps the name of the file that `case_toml` gives it."""
-        if not isinstance(keys, dict) or keys.get("curves"):
+        if not isinstance(keys, dict):
+            return keys
+        keys = with_priors(keys)
+        if keys.get("curves"):
             return keys
         tests = keys.get("tests", keys.get("test", ()))
         if not isinstance(tests, list | tuple):

@@ -31,9 +31,8 @@ SCANNED = 2048  # places of a scan for starts
 STARTS = 8  # searches from the best places of the scan
 APART = 0.15  # of the ranges: distance of these places
 DRAWN, ALLOWED = 400, 10.0  # places drawn about the optimum; those whose chi2 has grown by less are allowed by the curves
-TELLING = 3  # runs of a round beside that of the optimum
-SETTLED = 1.1  # largest standard deviation with the surrogate's error, over that without it, of a surrogate good enough
-ROUNDS = 2  # largest number of rounds of prediction and proof
+TELLING = 2  # runs of a round beside that of the optimum
+ROUNDS = 3  # largest number of rounds of prediction and proof
 RIGHT = 0.3  # largest shift of a coordinate, over its standard deviation, by the error of a prediction that counts as right
 FIRST_NOISE = 0.02  # of a curve's largest force: where the search for the noise begins
 CONFIDENCE = 0.95
@@ -41,16 +40,26 @@ OTHERS = 2  # other maxima from which each value of a profile is tried
 
 
 @dataclass(frozen=True, eq=False)
-class MeshError:
-    """What another mesh tells about the error of the forces: relative correction of the row of all curves, and the covariance of
-    what remains, relative too."""
+class ModelError:
+    """Errors of the curves that are not noise, all relative to the forces, in a row of all tests.
+
+    Parameters
+    ----------
+    correction : array (N,)
+        What another mesh tells about the error of the forces.
+    mesh : array (N, N)
+        Covariance of what the correction leaves.
+    surrogate : array (N, N) or None
+        Covariance of the surrogate's errors, from runs that it predicted; None before there are any.
+    """
 
     correction: Array
-    covar: Array
+    mesh: Array
+    surrogate: Array | None = None
 
     @classmethod
-    def none(cls, size: int) -> "MeshError":
-        """No error."""
+    def none(cls, size: int) -> "ModelError":
+        """No error of the mesh, and an unknown one of the surrogate."""
         return cls(np.zeros(size), np.zeros((size, size)))
 
 
@@ -101,6 +110,7 @@ class JointFit:
     others: tuple[Mode, ...]
     freedom: float
     surrogate: Surrogate
+    error: ModelError
     proofs: tuple[Proof, ...] = ()
     history: tuple[HistoryStep, ...] = ()
 
@@ -139,7 +149,7 @@ def joint_fit(
     problem: InverseProblem,
     inputs: tuple[UncertainInput, ...],
     model: Watched,
-    mesh: MeshError,
+    error: ModelError,
     seed: int,
     progress: Progress = SILENT,
 ) -> JointFit | None:
@@ -151,7 +161,7 @@ def joint_fit(
         Widened by the inputs (`inverse.wide`).
     inputs : tuple of UncertainInput
     model : Watched
-    mesh : MeshError
+    error : ModelError
     seed : int
     progress : Progress
 
@@ -162,21 +172,24 @@ def joint_fit(
     first_runs(problem, model, seed, progress.part(0, 0.6))
     proofs: list[Proof] = []
     history: list[HistoryStep] = []
+    error = replace(error, surrogate=None)
     for number in range(ROUNDS):
         surrogate = learn(problem, model.known)
         if surrogate is None:
             return None
         progress(0.6 + 0.4 * number / ROUNDS, f"surrogate of {len(surrogate.training)} runs")
-        fit = fitted(problem, inputs, surrogate, mesh, seed)
+        fit = fitted(problem, inputs, surrogate, error, seed)
         enough = settled(fit)
-        proofs.append(proved(fit, model, () if enough else telling(fit, seed)))
+        proof, errors = proved(fit, model, () if enough else telling(fit, seed))
+        proofs.append(proof)
+        error = held_out(error, errors)
         history.append(HistoryStep("joint", number + 1, _objective(fit), model.runs))
-        if proofs[-1].right and enough:
+        if proof.right and enough:
             break
     surrogate = learn(problem, model.known)
     if surrogate is None:
         return None
-    return replace(fitted(problem, inputs, surrogate, mesh, seed), proofs=tuple(proofs), history=tuple(history))
+    return replace(fitted(problem, inputs, surrogate, error, seed), proofs=tuple(proofs), history=tuple(history))
 
 
 def first_runs(problem: InverseProblem, model: Watched, seed: int, progress: Progress = SILENT) -> None:
@@ -198,7 +211,7 @@ def fitted(
     problem: InverseProblem,
     inputs: tuple[UncertainInput, ...],
     surrogate: Surrogate,
-    mesh: MeshError,
+    error: ModelError,
     seed: int,
     used: Sequence[bool] | None = None,
 ) -> JointFit:
@@ -206,7 +219,7 @@ def fitted(
 
     Parameters
     ----------
-    problem, inputs, surrogate, mesh, seed
+    problem, inputs, surrogate, error, seed
     used : sequence of bool
         Whether each test counts; by default all with a weight.
 
@@ -215,11 +228,12 @@ def fitted(
     JointFit
     """
     shifts = tuple(Shift.of(test.curve.displacement) for test in problem.tests)
-    curves = Curves(problem, surrogate, inputs, shifts, mesh.correction)
+    curves = Curves(problem, surrogate, inputs, shifts, error.correction)
     counted = tuple(used) if used is not None else tuple(test.weight > 0 for test in problem.tests)
     force = curves.measured()
     sizes = np.array([np.abs(force[rows]).max() for rows in curves.slices])
-    model = mesh.covar * np.outer(force, force) + surrogate_covar(curves)
+    of_surrogate = left_out_covar(curves) if error.surrogate is None else error.surrogate
+    model = (error.mesh + of_surrogate) * np.outer(force, force)
     posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model), counted)
     modes = _modes(posterior, seed)
     for _ in range(2):
@@ -227,24 +241,20 @@ def fitted(
         modes = _climbed(posterior, [mode.z for mode in modes])
     posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))
     modes = _climbed(posterior, [mode.z for mode in modes])
-    return JointFit(posterior, modes[0], tuple(modes[1:]), freedom_of(posterior, modes[0]), surrogate)
+    return JointFit(
+        posterior, modes[0], tuple(modes[1:]), freedom_of(posterior, modes[0]), surrogate, replace(error, surrogate=of_surrogate)
+    )
 
 
-def surrogate_covar(curves: Curves) -> Array:
-    """Covariance of the surrogate's errors, (N, N) mN^2, from the predictions of each run near the optimum from all others."""
-    surrogate, problem = curves.surrogate, curves.problem
+def left_out_covar(curves: Curves) -> Array:
+    """Covariance of the surrogate's relative errors, (N, N), from the predictions of each run near the optimum from all others."""
+    surrogate = curves.surrogate
     if surrogate.fitted.left_out is None:
         return np.zeros((curves.measured().size,) * 2)
     weights = np.array([run.weight for run in surrogate.training])
-    runs = np.array([run.curves for run in surrogate.training])
-    factor = _best_factors(curves.measured(), runs) if problem.scale else np.ones(len(runs))
-    errors = surrogate.fitted.left_out / weights[:, None] * factor[:, None]
+    errors = surrogate.fitted.left_out / weights[:, None] / np.array([run.curves for run in surrogate.training])
     shares = weights**4 / np.sum(weights**4)  # the place of interest is where the misfit is small
-    return np.einsum("m,mi,mj->ij", shares, errors, errors)
-
-
-def _best_factors(target: Array, runs: Array) -> Array:
-    return (runs @ target) / np.sum(runs**2, axis=1)
+    return np.asarray(np.einsum("m,mi,mj->ij", shares, errors, errors))
 
 
 def _modes(posterior: Posterior, seed: int) -> list[Mode]:
@@ -329,42 +339,57 @@ def telling(fit: JointFit, seed: int) -> list[dict[str, float]]:
     return chosen
 
 
-def proved(fit: JointFit, model: Watched, others: Sequence[dict[str, float]] = ()) -> Proof:
-    """The prediction at the optimum, compared with a run there: the error is right if it shifts no coordinate by much. Other points
-    are run together with it."""
+def proved(fit: JointFit, model: Watched, others: Sequence[dict[str, float]] = ()) -> tuple[Proof, Array]:
+    """The prediction at the optimum, compared with a run there: it is right if its error shifts no coordinate by much. Other points
+    are run together with it; the array holds the relative errors of all predictions, a row for each run."""
     curves, z = fit.posterior.curves, fit.mode.z
-    point = curves.point(z)
-    ran = evaluate_at_reference(curves.problem, model, [point, *others])[0]
-    if ran.forces is None:
-        return Proof(dict(point), None, None)
-    error = prediction_error(fit, z, ran)
+    points = [curves.point(z), *others]
+    ran = evaluate_at_reference(curves.problem, model, points)
+    errors = prediction_errors(fit, points, ran)
+    if ran[0].forces is None:
+        return Proof(dict(points[0]), None, None), errors
+    error = errors[0] * curves.measured()
     climber = Climber(without_surrogate(fit))
     J, covar = climber.residuals(z)[1][: climber.rows.size], climber.covar(z)
     shift = covar @ J.T @ climber.W @ error[climber.rows]
     worst = float(np.max(np.abs(shift) / np.sqrt(np.diag(covar))))
     size = float(np.sqrt(np.mean(error**2)))
-    return Proof(dict(point), size, size * RIGHT / worst if worst > 0 else size)
+    return Proof(dict(points[0]), size, size * RIGHT / worst if worst > 0 else size), errors
+
+
+def prediction_errors(fit: JointFit, points: Sequence[dict[str, float]], ran: Sequence[Evaluation]) -> Array:
+    """Relative errors of the surrogate's predictions at points that were run, (k, N); a run that failed has no row."""
+    problem, rows = fit.posterior.curves.problem, []
+    for point, run in zip(points, ran, strict=True):
+        if run.forces is not None:
+            true = np.concatenate(run.forces)
+            rows.append(fit.surrogate.curves(problem.place(point)[None])[0] / true - 1)
+    return np.array(rows).reshape(len(rows), fit.error.correction.size)
+
+
+def held_out(error: ModelError, errors: Array) -> ModelError:
+    """The errors of the model, with the surrogate's from predictions that were compared with runs, a row (N,) for each."""
+    return replace(error, surrogate=errors.T @ errors / len(errors)) if len(errors) else error
 
 
 def without_surrogate(fit: JointFit) -> Posterior:
     """The posterior as if the surrogate were exact."""
     noise = fit.posterior.noise
-    return replace(fit.posterior, noise=replace(noise, model=noise.model - surrogate_covar(fit.posterior.curves)))
+    force = fit.posterior.curves.measured()
+    assert fit.error.surrogate is not None  # `fitted` has set it
+    return replace(fit.posterior, noise=replace(noise, model=fit.error.mesh * np.outer(force, force)))
 
 
 def settled(fit: JointFit) -> bool:
-    """Whether the surrogate's error adds little to the standard deviations of the free parameters."""
-    plain = Climber(without_surrogate(fit)).covar(fit.mode.z)
-    n = len(fit.posterior.curves.free)
-    return bool(np.all(np.diag(fit.mode.covar)[:n] <= SETTLED**2 * np.diag(plain)[:n]))
-
-
-def prediction_error(fit: JointFit, z: Array, ran: Evaluation) -> Array:
-    """Prediction minus run at a place, (N,) mN, at its scale."""
-    problem = fit.posterior.curves.problem
-    point = fit.posterior.curves.point(z)
-    predicted = fit.surrogate.curves(problem.place(point)[None])[0]
-    return problem.factor(point) * (predicted - np.concatenate(ran.forces or ()))
+    """Whether the surrogate's error is below what the noise leaves of the curves' smooth parts."""
+    curves, noise = fit.posterior.curves, fit.posterior.noise
+    force = curves.measured()
+    assert fit.error.surrogate is not None  # `fitted` has set it
+    errors = np.diag(fit.error.surrogate) * force**2
+    left = np.concatenate(
+        [np.full(part.stop - part.start, sigma**2) for part, sigma in zip(curves.slices, noise.sigma, strict=True)]
+    )
+    return bool(np.mean(errors[fit.posterior.rows]) <= np.mean(left[fit.posterior.rows]) * curves.size / fit.posterior.rows.size)
 
 
 def _objective(fit: JointFit) -> float:

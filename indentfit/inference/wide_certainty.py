@@ -168,11 +168,11 @@ def _of_mesh(fit: WideFit, names: Sequence[str]) -> dict[str, InputShare]:
     joint = fit.best.fit
     noise = joint.posterior.noise
     force = joint.posterior.curves.measured()
-    left = fit.mesh.covar * np.outer(force, force)
+    left = fit.mesh.mesh * np.outer(force, force)
     without = replace(joint.posterior, noise=replace(noise, model=noise.model - left))
     p = len(names)
     gone = 1 - np.diag(Climber(without).covar(joint.mode.z))[:p] / np.diag(joint.mode.covar)[:p]
-    sd = float(np.sqrt(np.max(np.diag(fit.mesh.covar))))
+    sd = float(np.sqrt(np.max(np.diag(fit.mesh.mesh))))
     spread = np.sqrt(np.maximum(gone, 0.0) * np.diag(joint.mode.covar)[:p]) * fit.problem.ranges
     return {"mesh": InputShare(0.0, sd, _named(names, spread), _named(names, np.maximum(gone, 0.0)), fit.elements)}
 
@@ -221,7 +221,7 @@ def _alone(case: Case, fit: WideFit) -> dict[str, TestAlone]:
     found = {}
     for n, test in enumerate(tests if len(tests) > 1 else ()):
         used = [k == n for k in range(len(tests))]
-        single = fitted(curves.problem, curves.inputs, joint.surrogate, fit.mesh, case.fit.seed, used)
+        single = fitted(curves.problem, curves.inputs, joint.surrogate, joint.error, case.fit.seed, used)
         force = curves.at(single.mode.z)[0][curves.slices[n]]
         rows = {}
         for k, path in joint_profiles(single).items():

@@ -16,7 +16,16 @@ from indentfit.case.search import Fit
 from indentfit.fem.meshing import DIMENSIONS
 from indentfit.inference import mixture
 from indentfit.inference.inputs import ORDER, OTHER_BASE, another_mesh, elements_of
-from indentfit.inference.joint import JointFit, JointPath, MeshError, fitted, joint_fit, joint_profiles, prediction_error
+from indentfit.inference.joint import (
+    JointFit,
+    JointPath,
+    ModelError,
+    fitted,
+    held_out,
+    joint_fit,
+    joint_profiles,
+    prediction_errors,
+)
 from indentfit.inference.posterior import Climber
 from indentfit.inference.result import ConfirmedPoint, Interval
 from indentfit.inverse.derivatives import evaluate_at_reference
@@ -54,7 +63,7 @@ class WideFit:
 
     problem: InverseProblem
     alternatives: tuple[WideAlternative, ...]
-    mesh: MeshError
+    mesh: ModelError
     elements: int | None
 
     @property
@@ -129,7 +138,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     stated = _alternatives(case)
     parts = [progress.part(n / len(stated), (n + 1) / len(stated)) for n in range(len(stated))]
     found: list[WideAlternative] = []
-    mesh, elements = MeshError.none(size), None
+    mesh, elements = ModelError.none(size), None
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
         fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part.part(0, 0.8))
@@ -137,8 +146,8 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
             continue
         if elements is None and case.fit.uncertain.mesh:
             mesh, elements = mesh_error(case, fit, model)
-            fit = _again(fit, mesh, case.fit.seed)
-        fit, confirmed = _ends_proved(fit, mesh, model, case.fit.seed, part.part(0.8, 1))
+            fit = _again(fit, replace(mesh, surrogate=fit.error.surrogate), case.fit.seed)
+        fit, confirmed = _ends_proved(fit, model, case.fit.seed, part.part(0.8, 1))
         found.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), confirmed=confirmed))
     return _weighed(problem, found, mesh, elements) if found else None
 
@@ -151,7 +160,7 @@ def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
     return [own, (f"base = {other}", {"sample.base": other}, odds)] if odds else [own]
 
 
-def _weighed(problem: InverseProblem, found: list[WideAlternative], mesh: MeshError, elements: int | None) -> WideFit:
+def _weighed(problem: InverseProblem, found: list[WideAlternative], mesh: ModelError, elements: int | None) -> WideFit:
     """The alternatives with their probabilities, the most probable first."""
     shares = mixture.probabilities([known.prior for known in found], [known.fit.log_evidence() for known in found])
     weighed = [replace(known, probability=float(share)) for known, share in zip(found, shares, strict=True)]
@@ -162,14 +171,14 @@ def _improbable(alternative: WideAlternative) -> float:
     return -alternative.probability
 
 
-def _again(fit: JointFit, mesh: MeshError, seed: int) -> JointFit:
-    """The same fit with another error of the mesh, without a run."""
+def _again(fit: JointFit, error: ModelError, seed: int) -> JointFit:
+    """The same fit with other errors of the model, without a run."""
     curves = fit.posterior.curves
-    changed = fitted(curves.problem, curves.inputs, fit.surrogate, mesh, seed)
+    changed = fitted(curves.problem, curves.inputs, fit.surrogate, error, seed)
     return replace(changed, proofs=fit.proofs, history=fit.history)
 
 
-def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[MeshError, int | None]:
+def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, int | None]:
     """The error of the forces by the mesh, from a run on another mesh at the optimum; none where that run fails.
 
     The error falls with the size of the elements like its ORDER-th power (the traction is singular at a sharp edge), so two meshes
@@ -181,7 +190,7 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[MeshError, in
     here, there = evaluate_at_reference(problem, model, [point, {**point, "mesh.elements": elements}])
     size = curves.measured().size
     if here.forces is None or there.forces is None:
-        return MeshError.none(size), None
+        return ModelError.none(size), None
     own = elements_of(case, case.mesh)
     other = elements_of(case, case.mesh.model_copy(update={"size": None, "elements": elements}))
     coarser = (own / other) ** (ORDER / DIMENSIONS[setup_of(case).symmetry])
@@ -193,11 +202,11 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[MeshError, in
         depth = test.curve.displacement
         smooth = np.exp(-0.5 * (np.subtract.outer(depth, depth) / (SMOOTHLY * depth[-1])) ** 2)
         covar[rows, rows] = (case.fit.uncertain.mesh * REMAINS * worst) ** 2 * smooth
-    return MeshError(correction, covar), elements
+    return ModelError(correction, covar), elements
 
 
 def _ends_proved(
-    fit: JointFit, mesh: MeshError, model: Watched, seed: int, progress: Progress
+    fit: JointFit, model: Watched, seed: int, progress: Progress
 ) -> tuple[JointFit, dict[int, tuple[ConfirmedPoint, ...]]]:
     """The fit on a surrogate that has learnt runs at the ends of the profiles, and what these runs say of the first profiles."""
     curves = fit.posterior.curves
@@ -214,9 +223,11 @@ def _ends_proved(
         else:
             residuals = climber.residuals(z)[0]
             predicted = float(residuals @ residuals)
-            residuals[: climber.rows.size] -= climber.W @ prediction_error(fit, z, run)[climber.rows]
+            off = prediction_errors(fit, [point], [run])[0] * curves.measured()
+            residuals[: climber.rows.size] -= climber.W @ off[climber.rows]
             chi2 = max(float(residuals @ residuals) - fit.mode.chi2, 0.0)
             row = ConfirmedPoint(point[name], chi2, max(predicted - fit.mode.chi2, 0.0), None, point)
         confirmed[n] = (*confirmed[n], row)
     surrogate = learn(curves.problem, model.known) or fit.surrogate
-    return _again(replace(fit, surrogate=surrogate), mesh, seed), confirmed
+    error = held_out(fit.error, prediction_errors(fit, points, ran))
+    return _again(replace(fit, surrogate=surrogate), error, seed), confirmed

@@ -20,6 +20,7 @@ from indentfit.runs.forward import Evaluation, Report
 BETAS = (0.0, 3.0, 10.0, 30.0)
 DEGREES = range(1, 9)
 WIDE_DEGREES = range(2, 5)  # of a problem that is widened by uncertain inputs
+ROWS = 1.4  # least number of rows for each coefficient of a widened problem
 CLIPS = (0.7, 1.0, 1.3)  # factors on the place where the effect of friction ends
 LEAST_MISFIT = 1e-3  # over the measured forces' root mean square: runs with a smaller misfit all weigh the same
 LEAST_MISFIT_WIDE = 0.02  # the same, of a problem that is widened by uncertain inputs
@@ -231,12 +232,22 @@ def _best_fit(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Fit
             for beta in _betas_tried(problem, n):
                 trial = betas.copy()
                 trial[n] = beta
-                for degree in WIDE_DEGREES if problem.warps else DEGREES:
+                for degree in _degrees_tried(training, problem):
                     fitted = fit_polynomial(training, trial, degree)
                     if fitted and (best is None or fitted.error < best.error):
                         best = fitted
             betas = best.betas if best else betas
     return best
+
+
+def _degrees_tried(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Sequence[int]:
+    """The degrees among which the runs choose. The few runs of a widened problem lie at the corners of its ranges, where leaving
+    one out says little: the degree is then the largest that has ROWS rows for each coefficient."""
+    if not problem.warps:
+        return DEGREES
+    known = [0 if run.slopes is None else int(np.isfinite(run.slopes[0]).sum()) for run in training]
+    rows, d = len(training) + sum(known), len(problem.searched)
+    return [max((p for p in WIDE_DEGREES if ROWS * len(polynomials.powers(d, p)) <= rows), default=1)]
 
 
 def _betas_tried(problem: InverseProblem, n: int) -> tuple[float, ...]:

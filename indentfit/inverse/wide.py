@@ -14,7 +14,7 @@ from indentfit.case.search import LEAST_INPUT
 from indentfit.inverse.problem import InverseProblem
 from indentfit.runs.points import KEYS, UNITS
 
-SIZES = ("width", "diameter")  # keys of an indenter that are its size
+SIZES = ("width", "diameter", "radius")  # keys of an indenter that are its size
 OF_CURVES = ("offset", "force")  # inputs of each test that need no run
 SOLVED = ("friction", "bulk_ratio", "thickness", "size")  # inputs that change the solution
 DIFFERENTIABLE = ("friction", "bulk_ratio")  # inputs by which the mechanics can differentiate
