@@ -1,25 +1,30 @@
 """Uncertain inputs as coordinates of a fit: priors, the density over parameters and inputs, profiles, and mixtures."""
 
+import json
+
 import numpy as np
 import pytest
-from fixtures.cases import white_matter
+from fixtures.cases import tiny_case, white_matter
 from fixtures.formulas import FREE, TRUTH, formula, problem
 from scipy.optimize import brentq
 from scipy.stats import norm
 
 from indentfit.case import Range
 from indentfit.case.priors import Prior
-from indentfit.curve import Curve
+from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError
+from indentfit.experiment.measured import read_case
 from indentfit.inference import joint, mixture
+from indentfit.inference.fit import fit
 from indentfit.inference.joint import JointPath, ModelError
 from indentfit.inference.posterior import Shift
+from indentfit.inference.result import FitResult
 from indentfit.inverse import polynomials
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.wide import UncertainInput, uncertain_inputs, widened_problem
-from indentfit.runs.forward import Evaluation
+from indentfit.runs.forward import Evaluation, simulate
 
 DEPTH = np.linspace(0.0132, 0.33, 25)
 UNIFORM = Prior(uniform=(0, 1))
@@ -241,3 +246,45 @@ def test_overlapping_alternatives_are_one_piece_and_a_certain_one_stands_alone()
 
 def test_probabilities_follow_from_prior_and_evidence():
     assert mixture.probabilities([0.2, 0.8], [np.log(6.0), np.log(1.0)]) == pytest.approx([0.6, 0.4])
+
+
+# A whole fit
+
+
+@pytest.fixture(scope="module")
+def unknown_base(tmp_path_factory):
+    """The fit of mu = 1.5 from one curve that the forward model made on a bonded base, where the case knows neither base nor
+    friction, with 0.5 % noise on a very coarse mesh."""
+    folder = tmp_path_factory.mktemp("unknown")
+    path = tiny_case(
+        folder,
+        sample={"base": "bonded"},
+        test=[{"name": "parallel", "angle": 0, "depth": 0.3, "points": 12}],
+        material={"model": "neo_hookean", "parameters": {"mu": 1.5}},
+    )
+    made = simulate(read_case(path)).tests[0]
+    force = noisy([made.force], 0.005, 0)[0]
+    write_curve(folder / "parallel.csv", Curve(made.displacement, force))
+    unknown = {"base": "unknown"}, {"friction": "unknown"}
+    tiny_case(folder, sample=unknown[0], indenter=unknown[1], fit={"method": "ga", "uncertain": {"mesh": 0.0}})
+    return fit(read_case(path))
+
+
+def test_a_base_that_nobody_knows_gives_both_answers_and_holds_the_truth(unknown_base):
+    """On one curve of a gel the base and mu are exchangeable: the force is 45 % larger on a bonded base, so both are answers."""
+    mu = unknown_base.parameters["mu"]
+    assert any(low <= 1.5 <= high for low, high in mu.pieces or (mu.interval,))
+    found = {tried.name: tried for tried in unknown_base.uncertain.alternatives}
+    assert sum(tried.probability for tried in found.values()) == pytest.approx(1)
+    low, high = found["base = bonded"].intervals["mu"]
+    assert low <= 1.5 <= high
+    assert found["base = sliding"].parameters["mu"] > 1.8
+    assert not mu.verdict.startswith("determined") or low <= mu.value <= high
+
+
+def test_the_result_of_uncertain_inputs_is_written_and_read_back(unknown_base):
+    again = FitResult.from_json(json.loads(json.dumps(unknown_base.as_json())))
+    assert again.uncertain == unknown_base.uncertain
+    text = unknown_base.summary()
+    assert "base = bonded, probability" in text
+    assert "friction (prior 0 to 1; fitted" in text

@@ -108,7 +108,7 @@ class ConfirmedPoint:
     chi2: float | None
     predicted: float | None
     cause: str | None = None
-    parameters: dict[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ class PublishedComparison:
 class FitFailure:
     """A point at which the mechanics failed, and the cause."""
 
-    parameters: dict[str, float | str]
+    parameters: Mapping[str, float | str]
     cause: str
 
 

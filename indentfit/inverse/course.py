@@ -1,5 +1,6 @@
 """The record of a search for the result of a fit: its steps, and how well its surrogate predicted runs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 
@@ -42,7 +43,7 @@ class Proof:
         The largest error with which the prediction counts as right, mN.
     """
 
-    parameters: dict[str, float]
+    parameters: Mapping[str, float | str]
     error: float | None
     allowed: float | None
 
