@@ -210,7 +210,7 @@ WRONG = {
     "sample.thicknes=3.3": "sample.thicknes = 3.3: unknown key; did you mean thickness?",
     "sample.friction=0.5": "sample.friction = 0.5: unknown key here; it belongs to [indenter]",
     "sample.shape=ball": "sample.shape = \"ball\": must be 'disc' or 'block'",
-    "sample.base=glued": "must be 'sliding' or 'bonded'",
+    "sample.base=glued": "must be 'sliding', 'bonded' or 'unknown'",
     "sample.length=14": "sample.length = 14.0: does not belong to a disc",
     "sample=3": "sample = 3: must be a table",
     "smaple.base=bonded": "unknown key; did you mean sample?",

@@ -234,7 +234,7 @@ class MaterialChoice(Section):
     bulk_ratio: Positive | Literal["unknown"] | None = Field(
         default=None,
         examples=[DEFAULT_BULK_RATIO],
-        description='bulk modulus over shear modulus, or "unknown" (20 to 5000); without kappa and poisson_ratio it is 1000 by default',
+        description='bulk modulus over shear modulus, or "unknown" (20 to 5000); without kappa and poisson_ratio 1000 by default',
     )
     kappa: Pressure | None = Field(default=None, examples=[1490.0], description="bulk modulus, instead of bulk_ratio")
     poisson_ratio: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] | None = Field(

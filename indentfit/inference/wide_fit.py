@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case
+from indentfit.case import Case, Mesh
 from indentfit.case.search import Fit
 from indentfit.fem.meshing import DIMENSIONS
 from indentfit.inference import mixture
@@ -192,7 +192,7 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
     if here.forces is None or there.forces is None:
         return ModelError.none(size), None
     own = elements_of(case, case.mesh)
-    other = elements_of(case, case.mesh.model_copy(update={"size": None, "elements": elements}))
+    other = elements_of(case, Mesh(elements=elements))
     coarser = (own / other) ** (ORDER / DIMENSIONS[setup_of(case).symmetry])
     own_forces, other_forces = np.concatenate(here.forces), np.concatenate(there.forces)
     correction = -(other_forces - own_forces) / own_forces / (coarser - 1)
