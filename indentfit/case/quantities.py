@@ -105,6 +105,14 @@ def _friction(value: Any) -> float | str:
     return float(value)
 
 
+def _bulk_ratio(value: Any) -> float | str:
+    if isinstance(value, str) and value == "unknown":
+        return value
+    if not is_number(value) or value <= 0:
+        raise refusal('must be above 0, or "unknown"')
+    return float(value)
+
+
 def _not_bool(value: Any) -> Any:
     if isinstance(value, bool):
         raise refusal("must be 0 or 90, the degrees between the fibres and the indenter's long side")
@@ -135,6 +143,7 @@ def _odds(value: Any) -> Any:
 
 ODDS = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, {"type": "boolean"}]}
 STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"enum": ["stick", "unknown"]}]}
+RATIO = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": "unknown"}]}
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -146,6 +155,7 @@ HalfAngle = Annotated[float, Field(ge=5, lt=90, allow_inf_nan=False), Unit("degr
 Pressure = Annotated[Positive, Quantity("kPa")]
 Rate = Annotated[Positive, Quantity("Hz")]
 Friction = Annotated[float | Literal["stick", "unknown"], PlainValidator(_friction), WithJsonSchema(STICK)]
+BulkRatio = Annotated[float | Literal["unknown"], PlainValidator(_bulk_ratio), WithJsonSchema(RATIO)]
 Angle = Annotated[Literal[0, 90], BeforeValidator(_not_bool), Unit("degrees")]
 Odds = Annotated[Share | None, BeforeValidator(_odds), WithJsonSchema(ODDS)]
 Line = Annotated[str, AfterValidator(_one_line)]

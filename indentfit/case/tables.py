@@ -14,6 +14,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, model
 from indentfit import elastic, indenters, samples
 from indentfit.case.quantities import (
     Angle,
+    BulkRatio,
     Finite,
     Friction,
     HalfAngle,
@@ -231,7 +232,7 @@ class MaterialChoice(Section):
         description="parameters of the material, each a number, or {start, min, max} to be fitted; young (kPa) may stand for the "
         "shear modulus of an isotropic law",
     )
-    bulk_ratio: Positive | Literal["unknown"] | None = Field(
+    bulk_ratio: BulkRatio | None = Field(
         default=None,
         examples=[DEFAULT_BULK_RATIO],
         description='bulk modulus over shear modulus, or "unknown" (20 to 5000); without kappa and poisson_ratio 1000 by default',

@@ -13,20 +13,19 @@ from indentfit.inference.bootstrap import bootstrap
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, Identifiability, identifiability, noise_of, widened
 from indentfit.inference.inputs import Solution, shares
+from indentfit.inference.plain import Interval
 from indentfit.inference.result import (
     BootstrapError,
     ConfirmedPoint,
     CurveNoise,
-    Interval,
-    NoiseShare,
     ParameterEstimate,
     Profile,
     PublishedComparison,
     RivalOptimum,
     TestAlone,
-    UncertainInputs,
     WeightsFit,
 )
+from indentfit.inference.shares import NoiseShare, UncertainInputs
 from indentfit.inference.verdicts import conclusions, verdict
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference

@@ -19,7 +19,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case, Mesh
 from indentfit.fem.meshing import DIMENSIONS, count
 from indentfit.inference.identifiability import Identifiability
-from indentfit.inference.result import InputShare
+from indentfit.inference.shares import InputShare
 from indentfit.inverse.derivatives import Underivable, derivatives_at, last_cause
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.runs.forward import ForwardModel

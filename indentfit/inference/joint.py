@@ -13,9 +13,9 @@ from scipy.stats import qmc
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
+from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber, Curves, Mode, NoiseModel, Posterior, Shift, noise_at
 from indentfit.inference.profiles import BEYOND, SHOWN, end_of_profile
-from indentfit.inference.result import Interval
 from indentfit.inverse.course import HistoryStep, Proof
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.exploration import Watched

@@ -7,7 +7,7 @@ from scipy.stats import chi2 as chi_squared
 
 from indentfit.arrays import Array
 from indentfit.inference.joint import CONFIDENCE, JointPath
-from indentfit.inference.result import Interval
+from indentfit.inference.plain import Interval
 
 CERTAIN = 0.99  # an alternative of this probability stands alone
 GRID = 4001

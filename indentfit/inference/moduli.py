@@ -5,7 +5,8 @@ from typing import Any
 
 from indentfit.case import Case
 from indentfit.case.laws import isotropic_moduli
-from indentfit.inference.result import FitResult, Interval, ParameterEstimate
+from indentfit.inference.plain import Interval
+from indentfit.inference.result import FitResult, ParameterEstimate
 
 UNITS = {"mu": "kPa", "E": "kPa", "nu": "1"}
 

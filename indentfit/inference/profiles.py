@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 from indentfit.arrays import Array
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import Identifiability
-from indentfit.inference.result import ConfirmedPoint, Interval, Profile
+from indentfit.inference.plain import Interval
+from indentfit.inference.result import ConfirmedPoint, Profile
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.surrogate import Surrogate

@@ -5,7 +5,7 @@ Units: mm, mN, kPa, s. None stands for an unknown value.
 
 import html
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,10 +14,11 @@ from pydantic import InstanceOf, TypeAdapter
 from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts
+from indentfit.inference.plain import NOT_IN_JSON, Interval, plain_fields
+from indentfit.inference.shares import UncertainInputs
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
 from indentfit.runs.closed_form import ClosedForm
 
-Interval = tuple[float, float]
 Numbers = tuple[float | None, ...]
 UNKNOWN = "not known: the fit stopped before its errors were found"
 
@@ -169,106 +170,6 @@ class WeightsFit:
     weights: tuple[float, ...]
     parameters: dict[str, float]
     rmse: dict[str, float]
-
-
-@dataclass(frozen=True)
-class InputShare:
-    """The effect of the uncertainty of one input on the parameters.
-
-    Parameters
-    ----------
-    value : float or str
-        The value of the input in the case.
-    sd : float or None
-        Standard deviation of the input; None for the base, which has a `probability` instead.
-    effect : dict of name -> change of the parameter
-        Change by one standard deviation of the input; for the base, change by the other base.
-    share : dict of name -> share of the parameter's variance
-    elements : int or None
-        For the mesh: number of elements of the mesh with which the case's mesh was compared.
-    probability : float or None
-        For the base: probability that the other base is the true one, before the fit.
-    prior : str or None
-        What the case states about an input that was a coordinate of the fit, in words.
-    fitted, interval : float and (low, high), or None
-        For such an input: its value at the optimum, and its 95 % interval after the fit. The shares are then those of the
-        parameter's variance that would vanish if the input were known, and the effects are those of its standard deviation after
-        the fit.
-    unit : str or None
-    """
-
-    value: float | str
-    sd: float | None
-    effect: dict[str, float | None] = field(default_factory=dict)
-    share: dict[str, float | None] = field(default_factory=dict)
-    elements: int | None = None
-    probability: float | None = None
-    prior: str | None = None
-    fitted: float | None = None
-    interval: Interval | None = None
-    unit: str | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """The keys of the input in result.json, without those whose value is None."""
-        return {name: value for name, value in plain_fields(self).items() if value is not None or name == "sd"}
-
-
-@dataclass(frozen=True)
-class NoiseShare:
-    """The share of the noise of the curves in each parameter's variance."""
-
-    share: dict[str, float | None]
-
-
-@dataclass(frozen=True)
-class AlternativeFit:
-    """One of several alternatives, such as a base, each of which was fitted.
-
-    Parameters
-    ----------
-    name : str
-        Such as "base = bonded".
-    prior, probability : float
-        Its probability before and after the fit.
-    parameters : dict of name -> value
-    intervals : dict of name -> (low, high)
-        95 % intervals under this alternative.
-    rmse : dict of test -> mN
-    """
-
-    name: str
-    prior: float
-    probability: float
-    parameters: dict[str, float]
-    intervals: dict[str, Interval]
-    rmse: dict[str, float]
-
-
-@dataclass(frozen=True)
-class UncertainInputs:
-    """The sources of the parameters' errors: uncertain inputs (with the mesh) and noise; and the total standard errors.
-
-    Parameters
-    ----------
-    inputs : dict of name -> InputShare
-    noise : NoiseShare or None
-    stderr_total : dict of name -> standard error
-    at : dict of name -> value
-        Inputs of the forward model at the optimum, as `runs.points` takes them, where they are not those of the case.
-    alternatives : tuple of AlternativeFit
-        The most probable first.
-    """
-
-    inputs: dict[str, InputShare] = field(default_factory=dict)
-    noise: NoiseShare | None = None
-    stderr_total: dict[str, float | None] = field(default_factory=dict)
-    at: dict[str, float | str] = field(default_factory=dict)
-    alternatives: tuple[AlternativeFit, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """The keys in result.json; empty where no input is uncertain."""
-        known = {} if self.noise is None else plain_fields(self)
-        return {name: value for name, value in known.items() if value or name not in ("at", "alternatives")}
 
 
 @dataclass(frozen=True)
@@ -484,18 +385,4 @@ class FitResult:
 
 
 RENAMED = {"conclusions": "summary"}  # names of fields whose key in result.json is another
-NOT_IN_JSON = ("curves", "case")
 NEEDED = ("objective", "sum_of_squares", "rmse", "parameters", "free", "title")  # keys that may be None or empty
-
-
-def plain_fields(value: Any) -> dict[str, Any]:
-    """The fields of a dataclass as plain numbers, lists and dictionaries."""
-    return {known.name: _plain(getattr(value, known.name)) for known in fields(value) if known.name not in NOT_IN_JSON}
-
-
-def _plain(value: Any) -> Any:
-    if is_dataclass(value):
-        return value.as_json() if hasattr(value, "as_json") else plain_fields(value)
-    if isinstance(value, dict):
-        return {name: _plain(inner) for name, inner in value.items()}
-    return [_plain(inner) for inner in value] if isinstance(value, tuple | list) else value

@@ -11,19 +11,10 @@ from indentfit.inference.certainty import Certainty, Findings, published_compari
 from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, Identifiability, identifiability
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointFit, fitted, joint_profiles
+from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
-from indentfit.inference.result import (
-    AloneEstimate,
-    AlternativeFit,
-    CurveNoise,
-    InputShare,
-    Interval,
-    NoiseShare,
-    ParameterEstimate,
-    Profile,
-    TestAlone,
-    UncertainInputs,
-)
+from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
+from indentfit.inference.shares import AlternativeFit, InputShare, NoiseShare, UncertainInputs
 from indentfit.inference.verdicts import conclusions, verdict
 from indentfit.inference.wide_fit import WideAlternative, WideFit
 from indentfit.inverse.exploration import Watched, facts_of

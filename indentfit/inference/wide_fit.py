@@ -26,8 +26,9 @@ from indentfit.inference.joint import (
     joint_profiles,
     prediction_errors,
 )
+from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
-from indentfit.inference.result import ConfirmedPoint, Interval
+from indentfit.inference.result import ConfirmedPoint
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.exploration import Exploration, Watched
 from indentfit.inverse.generations import Search

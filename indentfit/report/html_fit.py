@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from indentfit.curve import Curve
-from indentfit.inference.result import FitResult, Interval, ParameterEstimate
+from indentfit.inference.plain import Interval
+from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.report import plots, study_plots
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections

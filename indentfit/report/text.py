@@ -8,7 +8,9 @@ from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import ForceError, Simulation, TestResult
-from indentfit.inference.result import FitResult, InputShare, Interval, NoiseShare, ParameterEstimate, UncertainInputs
+from indentfit.inference.plain import Interval
+from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
 from indentfit.report.digits import CurveScale
