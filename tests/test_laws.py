@@ -184,6 +184,8 @@ def test_gent_has_no_stress_beyond_its_locking_stretch():
         ("m*(l1^2 + l2^2 + 2*l3^2)", "not symmetric"),
         ("m*(positive(l1-1)^2 + positive(l2-1)^2 + positive(l3-1)^2)", "switches"),
         ("m*(l1^I1 + l2^I1 + l3^I1)", "joins a principal stretch and an invariant"),
+        ("m*(exp(exp(exp(exp(l1)))) + l2 + l3)", "not symmetric"),
+        ("m*(l1 + l2)*(l2 + l3)*(l3 + l1)", "not symmetric"),
         ("m*(l4 - 1)", "known: I1, I2, I4, I5, l1, l2, l3, m"),
     ],
 )

@@ -193,6 +193,7 @@ def test_energies_written_in_other_ways_are_the_same_energy():
         ("m/2*(l1^-2 + l2^-2 + l3^-2 - 3)*l1*l2*l3", "m/2*(I2 - 3)"),
         ("m*(l1^2 + l2^2 + l3^2 - 3)*(l1^-2 + l2^-2 + l3^-2)", "m*(I1 - 3)*I2"),
         ("m*exp(l1^2 + l2^2 + l3^2 - 3) + m*I4*I1 - m*I4*(l1^2 + l2^2 + l3^2)", "m*exp(I1 - 3)"),
+        ("m*(exp(2*log(l1)) + l2^2 + tanh(l3)*l3^2/tanh(l3))", "m*I1"),
         ("m*((I2*l1)^2 + (I2*l2)^2 + (I2*l3)^2)", "m*I1*I2^2"),
     ]
     rng = np.random.default_rng(1)

@@ -164,7 +164,9 @@ class Material:
         """
         gradient = self._rest.gradient if self._rest else self.gradient(REST)
         modulus = float(2 * gradient[:2].sum())
-        if not (modulus > 0 and math.isfinite(modulus)):
+        if not math.isfinite(modulus):
+            raise MaterialError(f"{self!r} has no finite shear modulus at rest: its formula divides by zero, or has no value there")
+        if not modulus > 0:
             raise MaterialError(f"{self!r} has a shear modulus of {modulus:g} kPa at rest; it must be positive")
         return modulus
 

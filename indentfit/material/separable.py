@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from indentfit.arrays import Array
 from indentfit.errors import MaterialError
-from indentfit.material.functions import Term
+from indentfit.material.functions import ON_ARRAYS, Term
 from indentfit.material.kinematics import INVARIANTS
 from indentfit.material.series import ON_SERIES
 from indentfit.material.stretches import ROWS, STRETCHES, sums
@@ -220,11 +222,14 @@ def _equal(first: dict[Term, Term], other: dict[Term, Term]) -> bool:
     """Whether two sums of functions times factors are one, as written or by values at numbers that are nothing special."""
     if first == other:
         return True
+    import sympy
+
     a, b = (sum(factor * function for function, factor in each.items()) for each in (first, other))
-    free = sorted((a - b).free_symbols, key=str) if a != b else []
-    for start in (0.731, 0.877, 1.129):
-        values = {symbol: start + 0.0917 * place for place, symbol in enumerate(free)}
-        difference, size = (each.subs(values).evalf() for each in (a - b, a)) if free else (a - b, 1)
-        if not (difference.is_number and abs(difference) <= 1e-11 * (1 + abs(size))):
-            return False
+    free = sorted((sympy.sympify(a) - b).free_symbols, key=str)
+    values = sympy.lambdify(free, [a, b], [ON_ARRAYS, "numpy"], cse=True, dummify=True)
+    with np.errstate(all="ignore"):
+        for start in (0.731, 0.877, 1.129):
+            x, y = values(*(np.float64(start + 0.0917 * place) for place in range(len(free))))
+            if not (np.isfinite(x) and abs(x - y) <= 1e-11 * abs(x)):
+                return False
     return True
