@@ -14,6 +14,8 @@ from indentfit.material import Material
 if TYPE_CHECKING:
     from indentfit.case import Case
 
+OF_SIZE = ("size", "elements")  # keys of a mesh that exclude each other
+
 
 @dataclass(frozen=True, eq=False)
 class Indentation:
@@ -83,5 +85,7 @@ def mechanics_of(case: "Case") -> Mechanics:
 
 
 def with_key(table: Any, key: str, value: Any) -> Any:
-    """A table with another value of a key; a mesh is made anew from that key and its symmetry."""
-    return Mesh(**{"symmetry": table.symmetry, key: value}) if isinstance(table, Mesh) else table.with_key(key, value)
+    """A table with another value of a key. A mesh of another size keeps the wanted error, which decides on its symmetry."""
+    if isinstance(table, Mesh) and key in OF_SIZE:
+        return table.model_copy(update={**dict.fromkeys(OF_SIZE), key: value})
+    return table.with_key(key, value)
