@@ -26,7 +26,7 @@ from indentfit.indenters import has_sharp_edge
 
 COARSER = {"axisymmetric": 2.0, "quarter": 1.4}
 FACTOR = {"axisymmetric": 1.0, "quarter": 0.7}
-FLOOR = 1e-3
+FLOOR = 2e-3
 FOLDS = 0.06
 FOLDING = "a sharp edge that is free to slide folds into the sample at this depth; state the edge's radius, indenter.edge_radius"
 
@@ -72,7 +72,7 @@ def force_error(test: TestResult, coarse: TestResult, setup: Setup) -> ForceErro
     change = FACTOR[setup.symmetry] * np.maximum.accumulate(np.abs(coarse.force - test.force))
     shape = setup.block[1].effect if setup.block else 0.0
     least, folds = (FLOOR + shape) * np.abs(test.force), _folds(setup) * test.displacement * np.abs(test.force)
-    remark = FOLDING if folds[-1] > 3 * least[-1] else ""
+    remark = FOLDING if folds[-1] > 2 * least[-1] else ""
     return ForceError(np.maximum.reduce([change, least, folds]), coarse.facts.elements, remark)
 
 

@@ -6,9 +6,9 @@
 - strain: spheres and rounded punches to 40 % of the thickness in the meridian plane, against meshes made for an error of 0.1 %.
 - bricks: round contacts on quarter samples of default bricks, against the meridian plane at an error of 0.3 %.
 
-Each line states the error, the band, and the processor time of the case. The last lines count, for each of the three, how often the
-band (plus the reference's own error) holds the error, and give the median of band over error. Exit code 1 where fewer than 95 % hold
-or the median is above 4.
+Each line states the error, the band, and the processor time of the case. The last lines count, for each of the three, how often
+the band (plus the reference's own error) holds the error, and give the median of band over error. Exit code 1 where fewer than 95 %
+hold or the median is above 4.
 """
 
 import argparse
