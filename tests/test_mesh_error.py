@@ -76,3 +76,14 @@ def test_a_smaller_error_asks_for_more_elements_and_the_keys_of_the_mesh_exclude
         assert elements(symmetry, 0.003) > 1.5 * elements(symmetry, 0.01) > 1.5 * elements(symmetry, 0.05)
     with pytest.raises(CaseError, match=r"elements is given too"):
         read_case(tiny_case(tmp_path, mesh={"elements": 24, "error": 0.01}))
+
+
+def test_a_number_of_elements_that_cannot_be_had_is_said():
+    ball = Indenter(shape="sphere", diameter=2.0, friction=0)
+
+    def remark(elements):
+        mesh = Mesh(elements=elements)
+        return Model(Setup(Sample(**LAYER, base="bonded"), ball, mesh, Solver(), 0.1, "quarter")).mesh_facts().remark
+
+    assert "mesh.elements = 20 cannot be had: the nearest mesh has" in remark(20)
+    assert not remark(240)

@@ -58,7 +58,7 @@ FAMILIES = {  # the defaults take a second or a few
 # Nor can an edge be made that sharp. At the rim, where the sample's side rolls up against the strip layer by layer, each
 # with a snap, elements are as wide as the depth over ROLLS.
 DEPTHS, ROLLS = 12, 3
-ROUND_DEFAULT = 2.0  # elements of a default mesh under a round contact, over those under a strip
+ROUND_DEFAULT = 3.0  # elements of a default mesh under a round contact, over those under a strip
 GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
 FEWEST = 20
 

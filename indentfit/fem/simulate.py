@@ -39,6 +39,7 @@ from indentfit.indenters import has_sharp_edge
 from indentfit.material import Material, blamed
 
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
+NEAR = 0.25  # difference from the number of elements that a case asks for, that is not mentioned
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 
@@ -149,9 +150,9 @@ class Model:
     def mesh_facts(self) -> MeshFacts:
         """Numbers of the mesh."""
         smallest = float(np.min(self.body.volume) ** (1 / 3))
-        return MeshFacts(
-            int(self.mesh.nelements), int(self.body.n_dofs), self.body.element, smallest, self.setup.symmetry, self.setup.remark
-        )
+        elements, setup = int(self.mesh.nelements), self.setup
+        remarks = [text for text in (setup.remark, _not_as_asked(setup.mesh.elements, elements)) if text]
+        return MeshFacts(elements, int(self.body.n_dofs), self.body.element, smallest, setup.symmetry, "; ".join(remarks))
 
     def _solver_facts(self, tests: Sequence[TestResult]) -> SolverFacts:
         assembly = self.setup.solver.assembly
@@ -243,6 +244,13 @@ class Model:
         x, u = self.body.corners(equilibrium.u)
         top = x[1] > self.setup.sample.thickness * (1 - 1e-9)
         return float(np.max(np.abs(shape.motion_off_edge(x[:, top], u[:, top]))) / shape.half_width)
+
+
+def _not_as_asked(asked: int | None, elements: int) -> str:
+    """That a mesh of about the wanted number of elements cannot be had, where it is far from the number; otherwise empty."""
+    if asked is None or abs(elements - asked) <= NEAR * asked:
+        return ""
+    return f"mesh.elements = {asked} cannot be had: the nearest mesh has {elements} elements"
 
 
 def _threads(n_dofs: int) -> Any:

@@ -191,6 +191,8 @@ def _work_lines(result: FitResult) -> Iterator[str]:
         penalty = result.solver.penalty_error if result.solver else None
         exact = f"; contact penalty takes {penalty:.2%} of the force" if penalty is not None else ""
         yield f"mesh      {result.mesh.elements:,} elements, {result.mesh.dofs:,} degrees of freedom{exact}"
+        if result.mesh.remark:
+            yield f"note      {result.mesh.remark}"
 
 
 def certainty_lines(result: FitResult) -> Iterator[str]:
