@@ -1,5 +1,7 @@
 """Contact: forces worked out by hand, distances and derivatives against differences, what an anchor remembers."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,6 +11,7 @@ from indentfit.fem.contact import STICK, ContactFace
 from indentfit.fem.contact_points import NodePoints
 from indentfit.fem.contact_state import History, Springs
 from indentfit.fem.element import Solid
+from indentfit.fem.equations import Linearisation
 from indentfit.fem.mesh import quarter
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -479,3 +482,10 @@ def test_friction_lies_in_the_face_and_within_its_limit(name):
     assert np.max(np.abs(np.einsum("fqi,fqi->fq", here.friction, here.normal))) < 1e-12
     assert np.all(np.linalg.norm(here.friction, axis=-1) <= 0.5 * here.pressure * (1 + 1e-12))
     assert np.all(here.pressure >= 0)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_residual_without_contact_is_an_infinite_share_of_the_contact_force():
+    for force, share in ((0.0, np.inf), (4.0, 0.5)):
+        here = SimpleNamespace(unbalanced=np.float64(2.0), contact_force=np.float64(force))
+        assert Linearisation.share.fget(here) == share

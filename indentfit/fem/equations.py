@@ -202,6 +202,11 @@ class Linearisation:
     contact_force: np.float64
     tangent: Tangent = field(repr=False)
 
+    @property
+    def share(self) -> float:
+        """The residual as a share of the contact force; infinite where nothing touches."""
+        return float(self.unbalanced / self.contact_force) if self.contact_force else np.inf
+
     def balanced(self, tolerance: float) -> bool:
         """Whether the residual is within a share of the contact force.
 

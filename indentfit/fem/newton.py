@@ -45,7 +45,7 @@ class Newton:
             hard = hard + 1 if share < 0.5 else 0
             if hard == 3:
                 break
-        raise here.failure(here.unbalanced / here.contact_force, iteration)
+        raise here.failure(here.share, iteration)
 
     def linearised(self, increment: Increment, at: Iterate) -> Linearisation:
         """Residual and tangent at an iterate. Raises OutOfTime."""

@@ -87,8 +87,8 @@ class _Rest:
     at: Iterate
 
     def or_better(self, here: Linearisation) -> "_Rest":
-        if here.unbalanced < self.share * here.contact_force:
-            return _Rest(here.unbalanced / here.contact_force, here.increment, here.at)
+        if here.share < self.share:
+            return _Rest(here.share, here.increment, here.at)
         return self
 
 
