@@ -40,6 +40,10 @@ from indentfit.material import Material, blamed
 
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
 NEAR = 0.25  # difference from the number of elements that a case asks for, that is not mentioned
+# Springs at the points on a meridian's edges, in units of shear modulus / thickness. Stiff ones do not chatter there: the end of the
+# contact passes many points in each element. Soft ones let a point sink in by more than the face's bend within an element, and the
+# iteration then finds no end of the contact. Where the contact is smaller than SMALL thicknesses, the springs are stiffer in proportion.
+EDGE_NORMAL, EDGE_TANGENTIAL, SMALL = 3e3, 3e2, 0.1
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 
@@ -55,6 +59,7 @@ class Try:
 
 USUAL = Try()
 SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
+SECOND_TRIES_IN_PLANE = (Try(springs=3.0), Try(elements=0.5), Try(springs=0.3))
 
 
 class Model:
@@ -164,7 +169,7 @@ class Model:
         try:
             return self._run(USUAL, press, controls)
         except ConvergenceError as error:
-            for number, attempt in enumerate(SECOND_TRIES, start=2):
+            for number, attempt in enumerate(SECOND_TRIES if self.body.copies > 1 else SECOND_TRIES_IN_PLANE, start=2):
                 with contextlib.suppress(ConvergenceError):
                     result = self._coarser(attempt)._run(attempt, press, controls)
                     return replace(result, facts=replace(result.facts, tries=number, first_failure=str(error)))
@@ -217,6 +222,10 @@ class Model:
         sharp = has_sharp_edge(shape)
         modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
         stiffness = self.setup.solver.penalty * modulus / self.setup.sample.thickness
+        if self.body.copies == 1 and not sharp:
+            contact = shape.partition(self.setup.depth).half_width
+            stiffness *= max(1.0, SMALL * self.setup.sample.thickness / contact)
+            return Springs(EDGE_NORMAL * stiffness, EDGE_TANGENTIAL * stiffness)
         return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
 
     def _facts(self, path: Sequence[Equilibrium], work: Work, linear: LinearWork, seconds: float) -> SolveFacts:

@@ -1,0 +1,155 @@
+"""Campaign of round contacts: 300 spheres, punches and cones on layers, from 2 to 50 % of the thickness, as a lab may ask for them.
+
+    python tests/campaigns/round.py [--cases 0:300] [--output round.jsonl] [--limit 120] [--workers 1]
+    python tests/campaigns/round.py --summary [--output round.jsonl]
+
+The cases come from a Sobol sequence with a fixed seed: the shape in turn, radius over thickness 0.1 to 10, Poisson's ratio 0.3 to 0.5
+(0.5 is written as the bulk ratio 1e4), friction 0 to 1, base, isotropic law, width of the sample and depth. Each case is solved at the
+default settings, by the public API, and ends as a line of JSON in the output with its processor time, and where it failed with the
+cause and the part of the curve before it. The campaign goes on where it was stopped. The summary counts cases that reached their full
+depth, those up to 40 % and those beyond apart; exit code 1 when fewer than 99 % and 95 % did, or one took more than 120 s.
+"""
+
+import argparse
+import json
+import math
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+NUMBER, SEED, LIMIT = 300, 17, 120.0
+SHAPES = ("sphere", "punch", "cone")
+LAWS = {  # at a shear modulus of 1 kPa; laws that are not installed are left out
+    "neo_hookean": {"mu": 1.0},
+    "mooney_rivlin": {"c10": 0.3, "c01": 0.2},
+    "yeoh": {"c10": 0.5, "c20": 0.1, "c30": 0.01},
+    "gent": {"mu": 1.0, "jm": 20.0},
+    "fung": {"mu": 1.0, "b": 0.5},
+    "demiray": {"mu": 1.0, "b": 0.5},
+    "arruda_boyce": {"mu": 1.0, "lock": 3.0},
+    "ogden": {"mu1": 1.0, "alpha1": 4.0},
+}
+WIDEST = 0.9  # of the sample
+
+
+def cases():
+    """The cases as trees of tables, all from one sequence, so that a case does not depend on how many are asked for."""
+    from scipy.stats import qmc
+
+    laws = installed()
+    for number, row in enumerate(qmc.Sobol(8, seed=SEED).random(512)[:NUMBER]):
+        yield {"number": number, **case(SHAPES[number % 3], number // 3 % 2 == 0, row, laws)}
+
+
+def installed():
+    """Names and parameters of those LAWS that are installed with these parameters."""
+    from indentfit.errors import IndentfitError
+    from indentfit.material import load
+
+    usable = {}
+    for name, values in LAWS.items():
+        try:
+            load(name)(**values)
+        except (IndentfitError, TypeError):
+            continue
+        usable[name] = values
+    return usable
+
+
+def case(shape, odd, row, laws):
+    """One case of thickness 1 mm, from eight numbers between 0 and 1."""
+    radius, nu, friction, wide = 0.1 * 100 ** row[0], 0.3 + 0.2 * row[1], max(0.0, 1.25 * row[2] - 0.25), row[4]
+    depth = 0.02 * 25 ** row[3] if row[7] < 0.6 else 0.3 + 0.2 * row[3]
+    name = list(laws)[int(row[5] * len(laws))]
+    indenter, contact = indenter_of(shape, odd, radius, row[6], depth)
+    ratio = 1e4 if nu > 0.495 else 2 * (1 + nu) / (3 * (1 - 2 * nu))
+    sample = max(2 * contact / WIDEST * 1.05 * 4**wide, 2.0)
+    return {
+        "sample": {"shape": "disc", "diameter": sample, "thickness": 1.0, "base": "bonded" if row[4] * 7 % 1 < 0.5 else "sliding"},
+        "indenter": {**indenter, "friction": friction},
+        "material": {"model": name, "parameters": laws[name], "bulk_ratio": ratio},
+        "test": [{"name": "press", "angle": 0, "depth": depth}],
+    }
+
+
+def indenter_of(shape, odd, radius, share, depth):
+    """The [indenter] table and the radius of its imprint at a depth. A cone's radius at the depth is that of the sphere's imprint."""
+    imprint = math.sqrt(min(depth, radius) * (2 * radius - min(depth, radius)))
+    if shape == "sphere":
+        return {"shape": "sphere", "diameter": 2 * radius}, imprint
+    if shape == "punch":
+        radius = min(radius, 3.0)
+        return {"shape": "cylinder", "diameter": 2 * radius, "edge_radius": 0.0 if odd else (0.05 + 0.3 * share) * radius}, radius
+    angle, tip = 30 + 55 * share, 0.02 + 0.2 * min(radius, 1.0)
+    return {"shape": "cone", "half_angle": angle, "tip_radius": tip}, tip + depth * math.tan(math.radians(angle))
+
+
+def solved(tree, limit):
+    """The line of one case: what it was, whether its depth was reached, in which time, and otherwise the cause."""
+    from indentfit import Case, simulate
+    from indentfit.errors import IndentfitError
+
+    started, line = time.process_time(), {"number": tree["number"], "tree": tree, "reached": 0.0}
+    try:
+        test = simulate(Case(**{key: value for key, value in tree.items() if key != "number"})).tests[0]
+        facts = test.facts.as_json()
+        line |= {"reached": 1.0, "force": float(test.force[-1]), "facts": facts}
+        line["sound"] = bool((test.force > 0).all())
+    except IndentfitError as error:
+        depth = tree["test"][0]["depth"]
+        part = getattr(error, "path", ()) or ()
+        line |= {"cause": f"{type(error).__name__}: {error}", "curve": [list(point) for point in part]}
+        line["reached"] = part[-1][0] / depth if part else 0.0
+    except Exception as error:  # nobody foresaw it: a failure of the campaign
+        line |= {"cause": f"unforeseen {type(error).__name__}: {error}"}
+    line["seconds"] = time.process_time() - started
+    return line
+
+
+def summary(lines):
+    """Print the table and return whether the campaign holds what is promised."""
+    holds = True
+    for name, low, high, least in (("to 40 %", 0.0, 0.4, 0.99), ("40 to 50 %", 0.4, 1.0, 0.95)):
+        part = [line for line in lines if low < line["tree"]["test"][0]["depth"] <= high]
+        full = [line for line in part if line["reached"] == 1]
+        seconds = sorted(line["seconds"] for line in part) or [0.0]
+        later = sum(line["facts"]["tries"] > 1 for line in full)
+        print(f"{name}: {len(full)} of {len(part)} solved ({later} at a later try); median {seconds[len(seconds) // 2]:.1f} s,", end=" ")
+        print(f"largest {seconds[-1]:.1f} s")
+        holds = holds and len(full) >= least * len(part) and seconds[-1] <= LIMIT
+    for line in lines:
+        if line["reached"] < 1:
+            tree = line["tree"]
+            print(f"{line['number']}: {tree['indenter']}, {tree['sample']}, depth {tree['test'][0]['depth']:.3f}, {tree['material']}")
+            print(f"    to {line['reached']:.0%} in {line['seconds']:.0f} s: {line['cause']}")
+            holds = holds and "unforeseen" not in line["cause"]
+    return holds
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", default=f"0:{NUMBER}", help="a:b, or a:b:step")
+    parser.add_argument("--output", type=Path, default=Path("round.jsonl"))
+    parser.add_argument("--limit", type=float, default=LIMIT)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--summary", action="store_true")
+    asked = parser.parse_args()
+    lines = [json.loads(text) for text in asked.output.read_text().splitlines()] if asked.output.exists() else []
+    if not asked.summary:
+        known = {line["number"]: line["tree"] for line in lines}
+        wanted = list(cases())[slice(*map(int, asked.cases.split(":")))]
+        todo = [tree for tree in wanted if known.get(tree["number"]) != tree]
+        lines = [line for line in lines if line["number"] not in {tree["number"] for tree in todo}]
+        with asked.output.open("a") as file, ProcessPoolExecutor(asked.workers) as pool:
+            for line in pool.map(solved, todo, [asked.limit] * len(todo)):
+                lines.append(line)
+                file.write(json.dumps(line) + "\n")
+                file.flush()
+                tree = line["tree"]["indenter"]
+                print(f"{line['number']} {tree['shape']}: {line['reached']:.0%} in {line['seconds']:.1f} s", line.get("cause", ""), flush=True)
+    sys.exit(0 if summary(sorted(lines, key=lambda line: line["number"])) else 1)
+
+
+if __name__ == "__main__":
+    main()
