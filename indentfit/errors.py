@@ -2,12 +2,20 @@
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 
 class IndentfitError(Exception):
-    """Root of every error that indentfit raises on purpose; its text is one line for the user."""
+    """Root of every error that indentfit raises on purpose; its text is one line for the user.
+
+    Attributes
+    ----------
+    part : object
+        The part of the result that was there before the error: of a simulation its curves so far. None where there is none.
+    """
 
     exit_code = 1
+    part: Any = None
 
 
 class InputError(IndentfitError):

@@ -7,7 +7,8 @@ import pytest
 from fixtures.cases import SHARED
 
 from indentfit.case import Indenter, Mesh, Sample, Solver
-from indentfit.errors import MeshError
+from indentfit.errors import ConvergenceError, MeshError
+from indentfit.fem import path
 from indentfit.fem.element import Solid
 from indentfit.fem.fields import recover
 from indentfit.fem.meridian import Meridian
@@ -197,3 +198,68 @@ def test_a_gent_gel_never_gives_a_force_beyond_its_locking_stretch():
     soft = pressed(DISC, SPHERE, [0.1, 0.2], elements=60)
     assert np.all(result.force > soft.force)
     assert result.model.body.state(result.last.u, np.array([0.0, 1.0, 0.0])).I[0].max() < 3.5
+
+
+# ---- depth, and what is left of a curve that ends early ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("R", "friction", "base"), [(0.1, 0.0, "bonded"), (0.3, 0.5, "bonded"), (3.0, 0.0, "sliding")])
+def test_a_sphere_goes_to_half_of_the_thickness_and_beyond_its_radius_at_the_first_try(R, friction, base):
+    """The springs of a small contact were too soft for its curvature: most such cases failed, the others took minutes."""
+    depth = min(0.5, 1.2 * R)
+    sample = {"shape": "disc", "diameter": max(6.0, 5 * R), "thickness": 1.0, "base": base}
+    result = pressed(sample, {"shape": "sphere", "diameter": 2 * R, "friction": friction}, np.linspace(depth / 10, depth, 10))
+    assert result.facts.tries == 1 and result.facts.newton_iterations < 300
+    assert (np.diff(result.force) > 0).all() and abs(result.facts.penalty_error) < 2e-3
+
+
+def test_a_blunt_cone_on_a_thick_layer_meets_sneddon_within_half_a_percent():
+    """Sneddon 1965, incompressible half-space: F = 2 / pi E / (1 - nu^2) tan(half_angle) d^2, with E / (1 - nu^2) = 4 mu.
+
+    The thickness, 42 times the contact's radius, adds 0.1 to 0.2 % with a sliding base. The blunt tip, of a 40th of the contact's
+    radius, would be a sharp one's at 3e-4 of the depth less.
+    """
+    depth, angle = 0.002, 80
+    contact = 2 / np.pi * depth * np.tan(np.radians(angle))
+    sample = {"shape": "disc", "diameter": 1.0, "thickness": 42 * contact, "base": "sliding"}
+    result = pressed(sample, {"shape": "cone", "half_angle": angle, "friction": 0}, [depth / 2, depth], 1000.0)
+    assert result.force[-1] == pytest.approx(2 / np.pi * 4 * np.tan(np.radians(angle)) * depth**2, rel=5e-3)
+
+
+@pytest.mark.skipif(not (SHARED / "oracles").is_dir(), reason="../shared/oracles is not here")
+def test_a_cone_with_a_tip_meets_another_code_within_one_percent():
+    oracle = json.loads((SHARED / "oracles" / "axi_cone60_bonded.json").read_text())
+    result = pressed(DISC, oracle["inputs"]["indenter"], oracle["displacement_mm"])
+    allowed = 0.01 + np.array(oracle["error_percent_each"]) / 100
+    assert (np.abs(result.force / np.array(oracle["force_mN"]) - 1) < allowed).all()
+    assert result.facts.tries == 1
+
+
+def test_a_press_that_fails_half_way_keeps_its_curve_so_far(monkeypatch):
+    whole = pressed(DISC, SPHERE, np.linspace(0.02, 0.2, 10), elements=60)
+    step = path._step
+
+    def fails_beyond(newton, increment, here, relax):
+        if increment.depth > 0.11:
+            raise ConvergenceError("folded", increment.depth)
+        return step(newton, increment, here, relax)
+
+    monkeypatch.setattr(path, "_step", fails_beyond)
+    with pytest.raises(ConvergenceError, match="folded") as failure:
+        pressed(DISC, SPHERE, np.linspace(0.02, 0.2, 10), elements=60)
+    part = failure.value.part
+    assert 0.1 <= part.displacement[-1] <= 0.11 and "folded" in part.unfinished
+    assert part.force[:4] == pytest.approx(whole.force[:4], rel=2e-3)
+
+
+def test_second_tries_end_with_their_time(monkeypatch):
+    """The first try's error is raised, not that of the deadline, unless the run's own deadline has passed."""
+    fails = ConvergenceError("folded", 0.1)
+
+    def never(*_):
+        raise fails
+
+    monkeypatch.setattr("indentfit.fem.simulate.indent", never)
+    monkeypatch.setattr("indentfit.fem.simulate.AGAIN_SECONDS", 0.0)
+    with pytest.raises(ConvergenceError, match="folded"):
+        pressed(DISC, SPHERE, [0.1], elements=30)

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from fixtures.cases import CASES
 
 from indentfit.cli import main, progress
-from indentfit.errors import ConvergenceError
+from indentfit.errors import ConvergenceError, Stopped
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.report.stress_plots import surface
@@ -250,3 +250,38 @@ def test_the_drawn_surface_is_closed_and_holds_the_volume(element):
     rim = np.unique(np.round(np.arctan2(x[:, 2], x[:, 0])[np.isclose(np.hypot(x[:, 0], x[:, 2]), 7)], 9))
     drawn = 3.3 * 7**2 / 2 * np.sin(np.diff(rim)).sum()  # straight from node to node
     assert np.einsum("ij,ij->", outwards, middle) / 3 == pytest.approx(drawn, rel=1e-6)
+
+
+# ---- curves that end early ---------------------------------------------------------------------------------------------
+
+
+def _ends(monkeypatch, error):
+    """A path that ends with an error at 60 % of the last depth, whatever is tried."""
+    from indentfit.fem import path
+
+    step = path._step
+
+    def ends(newton, increment, here, relax):
+        if increment.depth > 0.2:
+            raise error(increment.depth)
+        return step(newton, increment, here, relax)
+
+    monkeypatch.setattr(path, "_step", ends)
+    monkeypatch.setattr("indentfit.fem.simulate.SECOND_TRIES", ())
+
+
+def test_a_curve_that_ends_early_is_printed_and_written_as_far_as_it_goes(tmp_path, monkeypatch):
+    _ends(monkeypatch, lambda depth: ConvergenceError("folded", depth))
+    done = run(CASE, *COARSE, "-o", tmp_path / "out")
+    assert done.exit_code == 3 and "error: no equilibrium" in done.stderr and "folded" in done.stderr
+    assert "the curve of test 'parallel' ends at 0.2" in done.stdout or "the curve of test 'parallel' ends at 0.1" in done.stdout
+    (test,) = json.loads((tmp_path / "out" / "simulation.json").read_text())["tests"]
+    assert 0.1 < test["displacement_mm"][-1] <= 0.2 and "folded" in test["unfinished"]
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_stopped_simulation_keeps_its_curve_so_far(monkeypatch):
+    _ends(monkeypatch, lambda _: Stopped("stopped as asked", 2))
+    done = run(CASE, *COARSE, "--json")
+    assert done.exit_code == 130 and "stopped as asked" in done.stderr
+    assert json.loads(done.stdout)["tests"][0]["unfinished"] == "stopped as asked"

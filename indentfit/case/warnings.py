@@ -13,13 +13,14 @@ from indentfit.case.faults import depth_of
 from indentfit.case.laws import has_fibres
 from indentfit.case.unknown import IGNORANCE
 from indentfit.errors import MaterialError
+from indentfit.indenters import Rings
 
 if TYPE_CHECKING:
     from indentfit.case.whole import Case
 
 MOST_CORNERS = 5  # free parameters whose bounds are combined to look for an unstable material
 NEARLY_INCOMPRESSIBLE = 10  # bulk modulus over the largest small-strain modulus
-DEEP = 0.2  # of the thickness: beyond it equilibrium may not be found
+DEEP, DEEP_ROUND = 0.2, 0.4  # of the thickness, under bars and under round indenters: beyond it equilibrium may not be found
 
 
 def warnings_of(case: Case) -> Iterator[str]:
@@ -27,12 +28,13 @@ def warnings_of(case: Case) -> Iterator[str]:
     yield from _unstable(case)
     yield from _compressible(case)
     yield from _unknown(case)
+    deep = DEEP_ROUND if isinstance(case.indenter.geometry.partition(0.0), Rings) else DEEP
     for test, curve in zip(case.tests, case.curves, strict=True):
         yield from (f"test.{test.name}: {note}" for note in (curve.notes if curve else ()))
         depth = depth_of(test, curve) or 0.0
-        if depth > DEEP * case.sample.thickness:
+        if depth > deep * case.sample.thickness * (1 + 1e-9):
             share = depth / case.sample.thickness
-            yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {DEEP * 100:g} % equilibrium may not be found"
+            yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
     if len(case.free) > 1 and has_fibres(case.law) and len({test.angle for test in case.tests}) == 1:
         yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
 

@@ -7,6 +7,8 @@ import click
 from indentfit.cli.command import Command
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import warn
+from indentfit.cli.stopping import stopping
+from indentfit.errors import IndentfitError, Stopped
 
 if TYPE_CHECKING:
     from indentfit.case import Case
@@ -47,24 +49,33 @@ def command(
     if output is not None:
         refuse_existing(output, overwrite)
     warn(read.warnings())
-    simulated = _simulated(read)
-    if output is not None:
+    simulated, error = _simulated(read)
+    if simulated is not None and output is not None:
         from indentfit.report.fields import FieldChoice
         from indentfit.report.study_folder import write_simulation
 
         choice = FieldChoice(series=series, whole=whole) if vtu or series or whole else None
         write_simulation(simulated, output, choice, overwrite)
-    if as_json:
-        click.echo(json_text(simulated.as_json()))
-        return
-    click.echo(simulated.summary())
-    if output is not None:
+    if simulated is not None:
+        click.echo(json_text(simulated.as_json()) if as_json else simulated.summary())
+    if simulated is not None and output is not None and not as_json:
         click.echo(f"written   {output}")
+    if error is not None:
+        raise error
 
 
-def _simulated(case: "Case") -> "SimulatedCase":
-    """The simulated case, with its progress on stderr."""
+def _simulated(case: "Case") -> "tuple[SimulatedCase | None, IndentfitError | None]":
+    """The simulated case, with its progress on stderr; or as far as it goes, where it failed or was stopped, and the error."""
     from indentfit.runs.forward import simulate
 
-    with progress("simulate", total=1) as step:
-        return simulate(case, progress=lambda note, share: step(share, note))
+    with stopping() as stop, progress("simulate", total=1) as step:
+
+        def report(note: str, share: float) -> None:
+            if stop():
+                raise Stopped("stopped as asked; the part of the curves that there is was kept", stop())
+            step(share, note)
+
+        try:
+            return simulate(case, progress=report), None
+        except IndentfitError as error:
+            return error.part, error

@@ -36,5 +36,9 @@ class Deadline:
         if self._end < math.inf and time.process_time() > self._end:
             raise OutOfTime(self.seconds)
 
+    def sooner(self, seconds: float) -> "Deadline":
+        """A deadline that ends after a number of seconds from now, but not later than this one."""
+        return Deadline(max(0.0, min(seconds, self._end - time.process_time())))
+
 
 NEVER = Deadline(math.inf)

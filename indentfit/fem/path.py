@@ -8,7 +8,7 @@ requested outputs.
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.errors import ConvergenceError
+from indentfit.errors import ConvergenceError, IndentfitError
 from indentfit.fem.equations import Equations, Increment, Iterate, Loading
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.newton import INVERTED, Newton
@@ -42,10 +42,22 @@ def indent(equations: Equations, loading: Loading, newton: Newton, depths: Array
     ConvergenceError
         Even the smallest step fails.
     OutOfTime
+
+    The `part` of these errors, and of what the progress function raises, is the tuple of equilibria so far.
     """
-    last, springs = float(depths[-1]), loading.springs
-    largest = min(newton.controls.max_step, last / FIRST_STEPS)
-    step, path = largest, [untouched(equations, loading, newton)]
+    path = [untouched(equations, loading, newton)]
+    try:
+        _follow(path, equations, loading, newton, float(depths[-1]))
+    except IndentfitError as error:
+        error.part = tuple(path)
+        raise
+    return path
+
+
+def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, newton: Newton, last: float) -> None:
+    """Add equilibria to a path up to the last depth."""
+    springs, largest = loading.springs, min(newton.controls.max_step, last / FIRST_STEPS)
+    step = largest
     while path[-1].depth < last * (1 - 1e-12):
         newton.controls.deadline.check()
         here = path[-1]
@@ -65,7 +77,6 @@ def indent(equations: Equations, loading: Loading, newton: Newton, depths: Array
         if newton.controls.progress is not None:
             newton.controls.progress(depth / last)
         step = _next_step(step, iterations, SMALLEST_STEP * last)
-    return path
 
 
 def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilibrium:

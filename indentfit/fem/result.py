@@ -55,6 +55,8 @@ class TestResult:
         Equilibria from the untouched sample to the last depth, for stresses and files (fem.fields).
     model : Model
         The model of the path. It is not the model that was run where a later try solved the test.
+    unfinished : str
+        Why the curve ends before the last depth that was asked for; empty where it does not.
     mesh_error : ForceError, a cause, or None
         The error of the forces by the mesh (fem.mesh_error), or why it is not known; None where nobody asked for it.
     """
@@ -69,6 +71,7 @@ class TestResult:
     sensitivities: dict[str, Array] | None = None
     path: tuple[Equilibrium, ...] = field(default=(), repr=False)
     model: "Model | None" = field(default=None, repr=False)
+    unfinished: str = ""
     mesh_error: ForceError | str | None = field(default=None, repr=False)
 
     @property
@@ -100,6 +103,7 @@ class Simulation:
                     "displacement_mm": test.displacement.tolist(),
                     "force_mN": test.force.tolist(),
                     "facts": test.facts.as_json(),
+                    **({"unfinished": test.unfinished} if test.unfinished else {}),
                     **_mesh_error(test),
                 }
                 for test in self.tests

@@ -1,6 +1,5 @@
 """The forward model: from a setup and its presses to force-displacement curves, with the work and the errors of the solution."""
 
-import contextlib
 import functools
 import time
 from collections.abc import Callable, Sequence
@@ -12,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from threadpoolctl import ThreadpoolController
 
 from indentfit.arrays import Array
-from indentfit.errors import ConvergenceError
+from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
@@ -40,9 +39,9 @@ from indentfit.material import Material, blamed
 
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
 NEAR = 0.25  # difference from the number of elements that a case asks for, that is not mentioned
-# Springs at the points on a meridian's edges, in units of shear modulus / thickness. Stiff ones do not chatter there: the end of the
-# contact passes many points in each element. Soft ones let a point sink in by more than the face's bend within an element, and the
-# iteration then finds no end of the contact. Where the contact is smaller than SMALL thicknesses, the springs are stiffer in proportion.
+# Springs at the points on a meridian's edges, in units of shear modulus / thickness. Stiff ones do not chatter there: the end of
+# the contact passes many points in each element. Soft ones let a point sink in by more than the face's bend within an element, and
+# the iteration then finds no end of the contact. Under a contact of less than SMALL thicknesses they are stiffer in proportion.
 EDGE_NORMAL, EDGE_TANGENTIAL, SMALL = 3e3, 3e2, 0.1
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
@@ -58,8 +57,12 @@ class Try:
 
 
 USUAL = Try()
+# Second tries may take this processor time, s, or this many times that of the first try, where that is longer.
+AGAIN_SECONDS, AGAIN_SHARE = 60.0, 1.5
+MUCH_DEEPER = 1.1  # a curve that ended early is given as on the usual mesh, unless another try got that much deeper
 SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
-SECOND_TRIES_IN_PLANE = (Try(springs=3.0), Try(elements=0.5), Try(springs=0.3))
+SECOND_TRIES_ROUND = (Try(springs=5.0), Try(elements=0.5), Try(springs=0.2))
+SECOND_TRIES_IN_PLANE = (Try(elements=0.5), Try(springs=3.0), Try(springs=0.3), Try(elements=0.25))
 
 
 class Model:
@@ -108,12 +111,20 @@ class Model:
         Raises
         ------
         ConvergenceError
+            Its `part` is the Simulation of the tests before, and of this one's curve as far as it was solved.
         """
-        tests = []
+        tests: list[TestResult] = []
         for press in presses:
             report = functools.partial(progress, press.name) if progress else None
-            tests.append(self.run(press, report))
+            try:
+                tests.append(self.run(press, report))
+            except IndentfitError as error:
+                error.part = self._together([*tests, *([error.part] if isinstance(error.part, TestResult) else [])])
+                raise
         return Simulation(tuple(tests), self.mesh_facts(), self._solver_facts(tests))
+
+    def _together(self, tests: Sequence[TestResult]) -> Simulation | None:
+        return Simulation(tuple(tests), self.mesh_facts(), self._solver_facts(tests)) if tests else None
 
     def run(self, press: Press, progress: Callable[[float], None] | None = None, deadline: Deadline | None = None) -> TestResult:
         """The TestResult of one press.
@@ -138,6 +149,8 @@ class Model:
             The code of a plugin's material fails.
         InputError
             A name among the sensitivities is unknown.
+
+        The `part` of the first two, and of what `progress` raises, is the TestResult as far as it goes, or None.
         """
         press = replace(press, depths=np.asarray(press.depths, dtype=float), sensitivities=tuple(press.sensitivities))
         options = self.setup.solver
@@ -166,14 +179,32 @@ class Model:
     def _tried(self, press: Press, controls: Controls) -> TestResult:
         """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
         springs, often does not with others. Raises the first try's ConvergenceError where every try fails."""
+        started = time.process_time()
         try:
             return self._run(USUAL, press, controls)
         except ConvergenceError as error:
-            for number, attempt in enumerate(SECOND_TRIES if self.body.copies > 1 else SECOND_TRIES_IN_PLANE, start=2):
-                with contextlib.suppress(ConvergenceError):
-                    result = self._coarser(attempt)._run(attempt, press, controls)
-                    return replace(result, facts=replace(result.facts, tries=number, first_failure=str(error)))
-            raise
+            return self._tried_again(press, controls, error, time.process_time() - started)
+
+    def _tried_again(self, press: Press, controls: Controls, first: ConvergenceError, seconds: float) -> TestResult:
+        """The TestResult of a second try. Raises the first try's error, with the longest curve, where all fail or time runs out."""
+        within = replace(controls, deadline=controls.deadline.sooner(max(AGAIN_SECONDS, AGAIN_SHARE * seconds)))
+        for number, attempt in enumerate(self._second_tries(), start=2):
+            try:
+                result = self._coarser(attempt)._run(attempt, press, within)
+                return replace(result, facts=replace(result.facts, tries=number, first_failure=str(first)))
+            except (ConvergenceError, OutOfTime) as error:
+                controls.deadline.check()
+                if _reach(error.part) > MUCH_DEEPER * _reach(first.part):
+                    facts = replace(error.part.facts, tries=number, first_failure=str(first))
+                    first.part = replace(error.part, facts=facts, unfinished=str(first))
+                if isinstance(error, OutOfTime):
+                    break
+        raise first
+
+    def _second_tries(self) -> tuple[Try, ...]:
+        if self.body.copies == 1:
+            return SECOND_TRIES_IN_PLANE
+        return SECOND_TRIES_ROUND if self.contact.shape.edge_radius is None else SECOND_TRIES
 
     def _coarser(self, attempt: Try) -> "Model":
         """This model, or a model with a coarser mesh: at the rim where the strip leaves the sample, or everywhere."""
@@ -190,12 +221,22 @@ class Model:
         loading = self._loading(press, self._springs(press.material, press.angle).scaled(attempt.springs))
         newton = self._newton(controls)
         self.solver.forget()
+
+        def result(path: Sequence[Equilibrium], press: Press) -> TestResult:
+            facts = self._facts(path, newton.work, self.solver.work.since(before), time.perf_counter() - started)
+            return self._result(press, path, facts, loading)
+
         try:
             path = indent(self.equations, loading, newton, press.depths)
-        except ConvergenceError as error:
-            raise _explained(error, press) from error
+        except IndentfitError as error:
+            said = _explained(error, press) if isinstance(error, ConvergenceError) else error
+            short = _as_far_as(error.part, press)
+            said.part = replace(result(error.part, short), unfinished=str(said)) if short is not None else None
+            raise said from (error if said is not error else None)
         _require_contact(path, press.name)
-        facts = self._facts(path, newton.work, self.solver.work.since(before), time.perf_counter() - started)
+        return result(path, press)
+
+    def _result(self, press: Press, path: Sequence[Equilibrium], facts: SolveFacts, loading: Loading) -> TestResult:
         force = self.body.copies * interpolate(path, [point.force for point in path], press.depths)
         sensitivities = _sensitivities(press, loading.directions, path, self.body.copies)
         return TestResult(press.name, press.angle, press.depths, force, facts, sensitivities, tuple(path), self)
@@ -274,6 +315,22 @@ def _explained(error: ConvergenceError, press: Press) -> ConvergenceError:
     unstable = press.material.unstable
     cause = error.cause + (f"; the material is not stable at small strain ({unstable})" if unstable else "")
     return ConvergenceError(_of_test(press.name, cause), error.displacement, error.step, error.iteration)
+
+
+def _reach(part: TestResult | None) -> float:
+    """Depth of the last equilibrium of a curve that ended early, mm."""
+    return float(part.displacement[-1]) if part is not None else 0.0
+
+
+def _as_far_as(path: Sequence[Equilibrium] | None, press: Press) -> Press | None:
+    """The press as far as a path goes, without sensitivities; None where the path has no step in contact."""
+    if path is None or len(path) < 2 or not all(point.contact.touching.any() for point in path[1:]):
+        return None
+    reached = path[-1].depth
+    depths = press.depths[press.depths <= reached * (1 + 1e-9)]
+    if not depths.size or depths[-1] < reached * (1 - 1e-9):
+        depths = np.append(depths, reached)
+    return replace(press, depths=depths, sensitivities=())
 
 
 def _require_contact(path: Sequence[Equilibrium], name: str) -> None:

@@ -36,8 +36,11 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
         yield from mesh_error_lines(test)
     yield from _solver(simulation.solver)
     yield from _contact(simulation)
-    for sentence in said_of_tries((test.name, test.facts) for test in simulation.tests):
+    for sentence in said_of_tries((test.name, test.facts) for test in simulation.tests if not test.unfinished):
         yield f"note      {sentence}"
+    for test in simulation.tests:
+        if test.unfinished:
+            yield f"note      the curve of test {test.name!r} ends at {test.displacement[-1]:.4g} mm: {test.unfinished}"
 
 
 def _material(case: Case, material: Material) -> Iterator[str]:

@@ -9,7 +9,9 @@ from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.errors import IndentfitError
 from indentfit.fem.mesh_error import with_mesh_errors
+from indentfit.fem.result import Simulation
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import Material
@@ -118,14 +120,25 @@ def simulate(
     Raises
     ------
     ConvergenceError
+        Its `part`, and that of what `progress` raises, is the SimulatedCase as far as it goes, or None.
     """
     setup = setup_of(case)
     material, model = case.law(**(parameters or case.start_values())), Model(setup)
     presses = presses_of(case, material)
     parts = _Parts(progress, [press.name for press in presses], 1 - COARSER_SHARE if mesh_error else 1.0)
-    simulation = model.simulate(presses, parts.curve)
-    if mesh_error:
-        simulation = with_mesh_errors(simulation, setup, presses, parts.mesh_error)
+    simulation = None
+    try:
+        simulation = model.simulate(presses, parts.curve)
+        if mesh_error:
+            simulation = with_mesh_errors(simulation, setup, presses, parts.mesh_error)
+    except IndentfitError as error:
+        part = simulation or error.part
+        error.part = _of_case(part, case, material, model) if isinstance(part, Simulation) else None
+        raise
+    return _of_case(simulation, case, material, model)
+
+
+def _of_case(simulation: Simulation, case: Case, material: Material, model: Model) -> SimulatedCase:
     return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, model)
 
 
