@@ -1,6 +1,7 @@
 """Uncertain inputs as coordinates of a fit: priors, the density over parameters and inputs, profiles, and mixtures."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,13 +17,16 @@ from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.inference import joint, mixture
 from indentfit.inference.fit import fit
+from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointPath, ModelError
 from indentfit.inference.posterior import Shift
-from indentfit.inference.result import FitResult
+from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.what_if import warnings_of, what_ifs
 from indentfit.inverse import polynomials
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import UncertainInput, uncertain_inputs, widened_problem
 from indentfit.runs.forward import Evaluation, simulate
 
@@ -288,3 +292,38 @@ def test_the_result_of_uncertain_inputs_is_written_and_read_back(unknown_base):
     text = unknown_base.summary()
     assert "base = bonded, probability" in text
     assert "friction (prior 0 to 1; fitted" in text
+
+
+# What a case takes as known
+
+
+def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
+    """Curves that are exact at mu = 1.5, and whose model has 20 % less force at the other friction: there mu is 1.5 / 0.8, exactly,
+    since the force is proportional to mu."""
+    whole = problem(noisy(formula(**TRUTH), 1e-4, 0))
+    model = Watched(Softer())
+    places = [{**TRUTH, "zeta": zeta, "phi": phi, "mu": 1.0} for zeta in np.linspace(0, 20, 8) for phi in np.linspace(0, 5, 6)]
+    surrogate = learn(whole, model.evaluate(places))
+    best = whole.judge(TRUTH, formula(**{**TRUTH, "mu": 1.0}))
+    known = SimpleNamespace(weights=[1.0, 1.0])
+    case = white_matter("fit.what_if=true")
+    found = {tried.input: tried for tried in what_ifs(Solution(case, whole, model, best, known), surrogate)}
+    assert found["friction"].parameters["mu"] == pytest.approx(1.5 / 0.8, rel=2e-3)
+    assert found["friction"].parameters["zeta"] == pytest.approx(4, rel=0.02)
+    assert found["base"].parameters["mu"] == pytest.approx(1.5, rel=2e-3)
+    assert found["offset"].parameters["mu"] > 1.52  # a later contact asks for a stiffer material
+    mu = ParameterEstimate(1.5, "kPa", interval=(1.45, 1.55), verdict="determined (+-3 %)")
+    said = list(warnings_of(tuple(found.values()), {"mu": mu}))
+    assert any(
+        text.startswith("friction 0.5 is taken as known") and f"mu {found['friction'].parameters['mu']:.3g}" in text
+        for text in said
+    )
+    assert not any(text.startswith("base") for text in said)
+
+
+class Softer(Press):
+    """`formula`, with 20 % less force at the other friction."""
+
+    @staticmethod
+    def forces(mu, zeta, phi, **changes):
+        return tuple((0.8 if "indenter.friction" in changes else 1.0) * force for force in formula(mu, zeta, phi))

@@ -129,6 +129,11 @@ class Fit(Section):
     )
     tolerance: Share = Field(default=1e-6, description="relative change of the objective below which the search ends")
     profiles: bool = Field(default=True, description="whether profile likelihoods are computed, where the search had a surrogate")
+    what_if: bool = Field(
+        default=False,
+        description="whether one more set of runs for each input that the case gives as exact (friction, base, bulk ratio, "
+        "thickness) tells what the parameters would be at another value of it",
+    )
     published: dict[str, Finite] = Field(
         default_factory=dict,
         examples=[{"mu": 1.49}],

@@ -25,8 +25,9 @@ from indentfit.inference.result import (
     TestAlone,
     WeightsFit,
 )
-from indentfit.inference.shares import NoiseShare, UncertainInputs
+from indentfit.inference.shares import NoiseShare, UncertainInputs, WhatIf
 from indentfit.inference.verdicts import conclusions, verdict
+from indentfit.inference.what_if import taken_as_known, warnings_of, what_ifs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
 from indentfit.inverse.exploration import MANY, Exploration, Watched, facts_of
@@ -83,6 +84,7 @@ class Certainty:
     published: PublishedComparison | None = None
     conclusions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    taken_as_known: tuple[WhatIf, ...] = ()
 
 
 def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solved, progress: Progress = SILENT) -> Certainty:
@@ -117,6 +119,8 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         findings, facts = _profiled(solution, model, solved, uncertain, progress)
     estimates = _estimates(solution, alone_known, findings, uncertain)
     published = published_comparison(solution, estimates)
+    last = _learned(problem, model, exploration) if problem.searched and case.fit.profiles else None
+    exact = what_ifs(solution, last) if last is not None else taken_as_known(case)
     return Certainty(
         known=alone_known,
         estimates=estimates,
@@ -126,8 +130,9 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         rivals=tuple(RivalOptimum(_free(problem, rival), rival.objective) for rival in exploration.rivals),
         surrogate=facts,
         published=published,
-        conclusions=conclusions(estimates, len(problem.tests), published),
+        conclusions=(*conclusions(estimates, len(problem.tests), published), *warnings_of(exact, estimates)),
         notes=(*notes, *findings.notes),
+        taken_as_known=exact,
     )
 
 

@@ -155,6 +155,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         surrogate=known.surrogate,
         published=known.published,
         conclusions=known.conclusions,
+        taken_as_known=known.taken_as_known,
         curves=_curves(problem, best),
         case=case,
     )

@@ -15,7 +15,7 @@ from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts
 from indentfit.inference.plain import NOT_IN_JSON, Interval, plain_fields
-from indentfit.inference.shares import UncertainInputs
+from indentfit.inference.shares import UncertainInputs, WhatIf
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
 from indentfit.runs.closed_form import ClosedForm
 
@@ -252,6 +252,8 @@ class FitResult:
         E, nu, and mu where no parameter is the shear modulus, of a material without fibres.
     closed_forms : dict of test -> ClosedForm
         Moduli of the measured curves by closed forms, where the indenter has one.
+    taken_as_known : tuple of WhatIf
+        Inputs that the case gives as exact, with the parameters at other values of them.
     curves : dict of test -> Curve
         The fitted curves (not part of result.json).
     case : Case or None
@@ -296,6 +298,7 @@ class FitResult:
     surrogate: SurrogateFacts | None = None
     published: PublishedComparison | None = None
     conclusions: tuple[str, ...] = ()
+    taken_as_known: tuple[WhatIf, ...] = ()
     moduli: dict[str, ParameterEstimate] = field(default_factory=dict)
     closed_forms: dict[str, ClosedForm] = field(default_factory=dict)
     curves: dict[str, InstanceOf[Curve]] = field(default_factory=dict)

@@ -104,3 +104,22 @@ class UncertainInputs:
         """The keys in result.json; empty where no input is uncertain."""
         known = {} if self.noise is None else plain_fields(self)
         return {name: value for name, value in known.items() if value or name not in ("at", "alternatives")}
+
+
+@dataclass(frozen=True)
+class WhatIf:
+    """An input that the case gives as exact, and the parameters at a plausible other value of it.
+
+    Parameters
+    ----------
+    input : str
+    taken, other : str
+        The case's value and the other value, with their units.
+    parameters : dict of name -> value, or None
+        The free parameters at the other value; None where these were not computed.
+    """
+
+    input: str
+    taken: str
+    other: str
+    parameters: dict[str, float] | None = None

@@ -16,6 +16,7 @@ from indentfit.inference.posterior import Climber
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
 from indentfit.inference.shares import AlternativeFit, InputShare, NoiseShare, UncertainInputs
 from indentfit.inference.verdicts import conclusions, verdict
+from indentfit.inference.what_if import taken_as_known
 from indentfit.inference.wide_fit import WideAlternative, WideFit
 from indentfit.inverse.exploration import Watched, facts_of
 from indentfit.inverse.methods import Solved
@@ -67,6 +68,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
         published=published,
         conclusions=(*conclusions(estimates, len(problem.tests), published), *_preferred(fit)),
         notes=tuple(_notes(fit)),
+        taken_as_known=taken_as_known(case),
     )
 
 

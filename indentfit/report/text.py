@@ -209,11 +209,22 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
     for tried in result.uncertain.alternatives:
         values = ", ".join(f"{key} {tried.parameters[key]:.3g} ({_span(tried.intervals[key])})" for key in result.free)
         yield f"either    {tried.name}, probability {tried.probability:.2g}: {values}"
+    yield from _known_lines(result)
     for other in result.rivals:
         values = ", ".join(f"{key} = {value:.4g}" for key, value in other.parameters.items())
         yield f"rival     {values}: objective {other.objective:.5g} mN"
     if result.surrogate:
         yield f"surrogate {_of_surrogate(result.surrogate)}"
+
+
+def _known_lines(result: FitResult) -> Iterator[str]:
+    """The inputs that the case gives as exact, with the parameters at other values of them."""
+    if result.taken_as_known:
+        yield f"known     taken as known: {', '.join(f'{known.input} {known.taken}' for known in result.taken_as_known)}"
+    for known in result.taken_as_known:
+        if known.parameters is not None:
+            values = ", ".join(f"{name} {value:.3g}" for name, value in known.parameters.items())
+            yield f"what if   {known.input} were {known.other}: {values}"
 
 
 def weights_lines(result: FitResult) -> Iterator[str]:

@@ -1,0 +1,114 @@
+"""Inputs that a case gives as exact, and what the parameters would be at plausible other values of them.
+
+A run at the optimum with another value of an input tells how the curves change, relative to their forces. The parameters are then
+fitted again on the surrogate, whose curves carry this change: nothing is linear in the parameters or in the input. A shift of the
+contact point needs no run.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.case import Case
+from indentfit.inference.estimate import estimate
+from indentfit.inference.inputs import OTHER_BASE, Solution
+from indentfit.inference.posterior import Shift
+from indentfit.inference.result import ParameterEstimate
+from indentfit.inference.shares import WhatIf
+from indentfit.inverse.derivatives import evaluate_at_reference
+from indentfit.inverse.surrogate import Surrogate
+
+LATE = 0.03  # of the largest depth: a plausible error of the contact point
+THINNER = 0.95
+SLIPPERY, ROUGH = 0.2, 0.5  # friction coefficients, one of which is tried
+SOFT, STIFF = 50.0, 1000.0  # bulk over shear moduli, one of which is tried
+
+
+def taken_as_known(case: Case) -> tuple[WhatIf, ...]:
+    """The inputs that a case gives as exact, each with a plausible other value."""
+    return tuple(known for known in _inputs(case) if getattr(case.fit.uncertain, known.input) is None)
+
+
+def what_ifs(solution: Solution, surrogate: Surrogate) -> tuple[WhatIf, ...]:
+    """The inputs of `taken_as_known`, with the parameters at their other values.
+
+    Parameters
+    ----------
+    solution : Solution
+    surrogate : Surrogate
+
+    Returns
+    -------
+    tuple of WhatIf
+        A value at which the mechanics failed has no parameters.
+    """
+    case, known = solution.case, taken_as_known(solution.case)
+    problem, best = solution.problem, solution.best
+    points = [{**best.parameters, **_change(case, tried)} for tried in known if tried.input != "offset"]
+    runs = iter(evaluate_at_reference(problem, solution.model, points)) if case.fit.what_if else iter(())
+    found = []
+    for tried in known:
+        if tried.input == "offset":
+            moved = _moved(solution, LATE * max(float(test.curve.displacement[-1]) for test in problem.tests))
+        elif (run := next(runs, None)) is not None and run.forces is not None:
+            moved = [there / here for there, here in zip(problem.scaled(best.parameters, run.forces), best.forces, strict=True)]
+        else:
+            found.append(tried)
+            continue
+        found.append(replace(tried, parameters=_again(solution, surrogate, moved)))
+    return tuple(found)
+
+
+def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEstimate]) -> Iterator[str]:
+    """A sentence for each input whose other value moves a determined parameter out of its interval."""
+    for tried in known:
+        moved = [f"{name} {value:.3g}" for name, value in (tried.parameters or {}).items() if _left(estimates.get(name), value)]
+        if moved:
+            yield (
+                f"{tried.input} {tried.taken} is taken as known, and the intervals hold only if it is right: with {tried.other} "
+                f"the fit would give {', '.join(moved)}, outside of the interval"
+            )
+
+
+def _left(known: ParameterEstimate | None, value: float) -> bool:
+    if known is None or known.interval is None or not (known.verdict or "").rpartition("; ")[2].startswith("determined"):
+        return False
+    return not known.interval[0] <= value <= known.interval[1]
+
+
+def _inputs(case: Case) -> Iterator[WhatIf]:
+    friction, ratio, thickness = case.indenter.friction, case.material.bulk_over_shear, case.sample.thickness
+    slips = friction == "stick" or float(friction) > (SLIPPERY + ROUGH) / 2
+    yield WhatIf("friction", str(friction), f"{SLIPPERY if slips else ROUGH:g}")
+    yield WhatIf("base", case.sample.base, OTHER_BASE[case.sample.base])
+    if ratio is not None:
+        yield WhatIf("bulk_ratio", f"{ratio:g}", f"{SOFT if ratio > 2 * SOFT else STIFF:g}")
+    yield WhatIf("thickness", f"{thickness:g} mm", f"{THINNER * thickness:.4g} mm")
+    deepest = max(float(case.outputs(test)[-1]) for test in case.tests)
+    yield WhatIf("offset", "0 mm", f"{LATE * deepest:.3g} mm")
+
+
+def _change(case: Case, tried: WhatIf) -> dict[str, Any]:
+    """The change of a point that an input's other value is."""
+    if tried.input == "base":
+        return {"sample.base": tried.other}
+    if tried.input == "thickness":
+        return {"sample.thickness": THINNER * case.sample.thickness}
+    return {{"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio"}[tried.input]: float(tried.other)}
+
+
+def _moved(solution: Solution, offset: float) -> list[Array]:
+    """Relative change of the fitted curves by a later contact."""
+    pairs = zip(solution.problem.tests, solution.best.forces, strict=True)
+    return [Shift.of(test.curve.displacement).by(offset)[0] @ force / force for test, force in pairs]
+
+
+def _again(solution: Solution, surrogate: Surrogate, moved: list[Array]) -> dict[str, float]:
+    """The free parameters that fit best where all curves carry a relative change."""
+    problem, start = solution.problem, solution.problem.units(solution.best.parameters)
+    targets = [test.curve.force / np.maximum(change, 1e-3) for test, change in zip(problem.tests, moved, strict=True)]
+    found = problem.parameters(estimate(problem, surrogate, solution.known.weights, start, targets=targets)[0])
+    return {name: found[name] for name in problem.free}
