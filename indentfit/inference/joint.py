@@ -252,9 +252,14 @@ def left_out_covar(curves: Curves) -> Array:
     if surrogate.fitted.left_out is None:
         return np.zeros((curves.measured().size,) * 2)
     weights = np.array([run.weight for run in surrogate.training])
-    errors = surrogate.fitted.left_out / weights[:, None] / np.array([run.curves for run in surrogate.training])
+    errors = _relative(surrogate.fitted.left_out / weights[:, None], np.array([run.curves for run in surrogate.training]))
     shares = weights**4 / np.sum(weights**4)  # the place of interest is where the misfit is small
     return np.asarray(np.einsum("m,mi,mj->ij", shares, errors, errors))
+
+
+def _relative(error: Array, force: Array) -> Array:
+    """Errors over forces; 0 where there is no force."""
+    return np.divide(error, force, out=np.zeros_like(error), where=force != 0)
 
 
 def _modes(posterior: Posterior, seed: int) -> list[Mode]:
@@ -363,7 +368,7 @@ def prediction_errors(fit: JointFit, points: Sequence[dict[str, float]], ran: Se
     for point, run in zip(points, ran, strict=True):
         if run.forces is not None:
             true = np.concatenate(run.forces)
-            rows.append(fit.surrogate.curves(problem.place(point)[None])[0] / true - 1)
+            rows.append(_relative(fit.surrogate.curves(problem.place(point)[None])[0] - true, true))
     return np.array(rows).reshape(len(rows), fit.error.correction.size)
 
 
