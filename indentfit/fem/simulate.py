@@ -43,6 +43,7 @@ NEAR = 0.25  # difference from the number of elements that a case asks for, that
 # the contact passes many points in each element. Soft ones let a point sink in by more than the face's bend within an element, and
 # the iteration then finds no end of the contact. Under a contact of less than SMALL thicknesses they are stiffer in proportion.
 EDGE_NORMAL, EDGE_TANGENTIAL, SMALL = 3e3, 3e2, 0.1
+GROWING = 5.0  # springs of bricks under a sphere, cone or wedge, in units of NORMAL and TANGENTIAL: soft ones fail at depth
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 
@@ -267,6 +268,8 @@ class Model:
             contact = shape.partition(self.setup.depth).half_width
             stiffness *= max(1.0, SMALL * self.setup.sample.thickness / contact)
             return Springs(EDGE_NORMAL * stiffness, EDGE_TANGENTIAL * stiffness)
+        if shape.edge_radius is None:
+            stiffness *= GROWING
         return Springs(NORMAL * stiffness, TANGENTIAL * stiffness)
 
     def _facts(self, path: Sequence[Equilibrium], work: Work, linear: LinearWork, seconds: float) -> SolveFacts:
