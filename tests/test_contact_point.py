@@ -22,7 +22,7 @@ def test_contact_is_found_within_micrometres_at_the_noise_of_the_phantoms_and_it
     error, stated = 1e3 * study.trials(study.sample_curve("gelatin"), Rig(), "piecewise", 500).T
     assert np.median(np.abs(error)) < 5
     assert np.quantile(np.abs(error), 0.95) < 20
-    assert 0.85 <= np.mean(np.abs(error) <= stated) <= 0.95
+    assert 0.925 <= np.mean(np.abs(error) <= stated) <= 0.975  # 99 % of binomial draws about 95 %
 
 
 @pytest.mark.parametrize("kind", study.RIGS)

@@ -242,7 +242,6 @@ def broken():
         "constant force": (t, d, np.full_like(f, 1.5), "the force is 1.5 throughout"),
         "constant displacement": (t, np.full_like(d, 1.5), f, "the displacement is 1.5 throughout"),
         "3 rows": (t[:3], d[:3], f[:3], "3 rows of numbers"),
-        "contact from the first sample": (t[550:] - t[550], d[550:], f[550:], "baseline|no contact"),
     }
 
 
@@ -252,6 +251,18 @@ def test_a_record_that_shows_no_loading_is_refused_in_one_line(name):
     with pytest.raises(RecordError, match=message) as caught:
         process_record(RawRecord(*channels, name="run7.csv"))
     assert str(caught.value).startswith("run7.csv: ") and "\n" not in str(caught.value)
+
+
+def test_a_record_that_begins_in_contact_is_extrapolated_and_flagged():
+    """Contact was 0.1 mm, 8 mN, before the first sample; the sensor's zero is its reading without contact."""
+    record = good()
+    zero = 1.7
+    part = RawRecord(record.time[550:] - record.time[550], record.displacement[550:], record.force[550:] - zero)
+    done = process_record(part, settings=case.Record(indenter="flat"))
+    assert any("the record has no approach" in note for note in done.notes)
+    assert done.contact.method == "extrapolated" and done.contact.baseline == 0
+    assert abs(done.contact.displacement - 0.7) <= done.contact.uncertainty < 0.02
+    assert done.peak == pytest.approx(80 * 0.33, rel=0.01)
 
 
 def test_the_record_that_these_were_made_of_is_fine():

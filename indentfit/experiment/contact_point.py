@@ -24,11 +24,14 @@ from indentfit.errors import RecordError
 from indentfit.experiment.loading import Ramp, filtered, noise_of, odd
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 
-CONFIDENCE = 0.9  # a stated uncertainty is half of this interval
+CONFIDENCE = 0.95  # a stated uncertainty is half of this interval
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (1.5, 2.0)}  # of the displacement beyond contact, for each end
 MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
 BASELINE = 3.0  # length of the baseline that is used, in durations of the ramp
 GRID = 80  # contact points that are tried before the search
+SHORTEST_TRAVEL = 0.01  # of the depth: a record with less of an approach begins in contact
+SAME_SLOPE = 0.35  # of the force before and after the fitted contact point, in a record that begins in contact
+PULL = 6.0  # standard deviations of the noise by which the force falls below the baseline where the sample pulls
 TRIALS = 60  # simulated records that give the uncertainty of the methods `threshold` and `variance_ratio`
 SIGMAS = 5.0  # standard deviations of the method `threshold`
 
@@ -42,7 +45,7 @@ class ContactPoint:
     displacement : float, mm
         Displacement of the record at contact.
     uncertainty : float, mm
-        Half of the 90 % interval of the displacement.
+        Half of the 95 % interval of the displacement.
     index : int
         First sample in contact.
     baseline : float, mN
@@ -79,9 +82,64 @@ def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str = "f
     RecordError
         There is no contact.
     """
-    stretch, powers = _stretch(ramp), POWERS[indenter]
-    model = _fit(stretch, powers)
-    _require_a_kink(ramp, stretch, model)
+    return fitted_approach(ramp, indenter).point(method)
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A ramp with the baseline and polynomial that were fitted to it."""
+
+    ramp: Ramp
+    stretch: _Stretch
+    model: _Model
+
+    def point(self, method: str) -> ContactPoint:
+        """The `ContactPoint` by a method; RecordError where there is no contact."""
+        _require_a_kink(self.ramp, self.stretch, self.model)
+        return _point(self.ramp, self.stretch, self.model, method)
+
+    def travel(self) -> float:
+        """Displacement from the first sample to the fitted contact point, mm."""
+        return self.model.contact - float(self.stretch.displacement.min())
+
+    def depth(self) -> float:
+        """Displacement from the fitted contact point to the deepest sample, mm."""
+        return float(self.stretch.displacement.max()) - self.model.contact
+
+    def is_missing(self) -> bool:
+        """Whether the record begins in contact: no travel before the fitted contact point, or the force rises there already."""
+        if self.travel() < max(SHORTEST_TRAVEL * self.depth(), 3 * self.model.stderr):
+            return True
+        x, force = self.stretch.displacement, self.stretch.force
+        reach = min(self.travel(), self.depth())
+        before, after = x < self.model.contact, (x >= self.model.contact) & (x <= self.model.contact + reach)
+        if np.count_nonzero(before) < 5 or np.count_nonzero(after) < 5:
+            return True
+        slopes = [float(np.polyfit(x[part], force[part], 1)[0]) if np.ptp(x[part]) else 0.0 for part in (before, after)]
+        rise = slopes[0] * self.travel()
+        scatter = float(np.std(self.model.residual)) / np.sqrt(self.stretch.length)
+        return slopes[0] > SAME_SLOPE * slopes[1] and rise > 4 * scatter
+
+    def pull(self) -> float:
+        """How far the force falls below the baseline close to contact, mN: an adhesive sample pulls; 0 where noise explains it."""
+        x, place, depth = self.stretch.displacement, self.model.contact, self.depth()
+        near = np.abs(x - place) < 0.3 * depth
+        if np.count_nonzero(near) < self.stretch.length:
+            return 0.0
+        coefficients = self.model.coefficients
+        drift = coefficients[1] * self.stretch.time if self.stretch.drifts else 0.0
+        above = filtered(self.stretch.force - coefficients[0] - drift, self.stretch.length)[near]
+        lowest = -float(above.min())
+        return lowest if lowest > PULL * noise_of(self.stretch.force) else 0.0
+
+
+def fitted_approach(ramp: Ramp, indenter: str) -> Approach:
+    """The `Approach` of a ramp under the end of an indenter, "flat" or "sphere"."""
+    stretch = _stretch(ramp)
+    return Approach(ramp, stretch, _fit(stretch, POWERS[indenter]))
+
+
+def _point(ramp: Ramp, stretch: _Stretch, model: _Model, method: str) -> ContactPoint:
     rule = METHODS[method]
     place = model.contact if rule is None else rule(stretch, stretch.force)
     uncertainty = _reach(model) if rule is None else _uncertainty(stretch, model, rule, place)
@@ -227,12 +285,12 @@ def _variance_ratio(stretch: _Stretch, force: Array) -> float:
 
 
 def _reach(model: _Model) -> float:
-    """Half of the 90 % interval of the fitted contact point, mm."""
+    """Half of the 95 % interval of the fitted contact point, mm."""
     return float(norm.ppf((1 + CONFIDENCE) / 2) * model.stderr)
 
 
 def _uncertainty(stretch: _Stretch, model: _Model, rule: Rule, place: float) -> float:
-    """Half of the 90 % interval of a rule, mm: bias and spread of the rule on records simulated from the fitted model."""
+    """Half of the 95 % interval of a rule, mm: bias and spread of the rule on records simulated from the fitted model."""
     scale, weights = model.noise.scale, model.noise.weights
     rng = np.random.default_rng(0)  # the same record gives the same uncertainty
     smooth = stretch.force - model.residual

@@ -15,6 +15,9 @@ from indentfit.experiment.record import RawRecord
 FILTER = 0.1  # length of the filter, as a share of the ramp's duration
 VELOCITY_FILTER = 0.2
 SAME_VELOCITY = 0.15  # relative change of velocity that still counts as constant
+PLATEAU = 0.005  # share of the force within which a controlled force is held
+CREEP = 0.015  # share of the travel that the displacement then creeps
+SLOW = 0.5  # of the velocity before, at which the displacement creeps
 SHORTEST_FILTER = 5  # samples
 FEWEST = 20  # samples of a ramp that can be filtered at all
 
@@ -93,7 +96,7 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
             f"{record.name}: the displacement goes backwards ({velocity:.3g} mm/s) while the force rises; "
             "it must rise into the sample, change record.displacement.sign"
         )
-    stop = _end(record, displacement, velocity, high, samples)
+    stop = _before_creep(displacement, smooth, high, _end(record, displacement, velocity, high, samples))
     peak = float(smooth[low:stop].max() - rest)
     return Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, peak)
 
@@ -188,6 +191,19 @@ def _end(record: RawRecord, displacement: Array, velocity: float, high: int, sam
     begin = high + int(slow[0])
     near = displacement[begin : begin + 3 * step]
     return begin + int(np.argmax(near >= near.max() - 0.005 * velocity * samples * record.interval)) + 1
+
+
+def _before_creep(displacement: Array, force: Array, high: int, stop: int) -> int:
+    """Index after the last sample of loading, where a controlled force is held and the displacement creeps before `stop`."""
+    part = force[high:stop]
+    if part.size < 2:
+        return stop
+    level = part.max() - PLATEAU * (part.max() - force[:high].min())
+    reached = high + int(np.argmax(part >= level))
+    creep = displacement[stop - 1] - displacement[reached]
+    slow = creep < SLOW * (stop - 1 - reached) * np.median(np.diff(displacement[:high][-high // 4 :]))
+    held = slow and (force[reached:stop] >= level).all()
+    return reached + 1 if held and creep > CREEP * (displacement[stop - 1] - displacement[:high].min()) else stop
 
 
 def longest_run(steady: Bools) -> tuple[int, int]:

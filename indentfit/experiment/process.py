@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from indentfit.case import Record, read_record_table
@@ -11,6 +12,7 @@ from indentfit.errors import RecordError
 from indentfit.experiment.manifest import Entry, once_each, read_manifest
 from indentfit.experiment.outcomes import AfterRecord, Outcome, process_all
 from indentfit.experiment.process_result import ProcessResult
+from indentfit.experiment.reading import read_records
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.replicates import mean_curves, statistics
 
@@ -61,14 +63,17 @@ def process(
     if bool(sources) == (manifest is not None):
         raise RecordError("process needs either records or a manifest; give one of them")
     settings = settings if isinstance(settings, Record) else read_record_table(settings)
-    entries = read_manifest(manifest) if manifest is not None else once_each(_entries(sources, thickness))
+    entries = read_manifest(manifest) if manifest is not None else once_each(_entries(sources, thickness, settings))
     outcomes = process_all(entries, settings, progress)
     _require_a_usable_record(outcomes)
     return ProcessResult(tuple(outcomes), settings, statistics(outcomes), mean_curves(outcomes, settings.points))
 
 
-def _entries(sources: Sequence[Source], thickness: float | None) -> Iterator[Entry]:
-    """An entry for each source. Files with the same name are named with their folders; a repeated name gets a number."""
+def _entries(sources: Sequence[Source], thickness: float | None, settings: Record) -> Iterator[Entry]:
+    """An entry for each record of each source.
+
+    Files with the same name are named with their folders; a repeated name gets a number.
+    """
     names = [Path(source).name for source in sources if isinstance(source, str | Path)]
     given: Counter[str] = Counter()
     for source in sources:
@@ -81,7 +86,19 @@ def _entries(sources: Sequence[Source], thickness: float | None) -> Iterator[Ent
         if isinstance(source, RawRecord):
             yield Entry(label, thickness=thickness, record=source)
         else:
-            yield Entry(label, path=Path(source), thickness=thickness)
+            yield from _of_file(Entry(label, path=Path(source), thickness=thickness), settings)
+
+
+def _of_file(entry: Entry, settings: Record) -> Iterator[Entry]:
+    """An entry for each record of a file, named after its table where the file holds several."""
+    try:
+        read = read_records(str(entry.path), settings)
+    except RecordError as error:
+        yield replace(entry, problem=str(error))
+        return
+    for record in read:
+        label = record.name.removeprefix(str(entry.path)).strip() if len(read) > 1 else ""
+        yield replace(entry, sample=f"{entry.sample} {label}".strip(), record=record)
 
 
 def _name(source: str | Path | RawRecord, names: list[str]) -> str:

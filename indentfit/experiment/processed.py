@@ -9,17 +9,22 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Record
-from indentfit.curve import Curve
+from indentfit.curve import MIN_POINTS, Curve
 from indentfit.errors import RecordError
-from indentfit.experiment.contact_point import ContactPoint, find_contact_point
-from indentfit.experiment.loading import Ramp, constant_velocity, filtered, find_ramp
+from indentfit.experiment.contact import locate_contact
+from indentfit.experiment.contact_point import METHODS, ContactPoint
+from indentfit.experiment.hertz import Hertz, hertz_modulus
+from indentfit.experiment.judgement import Judgement, judged
+from indentfit.experiment.loading import Ramp, constant_velocity, find_ramp
+from indentfit.experiment.peak import peak_force, peak_notes
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.relaxation import Prony, fit_prony
+from indentfit.experiment.selection import selected
 from indentfit.experiment.soundness import require_channels, require_whole
 from indentfit.experiment.stiffness import Line, Parabola, linear_fit, quadratic_fit, resampled
 
 SHORTEST_HOLD = 2.0  # durations of the ramp: a relaxation is fitted to longer holds
-PEAK_FILTER = 0.05  # of the duration of the ramp: short enough to keep the peak, and longer than a period of the rig's ringing
+FEWEST_LEFT = 10  # samples within limits of depth and force
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,8 @@ class ProcessedRecord:
         Strain (displacement over thickness) -> force, mN.
     relaxation : Prony or None
         Prony series of the hold; None where there is no hold, or too short a hold.
+    hertz : Hertz or None
+        Hertz modulus, where the radius of a sphere is known.
     notes : tuple of str
         Unusual properties of the record.
     """
@@ -69,7 +76,13 @@ class ProcessedRecord:
     thickness: float | None = None
     forces: dict[float, float] = field(default_factory=dict)
     relaxation: Prony | None = None
+    hertz: Hertz | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def judgement(self) -> Judgement:
+        """The rating of the record in words."""
+        return judged(self.ramp, self.contact, self.depth, self.peak)
 
     @property
     def strain_rate(self) -> float | None:
@@ -97,16 +110,19 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     RecordError
         The record cannot be used. The error's text is one line with the name of the record, what is wrong and the remedy.
     """
-    settings = settings or Record()
+    settings = _with_stated(settings or Record(), record)
+    record = selected(record, settings)
     require_channels(record)
     ramp = find_ramp(record, settings.filter)
     notes = record.notes + require_whole(ramp)
-    contact = find_contact_point(ramp, settings.contact, settings.indenter or "flat")
+    located = locate_contact(ramp, settings)
+    contact, notes = located.contact, notes + located.notes
     window, velocity = constant_velocity(ramp, contact.index)
     zeroed, loading = _zeroed(ramp, contact), slice(contact.index, ramp.stop)
-    displacement, force = zeroed.displacement[loading], zeroed.force[loading]
+    displacement, force = _limited(record, zeroed.displacement[loading], zeroed.force[loading], settings)
     depth = float(displacement.max())
     _require_depth(record, depth, contact)
+    peak = peak_force(ramp, contact.index, zeroed.unfiltered)
     return ProcessedRecord(
         record=record,
         ramp=ramp,
@@ -114,17 +130,25 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
         window=window,
         velocity=velocity,
         depth=depth,
-        peak=_peak(ramp, contact, zeroed.unfiltered),
+        peak=peak,
         displacement=displacement,
         force=force,
-        curve=resampled(displacement, force, settings.points),
+        curve=_curve(displacement, force, settings.points, contact),
         line=linear_fit(zeroed.displacement[window], zeroed.unfiltered[window]),
         parabola=quadratic_fit(zeroed.displacement[window], zeroed.unfiltered[window]),
         thickness=thickness,
         forces=_forces(displacement, force, thickness, settings.strains),
         relaxation=_relaxation(ramp, zeroed.unfiltered, contact, settings.prony_terms),
-        notes=(*notes, *_notes(ramp, contact, depth, thickness)),
+        hertz=_hertz(zeroed, depth, settings),
+        notes=(*notes, *_notes(ramp, contact, depth, thickness), *peak_notes(ramp, peak, zeroed.unfiltered)),
     )
+
+
+def _with_stated(settings: Record, record: RawRecord) -> Record:
+    """The settings with what the file states of the indenter where they say nothing."""
+    radius = settings.radius or record.stated.radius
+    end = settings.indenter or ("sphere" if radius else None)
+    return settings.model_copy(update={"radius": radius, "indenter": end})
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,10 +178,35 @@ def _require_depth(record: RawRecord, depth: float, contact: ContactPoint) -> No
         )
 
 
-def _peak(ramp: Ramp, contact: ContactPoint, unfiltered: Array) -> float:
-    """Largest force, mN, after a filter that removes noise and keeps the peak."""
-    stop = ramp.stop + round(0.5 * ramp.samples)
-    return float(filtered(unfiltered[:stop], PEAK_FILTER * ramp.samples)[contact.index :].max())
+def _limited(record: RawRecord, displacement: Array, force: Array, settings: Record) -> tuple[Array, Array]:
+    """The samples of the loading up to the limits of depth and force, and without the turning point."""
+    depths = [settings.max_depth, settings.max_radius and settings.radius and settings.max_radius * settings.radius]
+    if settings.max_radius and not settings.radius:
+        raise RecordError(f"{record.name}: record.max_radius needs the radius of the sphere; give record.radius")
+    deepest = min([float(displacement.max()) * (1 - settings.turning), *(depth for depth in depths if depth)])
+    stop = int(np.argmax(displacement > deepest)) if (displacement > deepest).any() else displacement.size
+    if settings.max_force and (force[:stop] > settings.max_force).any():
+        stop = int(np.argmax(force > settings.max_force))
+    if stop < FEWEST_LEFT:
+        raise RecordError(f"{record.name}: the limits of depth and force leave {stop} samples; {FEWEST_LEFT} are needed")
+    return displacement[:stop], force[:stop]
+
+
+def _curve(displacement: Array, force: Array, points: int, contact: ContactPoint) -> Curve:
+    """The loading at equal steps of displacement; no point lies before the first sample of a record that begins in contact."""
+    curve = resampled(displacement, force, points)
+    measured = curve.displacement >= displacement.min()
+    if contact.method in METHODS or np.count_nonzero(measured) < MIN_POINTS:
+        return curve
+    return Curve(curve.displacement[measured], curve.force[measured])
+
+
+def _hertz(zeroed: _Zeroed, depth: float, settings: Record) -> Hertz | None:
+    """The Hertz modulus of the loading to the depth of the curve, where the radius of a sphere is known."""
+    if settings.indenter != "sphere" or not settings.radius:
+        return None
+    stop = int(np.argmax(zeroed.displacement >= depth)) + 1
+    return hertz_modulus(zeroed.displacement[:stop], zeroed.unfiltered[:stop], settings.radius)
 
 
 def _forces(displacement: Array, force: Array, thickness: float | None, strains: tuple[float, ...]) -> dict[float, float]:
@@ -195,7 +244,7 @@ def _stays(ramp: Ramp) -> bool:
 
 def _notes(ramp: Ramp, contact: ContactPoint, depth: float, thickness: float | None) -> Iterator[str]:
     """One line for each unusual property of the record."""
-    if contact.index < ramp.length:
+    if contact.index < ramp.length and contact.method in METHODS:
         yield "contact begins soon after the start of the record: the baseline is short"
     if contact.uncertainty > 0.05 * depth:
         yield f"the contact point is uncertain by {contact.uncertainty / depth:.0%} of the depth"

@@ -1,26 +1,32 @@
-"""Reading a lab's file as a raw record, with the format that recognises the file."""
+"""Reading a lab's file as raw records, with the format that recognises the file."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from indentfit.case import Record
 from indentfit.errors import RecordError
+from indentfit.experiment.formats.afm import AfmFormat
+from indentfit.experiment.formats.columns import records
 from indentfit.experiment.formats.format import Format
+from indentfit.experiment.formats.presets import LOOKED_AT, Preset, preset_of
+from indentfit.experiment.formats.table import Table
 from indentfit.experiment.formats.text import TextFormat
 from indentfit.experiment.formats.workbook import WorkbookFormat
 from indentfit.experiment.record import RawRecord
 
-FORMATS: tuple[Format, ...] = (WorkbookFormat(), TextFormat())  # the first that recognises a file reads it
+FORMATS: tuple[Format, ...] = (WorkbookFormat(), AfmFormat(), TextFormat())  # the first that recognises a file reads it
 
 
 def read_record(path: str | Path, settings: Record | None = None) -> RawRecord:
-    """The `RawRecord` of a file, in s, mm and mN.
+    """The one `RawRecord` of a file, in s, mm and mN.
 
     Parameters
     ----------
     path : path
-        Text in columns, or a workbook.
+        Text in columns, a workbook, or a file of an atomic force microscope.
     settings : Record
         The [record] table: columns, calibration, sampling rate; by default all of these follow from the header of the file.
 
@@ -31,14 +37,98 @@ def read_record(path: str | Path, settings: Record | None = None) -> RawRecord:
     Raises
     ------
     RecordError
-        The file cannot be read as a record. The error's text is one line with the file, what is wrong and the remedy.
+        The file cannot be read as a record, or holds several. The error's text is one line with the file, what is wrong and the
+        remedy.
+    """
+    read = read_records(path, settings)
+    if len(read) > 1:
+        names = ", ".join(f"{n}: {record.name.removeprefix(str(path)).strip()}" for n, record in enumerate(read[:8], start=1))
+        raise RecordError(f"{path}: the file holds {len(read)} records; give record.block, a number or a name of {names}")
+    return read[0]
+
+
+def read_records(path: str | Path, settings: Record | None = None) -> list[RawRecord]:
+    """The `RawRecord`s of a file, or those that `record.block` chooses; each is named after the file and its table.
+
+    Parameters
+    ----------
+    path : path
+    settings : Record
+
+    Returns
+    -------
+    list of RawRecord
+        At least one.
+
+    Raises
+    ------
+    RecordError
+        No table of the file is a record, or there is no such block.
     """
     path, settings = Path(path), settings or Record()
     _require_file(path)
     try:
-        return next(format for format in FORMATS if format.reads(path)).read(path, settings)
+        tables = next(format for format in FORMATS if format.reads(path)).tables(path, settings)
     except OSError as error:
         raise _unreadable(path, error) from error
+    preset = preset_of(path, _start(tables), settings)
+    if preset is not None:
+        settings, tables = preset.applied(settings), _without_skipped(tables, preset, settings)
+    tables = _chosen(path, tables, settings.block)
+    return _named(_records(path, tables, settings), preset)
+
+
+def _start(tables: Sequence[Table]) -> str:
+    """Text at the beginning of a file: above its first table."""
+    return "\n".join((*tables[0].above, *(" ".join(row) for row in tables[0].header[-2:])))[:LOOKED_AT] if tables else ""
+
+
+def _without_skipped(tables: list[Table], preset: Preset, settings: Record) -> list[Table]:
+    """The tables that the preset does not skip; all of them where a block is chosen, or where none would be left."""
+    kept = [table for table in tables if table.name not in preset.skip]
+    if settings.block is not None or not kept or len(kept) == len(tables):
+        return tables
+    skipped = ", ".join(dict.fromkeys(table.name for table in tables if table.name in preset.skip))
+    note = f"{len(tables) - len(kept)} tables that move the stage only were left out: {skipped}"
+    return [replace(kept[0], notes=(*kept[0].notes, note)), *kept[1:]]
+
+
+def _chosen(path: Path, tables: list[Table], block: int | str | None) -> list[Table]:
+    if block is None or block == "all":
+        return tables
+    if isinstance(block, int):
+        if 1 <= block <= len(tables):
+            return [tables[block - 1]]
+        raise RecordError(f"{path}: record.block = {block}: the file has {len(tables)} tables, counted from 1")
+    chosen = [table for table in tables if table.name.casefold() == block.strip().casefold()]
+    if not chosen:
+        names = ", ".join(dict.fromkeys(table.name or "no name" for table in tables))
+        raise RecordError(f"{path}: record.block = {block!r}: no such table; the tables are {names[:200]}")
+    return chosen
+
+
+def _records(path: Path, tables: list[Table], settings: Record) -> list[RawRecord]:
+    """The records of tables; a table that is no record is left out with a note where another is one."""
+    read: list[RawRecord] = []
+    problems: list[str] = []
+    for n, table in enumerate(tables, start=1):
+        label = (table.name or f"table {n}") if len(tables) > 1 else ""
+        try:
+            read += [replace(record, name=f"{path} {label}".strip()) for record in records(path, table, settings)]
+        except RecordError as error:
+            problems.append(str(error).removeprefix(f"{path}: ") if len(tables) > 1 else str(error))
+    if not read:
+        raise RecordError(problems[0] if len(tables) == 1 else f"{path}: {problems[0]}")
+    notes = tuple(f"a table was left out: {problem}" for problem in problems)
+    return [replace(read[0], notes=read[0].notes + notes), *read[1:]]
+
+
+def _named(read: list[RawRecord], preset: Preset | None) -> list[RawRecord]:
+    """The records with the preset in what was taken, and with numbers where several have one name."""
+    words = f"{preset.name}: " if preset else ""
+    names = [record.name for record in read]
+    numbered = [f"{name} ({n})" if names.count(name) > 1 else name for n, name in enumerate(names, start=1)]
+    return [replace(record, name=name, taken=words + record.taken) for record, name in zip(read, numbered, strict=True)]
 
 
 def _require_file(path: Path) -> None:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Bools
 from indentfit.errors import RecordError
 
 CHANNELS = ("time", "displacement", "force")
 FEWEST = 50  # samples of a record
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a file states of its instrument: radius of the sphere, mm, and stiffness of cantilever or load cell, mN/mm."""
+
+    radius: float | None = None
+    stiffness: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +36,13 @@ class RawRecord:
         The file, or another name, for messages.
     notes : tuple of str
         A note on everything that was left out or repaired when the file was read.
+    taken : str
+        What was taken from the file, one line: columns, units, signs, table; empty for a record in memory.
+    stated : Stated
+    stages : tuple of str, or None
+        The stage or segment of each sample, where the file has a column of them.
+    timed : bool
+        Whether the times are times; rows are counted where a file has none.
 
     Raises
     ------
@@ -40,6 +55,10 @@ class RawRecord:
     force: Array
     name: str = ""
     notes: tuple[str, ...] = ()
+    taken: str = ""
+    stated: Stated = Stated()
+    stages: tuple[str, ...] | None = None
+    timed: bool = True
 
     def __post_init__(self) -> None:
         for channel in CHANNELS:
@@ -52,6 +71,12 @@ class RawRecord:
 
     def __repr__(self) -> str:
         return f"RawRecord({self.name!r}, {self.time.size} samples)"
+
+    def part(self, kept: slice | Bools, note: str = "") -> RawRecord:
+        """The record of some of the samples; a note says which."""
+        stages = None if self.stages is None else tuple(np.asarray(self.stages, dtype=object)[kept])
+        channels = {channel: getattr(self, channel)[kept] for channel in CHANNELS}
+        return replace(self, **channels, stages=stages, notes=(*self.notes, *([note] if note else [])))
 
     @property
     def interval(self) -> float:

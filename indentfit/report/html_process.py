@@ -20,7 +20,7 @@ RECORDS = (
 SPREADS = ("Of", "Records", "Mean", "Standard deviation", "95 % interval of the mean", "Median", "Outliers")
 DIFFERENCES = ("Test", "Number", "p", "95 % interval of the difference (mN/mm)")
 ERRORS = (
-    "The uncertainty of a contact point is half of its 90 % interval, that of a stiffness one standard error. Outliers are shown, "
+    "The uncertainty of a contact point is half of its 95 % interval, that of a stiffness one standard error. Outliers are shown, "
     "and every number counts them."
 )
 DRAWN = (

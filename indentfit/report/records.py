@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from indentfit.experiment.hertz import Hertz
 from indentfit.experiment.outcomes import Outcome, usable
 from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
@@ -146,6 +147,9 @@ def _record_facts(record: ProcessedRecord) -> dict[str, Any]:
         "quadratic": asdict(record.parabola),
         "force_mN_at_strain": {f"{strain:g}": force for strain, force in record.forces.items()},
         "relaxation": record.relaxation and asdict(record.relaxation),
+        "hertz": record.hertz and asdict(record.hertz),
+        "taken": record.record.taken,
+        "rating": str(record.judgement),
         "notes": list(record.notes),
     }
 
@@ -181,9 +185,28 @@ def process_lines(result: ProcessResult) -> Iterator[str]:
 def more_lines(result: ProcessResult) -> Iterator[str]:
     """The holds and the statistics in words."""
     for outcome in usable(result.outcomes):
+        yield from _source_lines(outcome.name, outcome.processed)
+    for outcome in usable(result.outcomes):
         if outcome.processed.relaxation:
             yield f"relaxation  {outcome.name}: {relaxation_words(outcome.processed.relaxation)}"
     yield from _statistics_lines(result.statistics)
+
+
+def _source_lines(name: str, record: ProcessedRecord) -> Iterator[str]:
+    """What was taken from the file, how contact and zero were found, the Hertz modulus, and the rating of the record."""
+    contact = record.contact
+    if record.record.taken:
+        where = f"contact {contact.method}, zero {contact.baseline:.4g} mN"
+        yield f"taken       {name}: {record.record.taken}; {where}"
+    if record.hertz:
+        yield f"Hertz       {name}: {hertz_words(record.hertz)}"
+    yield f"rating      {name}: {record.judgement}"
+
+
+def hertz_words(hertz: Hertz) -> str:
+    """A Hertz modulus in words, with its theory's limits."""
+    value = f"E/(1-nu^2) = {hertz.modulus:.4g} +- {hertz.interval:.2g} kPa (95 %)"
+    return f"{value}, E = {0.75 * hertz.modulus:.4g} kPa if incompressible; sphere of radius {hertz.radius:.4g} mm, half-space"
 
 
 def _record_lines(result: ProcessResult) -> Iterator[str]:

@@ -21,7 +21,7 @@ class StoredRecord:
     r_squared : float
         R2 of the straight line.
     contact, contact_uncertainty : float, mm
-        Contact point, and half of its 90 % interval.
+        Contact point, and half of its 95 % interval.
     velocity : float, mm/s
     strain_rate : float or None, 1/s
     depth : float, mm

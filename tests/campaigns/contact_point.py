@@ -3,7 +3,7 @@
     python tests/campaigns/contact_point.py --trials 500
 
 Prints, for each kind of record and each method, the median and the 95 % quantile of the error, its mean, the median stated
-uncertainty (half of a 90 % interval) and how often the interval holds the truth. tests/test_contact_point.py reruns it in short.
+uncertainty (half of a 95 % interval) and how often the interval holds the truth. tests/test_contact_point.py reruns it in short.
 Elastic curves: the forward model's for white matter, along and across, and the slightly curved one of a flat cylinder on gelatin.
 """
 

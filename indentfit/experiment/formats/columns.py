@@ -1,36 +1,60 @@
-"""The raw record in a table of columns: each quantity's column is found, calibrated and converted to s, mm and mN."""
+"""The raw records in a table of columns: each quantity's column is found, calibrated and converted to s, mm and mN."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Ints
 from indentfit.case import Record, RecordChannel
 from indentfit.errors import RecordError
+from indentfit.experiment.formats.choice import (
+    chosen_column,
+    column_name,
+    column_unit,
+    deflection_column,
+    named_column,
+    piezo_column,
+    stage_column,
+)  # fmt: skip
+from indentfit.experiment.formats.stated import stated
 from indentfit.experiment.formats.table import Table
-from indentfit.experiment.record import FEWEST, RawRecord
+from indentfit.experiment.formats.words import ALIASES, ELECTRIC, TARGETS, rank_of, words_of
+from indentfit.experiment.record import FEWEST, RawRecord, Stated
 from indentfit.units import unit_factor
 
-TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
-WORDS = {  # vendors' headers begin with these
-    "time": ("time", "zeit", "temps", "时间", "t"),
-    "displacement": ("displacement", "disp", "position", "extension", "stroke", "indentation", "weg", "位移"),
-    "force": ("force", "load", "kraft", "力", "载荷"),
-}
-LENGTHS = ("nm", "um", "µm", "μm", "mm", "cm", "m", "in")
-FORCES = ("uN", "µN", "μN", "mN", "cN", "N", "kN", "gf", "kgf", "lbf")
-TIMES = ("ms", "s", "min")
-ELECTRIC = ("V", "mV")
-UNITS = (*LENGTHS, *FORCES, *TIMES, *ELECTRIC)
-ALIASES = {"g": "gf", "kg": "kgf", "sec": "s", "μm": "um", "µm": "um", "μN": "uN", "µN": "uN"}
-LONGEST_LIST = 300  # letters of the columns that a message lists
+FEWEST_READ = 20  # rows of numbers that are read at all; a record needs FEWEST
+TRAVEL = 2  # rank of the first words (`words.WORDS`) that name the travel of a stage, and not an indentation
 
 
-def raw_record(path: Path, table: Table, settings: Record) -> RawRecord:
-    """The `RawRecord` in a table.
+@dataclass(frozen=True)
+class _Source:
+    """A table with its file, its settings, and what its lines of text state."""
+
+    path: Path
+    table: Table
+    settings: Record
+    stated: Stated
+
+    def label(self, place: int) -> str:
+        return column_name(self.table, place)
+
+
+@dataclass(frozen=True, eq=False)
+class _Taken:
+    """The values (n,) of a quantity, in words where they come from, and what deserves a look."""
+
+    values: Array
+    words: str
+    notes: tuple[str, ...] = ()
+
+
+def records(path: Path, table: Table, settings: Record) -> list[RawRecord]:
+    """The raw records in a table: several where its time begins anew.
 
     Columns and units that the settings do not name follow from the header. Rows without numbers are left out, with a note.
 
@@ -38,125 +62,235 @@ def raw_record(path: Path, table: Table, settings: Record) -> RawRecord:
     ----------
     path : path
         The file of the table: the name of the record.
+    table : Table
     settings : Record
         The [record] table: columns, calibration and sampling rate.
 
     Returns
     -------
-    RawRecord
+    list of RawRecord
 
     Raises
     ------
     RecordError
         The table is not a record. The error's text is one line with the file, what is wrong and the remedy.
     """
-    places = {name: _column(path, table, name, channel) for name, channel in _channels(settings).items()}
-    if places["displacement"] == places["force"]:
-        raise RecordError(f"{path}: displacement and force are the same column {places['force'] + 1}; give record.force.column")
-    time = _time(path, table, settings)
-    measured = [_calibrated(path, table, places[name], name, channel) for name, channel in _channels(settings).items()]
-    columns = np.array([time, *measured])
+    source = _Source(path, table, settings, stated(table.above))
+    travel = _travel(source)
+    force = _force(source)
+    displacement = _displacement(source, travel, force.values)
+    time = _time(source)
+    columns = np.array([time.values, displacement.values, force.values])
     good = np.isfinite(columns).all(axis=0)
-    if np.count_nonzero(good) < FEWEST:
+    if np.count_nonzero(good) < FEWEST_READ:
         raise RecordError(f"{path}: {np.count_nonzero(good)} rows of numbers; a record needs at least {FEWEST}")
-    _require_rising_time(path, table, columns[0, good])
     left_out = () if good.all() else (f"{np.count_nonzero(~good):,} rows without numbers were left out",)
-    seconds, displacement, force = columns[:, good]
-    return RawRecord(seconds, displacement, force, str(path), table.notes + left_out)
+    notes = table.notes + left_out + displacement.notes + force.notes + time.notes
+    words = f"time {time.words}, displacement {displacement.words}, force {force.words}"
+    whole = _Whole(columns[:, good], np.flatnonzero(good), _stages(source), notes, words)
+    return [_record(source, whole, begin, end) for begin, end in _tests(source, whole)]
 
 
-def _channels(settings: Record) -> dict[str, RecordChannel]:
-    return {"displacement": settings.displacement, "force": settings.force}
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """All rows of a table: channels (3, n), their rows in the table (n,), their stages, the notes, and what was taken."""
+
+    channels: Array
+    rows: Ints
+    stages: list[str] | None
+    notes: tuple[str, ...]
+    words: str
 
 
-def _require_rising_time(path: Path, table: Table, time: Array) -> None:
-    back = np.flatnonzero(np.diff(time) <= 0)
-    if back.size:
-        n = int(back[0]) + 1
-        raise RecordError(f"{path}: row {table.first + n}: the time {time[n]:g} s comes after {time[n - 1]:g} s; check record.time")
+def _record(source: _Source, whole: _Whole, begin: int, end: int) -> RawRecord:
+    """The record of the rows from `begin` to `end`, its times from 0 and each above the last."""
+    time, displacement, force = whole.channels[:, begin:end]
+    time, repeated = _spread(time - time[0])
+    notes = whole.notes if begin == 0 else ()
+    if repeated:
+        notes = (*notes, f"{repeated:,} times are given twice and were spread evenly")
+    stages = None if whole.stages is None else tuple(whole.stages[row] for row in whole.rows[begin:end])
+    displacement, force, turned = _signed(source.settings, displacement, force)
+    timed = source.settings.rate != "unknown" and not (source.settings.rate is None and whole.words.startswith("time of rows"))
+    return RawRecord(time, displacement, force, str(source.path), notes + turned, whole.words, source.stated, stages, timed)
 
 
-# Which column
+def _tests(source: _Source, whole: _Whole) -> list[tuple[int, int]]:
+    """Begin and end of each test in a table: a time that falls back to its beginning begins another test."""
+    time = whole.channels[0]
+    back = np.flatnonzero(np.diff(time) < 0) + 1
+    edges = [0, *map(int, back), time.size]
+    pieces = list(pairwise(edges))
+    interval = float(np.median(np.abs(np.diff(time))))
+    if back.size and (min(end - begin for begin, end in pieces) < FEWEST or (time[back] > time[0] + 2 * interval).any()):
+        n = int(back[0])
+        row = source.table.first + int(whole.rows[n])
+        raise RecordError(f"{source.path}: row {row}: the time {time[n]:g} s comes after {time[n - 1]:g} s; check record.time")
+    if np.ptp(time) == 0:
+        raise RecordError(f"{source.path}: the time is {time[0]:g} s throughout; check record.time")
+    return pieces
 
 
-def _column(path: Path, table: Table, name: str, channel: RecordChannel) -> int:
-    """Index of the column of a quantity: the settings give the column's name or number, or it follows from the header."""
-    if isinstance(channel.column, int):
-        return _numbered(path, table, name, channel.column)
-    matches = [n for n in range(table.width) if any(_names(label, name, channel.column) for label in table.labels(n))]
-    if len(matches) == 1:
-        return matches[0]
-    count = str(len(matches) or "no")
-    what = f"record.{name}.column = {channel.column!r}: {count} such columns" if channel.column else f"{count} columns of {name}"
-    raise RecordError(f"{path}: {what}; give record.{name}.column, a name or a number of: {_listed(table)}")
+def _spread(time: Array) -> tuple[Array, int]:
+    """Times (n,) with those that repeat spread evenly up to the next, and how many repeat."""
+    first = np.append(True, np.diff(time) > 0)
+    if first.all():
+        return time, 0
+    starts = np.flatnonzero(first)
+    step = float(np.median(np.diff(time[starts]))) if starts.size > 1 else 1.0
+    counts = np.diff(np.append(starts, time.size))
+    last = time[starts[-1]] + step * counts[-1] / max(float(np.median(counts)), 1.0)
+    places = np.append(starts, time.size)
+    return np.interp(np.arange(time.size), places, np.append(time[starts], last)), int(np.count_nonzero(~first))
 
 
-def _numbered(path: Path, table: Table, name: str, number: int) -> int:
-    if 1 <= number <= table.width:
-        return number - 1
-    raise RecordError(f"{path}: record.{name}.column = {number}: the file has {table.width} columns, counted from 1")
+def _signed(settings: Record, displacement: Array, force: Array) -> tuple[Array, Array, tuple[str, ...]]:
+    """Displacement and force positive in compression: both are turned where the file counts both as in tension."""
+    given = {"sign", "gain"} & (settings.displacement.model_fields_set | settings.force.model_fields_set)
+    rest = float(np.median(force[: max(3, force.size // 50)]))
+    down, up = rest - float(force.min()), float(force.max()) - rest
+    if given or down < 4 * max(up, 0.0) or down < 4 * abs(rest):
+        return displacement, force, ()
+    deepest = int(np.argmin(force))
+    if displacement[deepest] >= displacement[0] - 0.25 * np.ptp(displacement):
+        return displacement, force, ()
+    return -displacement, -force, ("force and displacement fall under load, as testers count compression: both signs were turned",)
 
 
-def _names(label: str, name: str, wanted: str | None) -> bool:
-    """Whether a label is the wanted label, with or without its unit; where none is wanted, whether it begins like the quantity."""
-    if wanted is None:
-        return _begins(label, WORDS[name])
-    return wanted.casefold().strip() in (label.casefold(), _without_unit(label).casefold())
+# Which column, and which unit
 
 
-def _begins(label: str, words: tuple[str, ...]) -> bool:
-    first = re.split(r"[\W\d_]+", label.strip().casefold(), maxsplit=1)[0]
-    return any(first == word or (len(word) > 1 and first.startswith(word)) for word in words)
+def _force(source: _Source) -> _Taken:
+    place = chosen_column(source.path, source.table, "force", source.settings.force)
+    values, unit = _calibrated(source, place, "force", source.settings.force)
+    return _Taken(values, f"{source.label(place)!r}{_in(source, place, unit)}")
 
 
-def _without_unit(label: str) -> str:
-    return re.sub(r"\s*[\[(（].*?[\])）]\s*$", "", label).strip()
+@dataclass(frozen=True, eq=False)
+class _Travel:
+    """The travel of the indenter: its column, the column that was subtracted from it, its values (n,), mm, and words for them."""
+
+    place: int
+    minus: int | None
+    values: Array
+    words: str
 
 
-def _listed(table: Table) -> str:
-    """The columns with their numbers and labels, for a message."""
-    listed = "; ".join(f"{n + 1}: {' '.join(reversed(table.labels(n))) or 'no header'}" for n in range(table.width))
-    return listed if len(listed) <= LONGEST_LIST else f"{listed[: LONGEST_LIST - 3]}..."
+def _travel(source: _Source) -> _Travel:
+    """The travel of a column, less the deflection of a cantilever where the file or the settings have one."""
+    channel, piezo, deflection = source.settings.displacement, piezo_column(source.table), deflection_column(source.table)
+    place, minus = piezo, deflection
+    if channel.column is not None or channel.minus is not None or place is None or minus is None:
+        place = chosen_column(source.path, source.table, "displacement", channel)
+        minus = None
+    if channel.minus is not None:
+        minus = named_column(source.path, source.table, "record.displacement.minus", channel.minus)
+    _require_apart(source, place)
+    values, unit = _calibrated(source, place, "displacement", _facing(source, place))
+    words = f"{source.label(place)!r}{_in(source, place, unit)}"
+    if minus is not None:
+        values = values - _calibrated(source, minus, "displacement", RecordChannel())[0]
+        words += f" minus {source.label(minus)!r}"
+    return _Travel(place, minus, values, words)
 
 
-# Which unit
+def _displacement(source: _Source, travel: _Travel, force: Array) -> _Taken:
+    """The displacement of the indenter into the sample: its travel less what the instrument gives way."""
+    values, bent = _unbent(source, travel, force)
+    return _Taken(values, travel.words + bent, tuple(_travel_notes(source, travel)))
 
 
-def _calibrated(path: Path, table: Table, place: int, name: str, channel: RecordChannel) -> Array:
-    """The values of a column in mm, mN or s."""
-    target = TARGETS[name]
-    unit = channel.unit or (target if channel.gain is not None else _unit(table, place))
+def _require_apart(source: _Source, place: int) -> None:
+    if place == chosen_column(source.path, source.table, "force", source.settings.force):
+        raise RecordError(f"{source.path}: displacement and force are the same column {place + 1}; give record.force.column")
+
+
+def _facing(source: _Source, place: int) -> RecordChannel:
+    """The channel of the displacement; a height falls toward the sample, so its sign is turned unless the settings give one."""
+    channel = source.settings.displacement
+    heights = any(words_of(label)[:1] == ["height"] for label in source.table.labels(place))
+    if heights and "sign" not in channel.model_fields_set:
+        return channel.model_copy(update={"sign": -1})
+    return channel
+
+
+def _unbent(source: _Source, travel: _Travel, force: Array) -> tuple[Array, str]:
+    """The travel less what cantilever, load cell and frame give way, and that in words."""
+    settings, stiffness, words, values = source.settings, source.settings.stiffness, "", travel.values
+    if stiffness is None and settings.compliance is None and travel.minus is None and _is_travel(source, travel.place):
+        stiffness = source.stated.stiffness
+    if stiffness is not None and travel.minus is None:
+        values, words = values - force / stiffness, f" minus force / {stiffness:.4g} mN/mm"
+    if settings.compliance is not None:
+        values, words = values - force * settings.compliance, f"{words} minus force * {settings.compliance:.4g} mm/mN"
+    return values, words
+
+
+def _is_travel(source: _Source, place: int) -> bool:
+    """Whether a column is named as the travel of a piezo or a stage."""
+    ranks = [rank for label in source.table.labels(place) if (rank := rank_of(label, "displacement"))]
+    return bool(ranks) and min(ranks)[0] > TRAVEL
+
+
+def _travel_notes(source: _Source, travel: _Travel) -> Iterator[str]:
+    """A note where a deflection of the cantilever is not subtracted from a travel."""
+    place, deflection = travel.place, deflection_column(source.table)
+    own = [rank[0] for label in source.table.labels(place) if (rank := rank_of(label, "displacement"))]
+    indentation = bool(own) and min(own) == 0
+    if deflection is not None and travel.minus is None and not indentation and not source.settings.stiffness:
+        yield (
+            f"the file has a column {source.label(deflection)!r} that is not subtracted from {source.label(place)!r}: the travel "
+            "is more than the indentation; give record.displacement.minus"
+        )
+
+
+def _in(source: _Source, place: int, unit: str) -> str:
+    return "" if column_unit(source.table, place) == unit else f" in {unit}"
+
+
+def _calibrated(source: _Source, place: int, name: str, channel: RecordChannel) -> tuple[Array, str]:
+    """The values of a column in mm, mN or s, and the unit that they were in."""
+    target, path = TARGETS[name], source.path
+    unit = channel.unit or (target if channel.gain is not None else column_unit(source.table, place))
     if unit is None:
         raise RecordError(f"{path}: the header does not give the unit of the {name}; give record.{name}.unit, such as {target!r}")
     if unit in ELECTRIC:
         raise RecordError(f"{path}: the {name} is in {unit}; give record.{name}.gain, {target} per {unit}")
-    values = channel.sign * (1.0 if channel.gain is None else channel.gain) * table.values[:, place] + channel.offset
+    if unit == "step":
+        raise RecordError(f"{path}: the {name} is in steps; give record.{name}.gain, {target} per step")
+    values = channel.sign * (1.0 if channel.gain is None else channel.gain) * source.table.values[:, place] + channel.offset
     try:
-        return values * unit_factor(ALIASES.get(unit, unit), target)
+        return values * unit_factor(ALIASES.get(unit, unit), target), unit
     except ValueError as error:
         raise RecordError(f"{path}: record.{name}.unit {error}") from None
 
 
-def _unit(table: Table, place: int) -> str | None:
-    """The unit that a column's header gives: in brackets, after an underline, comma or slash, or in a row of its own."""
-    for label in table.labels(place):
-        in_brackets = re.findall(r"[\[(（]\s*([^\])）]*?)\s*[\])）]", label)
-        at_the_end = re.findall(r"(?:_|,\s*|/\s*|\s)([^\W\d]+)$", label)
-        for text in (*in_brackets, *at_the_end, label):
-            unit = ALIASES.get(text, text)
-            if unit in UNITS:
-                return unit
-    return None
-
-
-def _time(path: Path, table: Table, settings: Record) -> Array:
-    """Times of the rows, s, from the first: by the sampling rate, or by a column."""
-    if settings.rate is not None:
-        return np.arange(len(table.values)) / settings.rate
-    told = any(_begins(label, WORDS["time"]) for place in range(table.width) for label in table.labels(place))
+def _time(source: _Source) -> _Taken:
+    """Times of the rows, s, from the first: by the sampling rate, or by a column, or counted."""
+    table, settings, path = source.table, source.settings, source.path
+    rows = np.arange(len(table.values), dtype=float)
+    if isinstance(settings.rate, float):
+        return _Taken(rows / settings.rate, f"by {settings.rate:g} Hz")
+    told = any(rank_of(label, "time") for place in range(table.width) for label in table.labels(place))
+    if settings.rate == "unknown" or (settings.time.column is None and not told and stage_column(table) is not None):
+        note = "the file has no times: rows are counted in place of seconds, so that velocities and relaxation times mean nothing"
+        return _Taken(rows, "of rows, counted", (note,))
     if settings.time.column is None and not told:
-        raise RecordError(f"{path}: no column of time and no sampling rate; give record.rate in Hz, or record.time.column")
-    time = _calibrated(path, table, _column(path, table, "time", settings.time), "time", settings.time)
+        raise RecordError(
+            f'{path}: no column of time and no sampling rate; give record.rate in Hz (or "unknown"), or record.time.column'
+        )
+    place = chosen_column(path, table, "time", settings.time)
+    time, unit = _calibrated(source, place, "time", settings.time)
     if not np.isfinite(time).any():
         raise RecordError(f"{path}: the column of time holds no numbers; give record.rate in Hz, or record.time.column")
-    return time - time[np.isfinite(time)][0]
+    return _Taken(time - time[np.isfinite(time)][0], f"{source.label(place)!r}{_in(source, place, unit)}")
+
+
+def _stages(source: _Source) -> list[str] | None:
+    """The stage of each row, where the table has a column of them."""
+    place = stage_column(source.table)
+    if place is None:
+        return None
+    if place in source.table.texts:
+        return list(source.table.texts[place])
+    return [f"{value:g}" for value in source.table.values[:, place]]

@@ -6,21 +6,22 @@ from pathlib import Path
 from typing import Protocol
 
 from indentfit.case import Record
-from indentfit.experiment.record import RawRecord
+from indentfit.experiment.formats.table import Table
 
 
 class Format(Protocol):
-    """A kind of file: it recognises its files, and turns one of them into a raw record.
+    """A kind of file: it recognises its files, and turns one of them into tables of columns.
 
-    `reads` may look at the name of the file and at its first bytes. `read` gives the whole record in s, mm and mN, calibrated as
-    the [record] table says, with a note on everything that was left out. `read` raises RecordError, whose text is one line with the
-    file, what is wrong and the remedy; it need not catch an OSError of the system.
+    `reads` may look at the name of the file and at its first bytes. `tables` gives every table of the file that may be a record, in
+    the file's order, with a note on everything that was left out; `columns.records` finds time, displacement and force in them.
+    `tables` raises RecordError, whose text is one line with the file, what is wrong and the remedy; it need not catch an OSError of
+    the system.
     """
 
     def reads(self, path: Path) -> bool:
         """Whether the file at `path`, which exists, is of this kind."""
         ...
 
-    def read(self, path: Path, settings: Record) -> RawRecord:
-        """The raw record that the file holds."""
+    def tables(self, path: Path, settings: Record) -> list[Table]:
+        """The tables that the file holds."""
         ...

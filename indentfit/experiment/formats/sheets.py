@@ -21,6 +21,7 @@ from indentfit.errors import RecordError
 MEMORY, SECONDS, UNPACKED = 2 << 30, 60, 500_000_000
 PROCESSOR = 8  # seconds of the processor; 100,000 rows take a fifth of one
 HOME = Path(__file__).parents[3]
+EVERY = -1  # in place of the number of a sheet
 REMEDY = "export the record as CSV"
 Cell = str | int | float | bool
 ParsedCell = Cell | date | time | timedelta  # of the parser; the last three become text
@@ -44,6 +45,16 @@ def sheet_rows(path: Path, sheet: str | int | None = None) -> list[list[Cell]]:
     RecordError
         The file is not a workbook, has no such sheet, or needs more than `MEMORY` bytes, or `PROCESSOR` or `SECONDS` seconds.
     """
+    return next(iter(_answer(path, sheet).values()))
+
+
+def every_sheet(path: Path) -> dict[str, list[list[Cell]]]:
+    """Name of each sheet of a workbook -> its rows, as `sheet_rows` gives them; RecordError as there."""
+    return _answer(path, EVERY)
+
+
+def _answer(path: Path, sheet: str | int | None) -> dict[str, list[list[Cell]]]:
+    """Name -> rows of the sheets that are asked for."""
     finished = _parsed_elsewhere(path, sheet)
     if finished.returncode:
         limits = f"{MEMORY >> 30} GB and {PROCESSOR} s"
@@ -51,7 +62,7 @@ def sheet_rows(path: Path, sheet: str | int | None = None) -> list[list[Cell]]:
     answer = json.loads(finished.stdout)
     if "problem" in answer:
         raise RecordError(f"{path}: {answer['problem']}")
-    return answer["rows"]
+    return answer["sheets"]
 
 
 def _parsed_elsewhere(path: Path, sheet: str | int | None) -> subprocess.CompletedProcess[bytes]:
@@ -71,9 +82,9 @@ def _parsed_elsewhere(path: Path, sheet: str | int | None) -> subprocess.Complet
 
 def _main(path: str, sheet: str) -> None:
     _limit_memory()
-    answer: dict[str, Sequence[Sequence[ParsedCell]] | str]
+    answer: dict[str, dict[str, Sequence[Sequence[ParsedCell]]] | str]
     try:
-        answer = {"rows": _rows(path, json.loads(sheet))}
+        answer = {"sheets": _sheets(path, json.loads(sheet))}
     except RecordError as error:
         answer = {"problem": " ".join(str(error).split())}
     sys.stdout.buffer.write(json.dumps(answer, default=str).encode())
@@ -89,8 +100,8 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def _rows(path: str, sheet: str | int | None) -> Sequence[Sequence[ParsedCell]]:
-    """The rows of the sheet by python-calamine; RecordError where there are none."""
+def _sheets(path: str, sheet: str | int | None) -> dict[str, Sequence[Sequence[ParsedCell]]]:
+    """Name -> rows of the sheets by python-calamine; RecordError where there are none."""
     try:
         from python_calamine import CalamineError, CalamineWorkbook
     except ImportError:
@@ -98,7 +109,8 @@ def _rows(path: str, sheet: str | int | None) -> Sequence[Sequence[ParsedCell]]:
     _refuse_bomb(path)
     try:
         book = CalamineWorkbook.from_path(path)
-        return book.get_sheet_by_name(_sheet_name(book.sheet_names, sheet)).to_python(skip_empty_area=False)
+        names = book.sheet_names if sheet == EVERY else [_sheet_name(book.sheet_names, sheet)]
+        return {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in names}
     except (CalamineError, OSError) as error:
         raise RecordError(f"not a workbook that can be read ({str(error)[:200]}); {REMEDY}") from None
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from indentfit.arrays import Array
+from indentfit.experiment.formats.words import unit_in
+
+FEWEST_ROWS = 20  # of a table that is looked at where a file holds several
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +25,21 @@ class Table:
         Number of the first row of numbers in the file, from 1.
     notes : tuple of str
         A note on everything that was left out.
+    name : str
+        Name of the table in a file of several tables: a marker line above it, or its sheet; empty where there is none.
+    texts : dict
+        Column (from 0) -> its cells, for columns of words.
+    above : tuple of str
+        The lines of text above the table, and above the first table of the file.
     """
 
     header: list[list[str]]
     values: Array
     first: int
     notes: tuple[str, ...] = ()
+    name: str = ""
+    texts: Mapping[int, list[str]] = field(default_factory=dict)
+    above: tuple[str, ...] = ()
 
     @property
     def width(self) -> int:
@@ -34,5 +47,55 @@ class Table:
         return int(self.values.shape[1])
 
     def labels(self, column: int) -> list[str]:
-        """The header's texts above a column (from 0), beginning with the text nearest to the numbers."""
-        return [row[column] for row in reversed(self.header) if len(row) == self.width and row[column]]
+        """The header's texts above a column (from 0), beginning with the text nearest to the numbers: a unit, then a name."""
+        return [row[column] for row in self._nearest_rows() if column < len(row) and row[column]]
+
+    def _nearest_rows(self) -> list[list[str]]:
+        """The row of names, and a row of units below or above it, of the header's rows as wide as the table."""
+        rows = [row for row in reversed(self.header) if self._fits(row)]
+        units = [row for row in rows[:2] if _is_row_of_units(row)]
+        names = next((row for row in rows if not _is_row_of_units(row)), None)
+        return [*units, *([names] if names else [])]
+
+    def _fits(self, row: list[str]) -> bool:
+        """Whether a row of the header has a text for each column; cells that are empty at its end do not count."""
+        filled = len(row) - next((n for n, cell in enumerate(reversed(row)) if cell), len(row))
+        return (
+            filled <= self.width
+            and len(row) >= min(self.width, filled)
+            and filled >= max(2, self._filled_columns())
+            and (not any(map(_is_number, row[: self.width])))
+        )
+
+    def _filled_columns(self) -> int:
+        """Number of columns up to the last that holds numbers or words."""
+        held = [n for n in range(self.width) if n in self.texts or (self.values[:, n] == self.values[:, n]).any()]
+        return held[-1] + 1 if held else 0
+
+
+def long_tables(tables: list[Table]) -> list[Table]:
+    """The tables of a file without those that are too short for a record; the first table says which these are."""
+    long = [table for table in tables if len(table.values) >= FEWEST_ROWS]
+    if not long:
+        return tables[:1]
+    short = [table for table in tables if len(table.values) < FEWEST_ROWS]
+    notes = tuple(f"a table of {len(table.values)} rows{f' ({table.name})' if table.name else ''} was left out" for table in short)
+    return [replace(long[0], notes=long[0].notes + notes), *long[1:]]
+
+
+def _is_row_of_units(row: list[str]) -> bool:
+    """Whether every cell is a unit, bare or in brackets, a dash or empty, and at least one is a unit."""
+    cells = [cell.strip("[]()（） ") for cell in row]
+    return any(unit_in(cell) for cell in cells) and all(not cell or cell in ("-", "%", "1") or _short_unit(cell) for cell in cells)
+
+
+def _short_unit(cell: str) -> bool:
+    return unit_in(cell) is not None or ("/" in cell and len(cell) <= 8) or cell in ("°C", "kPa", "MPa", "Pa", "C")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True

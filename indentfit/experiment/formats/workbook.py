@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from indentfit.case import Record
 from indentfit.errors import RecordError
-from indentfit.experiment.formats.columns import raw_record
-from indentfit.experiment.formats.sheets import Cell, sheet_rows
-from indentfit.experiment.formats.table import Table
-from indentfit.experiment.record import RawRecord
+from indentfit.experiment.formats.sheets import Cell, every_sheet, sheet_rows
+from indentfit.experiment.formats.table import FEWEST_ROWS, Table
 
 ENDINGS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 
@@ -22,22 +21,37 @@ class WorkbookFormat:
     def reads(self, path: Path) -> bool:
         return path.suffix.lower() in ENDINGS
 
-    def read(self, path: Path, settings: Record) -> RawRecord:
-        return raw_record(path, _table(path, sheet_rows(path, settings.sheet), settings.skip_rows), settings)
+    def tables(self, path: Path, settings: Record) -> list[Table]:
+        if settings.sheets is None:
+            return [_table(path, "", sheet_rows(path, settings.sheet), settings.skip_rows)]
+        sheets = {name: rows for name, rows in every_sheet(path).items() if _first(rows, settings.skip_rows) is not None}
+        if not sheets:
+            raise RecordError(f"{path}: no sheet has rows of numbers; store numbers as numbers, not as text")
+        tables = [_table(path, name, rows, settings.skip_rows) for name, rows in sheets.items()]
+        return [table for table in tables if len(table.values) >= FEWEST_ROWS] or tables[:1]
 
 
-def _table(path: Path, rows: list[list[Cell]], skip_rows: int) -> Table:
-    """The Table of a sheet's rows."""
-    kinds = [[_is_number(cell) for cell in row] for row in rows]
-    first = next((n for n in range(skip_rows, len(rows)) if sum(kinds[n]) >= 2), None)
+def _first(rows: list[list[Cell]], skip_rows: int) -> int | None:
+    """Index of the first row with two numbers, None where there is none; a row of settings is followed by no other like it."""
+    numbers = [n for n in range(skip_rows, len(rows)) if sum(map(_is_number, rows[n])) >= 2]
+    runs = [n for n, after in pairwise(numbers) if after == n + 1]
+    return next(iter(runs or numbers), None)
+
+
+def _table(path: Path, name: str, rows: list[list[Cell]], skip_rows: int) -> Table:
+    """The Table of a sheet's rows; rows without any number below the first are left out."""
+    first = _first(rows, skip_rows)
     if first is None:
-        raise RecordError(f"{path}: no row of numbers in the sheet; give record.sheet, or store numbers as numbers, not as text")
-    values = [
-        [_value(f"{path}: row {n}", cell, wanted) for cell, wanted in zip(row, kinds[first], strict=True)]
-        for n, row in enumerate(rows[first:], start=first + 1)
-    ]
+        raise RecordError(
+            f'{path}: no row of numbers in the sheet; give record.sheet or record.sheets = "all", or store numbers as numbers, not '
+            "as text"
+        )
+    wanted = [_is_number(cell) for cell in rows[first]]
+    body = [(n, row) for n, row in enumerate(rows[first:], start=first + 1) if any(map(_is_number, row)) or n == first + 1]
+    values = [[_value(f"{path}: row {n}", cell, number) for cell, number in zip(row, wanted, strict=True)] for n, row in body]
     header = [[str(cell).strip() for cell in row] for row in rows[skip_rows:first] if any(cell != "" for cell in row)]
-    return Table(header, np.array(values), first + 1)
+    above = tuple(" ".join(cell for cell in row if cell) for row in header)
+    return Table(header, np.array(values), first + 1, name=name, above=above)
 
 
 def _is_number(cell: Cell) -> bool:

@@ -1,0 +1,201 @@
+"""Where contact begins and what the force's zero is: two questions, each answered by the settings or by the record.
+
+A record with an approach has a baseline: the contact point is where the force leaves it, and the baseline is the force's zero. A
+record that begins in contact (a trigger force, a preload) has none: its zero is that of the sensor, and its contact point is
+extrapolated by the law of the indenter. A loading in stages (preload, hold, load) is searched in its first stage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from indentfit.case import Record
+from indentfit.errors import RecordError
+from indentfit.experiment.contact_point import ContactPoint, fitted_approach
+from indentfit.experiment.extrapolation import extrapolated_contact
+from indentfit.experiment.loading import Ramp, find_ramp, longest_run, noise_of
+
+PAUSE = 0.05  # share of the loading's samples during which the stage stays, in a pause
+STAYS = 0.005  # share of the travel within which the stage stays
+PROGRESS = 0.05  # share of the travel before and after a pause
+PRELOAD = 0.01  # share of the peak at the first sample from which a missing approach is worth a note
+PULLED = 0.02  # share of the peak from which a pull at contact is worth a note
+
+
+@dataclass(frozen=True)
+class Located:
+    """A contact point with the notes on how it was found."""
+
+    contact: ContactPoint
+    notes: tuple[str, ...] = ()
+
+
+def locate_contact(ramp: Ramp, settings: Record) -> Located:
+    """The contact point and the force's zero of a ramp.
+
+    Parameters
+    ----------
+    ramp : Ramp
+    settings : Record
+        contact, contact_force, zero, indenter.
+
+    Returns
+    -------
+    Located
+
+    Raises
+    ------
+    RecordError
+        There is no contact, or the approach that the settings ask for is missing.
+    """
+    if isinstance(settings.contact, float):
+        return Located(_at(ramp, settings, settings.contact, 0.0, "stated"))
+    if settings.contact == "first":
+        blur = 2 * noise_of(ramp.record.displacement)
+        return Located(_at(ramp, settings, float(ramp.displacement[0]), blur, "first"))
+    if settings.contact == "force":
+        return Located(_at_force(ramp, settings))
+    if settings.contact == "extrapolated":
+        return _extrapolated(ramp, settings)
+    return _searched(ramp, settings)
+
+
+def _searched(ramp: Ramp, settings: Record) -> Located:
+    """The contact point by a method that searches for it, in the first stage of a staged loading."""
+    first = _first_stage(ramp, settings)
+    approach = fitted_approach(first or ramp, settings.indenter or "flat")
+    notes: tuple[str, ...] = ()
+    if approach.is_missing() and settings.zero != "approach":
+        if settings.zero != "auto" or not _rests(ramp) or PRELOAD * ramp.peak < ramp.rest < ramp.peak:
+            return _without_approach(ramp, settings)
+        if abs(ramp.rest) > PRELOAD * ramp.peak:
+            notes = (f"the record has no approach: the force at rest, {ramp.rest:.4g} mN, is taken as its zero (record.zero)",)
+    contact = _zeroed(ramp, settings, approach.point(str(settings.contact)))
+    if first is not None:
+        time = ramp.record.time[first.record.time.size - 1]
+        unit = f"{time:.4g} s" if ramp.record.timed else f"row {time + 1:.0f}"
+        notes = (
+            *notes,
+            f"the loading has a pause at {unit}: contact was sought before it",
+        )
+        contact = replace(contact, baseline=contact.baseline + contact.drift * ramp.record.time[contact.index], drift=0.0)
+    pull = approach.pull()
+    if pull > PULLED * ramp.peak:
+        notes = (*notes, f"the force falls {pull:.3g} mN below the baseline at contact: the sample pulls the indenter (adhesion)")
+        contact = replace(contact, uncertainty=max(contact.uncertainty, _pulled_over(ramp, contact)))
+    return Located(contact, notes)
+
+
+def _without_approach(ramp: Ramp, settings: Record) -> Located:
+    """The contact point of a record that begins in contact, with a note where its first force is not that without contact."""
+    located = _extrapolated(ramp, settings)
+    contact = located.contact
+    start = float(np.median(ramp.record.force[: max(3, ramp.length // 2)])) - contact.baseline
+    if abs(start) < max(PRELOAD * ramp.peak, 3 * contact.noise):
+        return Located(contact, (*located.notes, _no_approach(settings)))
+    note = f"{_no_approach(settings)}: it begins at {start:.3g} mN"
+    if _rests(ramp):
+        first = float(np.median(ramp.displacement[: max(3, ramp.low // 4)]))
+        contact = replace(contact, uncertainty=max(contact.uncertainty, abs(first - contact.displacement)))
+        note += "; the stage is at rest then, and whether this is a preload or the sensor's offset cannot be told: give record.zero"
+    return Located(contact, (*located.notes, note))
+
+
+def _no_approach(settings: Record) -> str:
+    zero = "the sensor's" if isinstance(settings.zero, str) else "that stated"
+    return f"the record has no approach: the zero of the force is {zero}, and contact is extrapolated from the first samples"
+
+
+def _extrapolated(ramp: Ramp, settings: Record) -> Located:
+    contact = extrapolated_contact(ramp, _zero(ramp, settings), settings.indenter)
+    if settings.indenter is None and contact.uncertainty > 0:
+        return Located(contact, ("the end of the indenter is not known: give record.indenter, or radius, for the contact point",))
+    return Located(contact)
+
+
+def _zero(ramp: Ramp, settings: Record) -> float:
+    """The force without contact, mN, where no approach gives it: the mean of the stated times, or the sensor's zero."""
+    if isinstance(settings.zero, str):
+        return 0.0
+    time = ramp.record.time
+    inside = (time >= settings.zero[0]) & (time <= settings.zero[1])
+    if not inside.any():
+        raise RecordError(f"{ramp.record.name}: no sample between {settings.zero[0]:g} and {settings.zero[1]:g} s (record.zero)")
+    return float(ramp.record.force[inside].mean())
+
+
+def _zeroed(ramp: Ramp, settings: Record, contact: ContactPoint) -> ContactPoint:
+    """A contact point with the zero that the settings ask for in place of the baseline."""
+    if settings.zero in ("auto", "approach"):
+        return contact
+    return replace(contact, baseline=_zero(ramp, settings), drift=0.0)
+
+
+def _at(ramp: Ramp, settings: Record, place: float, uncertainty: float, method: str) -> ContactPoint:
+    """The contact point at a displacement that is stated."""
+    behind = np.flatnonzero(ramp.displacement[: ramp.high] < place)
+    index = int(behind[-1]) + 1 if behind.size else 0
+    noise = noise_of(ramp.record.force)
+    baseline = _zero(ramp, settings)
+    if settings.zero in ("auto", "approach") and index > ramp.length:
+        baseline = float(np.median(ramp.record.force[:index]))
+    return ContactPoint(place, uncertainty, index, baseline, 0.0, noise, method)
+
+
+def _at_force(ramp: Ramp, settings: Record) -> ContactPoint:
+    """The contact point where the force first stays above a threshold over its zero."""
+    if settings.contact_force is None:
+        raise RecordError(f'{ramp.record.name}: record.contact = "force" needs record.contact_force, mN')
+    zero = ramp.rest if settings.zero == "approach" else _zero(ramp, settings)
+    below = np.flatnonzero(ramp.force[: ramp.high] - zero < settings.contact_force)
+    index = int(below[-1]) + 1 if below.size else 0
+    slope = float(np.gradient(ramp.force)[index]) or 1.0
+    step = float(np.gradient(ramp.displacement)[index])
+    reach = abs(2 * noise_of(ramp.record.force) / slope * step) + 2 * noise_of(ramp.record.displacement)
+    return ContactPoint(float(ramp.displacement[index]), reach, index, zero, 0.0, noise_of(ramp.record.force), "force")
+
+
+def _rests(ramp: Ramp) -> bool:
+    """Whether the stage stays at the beginning of the record."""
+    count = max(5, ramp.length // 2)
+    moved = float(np.ptp(ramp.displacement[:count]))
+    return moved < 0.3 * abs(ramp.velocity) * count * ramp.record.interval
+
+
+def _pulled_over(ramp: Ramp, contact: ContactPoint) -> float:
+    """Displacement, mm, from the fitted contact point to the beginning and the end of the pull, whichever is further."""
+    above = ramp.force - contact.baseline - contact.drift * ramp.record.time
+    rises = np.flatnonzero(above[: ramp.high] < 0)
+    lowest = int(np.argmin(above[: ramp.high]))
+    noise = noise_of(ramp.record.force)
+    before = np.flatnonzero(above[:lowest] > -2 * noise)
+    places = [int(rises[-1]) if rises.size else lowest, int(before[-1]) if before.size else 0]
+    return float(np.max(np.abs(ramp.displacement[places] - contact.displacement)))
+
+
+def _first_stage(ramp: Ramp, settings: Record) -> Ramp | None:
+    """The ramp of the first stage of a staged loading; None where the loading has no pause, or no contact before it."""
+    pause = _pause(ramp)
+    if pause is None:
+        return None
+    try:
+        return find_ramp(ramp.record.part(slice(0, pause)), settings.filter)
+    except RecordError:
+        return None
+
+
+def _pause(ramp: Ramp) -> int | None:
+    """First sample of a pause of the stage between two parts of the loading, None where there is none."""
+    d = ramp.displacement[: ramp.stop]
+    window = max(5, round(PAUSE * d.size))
+    if d.size < 4 * window:
+        return None
+    travel = float(np.ptp(d))
+    still = np.abs(d[window:] - d[:-window]) < max(STAYS * travel, 3 * noise_of(ramp.record.displacement) / np.sqrt(ramp.length))
+    inner = np.flatnonzero((d[: still.size] - d[0] > PROGRESS * travel) & (d[-1] - d[: still.size] > PROGRESS * travel))
+    if not inner.size:
+        return None
+    begin, end = longest_run(still[inner[0] : inner[-1] + 1])
+    return int(inner[0]) + begin if end > begin else None

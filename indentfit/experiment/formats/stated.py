@@ -1,0 +1,74 @@
+"""What the lines above a table state of the instrument: the radius of the sphere, and the stiffness of cantilever or load cell."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from indentfit.experiment.formats.words import unit_in
+from indentfit.experiment.record import Stated
+from indentfit.units import unit_factor
+
+NUMBER = r"[-+]?\d+[.,]?\d*(?:[eE][-+]?\d+)?"
+RADIUS = re.compile(
+    r"^(?:tip|probe|indenter|sphere|spherical|ball|bead|kugel|eindringkörper)[\s_-]*(?:tip[\s_-]*)?radius|^kugelradius|^rayon", re.I
+)
+DIAMETER = re.compile(r"^(?:tip|probe|indenter|sphere|ball|bead|kugel)[\s_-]*(?:tip[\s_-]*)?diameter|^kugeldurchmesser", re.I)
+STIFFNESS = re.compile(
+    r"^k\b|^(?:cantilever[\s_-]*)?(?:spring[\s_-]*constant|stiffness)|^federkonstante|^cantilever[\s_-]*k\b", re.I
+)
+VALUE = re.compile(rf"(?:[\[(]\s*([^\])]+?)\s*[\])])?[\s:=;,\"\t]*({NUMBER})\s*(?:[\[(]?\s*([^\W\d][\w/µμ]*)\s*[\])]?)?")
+
+
+def stated(lines: Iterable[str]) -> Stated:
+    """The `Stated` facts of the lines of text above a table.
+
+    Parameters
+    ----------
+    lines : iterable of str
+
+    Returns
+    -------
+    Stated
+        None for what the lines do not state, or state without a unit.
+    """
+    radius = stiffness = None
+    for line in lines:
+        text = line.strip().lstrip("#").strip().strip('"').strip()
+        radius = radius or _length(text, RADIUS, 1.0) or _length(text, DIAMETER, 0.5)
+        stiffness = stiffness or _stiffness(text)
+    return Stated(radius, stiffness)
+
+
+def _length(text: str, words: re.Pattern[str], share: float) -> float | None:
+    """The length, mm, times a share, that a line states after words; None where it states none."""
+    number, unit = _value(text, words)
+    unit = unit_in(unit or "")
+    if number is None or unit is None or number <= 0:
+        return None
+    try:
+        return share * number * unit_factor(unit, "mm")
+    except ValueError:
+        return None
+
+
+def _stiffness(text: str) -> float | None:
+    """The stiffness, mN/mm, that a line states; a "spring constant" of AFM metadata in quotes is in N/m."""
+    number, unit = _value(text, STIFFNESS)
+    if number is None or number <= 0:
+        return None
+    if unit is None:
+        return number if text.casefold().startswith("spring constant") and '":' in text else None
+    try:
+        return number * unit_factor(unit.replace("µ", "u").replace("μ", "u"), "mN/mm")
+    except ValueError:
+        return None
+
+
+def _value(text: str, words: re.Pattern[str]) -> tuple[float | None, str | None]:
+    """The number and the unit after words at the beginning of a line."""
+    begin = words.match(text)
+    value = begin and VALUE.match(text[begin.end() :].lstrip(" _"))
+    if not value:
+        return None, None
+    return float(value[2].replace(",", ".")), value[1] or value[3]

@@ -1,0 +1,111 @@
+"""The words by which headers of instruments name time, displacement and force, in several languages, and the units they write."""
+
+from __future__ import annotations
+
+import re
+
+TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
+# Words of each quantity in ranks: where a header has several columns of a quantity, the first rank is taken.
+WORDS: dict[str, tuple[str, ...]] = {
+    "time": ("time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed t",),
+    "displacement": (
+        "indentation indent depth penetration eindringtiefe eindringweg enfoncement profondeur 压入深度 深さ 押込み深さ pd",
+        "displacement disp extension compression weg standardweg verformung allongement déplacement deplacement desplazamiento "
+        "spostamento 位移 変位 travel distance deformation",
+        "crosshead traverse traversenweg stroke ストローク hub course position stage step steps",
+        "piezo height tip z d x s h",
+    ),
+    "force": (
+        "force load kraft standardkraft prüfkraft normalkraft charge effort fuerza carga forza "
+        "力 载荷 荷重 試験力 负荷 试验力 fn fz gram grams",
+        "f p l",
+    ),
+}
+SHORT = 4  # words of so few letters must be the whole word of a header
+ASIDE = {  # a column whose header has one of these words is another quantity, or a copy
+    "rate", "velocity", "speed", "geschwindigkeit", "vitesse", "strain", "dehnung", "stress", "spannung", "pressure",
+    "target", "soll", "command", "demand", "setpoint", "set", "reference", "ref", "error", "std", "sd", "noise",
+    "energy", "work", "arbeit", "area", "stiffness", "modulus", "temperature", "frequency", "phase", "amplitude",
+    "harmonic", "max", "maximum", "zero", "lateral", "count", "number", "cycle", "cycles", "stamp", "raw",
+}  # fmt: skip
+DEFLECTIONS = ("cantilever", "deflection")  # what a piezo's travel exceeds the indentation by
+STAGES = ("segment", "segmentid", "stage", "phase", "seg", "abschnitt")
+LENGTHS = ("pm", "nm", "um", "mm", "cm", "m", "in", "step")
+FORCES = ("pN", "nN", "uN", "mN", "cN", "N", "kN", "gf", "kgf", "lbf", "ozf")
+TIMES = ("us", "ms", "s", "min", "h")
+ELECTRIC = ("V", "mV")
+UNITS = (*LENGTHS, *FORCES, *TIMES, *ELECTRIC)
+KIND = {unit: kind for kind, units in (("displacement", LENGTHS), ("force", FORCES), ("time", TIMES)) for unit in units}
+ALIASES = {
+    "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s",
+    "msec": "ms",
+    "micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "newton": "N", "newtons": "N", "grams": "gf",
+    "gram": "gf", "inch": "in", "inches": "in", "volt": "V", "volts": "V", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
+    "nanometer": "nm", "millimeter": "mm", "mm.": "mm", "in.": "in", "sec.": "s",
+}  # fmt: skip
+IN_BRACKETS = re.compile(r"[\[(（<]\s*([^\])）>]*?)\s*[\])）>]")
+AT_THE_END = re.compile(r"(?:_|[,;:]\s*|/\s*|\s|-)([^\W\d]+\.?)$")
+
+
+def unit_in(text: str) -> str | None:
+    """The unit that a text is, in one spelling; None where it is none."""
+    text = text.strip().replace("µ", "u").replace("μ", "u")
+    text = text if text in UNITS else ALIASES.get(text, ALIASES.get(text.casefold(), text))
+    return text if text in UNITS else None
+
+
+def unit_of_label(label: str) -> str | None:
+    """The unit that a header's text gives: in brackets, after an underline, comma, slash or blank, or as the whole text."""
+    for text in (*IN_BRACKETS.findall(label), *AT_THE_END.findall(label), label):
+        unit = unit_in(text)
+        if unit:
+            return unit
+    return None
+
+
+def without_unit(label: str) -> str:
+    """A header's text without a unit in brackets at its end."""
+    return re.sub(r"\s*[\[(（].*?[\])）]\s*$", "", label).strip()
+
+
+def words_of(label: str) -> list[str]:
+    """The words of a header's text, in small letters, without the unit at its end."""
+    text = IN_BRACKETS.sub(" ", label)
+    end = AT_THE_END.search(text)
+    if end and unit_in(end[1]) and text[: end.start()].strip():
+        text = text[: end.start()]
+    return [word for word in re.split(r"[\W\d_]+", text.casefold()) if word]
+
+
+def rank_of(label: str, quantity: str) -> tuple[int, int] | None:
+    """How well a header's text names a quantity (the rank of its words, the place of the word); None where it does not."""
+    words = words_of(label)
+    if quantity != "time" and ASIDE & set(words):
+        return None
+    for rank, group in enumerate(WORDS[quantity]):
+        names = group.split()
+        for place, word in enumerate(words):
+            if any(_is(word, name) for name in names) and (place == 0 or _may_follow(word, quantity)):
+                return rank, place
+    return None
+
+
+def is_deflection(label: str) -> bool:
+    """Whether a header's text names the deflection of a cantilever."""
+    return any(word.startswith(DEFLECTIONS) for word in words_of(label))
+
+
+def is_stage(label: str) -> bool:
+    """Whether a header's text names segments or stages of a test."""
+    return words_of(label)[:1] != [] and words_of(label)[0] in STAGES
+
+
+def _is(word: str, name: str) -> bool:
+    if name.isascii() and len(name) < SHORT:
+        return word == name
+    return word == name or word.startswith(name) if name.isascii() else name in word
+
+
+def _may_follow(word: str, quantity: str) -> bool:
+    """Whether a word names the quantity in second place, as in "Standard force"; "Load time" is a time all the same."""
+    return quantity != "time" and len(word) >= SHORT
