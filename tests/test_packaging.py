@@ -11,7 +11,7 @@ ROOT = Path(__file__).parent.parent
 
 def of_the_tree():
     """Files that a wheel must hold, by their names there."""
-    kinds = (".py", ".pyi", ".html", ".css", ".md")
+    kinds = (".py", ".pyi", ".html", ".css", ".md", ".toml")
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "indentfit").rglob("*") if path.suffix in kinds}
     package |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "indentfit").rglob("py.typed")}
     materials = {f"indentfit/{path.relative_to(ROOT).as_posix()}" for path in (ROOT / "materials").rglob("*.py")}

@@ -143,7 +143,7 @@ class Record(Section):
     sheet: Annotated[int, Field(ge=1)] | Line | None = Field(
         default=None, examples=[1], description="sheet of a workbook, name or number"
     )
-    sheets: Literal["all"] | None = Field(
+    sheets: Literal["first", "all"] | None = Field(
         default=None, examples=["all"], description='"all": every sheet of a workbook is a record of its own'
     )
     block: NameOrNumber | None = Field(

@@ -124,13 +124,16 @@ class Approach:
         """How far the force falls below the baseline close to contact, mN: an adhesive sample pulls; 0 where noise explains it."""
         x, place, depth = self.stretch.displacement, self.model.contact, self.depth()
         near = np.abs(x - place) < 0.3 * depth
-        if np.count_nonzero(near) < self.stretch.length:
+        if min(np.count_nonzero(near), np.count_nonzero(~near)) < self.stretch.length:
             return 0.0
         coefficients = self.model.coefficients
         drift = coefficients[1] * self.stretch.time if self.stretch.drifts else 0.0
         above = filtered(self.stretch.force - coefficients[0] - drift, self.stretch.length)[near]
+        scatter = filtered(self.model.residual, self.stretch.length)[
+            ~near
+        ].std()  # the ringing of a stage in motion counts as noise
         lowest = -float(above.min())
-        return lowest if lowest > PULL * noise_of(self.stretch.force) else 0.0
+        return lowest if lowest > PULL * scatter else 0.0
 
 
 def fitted_approach(ramp: Ramp, indenter: str) -> Approach:

@@ -22,7 +22,7 @@ class WorkbookFormat:
         return path.suffix.lower() in ENDINGS
 
     def tables(self, path: Path, settings: Record) -> list[Table]:
-        if settings.sheets is None:
+        if settings.sheets != "all":
             return [_table(path, "", sheet_rows(path, settings.sheet), settings.skip_rows)]
         sheets = {name: rows for name, rows in every_sheet(path).items() if _first(rows, settings.skip_rows) is not None}
         if not sheets:
