@@ -116,7 +116,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     ramp = find_ramp(record, settings.filter)
     notes = record.notes + require_whole(ramp)
     located = locate_contact(ramp, settings)
-    contact, notes = located.contact, notes + located.notes
+    contact, notes = located.contact, notes + located.notes + _contradicted(settings, record)
     window, velocity = constant_velocity(ramp, contact.index)
     zeroed, loading = _zeroed(ramp, contact), slice(contact.index, ramp.stop)
     displacement, force = _limited(record, zeroed.displacement[loading], zeroed.force[loading], settings)
@@ -149,6 +149,14 @@ def _with_stated(settings: Record, record: RawRecord) -> Record:
     radius = settings.radius or record.stated.radius
     end = settings.indenter or ("sphere" if radius else None)
     return settings.model_copy(update={"radius": radius, "indenter": end})
+
+
+def _contradicted(settings: Record, record: RawRecord) -> tuple[str, ...]:
+    """A note where the file states another radius of the sphere than the settings."""
+    told, stated = settings.radius, record.stated.radius
+    if not told or not stated or abs(told - stated) <= 0.01 * stated:
+        return ()
+    return (f"record.radius is {told:.4g} mm, and the file states {stated:.4g} mm: check which sphere was used",)
 
 
 @dataclass(frozen=True, eq=False)

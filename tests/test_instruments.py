@@ -1,0 +1,149 @@
+"""Files of instruments: what is recognised without a table, and records that begin in contact, in stages or on a cantilever."""
+
+import numpy as np
+import pytest
+
+from indentfit.case import Record, RecordChannel
+from indentfit.errors import RecordError
+from indentfit.experiment.process import process
+from indentfit.experiment.processed import process_record
+from indentfit.experiment.reading import read_record, read_records
+from indentfit.experiment.record import RawRecord
+
+N = 400
+T = np.arange(N) / 100
+D = np.round(np.linspace(0.0, 0.2, N), 6)  # mm
+F = np.round(2.0 * D**1.5, 7)  # mN
+
+
+def written(path, header, columns, separator="\t", encoding="utf-8"):
+    rows = [separator.join(f"{value:.12g}" for value in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([*header, *rows]) + "\n", encoding=encoding)
+    return path
+
+
+VENDORS = {  # lines above the numbers, columns, separator
+    "Instron Bluehill": (["General : Operator,x", "", "Time,Extension,Load", "(s),(mm),(N)"], (T, D, F / 1000), ","),
+    "Zwick testXpert": (["Prüfzeit;Standardweg;Standardkraft", "s;mm;N"], (T, D, F / 1000), ";"),
+    "Mach-1": (
+        ["<Mach-1 File>", "<Stress Relaxation>", "<DATA>", "Time, s\tPosition (z), mm\tPosition (x), mm\tFz, gf"],
+        (T, D - 3.0, 0 * D, F / 9.80665),
+        "\t",
+    ),
+    "CellScale": (["Time (s),Displacement (um),Force (uN)"], (T, 1e3 * D, 1e3 * F), ","),
+    "TA.XT": (["Force,Distance,Time", "g,mm,sec"], (F / 9.80665, D, T), ","),
+    "Anton Paar Bioindenter": (
+        ["Measured values", "Time (s)\tPd (µm)\tFn (µN)\tFnRef (µN)\tSegmentID", ""],
+        (T, 1e3 * D, 1e3 * F, 5 + 0 * D, 1 + 0 * D),
+        "\t",
+    ),
+    "Hysitron": (
+        ["Number of Points = 400", "Depth (nm)\tLoad (µN)\tTime (s)\tDepth (V)\tLoad (V)"],
+        (1e6 * D, 1e3 * F, T, D, F),
+        "\t",
+    ),
+    "FemtoTools": (["Index,Time [s],Displacement [µm],Force [µN]"], (np.arange(N), T, 1e3 * D, 1e3 * F), ","),
+    "NanoSuite": (["Time On Sample\tDisplacement Into Surface\tLoad On Sample", "s\tnm\tmN"], (T, 1e6 * D, F), "\t"),
+    "MTS": (["Axial Displacement\tAxial Force\tRunning Time", "mm\tN\ts"], (D, F / 1000, T), "\t"),
+    "Shimadzu": (["時間,試験力,ストローク", "sec,N,mm"], (T, F / 1000, D), ","),
+    "French tester": (["Temps (s);Allongement (mm);Charge (N)"], (T, D, F / 1000), ";"),
+}
+
+
+@pytest.mark.parametrize("vendor", VENDORS)
+def test_the_layout_of_a_vendor_is_read_without_a_table(vendor, tmp_path):
+    header, columns, separator = VENDORS[vendor]
+    record = read_record(written(tmp_path / "r.txt", header, columns, separator))
+    np.testing.assert_allclose(record.time, T, atol=1e-6)
+    np.testing.assert_allclose(np.ptp(record.displacement), 0.2, rtol=1e-6)
+    np.testing.assert_allclose(record.force, F, atol=2e-6)
+    assert "force" in record.taken and record.notes == ()
+
+
+def test_the_travel_of_a_piezo_less_the_cantilever_is_the_indentation(tmp_path):
+    """Optics11: the indentation is 1.5 um behind 2 um of travel; the file states sphere and stiffness."""
+    header = ["k (N/m)\t0.019", "Tip radius (um)\t27.500", "", "Time (s)\tLoad (uN)\tIndentation (nm)\tCantilever (nm)\tPiezo (nm)"]
+    bent = 0.25 * D
+    record = read_record(written(tmp_path / "r.txt", header, (T, F, 1e3 * D, 1e6 * bent, 1e6 * (D + bent))))
+    np.testing.assert_allclose(record.displacement, D, atol=1e-9)
+    assert "minus 'Cantilever (nm)'" in record.taken
+    assert record.stated.radius == pytest.approx(0.0275) and record.stated.stiffness == pytest.approx(0.019)
+    named = read_record(tmp_path / "r.txt", Record(displacement=RecordChannel(column="Piezo"), preset=None))
+    np.testing.assert_allclose(named.displacement, D, atol=1e-9)
+
+
+def test_stiffness_and_compliance_are_subtracted(tmp_path):
+    path = written(tmp_path / "r.txt", ["Time (s)\tStroke (mm)\tLoad (mN)"], (T, D + F / 4.0, F))
+    for settings in (Record(stiffness=4.0), Record(compliance=0.25), Record(stiffness="4 N/m")):
+        np.testing.assert_allclose(read_record(path, settings).displacement, D, atol=1e-7)
+
+
+def test_a_file_of_several_tables_is_several_records(tmp_path):
+    block = ["Test {}", "Time (s)\tDisplacement (mm)\tLoad (mN)"]
+    rows = ["\t".join(f"{value:.6f}" for value in row) for row in zip(T, D, F, strict=True)]
+    text = [line.format(n) for n in (1, 2, 3) for line in [*block, *rows, ""]]
+    (tmp_path / "r.txt").write_text("\n".join(text))
+    assert [record.name.split()[-2:] for record in read_records(tmp_path / "r.txt")] == [["Test", str(n)] for n in (1, 2, 3)]
+    with pytest.raises(RecordError, match=r"holds 3 records; give record\.block"):
+        read_record(tmp_path / "r.txt")
+    assert read_record(tmp_path / "r.txt", Record(block=2)).name.endswith("r.txt")
+    assert len(process(tmp_path / "r.txt", settings=Record(indenter="sphere")).outcomes) == 3
+
+
+def test_a_preset_of_the_lab_beside_its_records(tmp_path):
+    path = written(tmp_path / "r.txt", ["Rig seven", "a\tb\tc"], (T, D, F))
+    with pytest.raises(RecordError, match="no columns of displacement"):
+        read_record(path)
+    (tmp_path / "seven.preset.toml").write_text(
+        'name = "Rig seven"\nmatch = ["rig SEVEN"]\n[record]\nrate = 100\n'
+        'displacement = { column = "b", unit = "mm" }\nforce = { column = "c", unit = "mN" }\n'
+    )
+    record = read_record(path)
+    np.testing.assert_allclose(record.force, F, atol=1e-6)
+    assert record.taken.startswith("Rig seven: ")
+
+
+def test_a_binary_file_is_called_one(tmp_path):
+    (tmp_path / "r.dat").write_bytes(bytes(range(32)) * 200)
+    with pytest.raises(RecordError, match=r"a binary file, not text; .*indentfit\[afm\]"):
+        read_record(tmp_path / "r.dat")
+
+
+def test_times_that_repeat_are_spread(tmp_path):
+    doubled = np.repeat(T[::2], 2)
+    record = read_record(written(tmp_path / "r.txt", ["Time (s)\tDisplacement (mm)\tLoad (mN)"], (doubled, D, F)))
+    np.testing.assert_allclose(record.time, T, atol=1e-9)
+
+
+def hertz(start, count=1200, radius=0.5, modulus=830.3, noise=2e-4, seed=0):
+    """A record of a sphere that begins `start` mm beyond contact: its displacement is 0 there, and its sensor's zero is 0."""
+    d = np.linspace(0.0, 0.012, count)
+    force = 4 / 3 * modulus * np.sqrt(radius) * (d + start) ** 1.5
+    return RawRecord(np.arange(count) / 100, d, force + noise * np.random.default_rng(seed).standard_normal(count))
+
+
+@pytest.mark.parametrize("start", [0.0, 0.001, 0.004])
+def test_a_record_that_begins_in_contact_has_no_invented_baseline(start):
+    record = hertz(start)
+    done = process_record(record, settings=Record(indenter="sphere", radius=0.5))
+    assert done.contact.baseline == 0 and any("no approach" in note for note in done.notes)
+    assert abs(done.contact.displacement + start) <= max(2 * done.contact.uncertainty, 2e-6)
+    assert done.hertz.modulus == pytest.approx(830.3, rel=0.01)
+    assert done.peak == pytest.approx(record.force[-1], rel=0.01)
+
+
+def test_contact_in_a_staged_loading_is_sought_in_the_first_stage():
+    """Approach, preload to 4 mN, a hold, and the load: contact at 1 mm."""
+    position = np.concatenate([np.linspace(0, 1.2, 600), np.full(400, 1.2), np.linspace(1.2, 2.2, 500), np.full(200, 2.2)])
+    force = 20 * np.maximum(position - 1.0, 0) + 0.02 * np.random.default_rng(0).standard_normal(position.size)
+    done = process_record(RawRecord(np.arange(position.size) / 100, position, force), settings=Record(indenter="flat"))
+    assert done.contact.displacement == pytest.approx(1.0, abs=0.01)
+    assert done.peak == pytest.approx(24.0, rel=0.01)
+    assert any("pause" in note for note in done.notes)
+
+
+def test_a_stated_contact_zero_and_limit_are_kept_to():
+    settings = Record(indenter="sphere", contact=-0.002, zero="sensor", max_depth=0.008)
+    done = process_record(hertz(0.002), settings=settings)
+    assert done.contact.displacement == -0.002 and done.contact.method == "stated"
+    assert done.depth == pytest.approx(0.008, abs=1e-4)
