@@ -107,5 +107,5 @@ def _is(word: str, name: str) -> bool:
 
 
 def _may_follow(word: str, quantity: str) -> bool:
-    """Whether a word names the quantity in second place, as in "Standard force"; "Load time" is a time all the same."""
-    return quantity != "time" and len(word) >= SHORT
+    """Whether a word names the quantity in a later place, as in "Standard force" and "Running time"."""
+    return len(word) >= SHORT if quantity != "time" else word in ("time", "zeit")
