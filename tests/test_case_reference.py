@@ -69,6 +69,8 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         "sample.width": ["sample.shape=block", "sample.length=14"],
         "indenter.diameter": ["indenter.shape=cylinder"],
         "indenter.radius": ["indenter.shape=cylinder"],
+        "indenter.half_angle": ["indenter.shape=cone", "indenter.tip_radius=0.05"],
+        "indenter.tip_radius": ["indenter.shape=cone", "indenter.half_angle=70"],
         "material.poisson_ratio": ["material.model=neo_hookean", "material.parameters={mu=1}"],
         "material.energy": ["material.parameters={mu=1}"],
         "test.points": ["test.parallel.depth=0.3"],
