@@ -22,7 +22,6 @@ from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability
 from indentfit.inference.result import FitResult
-from indentfit.inference.verdicts import verdict
 from indentfit.inverse import genetic
 from indentfit.inverse.least_squares import least_squares
 from indentfit.inverse.objective import Target, best_scale, equation_one, misfit, rmse, sum_of_squares
@@ -227,23 +226,6 @@ def test_a_parameter_that_the_curves_do_not_see_is_not_determined_and_harms_no_o
     assert not np.isfinite(known.stderr[1])
 
 
-@pytest.mark.parametrize(
-    ("value", "interval", "at_bound", "said"),
-    [
-        (2.0, (1.94, 2.06), "", "determined (+-3 %)"),
-        (2.0, (1.0, 3.0), "", "weakly determined: 1 to 3"),
-        (0.2, (0.0, 0.7), "", "not determined by these curves: any value in 0-0.7 fits within the noise"),
-        (2.0, (0.0, 5.0), "", "not determined by these curves: any value in 0-5 fits within the noise"),
-        (0.0, (0.0, 0.1), "lower", "at its lower bound; the curves ask for a value beyond it, or leave it open: "
-                                   "any value in 0-0.1 fits within the noise"),
-        (5.0, (4.9, 5.0), "upper", "at its upper bound; determined (+-2 %)"),
-        (0.0, (0.0, 5.0), "lower", "at its lower bound; not determined by these curves: any value in 0-5 fits within the noise"),
-    ],
-)  # fmt: skip
-def test_a_verdict_says_it_in_words(value, interval, at_bound, said):
-    assert verdict(value, interval, Range(start=1, min=0, max=5), at_bound) == said
-
-
 # The workers and the true model, on a coarse mesh without friction
 
 
@@ -383,7 +365,7 @@ def test_a_result_is_read_back_from_its_json_and_is_shown_in_one_line(case):
     assert repr(again).startswith(f"FitResult('': mu = {result.parameters['mu'].value:.4g} kPa ({low:.3g} to {high:.3g}), zeta = ")
     assert repr(again).count("\n") == 0 and repr(again).endswith(f"objective {result.objective:.3g} mN)")
     assert f"<td>{low:.4g} to {high:.4g}</td>" in again._repr_html_()
-    assert result.summary().startswith("parameter") and f"{result.nfev} sets of parameters" in again.summary()
+    assert result.summary().startswith("misfit") and f"{result.nfev} sets of parameters" in again.summary()
 
 
 def test_a_case_in_memory_is_fitted_as_one_from_a_file(case):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from indentfit.case.doubts import doubts
 from indentfit.case.faults import depth_of
 from indentfit.case.laws import has_fibres
 from indentfit.case.unknown import IGNORANCE
@@ -35,6 +36,8 @@ def warnings_of(case: Case) -> Iterator[str]:
         if depth > deep * case.sample.thickness * (1 + 1e-9):
             share = depth / case.sample.thickness
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
+        if curve is not None:
+            yield from doubts(test.name, curve)
     if len(case.free) > 1 and has_fibres(case.law) and len({test.angle for test in case.tests}) == 1:
         yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
 

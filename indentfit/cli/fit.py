@@ -53,8 +53,8 @@ def command(
 ) -> None:
     """Fit the free parameters of the case file CASE to its curves.
 
-    The command writes a result folder and prints the parameters. It ends with 4 where the fit did not converge; the result is
-    written all the same.
+    The command writes a result folder and prints the parameters. It ends with 4 where the fit did not converge, or where the model
+    cannot follow the curves (the error of a test is above 20 % of its largest force); the result is written all the same.
 
     Every run of the forward model is kept at once, in the folder .DIR.unfinished until the result is whole. Ctrl-C (or SIGTERM)
     finishes the running solves, then stops; a second Ctrl-C stops at once. --resume goes on from there.
@@ -93,7 +93,8 @@ def _fit(
         result, written = fit_in_folder(case, place, Conduct(step, stop, say, cluster), fields)
     click.echo(json_text(written) if as_json else f"{result.summary(scan_weights)}\nwritten   {place.output}")
     if not result.success:
-        raise FitError(f"the fit did not converge: {result.message}; its result is in {place.output}")
+        said = result.message if result.no_fit else f"the fit did not converge: {result.message}"
+        raise FitError(f"{said}; its result is in {place.output}")
 
 
 def _fit_samples(path: str, overrides: tuple[str, ...], place: "Place", cluster: str | None, as_json: bool) -> None:

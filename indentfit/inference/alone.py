@@ -4,9 +4,10 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.inference.estimate import best_on
-from indentfit.inference.identifiability import Identifiability, identifiability, verdict, widened
+from indentfit.inference.identifiability import Identifiability, identifiability, limit_of, widened
 from indentfit.inference.profiles import profiles
 from indentfit.inference.result import AloneEstimate, TestAlone, WeightsFit
+from indentfit.inference.verdicts import verdict
 from indentfit.inverse.derivatives import Underivable, curve_derivatives
 from indentfit.inverse.generations import judged
 from indentfit.inverse.objective import rmse
@@ -59,9 +60,9 @@ def scan_weights(problem: InverseProblem, surrogate: Surrogate, seed: int) -> tu
 
 
 def _estimates(problem: InverseProblem, surrogate: Surrogate, best: Candidate, known: Identifiability) -> dict[str, AloneEstimate]:
-    estimates = {}
+    estimates, limit = {}, limit_of(known.noise)
     for n, (name, profile) in enumerate(profiles(problem, surrogate, best, known).items()):
-        said = verdict(best.parameters[name], profile.interval, problem.free[name], known.at_bound[n])
+        said = verdict(best.parameters[name], profile.interval, problem.free[name], known.at_bound[n], limit)
         estimates[name] = AloneEstimate(best.parameters[name], profile.interval, said)
     return estimates
 

@@ -7,12 +7,14 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools
 from indentfit.case import Case
+from indentfit.fem.meshing import DIMENSIONS
 from indentfit.inference import profiles
 from indentfit.inference.alone import alone, scan_weights
 from indentfit.inference.bootstrap import bootstrap
 from indentfit.inference.estimate import estimate
-from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, Identifiability, identifiability, noise_of, widened
-from indentfit.inference.inputs import Solution, shares
+from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, noise_of, widened
+from indentfit.inference.inputs import ORDER, Solution, elements_of, shares
+from indentfit.inference.limits import MeshSize, limits
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import (
     BootstrapError,
@@ -35,6 +37,7 @@ from indentfit.inverse.methods import Solved
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import Surrogate, learn, linearised
+from indentfit.runs.points import setup_of
 
 TRUSTED = 0.1  # largest error of a surrogate, over the misfit, with which conclusions are drawn from the surrogate
 RIGHT = 0.15  # largest difference between a run and its prediction, over a profile's limit
@@ -281,8 +284,7 @@ def _right(point: ConfirmedPoint, limit: float) -> bool:
 
 
 def _notes(known: Identifiability) -> list[str]:
-    smooth = any(noise.autocorrelation > SMOOTH for noise in known.noise)
-    return [NOTE, *([MISFIT] if smooth else [])]
+    return [NOTE, *([MISFIT] if any(noise.systematic for noise in known.noise) else [])]
 
 
 def _free(problem: InverseProblem, candidate: Candidate) -> dict[str, float]:
@@ -294,11 +296,12 @@ def _estimates(
 ) -> dict[str, ParameterEstimate]:
     """Each free parameter with its interval, by its profile if it has one, widened by uncertain inputs."""
     problem, best, known = solution.problem, solution.best, solution.known
+    limited = limits(uncertain, noise_of(problem, alone_known), problem.free, _mesh_of(solution.case))
     estimates = {}
     for n, (name, bounds) in enumerate(problem.free.items()):
         linear: Interval = (float(known.interval[n, 0]), float(known.interval[n, 1]))
         interval = findings.profiles[name].interval if name in findings.profiles else linear
-        error = float(alone_known.stderr[n])
+        error, at_bound = float(alone_known.stderr[n]), known.at_bound[n]
         estimates[name] = ParameterEstimate(
             value=best.parameters[name],
             unit="1",
@@ -306,13 +309,18 @@ def _estimates(
             min=bounds.min,
             max=bounds.max,
             stderr=error if np.isfinite(error) else None,
-            at_bound=known.at_bound[n] or None,
+            at_bound=at_bound or None,
             interval=interval,
             interval_linear=linear,
-            verdict=verdict(best.parameters[name], interval, bounds, known.at_bound[n]),
+            verdict=verdict(best.parameters[name], interval, bounds, at_bound, limited[name]),
             stderr_total=uncertain.stderr_total.get(name),
+            limited_by="bound" if at_bound else limited[name].cause,
         )
     return estimates
+
+
+def _mesh_of(case: Case) -> MeshSize:
+    return MeshSize(elements_of(case, case.mesh), ORDER / DIMENSIONS[setup_of(case).symmetry])
 
 
 def published_comparison(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:

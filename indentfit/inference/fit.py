@@ -15,6 +15,7 @@ from indentfit.fem.facts import SolveFacts, said_of_tries
 from indentfit.fem.simulate import Model
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
+from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.moduli import moduli
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inference.wide_certainty import wide_certainty
@@ -32,6 +33,7 @@ from indentfit.runs.pool import RunPool
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
 SHARE_OF_WIDE = 0.95  # share of a fit whose inputs are coordinates
+NO_FIT = "not determined: the model cannot follow the curves"
 SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
 
@@ -75,15 +77,44 @@ def fit(
     with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
         watched = Watched(pool)
         wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
-        if wide is not None:
-            solved = wide.solved()
+        solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, whole.part(0, SHARE_OF_FIT))
+        gross = _no_fit(problem, solved.optimum.best, watched)
+        if gross is not None:
+            known = Certainty()
+        elif wide is not None:
             known = wide_certainty(case, problem, watched, solved, wide)
         else:
-            solved = solve(problem, watched, case.fit, whole.part(0, SHARE_OF_FIT))
             known = certainty(case, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
         work = _Work(model, pool, _facts_at(pool, problem, solved.optimum.best))
     result = _result(case, problem, solved, known, work)
+    if gross is not None:
+        result = without_meaning(result, gross)
     return replace(result, seconds=time.perf_counter() - started)
+
+
+def without_meaning(result: FitResult, why: str) -> FitResult:
+    """A result whose misfit is gross: no fit, and no parameter is determined.
+
+    Parameters
+    ----------
+    result : FitResult
+    why : str
+
+    Returns
+    -------
+    FitResult
+    """
+    known = {name: _undetermined(estimate) for name, estimate in result.parameters.items()}
+    return replace(result, success=False, message=f"no fit: {why}", no_fit=why, parameters=known)
+
+
+def _undetermined(known: ParameterEstimate) -> ParameterEstimate:
+    return known if known.fixed else replace(known, verdict=NO_FIT, limited_by="misfit")
+
+
+def _no_fit(problem: InverseProblem, best: Candidate | None, watched: Watched) -> str | None:
+    """Why the optimum is no fit; None where it is one, or where there is no optimum."""
+    return no_fit(problem, best, watched.known) if best else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +165,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         objective=best.objective if best else None,
         sum_of_squares=best.sum_of_squares if best else None,
         rmse=_rmse(problem, best),
+        misfit=misfits(problem, best) if best else {},
         nfev=work.pool.evaluations,
         runs=work.pool.runs,
         reused=work.pool.reused,

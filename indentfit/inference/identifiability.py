@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
+from indentfit.inference.limits import Limit
 from indentfit.inference.noise import Errors, errors
 from indentfit.inference.result import CurveNoise
 from indentfit.inference.verdicts import verdict
@@ -21,7 +22,6 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 
 NOTE = "errors and intervals take the residuals for noise; where the model cannot follow the curves, the residuals are no noise"
 MISFIT = "the residuals are smooth: mostly misfit of the model and not noise; few points count as independent, intervals are wide"
-SMOOTH = 0.5  # autocorrelation of neighbouring points from which the residuals are mostly misfit
 CONFIDENCE = 0.95
 AT_BOUND = 1e-3  # of the range: scipy's method comes near a bound without reaching it
 EXACT = 1e-3  # over the worst test's RMSE: least RMSE of a test in the weights that follow from equation (1)
@@ -107,6 +107,8 @@ def identifiability(
     at_bound = tuple(_at_bound(u) for u in problem.units(candidate.parameters))
     sizes = np.where(np.array(at_bound) == "", np.abs(values) / ranges, 1.0)
     _, singular_values, directions = np.linalg.svd(stacked(tests, slopes) * sizes, full_matrices=False)
+    limit = limit_of(noise)
+    bounds = problem.free.values()
     return Identifiability(
         stderr=np.where(np.isfinite(stderr), stderr, np.nan),
         interval=interval,
@@ -116,12 +118,17 @@ def identifiability(
         directions=_signed(directions),
         redchi=_redchi(problem, candidate),
         at_bound=at_bound,
-        verdicts=tuple(verdict(v, i, b, at) for v, i, b, at in zip(values, interval, problem.free.values(), at_bound, strict=True)),
+        verdicts=tuple(verdict(v, i, b, at, limit) for v, i, b, at in zip(values, interval, bounds, at_bound, strict=True)),
         quantile=quantile,
         noise=noise,
         weights=tuple(weights),
         errors=errors_of_all,
     )
+
+
+def limit_of(noise: Sequence[CurveNoise]) -> Limit:
+    """What limits parameters of which only the residuals are known: the law's misfit where residuals are systematic, or noise."""
+    return Limit("misfit" if any(known.systematic for known in noise) else "noise")
 
 
 def weights_of(problem: InverseProblem, candidate: Candidate, equation_one: bool) -> list[float]:

@@ -15,6 +15,7 @@ from indentfit.arrays import Array
 from indentfit.inference.result import CurveNoise
 
 SIGNIFICANT = 1.645  # an autocorrelation within so many standard errors of zero counts as zero
+DRAWN = 999  # draws of independent noise, with which the smoothness of residuals is compared
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
 
@@ -78,10 +79,30 @@ def errors(slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequenc
     total = sum(freedom)
     welch = np.where(np.isfinite(welch), np.minimum(welch, total), total)
     noise = tuple(
-        CurveNoise(sigma, coefficient, len(r) / _inflation(len(r), coefficient), len(r))
-        for sigma, coefficient, r in zip(np.sqrt(variance).tolist(), rho, residuals, strict=True)
+        CurveNoise(sigma, coefficient, len(r) / _inflation(len(r), coefficient), len(r), whiteness(M[k][k], r))
+        for k, (sigma, coefficient, r) in enumerate(zip(np.sqrt(variance).tolist(), rho, residuals, strict=True))
     )
     return noise, Errors(covar, plain, float(typical), welch, tuple(B))
+
+
+def whiteness(M: Array, residuals: Array) -> float:
+    """The probability that the residuals, M times independent noise, have the lag-1 correlation that they show, or more.
+
+    Parameters
+    ----------
+    M : array (n, n)
+    residuals : array (n,)
+
+    Returns
+    -------
+    float
+        By DRAWN draws of the noise; 1 where there are no residuals.
+    """
+    if len(residuals) < 4 or not residuals.any() or np.trace(M @ M.T) < 1e-9:
+        return 1.0
+    drawn = np.random.default_rng(0).standard_normal((DRAWN, len(residuals))) @ M.T
+    expected = np.sum(drawn[:, 1:] * drawn[:, :-1], axis=1) / np.maximum(np.sum(drawn**2, axis=1), 1e-300)
+    return float((1 + np.sum(expected >= residuals[1:] @ residuals[:-1] / (residuals @ residuals))) / (1 + DRAWN))
 
 
 def draw(noise: CurveNoise, rng: np.random.Generator) -> Array:

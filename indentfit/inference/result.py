@@ -16,10 +16,13 @@ from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts
 from indentfit.inference.plain import NOT_IN_JSON, Interval, plain_fields
 from indentfit.inference.shares import UncertainInputs, WhatIf
+from indentfit.inference.agreement import CurveMisfit
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
 from indentfit.runs.closed_form import ClosedForm
 
 Numbers = tuple[float | None, ...]
+SMOOTH = 0.5  # autocorrelation of neighbouring points from which residuals may be misfit
+UNLIKELY = 0.01  # probability below which smooth residuals are no independent noise
 UNKNOWN = "not known: the fit stopped before its errors were found"
 
 
@@ -47,6 +50,9 @@ class ParameterEstimate:
     at_bound : "lower", "upper" or None
     verdict : str
         How well the curves determine the parameter, in words.
+    limited_by : str
+        What limits the parameter: "noise", "misfit" (of the law), "mesh", the name of an uncertain input, "bound", or "tests"
+        (which contradict each other).
     """
 
     value: float
@@ -62,6 +68,7 @@ class ParameterEstimate:
     verdict: str | None = None
     stderr_total: float | None = None
     pieces: tuple[Interval, ...] | None = None
+    limited_by: str | None = None
 
     @property
     def total(self) -> float | None:
@@ -73,7 +80,7 @@ class ParameterEstimate:
         if self.fixed:
             return {"value": self.value, "unit": self.unit, "fixed": True}
         known = plain_fields(self)
-        dropped = [name for name in ("stderr_total", "interval_linear", "pieces") if known[name] is None]
+        dropped = [name for name in ("stderr_total", "interval_linear", "pieces", "limited_by") if known[name] is None]
         return {name: value for name, value in known.items() if name not in dropped}
 
     def __str__(self) -> str:
@@ -93,12 +100,20 @@ class CurveNoise:
         Correlation of neighbouring points; 0 where the residuals look independent.
     effective_points, points : float, int
         Number of independent points with the same information, and number of points.
+    white : float
+        Probability that residuals of independent noise are as smooth as these.
     """
 
     sigma: float | None
     autocorrelation: float
     effective_points: float
     points: int
+    white: float = 1.0
+
+    @property
+    def systematic(self) -> bool:
+        """Whether the residuals are mostly misfit of the model, and not noise."""
+        return self.autocorrelation > SMOOTH and self.white < UNLIKELY
 
 
 @dataclass(frozen=True)
@@ -237,6 +252,9 @@ class FitResult:
     sum_of_squares : float, mN^2
         Weighted sum of the squared RMSEs.
     rmse : dict of test -> mN
+    misfit : dict of test -> CurveMisfit
+    no_fit : str or None
+        Why the fit is none, where its misfit is gross; `success` is then False.
     redchi : float, mN^2
         Residual variance of one point.
     covar, correlation : (n_free, n_free)
@@ -271,6 +289,8 @@ class FitResult:
     objective: float | None
     sum_of_squares: float | None
     rmse: dict[str, float]
+    misfit: dict[str, CurveMisfit] = field(default_factory=dict)
+    no_fit: str | None = None
     redchi: float | None = None
     covar: tuple[Numbers, ...] | None = None
     correlation: tuple[Numbers, ...] | None = None

@@ -1,4 +1,4 @@
-"""Verdicts in words: how well each parameter is determined, and which parameters the curves of a fit determine together."""
+"""Verdicts in words: how well each parameter is determined, what limits it, and what the curves of a fit determine together."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,15 +6,19 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Range
+from indentfit.inference.limits import Limit
 from indentfit.inference.result import ParameterEstimate, PublishedComparison
 
 DETERMINED = 0.2  # half an interval over the value
 WEAKLY = 2 / 3  # half an interval over its middle: a factor of five between its ends
-KINDS = ("determined", "weakly determined", "not determined")
+KINDS = ("determined", "weakly determined", "at a bound", "not determined")
 
 
-def verdict(value: float, interval: Sequence[float] | Array, bounds: Range, at_bound: str) -> str:
-    """How well a parameter is determined, in words.
+def verdict(value: float, interval: Sequence[float] | Array, bounds: Range, at_bound: str, limit: Limit = Limit()) -> str:  # noqa: B008
+    """How well a parameter is determined, and what limits it, in words.
+
+    A parameter at its bound is never determined: the interval ends at the bound because the search does, and not because of the
+    curves.
 
     Parameters
     ----------
@@ -23,25 +27,36 @@ def verdict(value: float, interval: Sequence[float] | Array, bounds: Range, at_b
         95 % interval, within the bounds.
     bounds : Range
     at_bound : "lower", "upper" or ""
+    limit : Limit
+        What makes the interval as wide as it is.
 
     Returns
     -------
     str
     """
-    place = f"at its {at_bound} bound; " if at_bound else ""
     low, high = interval
-    within = f"any value in {low:.3g}-{high:.3g} fits within the noise"
-    if low <= bounds.min and high >= bounds.max:
-        return f"{place}not determined by these curves: {within}"
     half = max(value - low, high - value)
     share = half / abs(value) if value else np.inf
-    if at_bound and not share <= DETERMINED:
-        return f"{place}the curves ask for a value beyond it, or leave it open: {within}"
+    cure = limit.cure(DETERMINED / share) if np.isfinite(share) and share > 0 else ""
+    within = f"any value in {low:.3g}-{high:.3g} fits within {limit.words}{f'; {cure}' if cure else ''}"
+    if at_bound:
+        place = f"at its {at_bound} bound ({bounds.min if at_bound == 'lower' else bounds.max:g})"
+        if low <= bounds.min and high >= bounds.max:
+            return f"{place}; not determined by these curves: {within}"
+        return f"{place}: {beyond(interval, at_bound)}"
+    if low <= bounds.min and high >= bounds.max:
+        return f"not determined by these curves: {within}"
+    limited = f"; limited by {limit.words}{f': {cure}' if cure else ''}"
     if share <= DETERMINED:
-        return f"{place}determined (+-{_percent(share)} %)"
+        return f"determined (+-{_percent(share)} %){limited}"
     if high - low <= WEAKLY * abs(high + low):
-        return f"weakly determined: {low:.3g} to {high:.3g}"
+        return f"weakly determined: {low:.3g} to {high:.3g}{limited}"
     return f"not determined by these curves: {within}"
+
+
+def beyond(interval: Sequence[float] | Array, at_bound: str) -> str:
+    """What is known of a parameter at its bound: the end of its interval on the other side."""
+    return f"at most {interval[1]:.3g}" if at_bound == "lower" else f"at least {interval[0]:.3g}"
 
 
 def conclusions(estimates: Mapping[str, ParameterEstimate], curves: int, published: PublishedComparison | None) -> tuple[str, ...]:
@@ -50,15 +65,24 @@ def conclusions(estimates: Mapping[str, ParameterEstimate], curves: int, publish
     for name, known in estimates.items():
         if known.interval is not None:
             low, high = known.interval
-            kinds[_kind(known.verdict or "")].append(f"{name} ({low:.3g} to {high:.3g})")
+            kinds[kind_of(known)].append(f"{name} ({low:.3g} to {high:.3g})")
     number = {1: "this curve", 2: "these two curves"}.get(curves, f"these {curves} curves")
-    sentences = [f"{kind} by {number}: {', '.join(names)}" for kind, names in kinds.items() if names]
+    sentences = [
+        f"{kind} {'for' if 'bound' in kind else 'by'} {number}: {', '.join(names)}" for kind, names in kinds.items() if names
+    ]
     return (*sentences, _of_published(published)) if published else tuple(sentences)
 
 
-def _kind(said: str) -> str:
-    words = said.rpartition("; ")[2] if "bound" in said else said
-    return next((kind for kind in KINDS if words.startswith(kind)), "not determined")
+def kind_of(known: ParameterEstimate) -> str:
+    """The kind of a verdict, one of KINDS."""
+    said = known.verdict or ""
+    if said.startswith("at its"):
+        return "not determined" if "not determined" in said else "at a bound"
+    return next((kind for kind in KINDS if said.startswith(kind)), "not determined")
+
+
+def _by(kind: str) -> str:
+    return f"{kind} for" if kind == "at a bound" else f"{kind} by"
 
 
 def _of_published(published: PublishedComparison) -> str:

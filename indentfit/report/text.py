@@ -138,6 +138,7 @@ def _count(number: int, what: str) -> str:
 
 def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
     """A FitResult in words, line by line; scan_weights: with fits under other weights of the tests."""
+    yield from misfit_lines(result)
     yield from _parameter_lines(result)
     yield ""
     yield from closed_lines(result.closed_forms)
@@ -154,6 +155,28 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
     yield from _work_lines(result)
     for note in result.notes:
         yield f"note      {note}"
+
+
+def misfit_lines(result: FitResult) -> Iterator[str]:
+    """How far the fitted curves of a FitResult stay from the measured ones, line by line."""
+    if result.misfit:
+        yield f"misfit    {said_of_misfit(result)}"
+
+
+def said_of_misfit(result: FitResult) -> str:
+    """The misfit of each test in words: the RMSE over the largest force, and R2."""
+    parts = [
+        f"{name} {known.relative:.2%} of its largest force{f' (R2 {_r2(known.r2)})' if known.r2 is not None else ''}"
+        for name, known in result.misfit.items()
+    ]
+    return ", ".join(parts)
+
+
+def _r2(value: float) -> str:
+    """R2 with as many nines as it has, and one more digit."""
+    if value < 0.9 or value >= 1:
+        return f"{value:.3g}"
+    return f"{value:.{min(int(-np.log10(1 - value)) + 2, 6)}f}"
 
 
 def _parameter_lines(result: FitResult) -> Iterator[str]:

@@ -1,0 +1,76 @@
+"""What a measured curve shows, before any solve, about the way it was recorded: a preload, adhesion, or a wrong sign."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.curve import Curve
+
+LEAST = 0.02  # of the largest force: a smaller force at zero displacement, or below zero, is not mentioned
+CLEAR = 4.0  # standard deviations of one point: a smaller force may be noise
+FIRST = 0.25  # share of the depth in which the first forces lie
+EXTRAPOLATED = 0.4  # share of the depth from which the force at zero displacement is extrapolated
+FEWEST = 6  # points for this
+PRELOAD = (
+    "test.{name}: the force at zero displacement is {force:.3g} mN, {share:.0%} of the largest: a preload, an offset of the load "
+    "cell, or a contact point that was taken too late; subtract the offset of the force, or count displacements from first contact "
+    "(fit.uncertain.offset = {{ start = {start:.2g}, min = {low:.2g}, max = 0 }} fits an earlier contact point)"
+)
+ADHESION = (
+    "test.{name}: its first forces are negative, down to {force:.3g} mN ({share:.0%} of the largest): adhesion, a zero of the load "
+    "cell that is off, or a wrong sign; the model has no adhesion: leave these points out or correct the zero"
+)
+
+
+def doubts(name: str, curve: Curve) -> Iterator[str]:
+    """One line for each thing in a measured curve that no model here can follow.
+
+    Parameters
+    ----------
+    name : str
+        The test.
+    curve : Curve
+
+    Yields
+    ------
+    str
+    """
+    largest, noise = float(np.abs(curve.force).max()), noise_of_points(curve.force)
+    least = max(LEAST * largest, CLEAR * noise)
+    first = curve.force[curve.displacement <= FIRST * curve.displacement[-1]]
+    if first.size and first.min() < -least:
+        yield ADHESION.format(name=name, force=first.min(), share=-first.min() / largest)
+        return
+    force, error = force_at_zero(curve)
+    if force > max(least, CLEAR * error):
+        earlier = _earlier(curve, force)
+        yield PRELOAD.format(name=name, force=force, share=force / largest, start=-earlier, low=-3 * earlier)
+
+
+def force_at_zero(curve: Curve) -> tuple[float, float]:
+    """The force at zero displacement with its standard error, mN: the first force of a curve that begins there, otherwise
+    extrapolated by a parabola through the first points; nan where these are too few."""
+    d, force = curve.displacement, curve.force
+    if d[0] == 0:
+        return float(force[0]), noise_of_points(force)
+    near = d <= max(EXTRAPOLATED * d[-1], d[min(FEWEST, d.size) - 1])
+    if near.sum() < FEWEST or d[near][-1] > 0.6 * d[-1]:
+        return np.nan, np.nan
+    powers = np.vander(d[near] / d[-1], 3, increasing=True)
+    coefficients, *_ = np.linalg.lstsq(powers, force[near], rcond=None)
+    left = force[near] - powers @ coefficients
+    variance = left @ left / (near.sum() - 3)
+    return float(coefficients[0]), float(np.sqrt(variance * np.linalg.inv(powers.T @ powers)[0, 0]))
+
+
+def noise_of_points(force: Array) -> float:
+    """Standard deviation of one point's noise, mN, from the median of the second differences, which a smooth curve hardly has."""
+    return float(1.4826 * np.median(np.abs(np.diff(force, 2))) / np.sqrt(6)) if force.size > 3 else 0.0
+
+
+def _earlier(curve: Curve, force: float) -> float:
+    """The depth by which contact came before zero displacement, mm, by the slope of the first points."""
+    few = min(FEWEST, curve.force.size)
+    slope = np.polyfit(curve.displacement[:few], curve.force[:few], 1)[0]
+    return float(min(force / slope, curve.displacement[-1])) if slope > 0 else float(curve.displacement[-1])

@@ -1,0 +1,141 @@
+"""How far a fit stays from its curves, and the likely reason where it does not follow them at all.
+
+Gross misfit is no fit: where the root mean square error of a test is above GROSS of the test's largest force, no parameter has a
+meaning, and the reason lies mostly with the data: units, a preload, adhesion, or a curve that bends the other way than the law.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.case.doubts import doubts
+from indentfit.inference.agreement import CurveMisfit
+from indentfit.inverse.objective import Target, rmse
+from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.runs.forward import Evaluation
+
+GROSS = 0.2  # RMSE of a test over its largest force
+UNITS = {  # factor by which measured forces would have to be multiplied -> what they may be
+    1e3: "newtons",
+    1e6: "kilonewtons",
+    9.80665: "grams-force",
+    9806.65: "kilograms-force",
+    1e-3: "micronewtons",
+    1e-6: "nanonewtons",
+    1 / 9.80665: "units of a force that was multiplied by 9.81",
+}
+BENT = 0.05  # share of the force at half the depth, from a straight line, from which a curve counts as bent
+MESSAGE = "the model cannot follow the curves: the root mean square error is {worst} the largest force of {test}; {reason}"
+UNEXPLAINED = "another law, wider bounds, or the signs and units of the curve's columns may be the remedy"
+
+
+def misfits(problem: InverseProblem, best: Candidate) -> dict[str, CurveMisfit]:
+    """The relative misfit of each test at a Candidate.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    best : Candidate
+
+    Returns
+    -------
+    dict of test -> CurveMisfit
+    """
+    return {test.name: _misfit(test, force) for test, force in zip(problem.tests, best.forces, strict=True)}
+
+
+def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation]) -> str | None:
+    """Why a Candidate is no fit, in a sentence or two; None where its misfit is not gross.
+
+    Parameters
+    ----------
+    problem : InverseProblem
+    best : Candidate
+    runs : sequence of Evaluation
+        All runs of the search at the case's own inputs: a scale without bounds is tried on their curves.
+
+    Returns
+    -------
+    str or None
+    """
+    sizes = {test.name: _misfit(test, force).relative for test, force in _weighted(problem, best.forces)}
+    worst = max(sizes, key=lambda name: sizes[name])
+    if sizes[worst] <= GROSS:
+        return None
+    reasons = [*_units(problem, runs), *_recording(problem), *_bend(problem, best)] or [UNEXPLAINED]
+    size = f"{sizes[worst]:.0%} of" if sizes[worst] < 1 else f"{sizes[worst]:.2g} times"
+    return MESSAGE.format(worst=size, test=worst, reason="; ".join(reasons))
+
+
+def _misfit(test: Target, force: Array) -> CurveMisfit:
+    measured = test.curve.force
+    about_mean = float(np.sum((measured - measured.mean()) ** 2))
+    r2 = 1 - float(np.sum((force - measured) ** 2)) / about_mean if about_mean > 0 else None
+    return CurveMisfit(rmse(test, force) / float(np.abs(measured).max()), r2)
+
+
+def _weighted(problem: InverseProblem, forces: Sequence[Array]) -> list[tuple[Target, Array]]:
+    return [(test, force) for test, force in zip(problem.tests, forces, strict=True) if test.weight]
+
+
+def _units(problem: InverseProblem, runs: Sequence[Evaluation]) -> Iterator[str]:
+    """The unit whose factor brings the best scale without bounds back into the bounds, nearest to the start."""
+    factor = _free_factor(problem, runs)
+    low, high = problem.factor_bounds() if problem.scale else (0.5, 2.0)
+    if factor is None or low <= factor <= high:
+        return
+    start = problem.start[problem.scale] / problem.reference if problem.scale else 1.0
+    fitting = sorted((abs(np.log(factor * unit / start)), unit) for unit in UNITS if low <= factor * unit <= high)
+    if fitting:
+        unit = fitting[0][1]
+        value = f" at {problem.scale} = {factor * unit * problem.reference:.3g}" if problem.scale else ""
+        times = f"multiplied by {unit:.4g}" if unit >= 1 else f"divided by {1 / unit:.4g}"
+        yield f"the forces {times} would be followed{value}: they may be in {UNITS[unit]}; check the units in the curve's header"
+    elif problem.scale:
+        yield f"{problem.scale} = {factor * problem.reference:.3g} would follow, outside its bounds; check the units, or the bounds"
+    else:
+        yield f"forces of {1 / factor:.3g} times the measured ones would be followed; check the units"
+
+
+def _free_factor(problem: InverseProblem, runs: Sequence[Evaluation]) -> float | None:
+    """The factor, without bounds, with which the curves of a run follow the measured ones; None where those of no run do."""
+    best, least = None, GROSS
+    for run in runs:
+        if run.forces is None:
+            continue
+        pairs = _weighted(problem, run.forces)
+        curves, weights = np.concatenate([force for _, force in pairs]), _inverse_sizes(pairs)
+        measured = np.concatenate([test.curve.force for test, _ in pairs])
+        size = float(np.sum((weights * curves) ** 2))
+        factor = float(np.sum(weights**2 * curves * measured)) / size if size else 0.0
+        left = max(_misfit(test, factor * force).relative for test, force in pairs)
+        if factor > 0 and left < least:
+            best, least = factor, left
+    return best
+
+
+def _inverse_sizes(pairs: Sequence[tuple[Target, Array]]) -> Array:
+    return np.concatenate([np.full(force.size, 1 / np.abs(test.curve.force).max()) for test, force in pairs])
+
+
+def _recording(problem: InverseProblem) -> Iterator[str]:
+    for test in problem.tests:
+        yield from doubts(test.name, test.curve)
+
+
+def _bend(problem: InverseProblem, best: Candidate) -> Iterator[str]:
+    """Tests whose measured curve softens where the simulated curve stiffens, or the other way round."""
+    for test, force in _weighted(problem, best.forces):
+        measured, simulated = (_of_line(test.curve.displacement, known) for known in (test.curve.force, force))
+        if min(abs(measured), abs(simulated)) > BENT and measured * simulated < 0:
+            words = "softens where the law stiffens" if measured > 0 else "stiffens where the law softens"
+            yield (
+                f"{test.name}: the measured curve {words} (opposite curvature): slip, damage, a load cell at its end, or exchanged "
+                "columns may be the reason"
+            )
+
+
+def _of_line(displacement: Array, force: Array) -> float:
+    """Force at half the depth over the last force, above that of a straight line: positive for a curve that softens."""
+    return float(np.interp(displacement[-1] / 2, displacement, force) / force[-1] - 0.5) if force[-1] else 0.0

@@ -1,0 +1,178 @@
+"""Verdicts by their causes: noise, mesh, inputs, misfit, bounds; and a misfit so gross that there is no fit."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from fixtures.cases import CASES, tiny_case
+from fixtures.formulas import DEPTH, TRUTH, Formula, formula, problem
+
+from indentfit.case import Range
+from indentfit.case.doubts import doubts
+from indentfit.cli import main
+from indentfit.curve import Curve, read_curve, write_curve
+from indentfit.experiment.measured import read_case
+from indentfit.inference.limits import Limit, MeshSize, limits
+from indentfit.inference.misfit import misfits, no_fit
+from indentfit.inference.noise import correlations, whiteness
+from indentfit.inference.result import CurveNoise, InputShare, NoiseShare, UncertainInputs
+from indentfit.inference.verdicts import verdict
+
+MESH = Limit("mesh", 0.9, MeshSize(1000, 1 / 3))
+
+
+@pytest.mark.parametrize(
+    ("value", "interval", "at_bound", "limit", "said"),
+    [
+        (2.0, (1.94, 2.06), "", Limit(), "determined (+-3 %); limited by the noise"),
+        (2.0, (1.0, 3.0), "", Limit("friction"), "weakly determined: 1 to 3; limited by the error of the friction"),
+        (0.2, (0.0, 0.7), "", Limit(), "not determined by these curves: any value in 0-0.7 fits within the noise"),
+        (2.0, (0.0, 5.0), "", Limit("misfit"), "not determined by these curves: "
+                                               "any value in 0-5 fits within the misfit of the law"),
+        (0.0, (0.0, 0.1), "lower", Limit(), "at its lower bound (0): at most 0.1"),
+        (5.0, (4.9, 5.0), "upper", Limit(), "at its upper bound (5): at least 4.9"),
+        (0.0, (0.0, 5.0), "lower", Limit(), "at its lower bound (0); not determined by these curves: "
+                                            "any value in 0-5 fits within the noise"),
+        # The half-width is 50 % where 20 % is wanted: of the variance 0.16 may stay, 0.1 of it without any mesh, so that the mesh's
+        # own 0.9 becomes 0.06: its standard error 0.258 of what it was, by 1 / 0.258^3 = 58.1 times as many elements.
+        (2.0, (1.0, 3.0), "", MESH, "weakly determined: 1 to 3; limited by the error of the mesh: "
+                                    "about 58,000 elements would determine it"),
+        (2.0, (1.9, 2.1), "", MESH, "determined (+-5 %); limited by the error of the mesh: about 8,000 elements would halve that"),
+    ],
+)  # fmt: skip
+def test_a_verdict_says_in_words_how_well_and_what_limits(value, interval, at_bound, limit, said):
+    assert verdict(value, interval, Range(start=1, min=0, max=5), at_bound, limit) == said
+
+
+def shares(**given):
+    rows = {name: InputShare(0.5, 0.1, {}, {"mu": share}) for name, share in given.items()}
+    return UncertainInputs(rows, NoiseShare({"mu": 1 - sum(given.values())}), {"mu": 1.0})
+
+
+WHITE, SMOOTH = CurveNoise(0.1, 0.0, 20, 20, 0.5), CurveNoise(0.1, 0.9, 3, 20, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "noise", "cause"),
+    [
+        ({}, WHITE, "noise"),
+        ({}, SMOOTH, "misfit"),
+        ({"mesh": 0.9}, WHITE, "mesh"),
+        ({"mesh": 0.4}, WHITE, "noise"),
+        ({"mesh": 0.3, "friction": 0.31}, WHITE, "friction"),  # the noise has 39 %, most of all, but does not dominate
+        ({"mesh": 0.3, "friction": 0.31}, SMOOTH, "misfit"),
+    ],
+)
+def test_the_cause_is_the_largest_source_and_noise_only_where_it_dominates(inputs, noise, cause):
+    found = limits(shares(**inputs), {"t": noise}, ["mu"], MeshSize(100, 0.5))["mu"]
+    assert found.cause == cause
+    assert (found.mesh is not None) == (cause == "mesh")
+
+
+def test_independent_noise_is_called_smooth_in_one_case_of_a_hundred():
+    """Probabilities of independent noise are uniform: 400 draws behind a fit of three parameters, below 0.1 in 10 % +- 4.5 %."""
+    rng, D = np.random.default_rng(0), np.vander(np.linspace(0, 1, 20), 3)
+    M = np.eye(20) - D @ np.linalg.pinv(D)
+    p = np.array([whiteness(M, M @ rng.standard_normal(20)) for _ in range(400)])
+    assert abs(np.mean(p < 0.1) - 0.1) < 0.045
+    assert np.mean(p < 0.01) < 0.03
+    smooth = np.linalg.cholesky(correlations(20, 0.9))
+    assert np.median([whiteness(M, M @ smooth @ rng.standard_normal(20)) for _ in range(50)]) < 0.1
+
+
+# A misfit so gross that there is no fit
+
+
+def judged(measured, **values):
+    whole = problem(measured)
+    return whole, whole.judge({**TRUTH, **values}, formula(**{**TRUTH, **values, "mu": 1.0}))
+
+
+RUNS = Formula().evaluate([{**TRUTH, "mu": 1.0}, {"mu": 1.0, "zeta": 8.0, "phi": 2.0}])
+
+
+def test_the_misfit_of_a_test_is_relative_to_its_largest_force():
+    along, across = formula(**TRUTH)
+    error = np.where(np.arange(15) % 2, 1.0, -1.0) * 0.03 * along.max()
+    whole, best = judged((along + error, across))
+    found = misfits(whole, best)
+    assert found["parallel"].relative == pytest.approx(0.03 * along.max() / (along + error).max(), rel=1e-9)
+    assert found["parallel"].r2 == pytest.approx(np.corrcoef(along, along + error)[0, 1] ** 2, abs=0.01)
+    assert found["perpendicular"].relative < 1e-12
+    assert no_fit(whole, best, RUNS) is None
+
+
+@pytest.mark.parametrize(
+    ("factor", "mu", "unit"), [(1e-3, 0.1, "newtons"), (1e3, 10.0, "micronewtons"), (1e-6, 0.1, "kilonewtons")]
+)
+def test_forces_in_another_unit_are_no_fit_and_the_unit_is_named(factor, mu, unit):
+    """At the bound of mu that is nearest to the curves; in the right unit mu is 1.5."""
+    measured = tuple(factor * force for force in formula(**TRUTH))
+    whole, best = judged(measured, mu=mu)
+    said = no_fit(whole, best, RUNS)
+    assert f"at mu = 1.5: they may be in {unit};" in said
+
+
+def test_grams_force_are_named_where_they_bring_the_scale_back():
+    measured = tuple(force / 9.80665 for force in formula(**{**TRUTH, "mu": 0.5}))
+    whole, best = judged(measured, mu=0.1)
+    assert "grams-force" in no_fit(whole, best, RUNS)
+    assert "multiplied by 9.807" in no_fit(whole, best, RUNS)
+
+
+def test_a_curve_that_bends_the_other_way_is_no_fit():
+    largest = [force.max() for force in formula(**TRUTH)]
+    soft = tuple(force * (1 - np.exp(-DEPTH / 0.02)) for force in largest)
+    whole, best = judged(soft)
+    said = no_fit(whole, best, RUNS)
+    assert "softens where the law stiffens" in said
+    assert "units" not in said
+
+
+# What a curve shows before any solve
+
+
+def test_a_preload_and_adhesion_are_seen_in_the_curve_itself():
+    d = np.linspace(0, 0.2, 21)
+    assert "preload" in next(doubts("t", Curve(d, (d + 0.05) ** 1.5)))
+    assert "preload" in next(doubts("t", Curve(d[1:], (d[1:] + 0.05) ** 1.5)))  # without the point at zero
+    said = next(doubts("t", Curve(d, d**1.5 - 0.006 * np.exp(-d / 0.02))))
+    assert "adhesion" in said and "down to -0.006" in said
+    assert not list(doubts("t", Curve(d, d**1.5)))
+    assert not list(doubts("t", Curve(d[1:], d[1:] ** 3)))
+
+
+def test_noise_is_no_preload_nor_adhesion():
+    """1 and 5 % of noise on 20 points, straight and Hertzian: in 400 curves at most 1 %."""
+    rng, d = np.random.default_rng(0), np.linspace(0.05, 1, 20)
+    curves = [Curve(d, d**p + noise * rng.standard_normal(20)) for p in (1, 1.5) for noise in (0.01, 0.05) for _ in range(100)]
+    assert sum(bool(list(doubts("t", curve))) for curve in curves) <= 4
+
+
+def test_shipped_curves_raise_no_doubts():
+    curves = [*CASES.glob("*/curves/*.csv"), CASES / "own_material" / "curve.csv"]
+    assert len(curves) >= 7
+    assert not [said for path in curves for said in doubts(path.stem, read_curve(path))]
+
+
+@pytest.fixture
+def gel(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tiny_case(tmp_path, fit={"method": "ga"})
+
+
+def test_newtons_under_a_header_of_millinewtons_end_with_4(gel, tmp_path):
+    depth = np.linspace(0.05, 0.25, 6)
+    write_curve(tmp_path / "parallel.csv", Curve(depth, 0.07 * depth))
+    done = CliRunner().invoke(main, ["fit", str(gel), "-o", "r", "--no-fields"])
+    assert done.exit_code == 4
+    assert "no fit" in done.stderr and "newtons" in done.stderr
+    assert "noise" not in done.stderr
+    assert "determined: the model cannot follow" in done.stdout
+
+
+def test_validate_and_fit_warn_of_a_preload_first(gel, tmp_path):
+    depth = np.linspace(0, 0.25, 8)
+    write_curve(tmp_path / "parallel.csv", Curve(depth, 5 + 70 * depth))
+    for command in (["validate", str(gel)], ["fit", str(gel), "-o", "r", "--no-fields"]):
+        assert "preload" in CliRunner().invoke(main, command).stderr
+    assert any("preload" in warning for warning in read_case(gel).warnings())
