@@ -9,11 +9,13 @@ from indentfit.arrays import Array, Bools
 from indentfit.case import Case
 from indentfit.fem.meshing import DIMENSIONS
 from indentfit.inference import profiles
+from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.alone import alone, scan_weights
 from indentfit.inference.bootstrap import bootstrap
+from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, noise_of, widened
-from indentfit.inference.inputs import ORDER, Solution, elements_of, shares
+from indentfit.inference.inputs import MOVES, ORDER, Solution, elements_of, input_derivatives, shares
 from indentfit.inference.limits import MeshSize, limits
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import (
@@ -28,7 +30,7 @@ from indentfit.inference.result import (
     WeightsFit,
 )
 from indentfit.inference.shares import NoiseShare, UncertainInputs, WhatIf
-from indentfit.inference.verdicts import conclusions, verdict
+from indentfit.inference.verdicts import against_each_other, conclusions, contradictions, verdict
 from indentfit.inference.what_if import taken_as_known, warnings_of, what_ifs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
@@ -73,7 +75,7 @@ class Certainty:
         Identifiability by the noise alone. None where no derivatives exist; all other fields are then empty.
     estimates : dict of free parameter -> ParameterEstimate
     findings : Findings
-    noise, uncertain, rivals, surrogate, published, conclusions, notes
+    noise, uncertain, rivals, surrogate, predicted, published, conclusions, notes
         `FitResult` describes these fields.
     """
 
@@ -84,6 +86,7 @@ class Certainty:
     uncertain: UncertainInputs = field(default_factory=UncertainInputs)
     rivals: tuple[RivalOptimum, ...] = ()
     surrogate: SurrogateFacts | None = None
+    predicted: dict[str, TestPrediction] = field(default_factory=dict)
     published: PublishedComparison | None = None
     conclusions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -120,7 +123,8 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     if case.fit.profiles:
         progress(0.0, "profiles")
         findings, facts = _profiled(solution, model, solved, uncertain, progress)
-    estimates = _estimates(solution, alone_known, findings, uncertain)
+    predicted = _predicted(solution, model, solved, uncertain)
+    estimates = against_each_other(_estimates(solution, alone_known, findings, uncertain), predicted, findings.tests_alone)
     published = published_comparison(solution, estimates)
     last = _learned(problem, model, exploration) if problem.searched and case.fit.profiles else None
     exact = what_ifs(solution, last) if last is not None else taken_as_known(case)
@@ -132,8 +136,11 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         uncertain=uncertain,
         rivals=tuple(RivalOptimum(_free(problem, rival), rival.objective) for rival in exploration.rivals),
         surrogate=facts,
+        predicted=predicted,
         published=published,
-        conclusions=(*conclusions(estimates, len(problem.tests), published), *warnings_of(exact, estimates)),
+        conclusions=(
+            *contradictions(predicted), *conclusions(estimates, len(problem.tests), published), *warnings_of(exact, estimates)
+        ),
         notes=(*notes, *findings.notes),
         taken_as_known=exact,
     )
@@ -246,6 +253,20 @@ def _learned(problem: InverseProblem, model: Watched, exploration: Exploration) 
     surrogate = learn(problem, model.known) if len(problem.free) <= MANY else None
     trusted = surrogate is not None and (exploration.reached or surrogate.error <= TRUSTED)
     return surrogate if trusted else None
+
+
+def _predicted(solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs) -> dict[str, TestPrediction]:
+    """Each test predicted from the others, on the surrogate of all runs, or on the curves linearised at the optimum."""
+    problem, best = solution.problem, solution.best
+    surrogate = _learned(problem, model, solved.exploration) or linearised(problem, best, solved.optimum.derivatives or ())
+    sd = _of_forces(uncertain)
+    common: list[list[Array]] = [[sd * force] for force in best.forces]
+    for name, share in uncertain.inputs.items():
+        if name not in MOVES and share.sd is not None:
+            slopes = input_derivatives(solution.case, problem, solution.model, best, name)
+            for rows, slope in zip(common, slopes, strict=True):
+                rows.append(share.sd * slope)
+    return predictions(problem, surrogate, problem.units(best.parameters), common, solution.case.fit.seed)
 
 
 def _of_forces(uncertain: UncertainInputs) -> float:

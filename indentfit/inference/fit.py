@@ -185,6 +185,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         uncertain=known.uncertain,
         rivals=known.rivals,
         surrogate=known.surrogate,
+        predicted=known.predicted,
         published=known.published,
         conclusions=known.conclusions,
         taken_as_known=known.taken_as_known,

@@ -14,9 +14,9 @@ from pydantic import InstanceOf, TypeAdapter
 from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts
+from indentfit.inference.agreement import CurveMisfit, TestPrediction
 from indentfit.inference.plain import NOT_IN_JSON, Interval, plain_fields
 from indentfit.inference.shares import UncertainInputs, WhatIf
-from indentfit.inference.agreement import CurveMisfit
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
 from indentfit.runs.closed_form import ClosedForm
 
@@ -264,6 +264,8 @@ class FitResult:
         Number of sets of parameters that were evaluated, of solves of one test, and of solves that came from the ledger.
     noise, profiles, bootstrap, tests_alone, weights_scan, uncertain, rivals, surrogate, published
         Empty or None where the case does not ask for them, or they could not be computed.
+    predicted : dict of test -> TestPrediction
+        Each test predicted from the others; empty for a single test.
     conclusions : tuple of sentences
         The parameters that these curves determine (the key `summary` of result.json).
     moduli : dict of name -> ParameterEstimate
@@ -316,6 +318,7 @@ class FitResult:
     uncertain: UncertainInputs = field(default_factory=UncertainInputs)
     rivals: tuple[RivalOptimum, ...] = ()
     surrogate: SurrogateFacts | None = None
+    predicted: dict[str, TestPrediction] = field(default_factory=dict)
     published: PublishedComparison | None = None
     conclusions: tuple[str, ...] = ()
     taken_as_known: tuple[WhatIf, ...] = ()

@@ -1,13 +1,15 @@
 """Verdicts in words: how well each parameter is determined, what limits it, and what the curves of a fit determine together."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Range
+from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.limits import Limit
-from indentfit.inference.result import ParameterEstimate, PublishedComparison
+from indentfit.inference.result import ParameterEstimate, PublishedComparison, TestAlone
 
 DETERMINED = 0.2  # half an interval over the value
 WEAKLY = 2 / 3  # half an interval over its middle: a factor of five between its ends
@@ -71,6 +73,40 @@ def conclusions(estimates: Mapping[str, ParameterEstimate], curves: int, publish
         f"{kind} {'for' if 'bound' in kind else 'by'} {number}: {', '.join(names)}" for kind, names in kinds.items() if names
     ]
     return (*sentences, _of_published(published)) if published else tuple(sentences)
+
+
+def contradictions(predicted: Mapping[str, TestPrediction]) -> tuple[str, ...]:
+    """A sentence on the tests that contradict the others; none where no test does."""
+    wrong = {name: known for name, known in predicted.items() if known.contradicts}
+    if not wrong:
+        return ()
+    words = ", ".join(
+        f"{name} is {_off(known.off)} what the others predict (p at most {known.p:.2g})" for name, known in wrong.items()
+    )
+    return (f"the tests contradict each other: {words}",)
+
+
+def against_each_other(
+    estimates: Mapping[str, ParameterEstimate], predicted: Mapping[str, TestPrediction], alone: Mapping[str, TestAlone]
+) -> dict[str, ParameterEstimate]:
+    """Estimates with the verdicts that follow where tests contradict each other: then no parameter is determined, whatever its
+    interval, because the interval is that of a compromise which none of the tests supports."""
+    if not any(known.contradicts for known in predicted.values()):
+        return dict(estimates)
+    return {name: _of_compromise(name, known, alone) for name, known in estimates.items()}
+
+
+def _of_compromise(name: str, known: ParameterEstimate, alone: Mapping[str, TestAlone]) -> ParameterEstimate:
+    if kind_of(known) == "not determined":
+        return known
+    spans = {test: fitted.parameters[name].interval for test, fitted in alone.items() if name in fitted.parameters}
+    words = ", ".join(f"{low:.3g} to {high:.3g} by {test}" for test, (low, high) in spans.items())
+    said = f"not determined: the tests contradict each other{f' (alone: {words})' if words else ''}"
+    return replace(known, verdict=said, limited_by="tests")
+
+
+def _off(share: float) -> str:
+    return f"{abs(share):.0%} {'above' if share > 0 else 'below'}"
 
 
 def kind_of(known: ParameterEstimate) -> str:

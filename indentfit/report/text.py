@@ -228,6 +228,8 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
     for name, test in result.tests_alone.items():
         parts = ", ".join(f"{key} {_span(alone.interval)}" for key, alone in test.parameters.items())
         yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} mN"
+    for name, known in result.predicted.items():
+        yield f"predicted {name} from the other tests: measured {known.off:+.0%} at the end, p = {known.p:.2g}"
     yield from _shares(result)
     for tried in result.uncertain.alternatives:
         values = ", ".join(f"{key} {tried.parameters[key]:.3g} ({_span(tried.intervals[key])})" for key in result.free)
