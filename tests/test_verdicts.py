@@ -14,7 +14,8 @@ from indentfit.experiment.measured import read_case
 from indentfit.inference.limits import Limit, MeshSize, limits
 from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.noise import correlations, whiteness
-from indentfit.inference.result import CurveNoise, InputShare, NoiseShare, UncertainInputs
+from indentfit.inference.result import CurveNoise
+from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
 from indentfit.inference.verdicts import verdict
 
 MESH = Limit("mesh", 0.9, MeshSize(1000, 1 / 3))

@@ -317,7 +317,7 @@ def _estimates(
 ) -> dict[str, ParameterEstimate]:
     """Each free parameter with its interval, by its profile if it has one, widened by uncertain inputs."""
     problem, best, known = solution.problem, solution.best, solution.known
-    limited = limits(uncertain, noise_of(problem, alone_known), problem.free, _mesh_of(solution.case))
+    limited = limits(uncertain, noise_of(problem, alone_known), problem.free, mesh_size(solution.case))
     estimates = {}
     for n, (name, bounds) in enumerate(problem.free.items()):
         linear: Interval = (float(known.interval[n, 0]), float(known.interval[n, 1]))
@@ -340,7 +340,8 @@ def _estimates(
     return estimates
 
 
-def _mesh_of(case: Case) -> MeshSize:
+def mesh_size(case: Case) -> MeshSize:
+    """The number of elements of a case's mesh, and the power of it with which the force's error falls."""
     return MeshSize(elements_of(case, case.mesh), ORDER / DIMENSIONS[setup_of(case).symmetry])
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from indentfit.inference.result import CurveNoise, UncertainInputs
+from indentfit.inference.result import CurveNoise
+from indentfit.inference.shares import UncertainInputs
 
 MAINLY = 0.5  # share of the variance from which the residuals limit a parameter
 WORDS = {

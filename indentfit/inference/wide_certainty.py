@@ -7,10 +7,12 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.inference.certainty import Certainty, Findings, published_comparison
-from indentfit.inference.identifiability import MISFIT, NOTE, SMOOTH, Identifiability, identifiability
+from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
+from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointFit, fitted, joint_profiles
+from indentfit.inference.limits import Limit, limits
+from indentfit.inference.noise import whiteness
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
@@ -30,6 +32,7 @@ COORDINATES = (
 MESH = (
     "the curves are corrected for the mesh by up to {most:.1%}, by one of about {elements} elements; half of that stays uncertain"
 )
+NOT_COMPARED = "the tests were not compared with each other: that is done where no uncertain input is a coordinate of the fit"
 UNPROVED = (
     "the surrogate's prediction at the optimum was not proved by a run to a fifth of a standard error: intervals are doubtful"
 )
@@ -55,14 +58,16 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     known = identifiability(narrow, best, slopes)
     profiles = {name: _profile(fit, n) for n, name in enumerate(problem.free)}
     uncertain = _uncertain(case, fit)
-    estimates = {name: _estimate(fit, n, known, uncertain) for n, name in enumerate(problem.free)}
+    noise = _noise(fit)
+    limited = limits(uncertain, noise, problem.free, mesh_size(case))
+    estimates = {name: _estimate(fit, n, known, uncertain, limited[name]) for n, name in enumerate(problem.free)}
     at_inputs = replace(problem, start={**problem.start, **uncertain.at})  # type: ignore[dict-item]
     published = published_comparison(Solution(case, at_inputs, model, best, known), estimates)
     return Certainty(
         known=known,
         estimates=estimates,
         findings=Findings(profiles=profiles, tests_alone=_alone(case, fit)),
-        noise=_noise(fit),
+        noise=noise,
         uncertain=uncertain,
         surrogate=facts_of(fit.best.fit.surrogate, fit.best.fit.proofs),
         published=published,
@@ -95,7 +100,7 @@ def _profile(fit: WideFit, n: int) -> Profile:
     return Profile(values, tuple(path.chi2.tolist()), path.limit, _span(best.fit, n, path.interval), confirmed)
 
 
-def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: UncertainInputs) -> ParameterEstimate:
+def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: UncertainInputs, limit: Limit) -> ParameterEstimate:
     name = list(fit.problem.free)[n]
     bounds, found = fit.problem.free[name], fit.pieces(n)
     value = _values(fit.best.fit, n, fit.best.fit.mode.z[[n]])[0]
@@ -112,7 +117,8 @@ def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: Uncertain
         at_bound=known.at_bound[n] or None,
         interval=interval,
         interval_linear=(max(value - half, bounds.min), min(value + half, bounds.max)),
-        verdict=verdict(value, interval, bounds, known.at_bound[n]),
+        verdict=verdict(value, interval, bounds, known.at_bound[n], limit),
+        limited_by="bound" if known.at_bound[n] else limit.cause,
         stderr_total=total,
         pieces=found if len(found) > 1 else None,
     )
@@ -198,12 +204,15 @@ def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
 
 def _noise(fit: WideFit) -> dict[str, CurveNoise]:
     joint = fit.best.fit
-    found = {}
+    curves, found = joint.posterior.curves, {}
+    left = curves.at(joint.mode.z)[0] - curves.measured()
     for n, test in enumerate(fit.problem.tests):
         size, rho = test.curve.force.size, float(joint.posterior.noise.rho[n])
         if joint.posterior.used[n]:
             sigma = float(joint.posterior.noise.sigma[n])
-            found[test.name] = CurveNoise(sigma, rho, size * (1 - rho) / (1 + rho), size)
+            found[test.name] = CurveNoise(
+                sigma, rho, size * (1 - rho) / (1 + rho), size, whiteness(np.eye(size), left[curves.slices[n]])
+            )
     return found
 
 
@@ -211,6 +220,7 @@ def _alone(case: Case, fit: WideFit) -> dict[str, TestAlone]:
     """The parameters that each test determines alone, on the surrogate of the best alternative."""
     tests, joint = fit.problem.tests, fit.best.fit
     curves = joint.posterior.curves
+    limit = limit_of(tuple(_noise(fit).values()))
     found = {}
     for n, test in enumerate(tests if len(tests) > 1 else ()):
         used = [k == n for k in range(len(tests))]
@@ -220,7 +230,7 @@ def _alone(case: Case, fit: WideFit) -> dict[str, TestAlone]:
         for k, path in joint_profiles(single).items():
             name = curves.free[k]
             value, span = _values(single, k, single.mode.z[[k]])[0], _span(single, k, path.interval)
-            rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], ""))
+            rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))
         found[test.name] = TestAlone(rmse(test, force), None, rows)
     return found
 
@@ -239,9 +249,10 @@ def _notes(fit: WideFit) -> Iterator[str]:
         yield MESH.format(most=np.abs(fit.mesh.correction).max(), elements=fit.elements)
     if not fit.best.fit.reached:
         yield UNPROVED
-    smooth = [known for known in _noise(fit).values() if known.autocorrelation > SMOOTH]
-    if smooth:
+    if any(known.systematic for known in _noise(fit).values()):
         yield MISFIT
+    if len(fit.problem.tests) > 1:
+        yield NOT_COMPARED
     best: WideAlternative = fit.best
     if best.changes:
         yield f"the values are those under {best.name}, the most probable alternative, and not those of the case"
