@@ -139,7 +139,9 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         predicted=predicted,
         published=published,
         conclusions=(
-            *contradictions(predicted), *conclusions(estimates, len(problem.tests), published), *warnings_of(exact, estimates)
+            *contradictions(predicted),
+            *conclusions(estimates, len(problem.tests), published),
+            *warnings_of(exact, estimates),
         ),
         notes=(*notes, *findings.notes),
         taken_as_known=exact,
