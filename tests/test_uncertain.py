@@ -312,7 +312,7 @@ def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
     assert found["friction"].parameters["zeta"] == pytest.approx(4, rel=0.02)
     assert found["base"].parameters["mu"] == pytest.approx(1.5, rel=2e-3)
     assert found["offset"].parameters["mu"] > 1.52  # a later contact asks for a stiffer material
-    mu = ParameterEstimate(1.5, "kPa", interval=(1.45, 1.55), verdict="determined (+-3 %)")
+    mu = ParameterEstimate(1.5, "kPa", interval=(1.45, 1.55), verdict="determined (+-3 %); limited by the noise")
     said = list(warnings_of(tuple(found.values()), {"mu": mu}))
     assert any(
         text.startswith("friction 0.5 is taken as known") and f"mu {found['friction'].parameters['mu']:.3g}" in text

@@ -18,6 +18,7 @@ from indentfit.inference.inputs import OTHER_BASE, Solution
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import ParameterEstimate
 from indentfit.inference.shares import WhatIf
+from indentfit.inference.verdicts import kind_of
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.surrogate import Surrogate
 
@@ -74,7 +75,7 @@ def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEsti
 
 
 def _left(known: ParameterEstimate | None, value: float) -> bool:
-    if known is None or known.interval is None or not (known.verdict or "").rpartition("; ")[2].startswith("determined"):
+    if known is None or known.interval is None or kind_of(known) != "determined":
         return False
     return not known.interval[0] <= value <= known.interval[1]
 
