@@ -1,7 +1,5 @@
 """What a fit says about its own certainty: errors under correlated noise, profiles, single tests, uncertain inputs."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from fixtures.cases import coarse_case, white_matter
@@ -209,7 +207,7 @@ def test_profiles_of_every_method_end_where_the_misfit_has_grown_to_its_limit(me
     solved = methods.solve(whole, pool, options)
     optimum = solved.optimum
     spent = pool.evaluations
-    found = certainty.certainty(SimpleNamespace(fit=options), whole, pool, solved)
+    found = certainty.certainty(white_matter().model_copy(update={"fit": options}), whole, pool, solved)
     known = found.known
     assert pool.evaluations - spent <= 9  # six ends, each test alone, and one more
     said = " ".join(found.notes)

@@ -349,7 +349,7 @@ try:
 except SystemExit as end:
     assert end.code == 0
 print("HEAVY", [name for name in {HEAVY} if name in sys.modules])"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.rstrip().endswith("HEAVY ['numpy', 'pydantic', 'indentfit.case', 'indentfit.material']")
 
 

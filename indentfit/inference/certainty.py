@@ -319,7 +319,8 @@ def _estimates(
 ) -> dict[str, ParameterEstimate]:
     """Each free parameter with its interval, by its profile if it has one, widened by uncertain inputs."""
     problem, best, known = solution.problem, solution.best, solution.known
-    limited = limits(uncertain, noise_of(problem, alone_known), problem.free, mesh_size(solution.case))
+    mesh = mesh_size(solution.case) if "mesh" in uncertain.inputs else None
+    limited = limits(uncertain, noise_of(problem, alone_known), problem.free, mesh)
     estimates = {}
     for n, (name, bounds) in enumerate(problem.free.items()):
         linear: Interval = (float(known.interval[n, 0]), float(known.interval[n, 1]))

@@ -68,7 +68,7 @@ class Limit:
 
 
 def limits(
-    uncertain: UncertainInputs, noise: Mapping[str, CurveNoise], free: Mapping[str, object], mesh: MeshSize
+    uncertain: UncertainInputs, noise: Mapping[str, CurveNoise], free: Mapping[str, object], mesh: MeshSize | None
 ) -> dict[str, Limit]:
     """What limits each free parameter.
 
@@ -80,7 +80,8 @@ def limits(
     uncertain : UncertainInputs
     noise : dict of test -> CurveNoise
     free : the names of the free parameters
-    mesh : MeshSize
+    mesh : MeshSize or None
+        None where the mesh is not among the uncertain inputs.
 
     Returns
     -------
@@ -90,7 +91,7 @@ def limits(
     return {name: _limit(name, uncertain, residuals, mesh) for name in free}
 
 
-def _limit(name: str, uncertain: UncertainInputs, residuals: str, mesh: MeshSize) -> Limit:
+def _limit(name: str, uncertain: UncertainInputs, residuals: str, mesh: MeshSize | None) -> Limit:
     shares = {cause: known.share.get(name) or 0.0 for cause, known in uncertain.inputs.items()}
     largest = max(shares, key=lambda cause: shares[cause], default=None)
     own = 1 - sum(shares.values())
