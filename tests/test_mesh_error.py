@@ -87,3 +87,31 @@ def test_a_number_of_elements_that_cannot_be_had_is_said():
 
     assert "mesh.elements = 20 cannot be had: the nearest mesh has" in remark(20)
     assert not remark(240)
+
+
+@pytest.mark.parametrize("symmetry", ["axisymmetric", "quarter"])
+def test_a_sample_of_micrometres_has_the_mesh_and_the_force_of_a_sample_of_millimetres(symmetry):
+    """Lengths a thousandth: the force is a millionth, and as many elements can be had."""
+
+    def solved(scale):
+        sample = Sample(shape="disc", diameter=4 * scale, thickness=1.0 * scale, base="bonded")
+        ball, depth = Indenter(shape="sphere", diameter=1.0 * scale, friction=0), 0.1 * scale
+        model = Model(Setup(sample, ball, Mesh(elements=80), Solver(), depth, symmetry))
+        return model.mesh.nelements, model.run(Press(GEL, 100.0, 0, np.array([depth / 2, depth]))).force[-1]
+
+    (few, large), (as_few, small) = solved(1.0), solved(1e-3)
+    assert few == as_few
+    assert small == pytest.approx(1e-6 * large, rel=1e-4)
+
+
+def test_the_coarsest_bricks_are_judged_by_a_finer_mesh():
+    """Eight-node bricks under a bead: half of the force is the mesh's error, and the band holds it."""
+    sample = Sample(shape="disc", diameter=0.04, thickness=0.01, base="bonded")
+    bead, depth = Indenter(shape="sphere", diameter=0.005, friction=0), 5e-4
+    presses = [Press(GEL, 1000.0, 0, np.array([depth / 2, depth]))]
+    coarse = Setup(sample, bead, Mesh(elements=60), Solver(element="q1p0"), depth, "quarter")
+    test = with_mesh_errors(Model(coarse).simulate(presses), coarse, presses).tests[0]
+    right = Model(Setup(sample, bead, Mesh(), Solver(), depth, "axisymmetric")).run(presses[0]).force[-1]
+    error = abs(test.force[-1] - right)
+    assert error > 0.3 * test.force[-1]
+    assert error <= test.mesh_error.band[-1] <= 4 * error

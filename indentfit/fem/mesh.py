@@ -58,6 +58,7 @@ FAMILIES = {  # the defaults take a second or a few
 # Nor can an edge be made that sharp. At the rim, where the sample's side rolls up against the strip layer by layer, each
 # with a snap, elements are as wide as the depth over ROLLS.
 DEPTHS, ROLLS = 12, 3
+FINEST = 0.01  # smallest size of a mesh, mm; on samples thinner than 1 mm, of the thickness
 ROUND_DEFAULT = 3.0  # elements of a default mesh under a round contact, over those under a strip
 GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
 FEWEST = 20
@@ -72,6 +73,11 @@ class _Task:
     indenter: IndenterShape
     depth: float
     family: Family
+
+    @property
+    def finest(self) -> float:
+        """The smallest size that is tried, mm: on thin samples in proportion to the thickness."""
+        return FINEST * min(1.0, self.thickness)
 
     @classmethod
     def of(cls, sample: Sample, indenter: Indenter, element: str, depth: float | None) -> "_Task":
@@ -134,14 +140,14 @@ def _default(task: _Task, error: float) -> int:
 @functools.lru_cache(maxsize=256)
 def _size_for(task: _Task, elements: int) -> float:
     """Size at which the mesh has about `elements` elements: the base mesh's size, or the middle of the sizes with this number."""
-    own, coarsest = functools.partial(_count, task), 5 * task.thickness
-    nearest = min(_neighbours(own, elements, coarsest), key=lambda size: abs(np.log(own(size) / elements)))
+    own, range_of_sizes = functools.partial(_count, task), (task.finest, 5 * task.thickness)
+    nearest = min(_neighbours(own, elements, *range_of_sizes), key=lambda size: abs(np.log(own(size) / elements)))
     number = own(nearest)
     base = _base_size(task)
     if elements == task.family.base or own(base) == number:
         return base
-    finest = _neighbours(own, number, coarsest)[1]
-    middle = np.sqrt(finest * _neighbours(own, number - 1, 1.5 * finest)[0])
+    finest = _neighbours(own, number, *range_of_sizes)[1]
+    middle = np.sqrt(finest * _neighbours(own, number - 1, task.finest, 1.5 * finest)[0])
     return next(size for size in (middle, finest, nearest) if own(size) == number)  # numbers may fall where sizes do
 
 
@@ -149,12 +155,12 @@ def _size_for(task: _Task, elements: int) -> float:
 def _base_size(task: _Task) -> float:
     """Size of the base mesh: the numbers of its elements in each direction are rounded up, each on its own."""
     own, wanted = functools.partial(_count, task, scaled=False), task.family.base
-    return min(_neighbours(own, wanted, 5 * task.thickness), key=lambda size: abs(np.log(own(size) / wanted)))
+    return min(_neighbours(own, wanted, task.finest, 5 * task.thickness), key=lambda size: abs(np.log(own(size) / wanted)))
 
 
-def _neighbours(number: Callable[[float], int], elements: int, coarsest: float) -> tuple[float, float]:
+def _neighbours(number: Callable[[float], int], elements: int, finest: float, coarsest: float) -> tuple[float, float]:
     """The largest size, mm, whose mesh has more than `elements` elements, and the smallest with no more, by bisection."""
-    low, high = np.log(0.01), np.log(coarsest)
+    low, high = np.log(finest), np.log(coarsest)
     for _ in range(30):
         middle = (low + high) / 2
         if number(np.exp(middle)) > elements:

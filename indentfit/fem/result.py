@@ -21,7 +21,7 @@ class ForceError:
     band : array (n,), mN
         At each displacement the exact force is within this of the force on the mesh, in 95 of 100 contacts.
     elements : int
-        Number of elements of the coarser mesh, from which the band was estimated.
+        Number of elements of the second mesh, from which the band was estimated.
     remark : str
         Why meshes say little about the error, and what would help; mostly empty.
     """

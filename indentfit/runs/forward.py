@@ -111,7 +111,7 @@ def simulate(
         By default the start values of the case.
     progress : called with (what is computed, share of all work that is done)
     mesh_error : bool
-        Whether a second, coarser mesh is solved to state the error of the forces by the mesh.
+        Whether a second mesh is solved to state the error of the forces by the mesh.
 
     Returns
     -------
