@@ -18,7 +18,7 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
         f"Indenter: {case.indenter}",
         f"Material: {material.model or material.energy}, {bulk}",
         *([f"Energy: {' '.join(case.equation.split())}"] if case.equation else []),
-        f"Mesh of the quarter sample: {asked or 'the default'}, {case.element} bricks",
+        f"Mesh: {asked or 'chosen for an error of the force'}, {case.element} elements",
     ]
     return tuple(lines)
 

@@ -20,7 +20,7 @@ PEAKS = (
 )  # fmt: skip
 SHARES = ("penalty_error", "edge_slip", "residual_error")
 FACTS = {
-    "elements": "Elements of the quarter sample",
+    "elements": "Elements of the mesh",
     "dofs": "Degrees of freedom",
     "element": "Element (q2p1: quadratic, linear pressure; q1p0: mean dilatation)",
     "smallest_mm": "Size of the smallest element (mm)",

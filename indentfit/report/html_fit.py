@@ -1,7 +1,7 @@
 """The page of a fit."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -44,13 +44,19 @@ def fit_page(stored: Stored, result: FitResult) -> Page:
 def _lead(result: FitResult) -> str:
     """The fitted parameters in a sentence."""
     free = {name: result.parameters[name] for name in result.free}
-    words = [f"{name} = {number(known.value)}{_unit(known.unit, ' ')}" for name, known in free.items()]
+    words = [_estimate(name, known) for name, known in free.items()]
     clear = [name for name, known in free.items() if (known.verdict or "").startswith("determined")]
     unclear = [name for name in free if name not in clear]
     end = f" The curves determine {_and(clear)}." if clear else " The curves determine none of these."
     if clear and unclear:
         end = f" The curves determine {_and(clear)}, but not {_and(unclear)} well."
     return f"{', '.join(words)}.{end}"
+
+
+def _estimate(name: str, known: ParameterEstimate) -> str:
+    """A parameter with its value; a value at a bound is the bound's, not the curves'."""
+    value = f"{number(known.value)}{_unit(known.unit, ' ')}"
+    return f"{name} at its {known.at_bound} bound ({value})" if known.at_bound else f"{name} = {value}"
 
 
 def _and(words: Sequence[str]) -> str:
@@ -95,13 +101,20 @@ def _curves(stored: Stored, result: FitResult) -> Section:
         parts.append(Figures((drawn(figure, FITTED, _alt_of_fit(result, measured, fitted)),)))
     else:
         parts.append(Text("There are no fitted curves: the mechanics failed at every point of the search.", warning=True))
-    rows = tuple((name, number(value)) for name, value in result.rmse.items())
+    rows = tuple((name, number(value), *_relative(result, name)) for name, value in result.rmse.items())
     if rows:
-        parts.append(Table("Root mean square error of each test", ("Test", "RMSE (mN)"), rows))
+        header = ("Test", "RMSE (mN)", "RMSE over the largest force", "R2")
+        parts.append(Table("Root mean square error of each test", header, rows))
     if result.objective is not None:
         squares = f"Weighted sum of their squares: {number(result.sum_of_squares)} mN²."
         parts.append(Text(f"Objective, the weighted sum of the tests' RMSEs: {number(result.objective)} mN. {squares}"))
     return Section("fit", "The fit", tuple(parts))
+
+
+def _relative(result: FitResult, test: str) -> tuple[str, str]:
+    """The misfit of a test over its largest force, and R2; results of earlier versions have neither."""
+    known = result.misfit.get(test)
+    return ("–", "–") if known is None else (f"{known.relative:.2%}", "–" if known.r2 is None else f"{known.r2:.4f}")
 
 
 def read_fitted(path: Path) -> tuple[Curves, Curves]:
@@ -121,7 +134,7 @@ def _identifiability(result: FitResult) -> Section:
     if result.conclusions:
         parts.append(Lines(tuple(f"{sentence[:1].upper()}{sentence[1:]}" for sentence in result.conclusions)))
     parts += _correlation(result) + _directions(result) + _profiles(result) + _tests_alone(result)
-    parts += _uncertain(result) + _weights_scan(result)
+    parts += _uncertain(result) + _taken_as_known(result) + _weights_scan(result)
     if not parts:
         parts = [Text("Not known: the fit stopped before the errors of its parameters were found.", warning=True)]
     return Section("identifiability", "What the curves determine", tuple(parts))
@@ -188,6 +201,22 @@ def _uncertain(result: FitResult) -> list[Part]:
     if effect := effect_of_base(result.uncertain):
         parts.append(Text(f"{effect[:1].upper()}{effect[1:]}."))
     return parts
+
+
+def _taken_as_known(result: FitResult) -> list[Part]:
+    """The inputs that the case gives as exact, and the parameters at other values of them."""
+    if not result.taken_as_known:
+        return []
+    rows = tuple(
+        (known.input, known.taken, known.other if known.parameters else "–", *_what_if(known.parameters, result.free))
+        for known in result.taken_as_known
+    )
+    header = ("Input", "Taken as known", "If it were", *(f"{name} would be" for name in result.free))
+    return [Table("Inputs that the case gives as exact: their errors are not in the intervals", header, rows)]
+
+
+def _what_if(parameters: Mapping[str, float] | None, free: Sequence[str]) -> tuple[str, ...]:
+    return tuple("–" if parameters is None else number(parameters[name], 3) for name in free)
 
 
 def _weights_scan(result: FitResult) -> list[Part]:
