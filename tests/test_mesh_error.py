@@ -1,8 +1,10 @@
 """The stated error of the force by the mesh, and meshes that are chosen for an error."""
 
+import json
+
 import numpy as np
 import pytest
-from fixtures.cases import tiny_case
+from fixtures.cases import SHARED, tiny_case
 
 from indentfit.case import Indenter, Mesh, Sample, Solver
 from indentfit.errors import CaseError
@@ -50,6 +52,17 @@ def test_a_sharp_edge_that_slides_at_large_strain_states_its_own_error_and_the_r
     punch = {"shape": "cylinder", "diameter": 2.0, "friction": 0}
     deep, shallow = (stated(punch, "bonded", [d / 2, d], 0.3, elements=60).mesh_error for d in (0.1, 0.001))
     assert "edge_radius" in deep.remark and not shallow.remark
+
+
+@pytest.mark.skipif(not (SHARED / "oracles").is_dir(), reason="../shared/oracles is not here")
+def test_the_band_of_a_sharp_edge_that_sticks_holds_another_code_s_force():
+    oracle = json.loads((SHARED / "oracles" / "axi_punch_a0.5_stick_bonded.json").read_text())
+    depths, right = (np.array(oracle[key][:5]) for key in ("displacement_mm", "force_mN"))
+    sample = Sample(shape="disc", diameter=12.0, thickness=1.0, base="bonded")
+    punch = Indenter(shape="cylinder", diameter=1.0, friction="stick")
+    setup, presses = Setup(sample, punch, Mesh(), Solver(), depths[-1], "axisymmetric"), [Press(GEL, 1000.0, 0, depths)]
+    test = with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
+    assert (np.abs(test.force - right) <= test.mesh_error.band + 1e-3 * right).all()
 
 
 def test_an_incompressible_gel_is_solved_and_meets_the_exact_layer():

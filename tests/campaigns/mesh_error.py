@@ -41,7 +41,7 @@ def layers():
                 depth, indenter = 1e-3 * a, Indenter(shape="cylinder", diameter=2 * a, friction=0)
                 exact = layer.punch_stiffness(a) * depth
             else:  # F R depends on depth R only: a large radius at a small depth is a paraboloid at small strain
-                depth, radius = a**2 / 100, 100.0
+                depth, radius = a**2 / 1e3, 1e3
                 indenter = Indenter(shape="sphere", diameter=2 * radius, friction=0)
                 exact = float(layer.sphere_force(radius, np.array([depth]))[0])
             yield Setup(sample, indenter, Mesh(), Solver(), depth, "axisymmetric"), ratio(nu), exact
