@@ -130,6 +130,11 @@ def size(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0", 
     return mesh.size or _size_for(task, mesh.elements or _default(task, mesh.wanted_error))
 
 
+def edge_width(sample: Sample, indenter: Indenter, mesh: Mesh, element: str, depth: float) -> float:
+    """Width of the elements at the edge of the contact at the largest depth, mm, of the mesh that `quarter` makes."""
+    return _grading(_Task.of(sample, indenter, element, depth), size(sample, indenter, mesh, element, depth), 1.0).edge
+
+
 def _default(task: _Task, error: float) -> int:
     """Number of elements that keeps an error of the force: more under a round contact, whose whole edge is fine."""
     round_contact = isinstance(task.indenter.partition(task.depth), Rings)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from indentfit.arrays import Array
 from indentfit.curve import Curve
 from indentfit.fem.equilibrium import Equilibrium
@@ -33,6 +35,10 @@ class ForceError:
     def share(self, force: Array) -> float:
         """The band at the last displacement, as a share of the force (n,) there."""
         return float(self.band[-1] / max(abs(force[-1]), 1e-300))
+
+    def largest_share(self, force: Array) -> float:
+        """The largest band over the force (n,) at the same displacement."""
+        return float(np.max(self.band / np.maximum(np.abs(force), 1e-300)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,10 +105,16 @@ def mesh_error_lines(test: TestResult) -> Iterator[str]:
     if isinstance(error, ForceError):
         yield (
             f"error     {test.name}: the mesh errs by at most {error.share(test.force):.1%} of the last force "
-            f"(95 %, by a mesh of {error.elements:,} elements){error.remark and '; ' + error.remark}"
+            f"{_at_small_depths(error, test)}(95 %, by a mesh of {error.elements:,} elements){error.remark and '; ' + error.remark}"
         )
     elif error is not None:
         yield f"error     {test.name}: the error by the mesh is not known: {error}"
+
+
+def _at_small_depths(error: ForceError, test: TestResult) -> str:
+    """The error at other depths, where it is more than twice that of the last force."""
+    worst = error.largest_share(test.force)
+    return f"and {worst:.0%} of a smaller one " if worst > 2 * error.share(test.force) else ""
 
 
 def _solver(solver: SolverFacts) -> Iterator[str]:
