@@ -20,6 +20,7 @@ from .inference.fit import fit as fit
 from .material import Material as Material
 from .material import Parameter as Parameter
 from .runs.forward import simulate as simulate
+from .study.compare import compare as compare
 from .study.design import design as design
 from .study.mesh_check import mesh_check as mesh_check
 from .study.sweep import sweep as sweep

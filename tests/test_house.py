@@ -33,6 +33,10 @@ LAZY = {
         "indentfit.report.fields.FieldChoice", "indentfit.report.plots.force_displacement",
         "indentfit.report.study_folder.write_simulation", "indentfit.report.text.simulation_lines",
     },
+    "study/compare.py": {
+        "indentfit.report.comparison.comparison_figure", "indentfit.report.comparison.comparison_lines",
+        "indentfit.report.comparison_folder.write_comparison",
+    },
     "study/sweep.py": {
         "indentfit.report.study_folder.write_study", "indentfit.report.study_text.html_table",
         "indentfit.report.study_text.sweep_lines", "indentfit.report.study_text.sweep_rows", "indentfit.report.sweep.overview",

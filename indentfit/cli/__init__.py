@@ -21,6 +21,7 @@ COMMANDS = {
     "process": "Turn raw records into curves and stiffnesses.",
     "simulate": "Compute the curves of a case, and its stresses.",
     "fit": "Find the parameters that its curves ask for.",
+    "compare": "Say which of several laws the curves prefer.",
     "design": "Say which test to do next.",
     "sweep": "Vary keys of a case: curves and ranked sensitivities.",
     "mesh-check": "How exact a mesh is, and what that costs.",

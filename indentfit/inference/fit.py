@@ -19,13 +19,14 @@ from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.moduli import moduli
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inference.wide_certainty import wide_certainty
-from indentfit.inference.wide_fit import wide_fit, widens
+from indentfit.inference.wide_fit import WideFit, wide_fit, widens
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.methods import Solved, solve
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
 from indentfit.runs.closed_form import closed_forms
+from indentfit.runs.forward import Evaluation
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import UNITS, setup_of
 from indentfit.runs.pool import RunPool
@@ -70,6 +71,39 @@ def fit(
     Stopped, WorkerError, LedgerError
         As `RunPool.evaluate` raises them.
     """
+    return fit_with_runs(case, progress, ledger, cluster, stop).result
+
+
+@dataclass(frozen=True, eq=False)
+class FitWithRuns:
+    """A fit with what it was made of, so that other curves of the same law can be predicted.
+
+    Parameters
+    ----------
+    result : FitResult
+    problem : InverseProblem
+    solved : Solved
+    wide : WideFit or None
+        The joint fit, where uncertain inputs are coordinates.
+    runs : tuple of Evaluation
+        All runs of the search, at the reference of the scale.
+    """
+
+    result: FitResult
+    problem: InverseProblem
+    solved: Solved
+    wide: WideFit | None
+    runs: tuple[Evaluation, ...]
+
+
+def fit_with_runs(
+    case: Case,
+    progress: Callable[[float, str], object] | None = None,
+    ledger: Ledger | None = None,
+    cluster: str | None = None,
+    stop: Callable[[], int] | None = None,
+) -> FitWithRuns:
+    """The fit of a case with its runs; arguments and errors are those of `fit`."""
     require_fittable(case)
     started, problem = time.perf_counter(), inverse_problem(case)
     model = Model(setup_of(case))  # refuses an impossible mesh before any worker is started
@@ -89,7 +123,8 @@ def fit(
     result = _result(case, problem, solved, known, work)
     if gross is not None:
         result = without_meaning(result, gross)
-    return replace(result, seconds=time.perf_counter() - started)
+    result = replace(result, seconds=time.perf_counter() - started)
+    return FitWithRuns(result, problem, solved, wide, tuple(watched.known))
 
 
 def without_meaning(result: FitResult, why: str) -> FitResult:

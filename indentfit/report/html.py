@@ -11,6 +11,7 @@ import jinja2
 from indentfit.errors import OutputError
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
+from indentfit.report.html_comparison import comparison_page
 from indentfit.report.html_design import design_page
 from indentfit.report.html_fit import fit_page
 from indentfit.report.html_process import process_page
@@ -20,6 +21,7 @@ from indentfit.report.html_studies import mesh_check_page, sweep_page
 from indentfit.report.page import Page, render
 from indentfit.report.schema import DAMAGE, Stored, read_result
 from indentfit.report.stored_process import StoredProcess
+from indentfit.study.compare import Comparison
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
@@ -65,6 +67,8 @@ def _page(stored: Stored) -> Page:
         return mesh_check_page(stored, result)
     if isinstance(result, Design):
         return design_page(stored, result)
+    if isinstance(result, Comparison):
+        return comparison_page(stored, result)
     if isinstance(result, PerSample):
         return per_sample_page(stored, result)
     return process_page(stored, result) if isinstance(result, StoredProcess) else simulation_page(stored, result)

@@ -23,6 +23,7 @@ from indentfit.report.stored_process import StoredProcess
 from indentfit.runs.closed_form import ClosedForm
 from indentfit.runs.simulated import SimulatedCase
 from indentfit.shapes import Registry
+from indentfit.study.compare import Comparison
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
@@ -128,7 +129,7 @@ class Stored:
     Parameters
     ----------
     folder : Path
-    result : FitResult, PerSample, Sweep, MeshCheck, Design, StoredSimulation or StoredProcess
+    result : FitResult, PerSample, Sweep, MeshCheck, Design, Comparison, StoredSimulation or StoredProcess
     case : CaseFacts or None
     overrides : tuple of "KEY=VALUE"
         Overrides with which the copy of the case is the case that was run.
@@ -137,7 +138,7 @@ class Stored:
     """
 
     folder: Path
-    result: "FitResult | PerSample | Sweep | MeshCheck | Design | StoredSimulation | StoredProcess"
+    result: "FitResult | PerSample | Sweep | MeshCheck | Design | Comparison | StoredSimulation | StoredProcess"
     case: CaseFacts | None
     overrides: tuple[str, ...]
     case_hash: str | None
@@ -155,6 +156,7 @@ READERS: dict[str, Reader] = {
     MeshCheck.FORMAT: MeshCheck.from_json,
     SimulatedCase.FORMAT: StoredSimulation.from_json,
     Design.FORMAT: Design.from_json,
+    Comparison.FORMAT: Comparison.from_json,
     PerSample.FORMAT: PerSample.from_json,
     StoredProcess.FORMAT: StoredProcess.from_json,
 }

@@ -1,0 +1,121 @@
+"""Campaign of `compare`: is the preferred law the right one?
+
+    python tests/campaigns/law_choice.py [--draws 50] [--mesh 0.005] [--noise 0.01]
+
+Curves of four laws (neo-Hookean, Ogden, the paper's, Holzapfel), at random parameters and with white noise, on a disc under a strip
+in two directions; five laws are listed (Mooney-Rivlin too). Each law's surrogate is trained once, over all of its ranges, on 100
+eight-node bricks; curves, fits and evidences then need no run. Right is the simplest listed law that contains the truth, which
+is the law that made the curves. `--mesh` is the error of the forces by the mesh that the evidences count with.
+
+MEASURED
+"""
+
+import argparse
+import collections
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import qmc
+
+from indentfit.experiment.measured import read_case
+from indentfit.inference.evidence import evidence
+from indentfit.inference.law_choice import Weighed, choose
+from indentfit.inference.law_curves import PlainCurves
+from indentfit.inference.residual_noise import unknown_noise
+from indentfit.inverse.derivatives import evaluate_at_reference
+from indentfit.inverse.problem import inverse_problem
+from indentfit.inverse.surrogate import learn
+from indentfit.runs.pool import RunPool
+from indentfit.study.law_ranges import law_case
+
+CASE = Path(__file__).parents[2] / "cases" / "quickstart" / "case.toml"
+MODULUS = 1.5  # kPa
+PLACES = {"neo_hookean": 0, "ogden": 30, "mooney_rivlin": 30, "transversely_isotropic": 40, "holzapfel": 90}
+HELD_OUT = 6
+TRUTHS = {
+    "neo_hookean": {"mu": (0.6, 3.0)},
+    "ogden": {"mu": (0.6, 3.0), "alpha": (-15.0, 25.0)},
+    "transversely_isotropic": {"mu": (0.6, 3.0), "zeta": (1.0, 15.0), "phi": (0.2, 3.0)},
+    "holzapfel": {"c": (0.6, 3.0), "k1": (2.0, 20.0), "k2": (0.5, 25.0), "dispersion": (0.0, 0.25)},
+}
+
+
+def trained(law):
+    """The curves of a law all over its ranges."""
+    case = law_case(read_case(CASE), law, MODULUS, {})
+    problem = inverse_problem(case)
+    with RunPool(case, 1) as pool:
+        if not problem.searched:
+            force = evaluate_at_reference(problem, pool, [problem.start])[0].forces
+            return PlainCurves(problem, None, np.concatenate(force), np.full(1, 0.5))
+        places = qmc.Sobol(len(problem.searched), seed=1).random(PLACES[law] + HELD_OUT)
+        units = np.full((len(places), len(problem.free)), 0.2)
+        units[:, problem.searched_numbers] = places
+        points = [problem.parameters(row) for row in units]
+        names = [name for name in problem.searched if name not in problem.differences]
+        runs = pool.evaluate([problem.at_reference(point) for point in points], None, names)
+    surrogate = learn(problem, runs[:-HELD_OUT])
+    errors = []
+    for place, run in zip(places[-HELD_OUT:], runs[-HELD_OUT:], strict=True):
+        if run.forces is not None:
+            whole = np.concatenate(run.forces)
+            errors.append(np.abs(surrogate.curves(place[None])[0] - whole).max() / whole.max())
+    failed = sum(run.forces is None for run in runs)
+    print(f"{law}: degree {surrogate.degree} on {len(surrogate.training)} sets, {failed} failed; held out {np.round(errors, 4)}")
+    return PlainCurves(problem, surrogate, np.zeros(0), np.full(len(problem.free), 0.3))
+
+
+def unit_of(curves, truth):
+    return np.clip(curves.problem.units({**curves.problem.start, **truth}), 0, 1)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draws", type=int, default=50)
+    parser.add_argument("--mesh", type=float, default=0.005)
+    parser.add_argument("--noise", type=float, default=0.01)
+    asked = parser.parse_args()
+    laws = {law: trained(law) for law in PLACES}
+    print(f"trained in {time.process_time():.0f} s of CPU", flush=True)
+    rng, total = np.random.default_rng(0), collections.Counter()
+    for law, ranges in TRUTHS.items():
+        counts = collections.Counter()
+        for _ in range(asked.draws):
+            truth = {name: float(rng.uniform(*bounds)) for name, bounds in ranges.items()}
+            forces = laws[law].forces(unit_of(laws[law], truth)[None])[0]
+            said = verdict(laws, forces, asked, rng)
+            kind = "right" if said == law else "abstains" if said is None else f"wrong: {said}"
+            counts[kind] += 1
+            if said not in (law, None):
+                print(f"{law} {truth}: {said}")
+        print(f"{law}: {dict(counts)}", flush=True)
+        total += counts
+    number = sum(total.values())
+    wrong = sum(count for kind, count in total.items() if kind.startswith("wrong"))
+    print(
+        f"of {number}: right {total['right'] / number:.1%}, abstains {total['abstains'] / number:.1%}, wrong {wrong / number:.1%}"
+    )
+    print(f"{time.process_time():.0f} s of CPU")
+
+
+def verdict(laws, forces, asked, rng):
+    """The preferred law of noisy curves."""
+    weighed = {}
+    noisy = None
+    for law, curves in laws.items():
+        problem = curves.problem
+        if noisy is None:
+            ends = np.cumsum([test.curve.force.size for test in problem.tests])[:-1]
+            noisy = [force + asked.noise * force.max() * rng.standard_normal(force.size) for force in np.split(forces, ends)]
+        measured = replace(curves, problem=problem.measured(noisy))
+        found = evidence(measured, unknown_noise(measured.problem, asked.mesh), 0)
+        off = measured.forces(found.best[None])[0] - np.concatenate(noisy)
+        misfit = max(np.sqrt(np.mean(part**2)) / force.max() for part, force in zip(np.split(off, ends), noisy, strict=True))
+        weighed[law] = Weighed(found.log, found.log, float(misfit))
+    return choose(weighed).preferred
+
+
+if __name__ == "__main__":
+    main()
