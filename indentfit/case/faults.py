@@ -145,6 +145,7 @@ def faults_of_fibres(choice: MaterialChoice | None, law: type[Material] | None, 
 def faults_across(parts: Parts) -> Iterator[Fault]:
     """Faults between tables that are each correct."""
     yield from _equal_names(parts.tests)
+    yield from _faults_of_time(parts)
     if parts.sample is None:
         return
     depths = [depth_of(test, curve) for test, curve in zip(parts.tests, parts.curves, strict=True)]
@@ -154,6 +155,23 @@ def faults_across(parts: Parts) -> Iterator[Fault]:
     yield from _faults_of_uncertain(parts)
     if parts.indenter is not None:
         yield from _indenter_too_wide(parts.sample, parts.indenter, max((depth for depth in depths if depth), default=0.0))
+
+
+def _faults_of_time(parts: Parts) -> Iterator[Fault]:
+    """Faults where a material relaxes in a test without a rate, or a test has a rate that no material asks for."""
+    if parts.material is None:
+        return
+    relaxes = parts.material.relaxation is not None
+    for label, test in zip(labels([test and test.name for test in parts.tests]), parts.tests, strict=True):
+        if test is None:
+            continue
+        given = [key for key in ("rate", "ramp", "hold") if getattr(test, key) is not None]
+        if relaxes and not {"rate", "ramp"} & {*given, *(test.model_fields_set & {"rate", "ramp"})}:
+            text = "missing; the material relaxes: give the velocity in the ramp (rate, mm/s) or the duration of the ramp (ramp, s)"
+            yield Fault(("test", label, "rate"), MISSING, text)
+        if not relaxes and given:
+            text = "has no effect without a table [material.relaxation]; add the table, or remove this key"
+            yield Fault(("test", label, given[0]), getattr(test, given[0]), text)
 
 
 def labels(names: Sequence[object]) -> list[str]:

@@ -28,6 +28,7 @@ from indentfit.case.quantities import (
     is_number,
     refusal,
 )
+from indentfit.case.relaxation import Relaxation, Seconds, Velocity
 from indentfit.case.section import Section, either, known
 from indentfit.curve import Curve
 from indentfit.shapes import keys_of
@@ -244,6 +245,7 @@ class MaterialChoice(Section):
         description="Poisson's ratio nu, instead of bulk_ratio = 2 (1 + nu) / (3 (1 - 2 nu)); 0.5 is exactly incompressible; for "
         "materials without fibres",
     )
+    relaxation: Relaxation | None = Field(default=None, description="table of the relaxation of the stress in time")
 
     @model_validator(mode="before")
     @classmethod
@@ -311,6 +313,8 @@ class Test(Section):
         "curve": frozenset({"depth", "points", "record"}),
         "record": frozenset({"depth", "points", "curve"}),
         "depth": frozenset({"curve", "record"}),
+        "rate": frozenset({"ramp"}),
+        "ramp": frozenset({"rate"}),
     }
 
     name: Annotated[Line, Field(max_length=60)] = Field(examples=["parallel"], description="name of the test")
@@ -333,6 +337,15 @@ class Test(Section):
     )
     depth: Length | None = Field(default=None, examples=[0.33], description="depth to simulate, instead of a curve")
     points: int = Field(default=25, ge=1, le=10_000, description="number of points to simulate, with a depth")
+    rate: Velocity | None = Field(
+        default=None, examples=[0.66], description="velocity of the indenter in the ramp, for a material with [material.relaxation]"
+    )
+    ramp: Seconds | None = Field(
+        default=None, examples=[0.5], description="duration of the ramp to the last displacement, instead of rate"
+    )
+    hold: Seconds | None = Field(
+        default=None, examples=[5.0], description="duration of the hold after the ramp, of which `simulate` shows the force"
+    )
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
     )
@@ -341,6 +354,10 @@ class Test(Section):
     def direction(self) -> int:
         """The angle, degrees; 0 where the material has no fibres and the case gives no angle."""
         return 0 if self.angle is None else self.angle
+
+    def rate_to(self, depth: float) -> float | None:
+        """Velocity in a ramp to a depth (mm), mm/s; None where the test has no ramp in time."""
+        return depth / self.ramp if self.ramp is not None else self.rate
 
     def __init__(self, name: str | None = None, /, **keys: Any) -> None:
         super().__init__(**({} if name is None else {"name": name}), **keys)
@@ -354,6 +371,10 @@ class Test(Section):
             yield sources[-1], f"a {sources[0]} is given too; keep one of them"
         if not sources:
             yield "curve", "missing; give the file of the measured curve, or of its raw record (record), or depth (mm)"
+        if known(self.rate, self.ramp):
+            yield "ramp", "a rate is given too; keep one of them"
+        if self.hold is not None and not {"rate", "ramp"} & given:
+            yield "hold", "needs the ramp before it; give test.rate or test.ramp"
         if {"curve", "record"} & given and "points" in given:
             yield "points", "belongs to a test with a depth; the points of a curve are those of its file"
 

@@ -119,6 +119,19 @@ class Body(Protocol):
         """Derivative of the pressure modes of J by each element's displacements, (n_el, n_m, n_n, k)."""
         ...
 
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+        """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
+        ...
+
+    def deformation(self, u: Array) -> Array:
+        """Deformation gradients at the integration points, (n_el, n_q, 3, 3)."""
+        ...
+
+    def prestress(self, S: Array) -> tuple[Array, Array]:
+        """Internal forces (n,), mN, of second Piola-Kirchhoff stresses S (n_el, n_q, 3, 3), kPa, on the body at rest, and CSR
+        values (nnz,), mN/mm, of the derivative of these forces by the displacements, which is constant."""
+        ...
+
     def matrix(self, values: Array) -> sp.csr_matrix:
         """The CSR matrix (n, n) of values (nnz,), which shares the body's pattern."""
         ...

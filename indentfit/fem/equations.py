@@ -7,6 +7,7 @@ plus those of the contact, which remembers a History. Everything here is a value
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.sparse as sp
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError
@@ -32,6 +33,25 @@ class Equations:
 
 
 @dataclass(frozen=True, eq=False)
+class Memory:
+    """Stresses of earlier times that still act on a body: their internal forces are those at rest plus `matrix` times u.
+
+    Parameters
+    ----------
+    at_rest : array (n,), mN
+    matrix : CSR matrix (n, n), mN/mm
+        It has the pattern of the body's tangent.
+    """
+
+    at_rest: Array
+    matrix: sp.csr_matrix = field(repr=False)
+
+    def forces(self, u: Array) -> Array:
+        """Internal forces (n,), mN, at displacements u (n,)."""
+        return self.at_rest + self.matrix @ u
+
+
+@dataclass(frozen=True, eq=False)
 class Loading:
     """The material, springs and directions of one run of a model.
 
@@ -48,6 +68,8 @@ class Loading:
         Springs of the contact.
     directions : tuple of Direction
         Quantities by which the path is differentiated.
+    memory : Memory, or None
+        Stresses of earlier times, of a viscoelastic body (fem.viscous).
     """
 
     material: Material
@@ -56,6 +78,7 @@ class Loading:
     fibre: Array
     springs: Springs
     directions: tuple[Direction, ...] = ()
+    memory: Memory | None = None
 
     def softened(self) -> "Loading":
         """This loading with softer springs, as after a cutback."""
@@ -131,6 +154,9 @@ class Increment:
         residual, values = body.tangent(
             at.u, state, loading.material, at.pressure, loading.kappa, loading.fibre, loading.tangent_bulk
         )
+        if loading.memory is not None:
+            residual += loading.memory.forces(at.u)
+            values += loading.memory.matrix.data
         contact = self.contact(at.u)
         forces = face.residual(contact)
         residual += forces
@@ -158,6 +184,8 @@ class Increment:
             return np.inf
         with np.errstate(all="ignore"):
             residual = body.residual(at.u, state, self.loading.material, at.pressure, fibre)
+        if self.loading.memory is not None:
+            residual += self.loading.memory.forces(at.u)
         residual += self.equations.face.residual(self.contact(at.u, derivative=False))
         if dampers is not None:
             residual += dampers.forces(at.u)

@@ -19,7 +19,18 @@ from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import compiled, on_stack
 from indentfit.fem.body import BodyState
-from indentfit.fem.element import _at_point, _directions, _inverse, _kirchhoff, _moduli, _strain, pressure_modes, sparsity
+from indentfit.fem.element import (
+    _at_point,
+    _directions,
+    _inverse,
+    _kirchhoff,
+    _moduli,
+    _strain,
+    pressure_modes,
+    rows,
+    scattered,
+    sparsity,
+)
 from indentfit.material import Material, checked_derivatives
 
 N_N, N_M, N_D = 9, 3, 18  # nodes, pressure modes and displacements of an element
@@ -116,6 +127,23 @@ class Meridian:
         stress = np.empty((6, *self.weights.shape))
         _LOOPS.cauchy(u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
         return stress
+
+    def deformation(self, u: Array) -> Array:
+        """F at the integration points, (n_el, n_q, 3, 3)."""
+        F = np.broadcast_to(np.eye(3), (*self.weights.shape, 3, 3)).copy()
+        slopes = self.grads @ u[self.dofs][:, None]  # (n_el, n_q, 3, 2)
+        F[..., :2, :2] += slopes[:, :, :2].swapaxes(2, 3)
+        F[..., 2, 2] += slopes[:, :, 2, 0]
+        return F
+
+    def prestress(self, S: Array) -> tuple[Array, Array]:
+        slopes, hoop = self.grads[:, :, :2], self.grads[:, :, 2]
+        pull = (self.weights[..., None, None] * S[..., :2, :2]) @ slopes
+        around = (self.weights * S[..., 2, 2])[..., None] * hoop
+        K = rows(pull).swapaxes(1, 2) @ rows(slopes)
+        forces = pull.sum(axis=1).swapaxes(1, 2)
+        forces[..., 0] += around.sum(axis=1)
+        return scattered(self, forces, [K + around.swapaxes(1, 2) @ hoop, K])
 
     def matrix(self, values: Array) -> sp.csr_matrix:
         return sp.csr_matrix((values, self.indices, self.indptr), shape=(self.n_dofs,) * 2, copy=False)

@@ -1,5 +1,6 @@
 """Results of a simulation: each test's curve with the facts of its solution, and all tests of a case together."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,46 @@ class ForceError:
 
 
 @dataclass(frozen=True, eq=False)
+class TimeCurve:
+    """The force of one test over time, in its ramp and hold.
+
+    Parameters
+    ----------
+    time : array (n,), s
+    displacement : array (n,), mm
+    force : array (n,), mN
+        Force of the whole sample by the viscoelastic model, where that was solved; otherwise the hereditary integral of the elastic
+        force.
+    difference : float, or None
+        Largest relative difference between the two over the solved steps; None where the viscoelastic model was not solved.
+    cause : str
+        Why it was not solved; empty where it was.
+    """
+
+    time: Array
+    displacement: Array
+    force: Array
+    difference: float | None = None
+    cause: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The stable keys of a test's force over time."""
+        return {
+            "time_s": self.time.tolist(),
+            "displacement_mm": self.displacement.tolist(),
+            "force_mN": self.force.tolist(),
+            "hereditary_integral_differs_by": self.difference,
+            **({"not_solved": self.cause} if self.cause else {}),
+        }
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "TimeCurve":
+        """The TimeCurve of these keys."""
+        time, displacement, force = (np.array(value[key]) for key in ("time_s", "displacement_mm", "force_mN"))
+        return cls(time, displacement, force, value["hereditary_integral_differs_by"], value.get("not_solved", ""))
+
+
+@dataclass(frozen=True, eq=False)
 class TestResult:
     """One simulated test.
 
@@ -65,6 +106,8 @@ class TestResult:
         Why the curve ends before the last depth that was asked for; empty where it does not.
     mesh_error : ForceError, a cause, or None
         The error of the forces by the mesh (fem.mesh_error), or why it is not known; None where nobody asked for it.
+    in_time : TimeCurve, or None
+        Force over time, where the material relaxes and time was asked for.
     """
 
     __test__ = False  # not a test of pytest's
@@ -79,6 +122,7 @@ class TestResult:
     model: "Model | None" = field(default=None, repr=False)
     unfinished: str = ""
     mesh_error: ForceError | str | None = field(default=None, repr=False)
+    in_time: TimeCurve | None = field(default=None, repr=False)
 
     @property
     def curve(self) -> Curve:
@@ -111,6 +155,7 @@ class Simulation:
                     "facts": test.facts.as_json(),
                     **({"unfinished": test.unfinished} if test.unfinished else {}),
                     **_mesh_error(test),
+                    **({"in_time": test.in_time.as_json()} if test.in_time else {}),
                 }
                 for test in self.tests
             ],

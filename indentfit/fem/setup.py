@@ -1,10 +1,15 @@
 """Inputs of the forward model: the Setup of one mesh, and the Press, one indentation to compute. Neither is a whole case."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from indentfit.arrays import Array
+from indentfit.case.relaxation import Relaxation
 from indentfit.case.tables import Indenter, Mesh, Sample, Solver
 from indentfit.fem.symmetry import Symmetry
+from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.material import Material
 
 
@@ -60,6 +65,43 @@ class Setup:
         return "" if self.block is None else self.block[1].words(self.block[0])
 
 
+@dataclass(frozen=True)
+class InTime:
+    """A ramp at constant rate on a material that relaxes.
+
+    Parameters
+    ----------
+    rate : float, mm/s
+    relaxation : Relaxation
+        The table of the case.
+    """
+
+    rate: float
+    relaxation: Relaxation
+
+    def ramp(self, depth: float, hold: float = 0.0) -> tuple[Ramp, RelaxationFunction]:
+        """The ramp to a depth, mm, with a hold, s, and the relaxation function on these times."""
+        ramp = Ramp(depth, depth / self.rate, hold)
+        return ramp, self.relaxation.function(ramp.seconds, ramp.end)
+
+    def forces(self, depths: Array, elastic: Callable[[Array], Array]) -> Array:
+        """Forces at depths of the ramp, from elastic ones: the hereditary integral.
+
+        Parameters
+        ----------
+        depths : array (n,), mm
+        elastic : function
+            Elastic forces (m, ...) at depths (m,).
+
+        Returns
+        -------
+        array (n, ...)
+        """
+        ramp, function = self.ramp(float(depths[-1]))
+        times = ramp.times(depths / self.rate)
+        return function.integral(times, elastic(ramp.depth_at(times)))[np.searchsorted(times, depths / self.rate)]
+
+
 @dataclass(frozen=True, eq=False)
 class Press:
     """One indentation to compute.
@@ -78,6 +120,8 @@ class Press:
     sensitivities : names
         Quantities by which the force is differentiated: parameters of the material (the bulk modulus follows the shear modulus),
         "friction", "bulk_ratio" (bulk modulus over shear modulus) and "offset" (depth of the contact point, mm).
+    in_time : InTime, or None
+        How fast the indenter moves, and how the material relaxes; None where the material is elastic.
     """
 
     material: Material
@@ -86,3 +130,4 @@ class Press:
     depths: Array
     name: str = ""
     sensitivities: tuple[str, ...] = ()
+    in_time: InTime | None = None

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from threadpoolctl import ThreadpoolController
 
 from indentfit.arrays import Array
@@ -23,6 +22,7 @@ from indentfit.fem.element import Solid
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+from indentfit.fem.interpolation import POWERS, Interpolant
 from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.pardiso import THREADS_PAY
@@ -34,6 +34,8 @@ from indentfit.fem.newton import Newton
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
+from indentfit.fem.viscous import Moment, press_in_time
+from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.indenters import has_sharp_edge
 from indentfit.material import Material, blamed
 
@@ -159,6 +161,22 @@ class Model:
         with _threads(self.body.n_dofs), blamed(type(press.material)):
             return self._tried(press, controls)
 
+    @property
+    def power(self) -> float:
+        """The power of the depth by which the force begins to grow."""
+        return POWERS[self.contact.shape.end]
+
+    def over_time(
+        self, press: Press, ramp: Ramp, relaxation: RelaxationFunction, progress: Callable[[float], None] | None = None
+    ) -> list[Moment]:
+        """The moments of the viscoelastic model in a ramp and a hold, as `viscous.press_in_time` gives and raises them."""
+        options = self.setup.solver
+        controls = Controls(options.tolerance, options.max_step or np.inf, progress=progress)
+        loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.angle))
+        self.solver.forget()
+        with _threads(self.body.n_dofs), blamed(type(press.material)):
+            return press_in_time(self.equations, loading, self._newton(controls), ramp, relaxation)
+
     def stiffness(self, material: Material, kappa: float, angle: int) -> float:
         """Small-strain stiffness of the whole sample, mN/mm, under a flat indenter that slips freely or sticks."""
         springs = self._springs(material, angle).scaled(RIGID)  # one linear solve: nothing can chatter
@@ -238,8 +256,8 @@ class Model:
         return result(path, press)
 
     def _result(self, press: Press, path: Sequence[Equilibrium], facts: SolveFacts, loading: Loading) -> TestResult:
-        force = self.body.copies * interpolate(path, [point.force for point in path], press.depths)
-        sensitivities = _sensitivities(press, loading.directions, path, self.body.copies)
+        force = self.body.copies * along(path, [point.force for point in path], press, self.power)
+        sensitivities = _sensitivities(press, loading.directions, path, self.body.copies, self.power)
         return TestResult(press.name, press.angle, press.depths, force, facts, sensitivities, tuple(path), self)
 
     def _newton(self, controls: Controls) -> Newton:
@@ -348,29 +366,34 @@ def _of_test(name: str, cause: str) -> str:
     return f"test {name!r}: {cause}" if name else cause
 
 
-def _sensitivities(press: Press, ways: Sequence[Direction], path: Sequence[Equilibrium], copies: int) -> dict[str, Array] | None:
+def _sensitivities(
+    press: Press, ways: Sequence[Direction], path: Sequence[Equilibrium], copies: int, power: float
+) -> dict[str, Array] | None:
     """Name -> derivative (n,) of the force, for the requested names; None where the path could not be differentiated."""
     by_name = {}
     if ways:
         forces = [point.derivatives.force for point in path if point.derivatives is not None]
         if len(forces) < len(path):
             return None
-        rows = copies * interpolate(path, forces, press.depths).T
+        rows = copies * along(path, forces, press, power).T
         by_name = dict(zip((way.name for way in ways), rows, strict=True))
     if OFFSET in press.sensitivities:
-        curve = CubicSpline([point.depth for point in path], [point.force for point in path])
-        by_name[OFFSET] = -copies * curve(press.depths, 1)
+        by_name[OFFSET] = -copies * _slopes(path, press, power)
     return {name: by_name[name] for name in press.sensitivities}
 
 
-def interpolate(path: Sequence[Equilibrium], values: Sequence[Any], depths: Array) -> Array:
-    """Values (n_d, ...) of a path's equilibria at depths (n,) mm: the cubic spline through all of them.
+def along(path: Sequence[Equilibrium], values: Sequence[Any], press: Press, power: float) -> Array:
+    """Values (n_d, ...) at the depths of a press, from elastic values of a path's equilibria, which begin to grow by a power of the
+    depth; those of a material that relaxes are hereditary integrals over the ramp."""
+    between = Interpolant([point.depth for point in path], values, power)
+    return between(press.depths) if press.in_time is None else press.in_time.forces(press.depths, between)
 
-    The spline is linear in the values, so that curves and their derivatives agree. Tangents would not improve the spline: where
-    points of the contact begin to slip, the curve's tangent jumps, and 8 steps of values alone are within 1e-4 of the largest
-    force.
-    """
-    return CubicSpline([point.depth for point in path], values, axis=0)(depths)
+
+def _slopes(path: Sequence[Equilibrium], press: Press, power: float) -> Array:
+    """Derivatives (n_d,) of the path's force by the depth, mN/mm: in a ramp at constant rate a relaxing material's force depends on
+    the depth since contact alone."""
+    between = Interpolant([point.depth for point in path], [point.force for point in path], power)
+    return between.slope(press.depths) if press.in_time is None else press.in_time.forces(press.depths, between.slope)
 
 
 def _body(setup: Setup, rim: float) -> tuple[Solid | Meridian, ContactPoints]:

@@ -1,5 +1,7 @@
 """The page of a simulation."""
 
+from collections.abc import Iterator
+
 from indentfit.curve import Curve
 from indentfit.inference.moduli import UNITS
 from indentfit.report import plots
@@ -8,6 +10,8 @@ from indentfit.report.html_case import again_section, case_words, number, percen
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
 from indentfit.report.schema import Stored, StoredSimulation
+from indentfit.report.text import time_lines
+from indentfit.report.time_curves import force_over_time
 
 FORCES = ("Test", "Angle (°)", "Force ({force})", "Displacement ({displacement})", "Penalty error")
 
@@ -18,6 +22,7 @@ def simulation_page(stored: Stored, simulation: StoredSimulation) -> Page:
     sections = [
         _what(stored, simulation),
         _forces(simulation),
+        *_in_time(simulation),
         *stress_sections(stored.folder),
         Section("solver", "Mesh and solver", (facts,)),
         again_section(stored, "simulate"),
@@ -51,6 +56,15 @@ def _forces(simulation: StoredSimulation) -> Section:
     heads = tuple(head.format(force=scale.force.symbol, displacement=scale.displacement.symbol) for head in FORCES)
     pictures = Figures((drawn(figure, "Force of the full sample against displacement.", _alt(curves)),))
     return Section("forces", "Forces", (pictures, Table("Forces at the last displacement", heads, rows)))
+
+
+def _in_time(simulation: StoredSimulation) -> Iterator[Section]:
+    """Forces over time, where the material relaxes."""
+    curves = {test.name: test.in_time for test in simulation.tests if test.in_time is not None}
+    if curves:
+        lines = tuple(line.strip() for name, curve in curves.items() for line in time_lines(name, curve))
+        figure = drawn(force_over_time(curves, None), "Force of the full sample against time since contact.", "; ".join(lines))
+        yield Section("time", "Forces over time", (Figures((figure,)), Lines(lines)))
 
 
 def _end(curve: Curve) -> str:

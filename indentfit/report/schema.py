@@ -17,6 +17,7 @@ from indentfit.case.tables import keys_of_shape
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, IndentfitError, OutputError
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+from indentfit.fem.result import TimeCurve
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.result import FitResult
 from indentfit.report.stored_process import StoredProcess
@@ -95,6 +96,7 @@ class SimulatedTest:
     angle: int
     curve: Curve
     facts: SolveFacts
+    in_time: TimeCurve | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,11 @@ class StoredSimulation:
     def from_json(cls, value: Mapping[str, Any]) -> "StoredSimulation":
         tests = tuple(
             SimulatedTest(
-                test["name"], test["angle"], Curve(test["displacement_mm"], test["force_mN"]), SolveFacts.from_json(test["facts"])
+                test["name"],
+                test["angle"],
+                Curve(test["displacement_mm"], test["force_mN"]),
+                SolveFacts.from_json(test["facts"]),
+                TimeCurve.from_json(test["in_time"]) if "in_time" in test else None,
             )
             for test in value["tests"]
         )

@@ -12,6 +12,7 @@ from indentfit.report.folder import copy_case, result_folder, write_curves, writ
 from indentfit.report.html import write_report
 from indentfit.report.plots import designs
 from indentfit.report.schema import case_json
+from indentfit.report.time_curves import force_over_time, write_time_curves
 from indentfit.runs.simulated import SimulatedCase
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
@@ -65,6 +66,9 @@ def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldCh
         write_json(folder / "simulation.json", {**simulated.as_json(), "overrides": list(again), "case": case_json(case)})
         write_curves(folder / "curves.csv", simulated.curves)
         simulated.plot(folder / "force_displacement")
+        if over_time := simulated.in_time:
+            write_time_curves(folder / "time_curves.csv", over_time)
+            force_over_time(over_time, folder / "force_time")
         if choice is not None:
             kappa = case.material.bulk_modulus(simulated.material.shear_modulus)
             write_fields(folder / "fields", Solved(simulated.model, simulated.material, kappa, simulated.tests), choice)

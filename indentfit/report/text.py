@@ -7,13 +7,13 @@ import numpy as np
 from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
-from indentfit.fem.result import ForceError, Simulation, TestResult
+from indentfit.fem.result import ForceError, Simulation, TestResult, TimeCurve
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
-from indentfit.report.digits import CurveScale
+from indentfit.report.digits import CurveScale, quantity
 from indentfit.runs.closed_form import ClosedForm, closed_forms
 
 KINDS = {
@@ -34,6 +34,8 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
     yield from _mesh(simulation.mesh)
     for test in simulation.tests:
         yield from mesh_error_lines(test)
+        if test.in_time is not None:
+            yield from time_lines(test.name, test.in_time)
     yield from _solver(simulation.solver)
     yield from _contact(simulation)
     for sentence in said_of_tries((test.name, test.facts) for test in simulation.tests if not test.unfinished):
@@ -109,6 +111,28 @@ def mesh_error_lines(test: TestResult) -> Iterator[str]:
         )
     elif error is not None:
         yield f"error     {test.name}: the error by the mesh is not known: {error}"
+
+
+def time_lines(name: str, curve: TimeCurve) -> Iterator[str]:
+    """The force of a test over time, line by line: at the ramp's end, at the hold's end, and how it was solved."""
+    ramp, peak, held = _ends(curve)
+    yield f"time      {name}: {quantity(peak, 'mN')} at the end of the ramp of {ramp:.4g} s{held}"
+    yield f"          {solved_words(curve)}"
+
+
+def solved_words(curve: TimeCurve) -> str:
+    """By which model the force over time was solved, and how far the other one is."""
+    if curve.difference is None:
+        return f"hereditary integral of the elastic force; the viscoelastic model was not solved: {curve.cause}"
+    return f"viscoelastic model; the hereditary integral of the elastic force differs by at most {curve.difference:.2%}"
+
+
+def _ends(curve: TimeCurve) -> tuple[float, float, str]:
+    """Duration of the ramp (s), the force at its end (mN), and words for the hold."""
+    end = int(np.argmax(curve.displacement >= curve.displacement[-1] * (1 - 1e-9)))
+    ramp, last = float(curve.time[end]), float(curve.time[-1])
+    held = f", {quantity(float(curve.force[-1]), 'mN')} after a hold of {last - ramp:.4g} s" if last > ramp else ""
+    return ramp, float(curve.force[end]), held
 
 
 def _at_small_depths(error: ForceError, test: TestResult) -> str:

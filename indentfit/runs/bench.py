@@ -152,7 +152,7 @@ def _result(model: Model, mechanics: Mechanics, request: RunRequest, deadline: D
         material, depths = law(**at.parameters), test.depths - at.offset
         kappa = mechanics.material.bulk_modulus(material.shear_modulus)
     pressed = depths > 0
-    press = Press(material, kappa, test.angle, depths[pressed], sensitivities=request.sensitivities)
+    press = Press(material, kappa, test.angle, depths[pressed], "", request.sensitivities, test.in_time(mechanics.material))
     return model.run(press, None, deadline), pressed
 
 

@@ -3,13 +3,15 @@
 Searches and inference ask a ForwardModel for curves, whether these come from runs or from a surrogate.
 """
 
+import functools
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.errors import IndentfitError
+from indentfit.fem.in_time import with_time
 from indentfit.fem.mesh_error import with_mesh_errors
 from indentfit.fem.result import Simulation
 from indentfit.fem.setup import Press
@@ -20,6 +22,7 @@ from indentfit.runs.run import Point
 from indentfit.runs.simulated import SimulatedCase
 
 COARSER_SHARE = 0.3  # of the time that a curve and its mesh error take
+TIME_SHARE = 0.6  # of the time that a curve and its force over time take
 Progress = Callable[[str, float], None]  # called with (what is computed, share of all work that is done)
 Report = Callable[[int, int], object]  # called with (runs done, runs asked for)
 
@@ -125,10 +128,12 @@ def simulate(
     setup = setup_of(case)
     material, model = case.law(**(parameters or case.start_values())), Model(setup)
     presses = presses_of(case, material)
-    parts = _Parts(progress, [press.name for press in presses], 1 - COARSER_SHARE if mesh_error else 1.0)
+    relaxes = case.material.relaxation is not None
+    parts = _Parts(progress, [press.name for press in presses], 1 - COARSER_SHARE * mesh_error, 1 - TIME_SHARE * relaxes)
     simulation = None
     try:
         simulation = model.simulate(presses, parts.curve)
+        simulation = _in_time(simulation, case, presses, parts)
         if mesh_error:
             simulation = with_mesh_errors(simulation, setup, presses, parts.mesh_error)
     except IndentfitError as error:
@@ -138,20 +143,34 @@ def simulate(
     return _of_case(simulation, case, material, model)
 
 
+def _in_time(simulation: Simulation, case: Case, presses: Sequence[Press], parts: "_Parts") -> Simulation:
+    """The simulation with the forces over time of tests whose material relaxes."""
+    if case.material.relaxation is None:
+        return simulation
+    tests = []
+    for test, press, asked in zip(simulation.tests, presses, case.tests, strict=True):
+        tests.append(with_time(test, press, asked.hold or 0.0, functools.partial(parts.in_time, press.name)))
+    return replace(simulation, tests=tuple(tests))
+
+
 def _of_case(simulation: Simulation, case: Case, material: Material, model: Model) -> SimulatedCase:
     return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, model)
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """Progress of a simulation: the curves of all tests, then their errors by the mesh."""
+    """Progress of a simulation: the curves of all tests, then their forces over time, then their errors by the mesh."""
 
     progress: Progress | None
     names: Sequence[str]
-    first: float  # share of the work that the curves are
+    first: float  # share of the work that the curves are, with those over time
+    elastic: float  # share of it without those over time
 
     def curve(self, name: str, share: float) -> None:
-        self._report(name, self.first * self._share(name, share))
+        self._report(name, self.first * self.elastic * self._share(name, share))
+
+    def in_time(self, name: str, share: float) -> None:
+        self._report(f"{name}, over time", self.first * (self.elastic + (1 - self.elastic) * self._share(name, share)))
 
     def mesh_error(self, name: str, share: float) -> None:
         self._report(f"{name}, error of the mesh", self.first + (1 - self.first) * self._share(name, share))

@@ -27,7 +27,7 @@ class Inputs:
 
     def __init__(self, case: Case | Mechanics) -> None:
         mechanics = case if isinstance(case, Mechanics) else mechanics_of(case)
-        self.depths = {test.name: test.depths for test in mechanics.tests}
+        self.tests = {test.name: test for test in mechanics.tests}
         self.versions = versions(mechanics.law)
         self.common = {
             "format": FORMAT,
@@ -42,6 +42,7 @@ class Inputs:
             "material": _material(mechanics),
             "bulk_ratio": mechanics.material.bulk_over_shear,
             "kappa": mechanics.material.kappa,
+            "relaxation": mechanics.material.relaxation and mechanics.material.relaxation.model_dump(mode="json"),
             "code": code(),
             "versions": self.versions,
         }
@@ -49,8 +50,9 @@ class Inputs:
 
     def of(self, parameters: Mapping[str, Any], test: Test) -> dict[str, Any]:
         """The inputs of a run beyond the common ones: parameters (name -> value), of a test of the case."""
-        depths = np.asarray(self.depths[test.name], dtype=float).tolist()
-        return {"parameters": dict(parameters), "angle": test.direction, "depths": depths}
+        known = self.tests[test.name]
+        depths = np.asarray(known.depths, dtype=float).tolist()
+        return {"parameters": dict(parameters), "angle": test.direction, "depths": depths, "rate": known.rate}
 
     def hash(self, inputs: Mapping[str, Any]) -> str:
         """SHA-256 of all that decides a run's curve."""

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 from indentfit.arrays import Array
 from indentfit.case.laws import open_law
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver
-from indentfit.fem.setup import Setup
+from indentfit.fem.setup import InTime, Setup
 from indentfit.fem.wide_block import setup_for
 from indentfit.material import Material
 
 if TYPE_CHECKING:
-    from indentfit.case import Case
+    from indentfit.case import Case, Test
 
 OF_SIZE = ("size", "elements")  # keys of a mesh that exclude each other
 
@@ -27,11 +27,18 @@ class Indentation:
     angle : int, degrees
     depths : array (n,), mm
         Displacements at which the force is computed.
+    rate : float, mm/s, or None
+        Velocity of the indenter; None where the material does not relax.
     """
 
     name: str
     angle: int
     depths: Array
+    rate: float | None = None
+
+    def in_time(self, material: MaterialChoice) -> InTime | None:
+        """The rate with the relaxation of the material; None where the test has no rate."""
+        return InTime(self.rate, material.relaxation) if self.rate is not None and material.relaxation is not None else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +85,15 @@ class Mechanics:
         return mechanics
 
 
+def indentation_of(case: "Case", test: "Test") -> Indentation:
+    """The Indentation of a test of a case."""
+    depths = case.outputs(test)
+    return Indentation(test.name, test.direction, depths, test.rate_to(float(depths[-1])))
+
+
 def mechanics_of(case: "Case") -> Mechanics:
     """The Mechanics of a case."""
-    tests = tuple(Indentation(test.name, test.direction, case.outputs(test)) for test in case.tests)
+    tests = tuple(indentation_of(case, test) for test in case.tests)
     return Mechanics(case.sample, case.indenter, case.mesh, case.solver, case.material, case.folder, tests)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from indentfit.fem.setup import Press, Setup
 from indentfit.material import Material
-from indentfit.runs.mechanics import mechanics_of, with_key
+from indentfit.runs.mechanics import indentation_of, mechanics_of, with_key
 from indentfit.runs.run import Point
 
 if TYPE_CHECKING:
@@ -72,4 +72,6 @@ def setup_of(case: "Case") -> Setup:
 def press_of(case: "Case", test: "Test", material: Material) -> Press:
     """The Press that one test of a case is, on a material."""
     kappa = case.material.bulk_modulus(material.shear_modulus)
-    return Press(material, kappa, test.direction, case.outputs(test), test.name)
+    indentation = indentation_of(case, test)
+    in_time = indentation.in_time(case.material)
+    return Press(material, kappa, test.direction, indentation.depths, test.name, in_time=in_time)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from indentfit.case import Case
 from indentfit.case.laws import isotropic_moduli
 from indentfit.curve import Curve
-from indentfit.fem.result import Simulation
+from indentfit.fem.result import Simulation, TimeCurve
 from indentfit.fem.simulate import Model
 from indentfit.material import Material
 from indentfit.runs.closed_form import ClosedForm, closed_forms
@@ -44,6 +44,11 @@ class SimulatedCase(Simulation):
         """Measured curves by the names of their tests; tests without a measured curve are left out."""
         pairs = zip(self.case.tests, self.case.curves, strict=True)
         return {test.name: curve for test, curve in pairs if curve is not None}
+
+    @property
+    def in_time(self) -> dict[str, TimeCurve]:
+        """Forces over time by the names of their tests, where the material relaxes."""
+        return {test.name: test.in_time for test in self.tests if test.in_time is not None}
 
     @property
     def moduli(self) -> dict[str, float]:

@@ -1,0 +1,68 @@
+"""The force of a test over time, in a ramp and a hold: by the viscoelastic model, with the hereditary integral beside it.
+
+For a test under displacement control whose stress relaxes by one function, the deformation is nearly the elastic one at each
+depth, and the force nearly the hereditary integral of the elastic force. The viscoelastic model (`viscous`) is solved in some
+steps. The ratio of its force to the hereditary integral over the same steps, which is nearly 1, is interpolated between them, and
+multiplies the integral over dense steps.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from indentfit.arrays import Array
+from indentfit.errors import ConvergenceError
+from indentfit.fem.interpolation import Interpolant
+from indentfit.fem.result import TestResult, TimeCurve
+from indentfit.fem.setup import Press
+
+HOLD_POINTS, EARLIEST = (
+    15,
+    0.02,
+)  # times of a hold in the result: their number, and the first over the duration of the hold, if that is not late in the ramp
+
+
+def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[float], None] | None = None) -> TestResult:
+    """A test with its force over time.
+
+    Parameters
+    ----------
+    test : TestResult
+        The solved press, whose path is elastic.
+    press : Press
+        It has a rate.
+    hold : float, s
+        Duration of the hold after the ramp; may be 0.
+    progress : called with the share of the viscoelastic solution that is done
+
+    Returns
+    -------
+    TestResult
+        A viscoelastic model that is not solved is recorded with its cause.
+    """
+    model = test.model
+    if press.in_time is None or model is None or test.unfinished:
+        return test
+    ramp, function = press.in_time.ramp(float(press.depths[-1]), hold)
+    wanted = np.append(press.depths / press.in_time.rate, ramp.seconds + _of_hold(hold, ramp.seconds))
+    dense = ramp.times(wanted)
+    elastic = Interpolant([point.depth for point in test.path], [point.force for point in test.path], model.power)
+    integral = function.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
+    try:
+        moments = model.over_time(press, ramp, function, progress)
+    except ConvergenceError as error:
+        curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, error.cause)
+        return replace(test, in_time=curve)
+    time = np.array([moment.time for moment in moments])
+    stepwise = function.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
+    ratio = np.array([moment.at.force for moment in moments])[1:] / stepwise[1:]
+    between = PchipInterpolator(time[1:], ratio)(np.clip(wanted, time[1], time[-1]))
+    force = between * np.interp(wanted, dense, integral)
+    return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))
+
+
+def _of_hold(hold: float, ramp: float) -> Array:
+    """Times (n,) since the end of a ramp, s."""
+    return np.geomspace(min(EARLIEST * hold, 0.1 * ramp), hold, HOLD_POINTS) if hold else np.zeros(0)

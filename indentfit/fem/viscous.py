@@ -1,0 +1,206 @@
+"""Quasi-linear viscoelasticity at finite strain: the isochoric second Piola-Kirchhoff stress relaxes, the pressure does not.
+
+With the elastic isochoric stress S_e of a law and a relaxation function m (`hereditary`), the stress is the hereditary integral of
+m(t - s) dS_e(s) plus the elastic pressure's. Over a step of time in which S_e is linear it is
+
+    S = c S_e + H,    c = m_inf + sum m_i k_i,    H = sum m_i (exp(-x_i) h_i - k_i S_e before the step),
+
+so that each step is an elastic one: of a law that is c times as stiff, on a body that keeps the stress H. In the undeformed
+coordinates the forces of H are linear in the displacements (`Body.prestress`), and the tangent is consistent.
+
+The path goes through a ramp of the depth and a hold. Its steps of a ramp are those of an elastic path; in a hold, where only the
+small redistribution of the stress changes S_e, they grow in proportion to the time since the ramp's end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import cast
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.errors import ConvergenceError, IndentfitError
+from indentfit.fem import path as elastic
+from indentfit.fem.equations import Equations, Loading, Memory
+from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.newton import Newton
+from indentfit.hereditary import Ramp, RelaxationFunction
+from indentfit.material import Material
+
+FIRST, GROWTH = 0.3, 2.0  # steps of a hold: the first in units of the shortest time that matters, the next in those since the ramp
+SMALLEST = 1e-3  # step over the whole time; where this is not small enough, the path ends
+VOIGT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # places of the components of a symmetric tensor: xx yy zz xy yz xz
+
+
+@dataclass(frozen=True, eq=False)
+class StressHistory:
+    """What the stresses of a body remember.
+
+    Parameters
+    ----------
+    relaxation : RelaxationFunction
+    elastic : array (..., 3, 3), kPa
+        Elastic isochoric second Piola-Kirchhoff stresses now.
+    terms : array (n_terms, ..., 3, 3), kPa
+        h of each term of the relaxation function.
+    """
+
+    relaxation: RelaxationFunction
+    elastic: Array
+    terms: Array
+
+    @classmethod
+    def none(cls, relaxation: RelaxationFunction, shape: tuple[int, ...]) -> StressHistory:
+        """That of a body at rest, with stresses of a shape."""
+        return cls(relaxation, np.zeros(shape), np.zeros((len(relaxation.times), *shape)))
+
+    def ahead(self, dt: float) -> tuple[float, Array]:
+        """c and H (..., 3, 3), kPa, of a step of time dt, s: the stress at its end is c times the elastic one, plus H."""
+        decay, gain = self.relaxation.steps(dt)
+        shares = np.array(self.relaxation.shares)
+        gained = float(shares @ gain)
+        return self.relaxation.long_term + gained, np.tensordot(shares * decay, self.terms, 1) - gained * self.elastic
+
+    def after(self, dt: float, elastic: Array) -> StressHistory:
+        """The history at the end of a step of time dt, s, where the elastic stresses are `elastic` (..., 3, 3), kPa."""
+        decay, gain = (factor.reshape(-1, *(1,) * elastic.ndim) for factor in self.relaxation.steps(dt))
+        return replace(self, elastic=elastic, terms=decay * self.terms + gain * (elastic - self.elastic))
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """A converged step in time.
+
+    Parameters
+    ----------
+    time : float, s
+    at : Equilibrium
+    stress : StressHistory
+    """
+
+    time: float
+    at: Equilibrium
+    stress: StressHistory = field(repr=False)
+
+
+class _Stiffer:
+    """A law that is a number of times as stiff: what a body asks of a law."""
+
+    def __init__(self, material: Material, factor: float) -> None:
+        self._material, self._factor = material, factor
+        self.shear_modulus = factor * material.shear_modulus
+
+    def gradient(self, I: Array) -> Array:
+        return self._factor * self._material.gradient(I)
+
+    def hessian(self, I: Array) -> Array:
+        return self._factor * self._material.hessian(I)
+
+
+def press_in_time(
+    equations: Equations, loading: Loading, newton: Newton, ramp: Ramp, relaxation: RelaxationFunction
+) -> list[Moment]:
+    """Moments from the untouched sample to the end of the hold.
+
+    Parameters
+    ----------
+    equations, loading, newton
+        As of `path.indent`; the loading's law is the elastic one of the relaxation function.
+    ramp : Ramp
+    relaxation : RelaxationFunction
+
+    Returns
+    -------
+    list of Moment
+
+    Raises
+    ------
+    ConvergenceError
+        Even the smallest step fails.
+    OutOfTime
+
+    The `part` of these errors is the tuple of moments so far.
+    """
+    loading = replace(loading, springs=loading.springs.scaled(relaxation.instantaneous), directions=())
+    rest = elastic.untouched(equations, loading, newton)
+    moments = [Moment(0.0, rest, StressHistory.none(relaxation, _elastic(equations, loading, rest).shape))]
+    try:
+        _follow(moments, equations, loading, newton, ramp, relaxation)
+    except IndentfitError as error:
+        error.part = tuple(moments)
+        raise
+    return moments
+
+
+def _follow(
+    moments: list[Moment], equations: Equations, loading: Loading, newton: Newton, ramp: Ramp, relaxation: RelaxationFunction
+) -> None:
+    """Add moments up to the end of the hold."""
+    shortest, step, failed = _shortest(ramp, relaxation), np.inf, False
+    while moments[-1].time < ramp.end * (1 - 1e-9):
+        newton.controls.deadline.check()
+        here = moments[-1]
+        dt = min(step, _largest(here.time, ramp, newton.controls.max_step, shortest))
+        try:
+            moments.append(_step(here, dt, equations, loading, newton, ramp, failed))
+        except ConvergenceError as error:
+            step, failed = dt / 2, True
+            elastic._cut_back(
+                newton, step < SMALLEST * ramp.end and step < 0.01 * ramp.seconds, float(ramp.depth_at(here.time)), error
+            )
+            continue
+        newton.work.steps += 1
+        step, failed = 2 * dt, False
+        if newton.controls.progress is not None:
+            newton.controls.progress(_share(moments[-1].time, ramp))
+
+
+def _shortest(ramp: Ramp, relaxation: RelaxationFunction) -> float:
+    """The shortest time in which the force of a hold changes: what is over within the ramp has relaxed."""
+    return max(min(relaxation.times, default=ramp.seconds), 0.1 * ramp.seconds)
+
+
+def _largest(time: float, ramp: Ramp, max_step: float, shortest: float) -> float:
+    """The largest step of time at a time: it ends no later than the ramp, or the hold."""
+    if time < ramp.seconds * (1 - 1e-9):
+        longest = min(ramp.seconds / elastic.FIRST_STEPS, max_step / ramp.depth * ramp.seconds)
+        return ramp.seconds - time if time + 1.01 * longest > ramp.seconds else longest
+    longest = max(FIRST * shortest, GROWTH * (time - ramp.seconds))
+    return ramp.end - time if time + 1.3 * longest > ramp.end else longest
+
+
+def _share(time: float, ramp: Ramp) -> float:
+    """Share of the work that is done: half of it for the ramp."""
+    return 0.5 * (min(time / ramp.seconds, 1.0) + (max(time - ramp.seconds, 0.0) / ramp.hold if ramp.hold else 1.0))
+
+
+def _step(here: Moment, dt: float, equations: Equations, loading: Loading, newton: Newton, ramp: Ramp, relax: bool) -> Moment:
+    """The moment after a step of time."""
+    factor, kept = here.stress.ahead(dt)
+    at_rest, values = equations.body.prestress(kept)
+    now = replace(
+        loading,
+        material=cast(Material, _Stiffer(loading.material, factor)),
+        memory=Memory(at_rest, equations.body.matrix(values)),
+    )
+    time, leash = here.time + dt, elastic.LEASH * ramp.depth
+    depth = float(ramp.depth_at(time))
+    newton.solver.forget()  # the tangent is that of another stiffness
+    there, _ = elastic._step(newton, elastic._increment(equations, now, here.at, depth, leash), here.at, relax)
+    there = elastic._augmented(equations, now, newton, there, leash)
+    there = there.since(here.at) if depth > here.at.depth else replace(there, rate=here.at.rate)
+    return Moment(time, there, here.stress.after(dt, _elastic(equations, loading, there)))
+
+
+def _elastic(equations: Equations, loading: Loading, at: Equilibrium) -> Array:
+    """Elastic isochoric second Piola-Kirchhoff stresses (n_el, n_q, 3, 3), kPa, of an equilibrium."""
+    body, fibre = equations.body, loading.fibre
+    cauchy = body.stress(at.u, body.state(at.u, fibre), loading.material, np.zeros_like(at.pressure), fibre)
+    return pulled_back(cauchy, body.deformation(at.u))
+
+
+def pulled_back(cauchy: Array, F: Array) -> Array:
+    """Second Piola-Kirchhoff stresses (..., 3, 3) of Cauchy stresses (6, ...) at deformation gradients F (..., 3, 3)."""
+    sigma, G = np.moveaxis(cauchy, 0, -1)[..., VOIGT], np.linalg.inv(F)
+    return np.linalg.det(F)[..., None, None] * (G @ sigma @ np.swapaxes(G, -1, -2))

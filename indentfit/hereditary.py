@@ -1,0 +1,192 @@
+"""Relaxation functions of quasi-linear viscoelasticity, and hereditary integrals with them.
+
+The relaxation function m(t) is a number that multiplies the elastic stress of a step of strain after the time t. All functions
+are sums of decaying exponentials (Prony series)
+
+    m(t) = m_inf + sum_i m_i exp(-t / tau_i),
+
+because a hereditary integral with one exponential needs only its value at the last instant: with x = dt / tau and
+
+    h(t + dt) = exp(-x) h(t) + k(x) (y(t + dt) - y(t)),    k(x) = (1 - exp(-x)) / x,
+
+the integral of m(t - s) dy(s) is m_inf y + sum_i m_i h_i, exactly where y is linear in time within each step (Taylor, Pister and
+Goudreau 1970; Simo and Hughes 1998, section 10.3). The fractional function is such a sum too, with many times (`fractional`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from indentfit.arrays import Array
+
+STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates: at most, and over the distance of K's poles
+DENSE = 240  # intervals of a ramp
+REACH = 30.0  # of these logarithms, in units of 1 / alpha: beyond, the density is below 1e-13
+
+
+@dataclass(frozen=True)
+class RelaxationFunction:
+    """m(t), a Prony series.
+
+    Attributes
+    ----------
+    long_term : float
+        m_inf.
+    shares : tuple of float
+        m_i.
+    times : tuple of float, s
+        tau_i.
+    """
+
+    long_term: float
+    shares: tuple[float, ...]
+    times: tuple[float, ...]
+
+    def __call__(self, time: float | Array) -> Array:
+        """m at times (...), s, from 0."""
+        decays = np.exp(-np.asarray(time, dtype=float)[..., None] / np.array(self.times))
+        return self.long_term + decays @ np.array(self.shares)
+
+    @property
+    def instantaneous(self) -> float:
+        """m(0)."""
+        return self.long_term + sum(self.shares)
+
+    @property
+    def ratio(self) -> float:
+        """m(inf) / m(0)."""
+        return self.long_term / self.instantaneous
+
+    def steps(self, dt: float) -> tuple[Array, Array]:
+        """exp(-x) and k(x) of each term, (n_terms,), for a step of time dt, s."""
+        x = dt / np.array(self.times)
+        return np.exp(-x), -np.expm1(-x) / x
+
+    def integral(self, time: Array, values: Array) -> Array:
+        """The hereditary integral of m(t - s) dy(s) from the first time on, where y is linear between the times.
+
+        Parameters
+        ----------
+        time : array (n,), s
+            Rising; y is zero before the first time, where it may jump.
+        values : array (n, ...)
+            y at these times.
+
+        Returns
+        -------
+        array (n, ...)
+        """
+        time, values = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
+        shares = np.array(self.shares)
+        history = np.broadcast_to(values[0], (shares.size, *values[0].shape)).copy()
+        total = [self.long_term * values[0] + np.tensordot(shares, history, 1)]
+        for dt, before, now in zip(np.diff(time), values[:-1], values[1:], strict=True):
+            decay, gain = (factor.reshape(-1, *(1,) * now.ndim) for factor in self.steps(float(dt)))
+            history = decay * history + gain * (now - before)
+            total.append(self.long_term * now + np.tensordot(shares, history, 1))
+        return np.array(total)
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Motion of an indenter: a ramp at constant rate, then a hold.
+
+    Attributes
+    ----------
+    depth : float, mm
+        Depth of the hold.
+    seconds : float, s
+        Duration of the ramp.
+    hold : float, s
+        Duration of the hold; may be 0.
+    """
+
+    depth: float
+    seconds: float
+    hold: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """Time at the end of the hold, s."""
+        return self.seconds + self.hold
+
+    def depth_at(self, time: float | Array) -> Array:
+        """Depth, mm, at times (...), s."""
+        return self.depth * np.clip(np.asarray(time, dtype=float) / self.seconds, 0.0, 1.0)
+
+    def times(self, moments: Array | Sequence[float] = ()) -> Array:
+        """Times (n,), s, that are dense enough for hereditary integrals: a smooth function of the depth is linear between them.
+
+        Parameters
+        ----------
+        moments : array (m,), s
+            Times that shall be among them.
+        """
+        rise = np.linspace(0.0, self.seconds, DENSE + 1)
+        rest = np.geomspace(self.seconds / DENSE, max(self.hold, self.seconds / DENSE), DENSE // 2)
+        times = np.concatenate([rise, self.seconds + rest, np.asarray(moments, dtype=float), [self.end]])
+        return np.unique(times[times <= self.end])
+
+
+def prony(shares: Sequence[float], times: Sequence[float], base: str = "long_term") -> RelaxationFunction:
+    """The function of a Prony series.
+
+    Parameters
+    ----------
+    shares : sequence of float
+        g_i.
+    times : sequence of float, s
+        tau_i.
+    base : "long_term" or "instantaneous"
+        The elastic stress is the long-term one, m = 1 + sum g_i exp(-t / tau_i), or the instantaneous one,
+        m = 1 - sum g_i (1 - exp(-t / tau_i)).
+
+    Returns
+    -------
+    RelaxationFunction
+    """
+    return RelaxationFunction(1.0 if base == "long_term" else 1.0 - sum(shares), tuple(shares), tuple(times))
+
+
+def fractional(share: float, time: float, order: float, base: str, shortest: float, longest: float) -> RelaxationFunction:
+    """The function of the fractional Zener model (springs and a spring-pot), a power law between two plateaus.
+
+    m = 1 + g E(-(t / tau)^alpha) on the long-term base, and m = 1 - g (1 - E(-(t / tau)^alpha)) on the instantaneous one, where E
+    is the Mittag-Leffler function of order alpha. E is a mixture of exponentials exp(-r t / tau) of density
+
+        K(r) = sin(alpha pi) / pi  r^(alpha - 1) / (r^(2 alpha) + 2 r^alpha cos(alpha pi) + 1)
+
+    (Gorenflo and Mainardi 1997), which the trapezoidal rule in log(r) sums. Rates that are so slow that they do nothing within
+    `longest` add to the long-term plateau; rates so fast that they are over within `shortest` are left out.
+
+    Parameters
+    ----------
+    share : float
+        g.
+    time : float, s
+        tau.
+    order : float
+        alpha, 0.05 to 0.95.
+    base : "long_term" or "instantaneous"
+    shortest, longest : float, s
+        The times between which the function is needed; its value at zero is that at a hundredth of `shortest`.
+
+    Returns
+    -------
+    RelaxationFunction
+    """
+    plateau = 1.0 if base == "long_term" else 1.0 - share
+    step = min(STEP, OF_POLE * np.pi * (1 - order) / order)
+    logs = np.arange(-REACH / order, REACH / order, step)
+    weights = share * step * _density(logs, order)
+    slow, fast = logs < np.log(1e-6 * time / longest), logs > np.log(1e2 * time / shortest)
+    kept = ~slow & ~fast
+    return RelaxationFunction(plateau + float(weights[slow].sum()), tuple(weights[kept]), tuple(time * np.exp(-logs[kept])))
+
+
+def _density(logs: Array, order: float) -> Array:
+    """r K(r) (n,), the density of the logarithm of the rate r in units of 1 / tau, at logarithms (n,)."""
+    return np.sin(order * np.pi) / (2 * np.pi) / (np.cosh(order * logs) + np.cos(order * np.pi))

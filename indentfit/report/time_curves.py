@@ -1,0 +1,50 @@
+"""Forces over time as a table and as a figure."""
+
+import csv
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from indentfit.curve import Curve
+from indentfit.fem.result import TimeCurve
+from indentfit.report.digits import CurveScale
+from indentfit.report.plots import save
+from indentfit.report.style import COLOURS, COLUMN, DASHES, STYLE
+
+Times = Mapping[str, TimeCurve]  # by the names of the tests
+
+
+def write_time_curves(path: str | PathLike[str], curves: Times) -> None:
+    """Write forces over time as one CSV with the columns test, time_s, displacement_mm, force_mN."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["test", "time_s", "displacement_mm", "force_mN"])
+        for name, curve in curves.items():
+            rows = zip(curve.time.tolist(), curve.displacement.tolist(), curve.force.tolist(), strict=True)
+            table.writerows([name, *row] for row in rows)
+
+
+def force_over_time(curves: Times, path: str | Path | None) -> Figure:
+    """Force against time, from the first contact on; saved as SVG and PNG where a path is given."""
+    scale = CurveScale.of(Curve(curve.displacement, curve.force) for curve in curves.values())
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN, 0.62 * COLUMN), layout="constrained")
+        FigureCanvasAgg(figure)
+        ax = figure.add_subplot()
+        for n, (name, curve) in enumerate(curves.items()):
+            time, force = np.append(0.0, curve.time), np.append(0.0, curve.force) * scale.force.factor
+            ax.plot(time, force, color=COLOURS[n % len(COLOURS)], linestyle=DASHES[n % len(DASHES)], label=name.replace("$", r"\$"))
+        ax.set_xlim(left=0)
+        ax.set_ylim(bottom=min(0.0, ax.dataLim.y0))
+        ax.xaxis.set_major_locator(MaxNLocator(7))
+        ax.set_xlabel("Time since contact (s)")
+        ax.set_ylabel(f"Force ({scale.force.symbol})")
+        figure.legend(loc="outside upper left", ncols=2, handlelength=2.8)
+        save(figure, path)
+    return figure

@@ -1,0 +1,208 @@
+"""Materials that relax: hereditary integrals, the viscoelastic model, and the commands, against closed forms and another code."""
+
+import json
+
+import numpy as np
+import pytest
+from fixtures.cases import SHARED
+from scipy.integrate import quad
+from scipy.special import erfcx, rgamma
+from skfem import MeshHex
+
+import indentfit
+from indentfit.errors import CaseError
+from indentfit.fem.element import Solid
+from indentfit.fem.setup import InTime
+from indentfit.fem.viscous import StressHistory, pulled_back
+from indentfit.hereditary import Ramp, fractional, prony
+from indentfit.material import load
+from indentfit.runs.key import Inputs
+
+ORACLE = SHARED / "oracles" / "visco_strip_fast.json"
+SERIES = prony((0.8, 0.5), (0.5, 5.0))
+GEL = load("neo_hookean")
+
+
+def shear(rate: float, time: np.ndarray) -> np.ndarray:
+    """F of simple shear at a constant rate."""
+    F = np.broadcast_to(np.eye(3), (time.size, 3, 3)).copy()
+    F[:, 0, 1] = rate * time
+    return F
+
+
+def test_both_bases_describe_the_same_function():
+    long_term, instantaneous = prony((0.8, 0.5), (0.5, 5.0)), prony((0.8 / 2.3, 0.5 / 2.3), (0.5, 5.0), "instantaneous")
+    time = np.array([0.0, 0.3, 2.0, 1e3])
+    assert long_term(time) == pytest.approx(2.3 * instantaneous(time), rel=1e-12)
+    assert long_term(time)[0] == pytest.approx(2.3)
+    assert instantaneous.ratio == pytest.approx(1 / 2.3)
+
+
+def test_hereditary_integral_of_a_ramp_is_that_of_the_closed_form():
+    time = np.linspace(0, 3, 7)
+    exact = time + 0.8 * 0.5 * (1 - np.exp(-time / 0.5)) + 0.5 * 5 * (1 - np.exp(-time / 5))
+    assert SERIES.integral(time, time) == pytest.approx(exact, rel=1e-13)  # linear between the times: exact
+
+
+def test_hereditary_integral_of_a_power_of_time_is_that_of_quadrature():
+    ramp = Ramp(1.0, 2.0, 6.0)
+    time = ramp.times()
+    values = ramp.depth_at(time) ** 1.5
+    for at in (1.0, 2.0, 3.0, 8.0):
+        exact = quad(lambda s, at=at: float(SERIES(at - s)) * 0.75 * (s / 2) ** 0.5, 0, min(at, 2.0), epsabs=1e-10)[0]
+        assert np.interp(at, time, SERIES.integral(time, values)) == pytest.approx(exact, rel=2e-4)
+
+
+@pytest.mark.parametrize("time", [1e-3, 0.1, 3.0, 100.0])
+def test_fractional_function_of_order_one_half_is_the_error_function(time):
+    function = fractional(0.7, 2.0, 0.5, "long_term", 1e-3, 100.0)
+    assert float(function(time)) == pytest.approx(1 + 0.7 * erfcx(np.sqrt(time / 2.0)), abs=1e-7)
+
+
+@pytest.mark.parametrize("order", [0.1, 0.35, 0.9])
+def test_fractional_function_is_the_series_of_mittag_leffler(order):
+    terms = np.arange(500)
+    exact = np.sum((-(0.3**order)) ** terms * rgamma(order * terms + 1))
+    function = fractional(0.4, 1.0, order, "instantaneous", 1e-3, 100.0)
+    assert float(function(0.3)) == pytest.approx(0.6 + 0.4 * exact, abs=1e-7)
+
+
+def test_elastic_stress_of_an_element_in_simple_shear_is_that_of_the_closed_form():
+    solid = Solid(MeshHex().with_boundaries({}).refined(0), "q2p1")
+    u, gamma, mu = np.zeros(solid.n_dofs), 0.4, 1.7
+    u[0::3] = gamma * solid.basis.doflocs[1, ::3]
+    state = solid.state(u, np.array([1.0, 0, 0]))
+    F, none = solid.deformation(u), np.zeros(solid.means.shape)
+    assert np.allclose(F, shear(gamma, np.ones(1)), rtol=0, atol=1e-12)
+    stress = pulled_back(solid.stress(u, state, GEL(mu=mu), none, np.array([1.0, 0, 0])), F)
+    inverse = np.array([[1 + gamma**2, -gamma, 0], [-gamma, 1, 0], [0, 0, 1.0]])
+    exact = mu * (np.eye(3) - (3 + gamma**2) / 3 * inverse)
+    assert stress == pytest.approx(np.broadcast_to(exact, stress.shape), abs=1e-12)
+    forces, values = solid.prestress(stress)
+    assert forces + solid.matrix(values) @ u == pytest.approx(
+        solid.residual(u, state, GEL(mu=mu), none, np.array([1.0, 0, 0])), abs=1e-12
+    )  # the forces of these stresses at these displacements are those of the law
+
+
+def test_stress_history_of_simple_shear_is_the_hereditary_integral():
+    rate, mu, end, n = 0.2, 1.3, 2.0, 2000
+    time = np.linspace(0, end, n + 1)[1:]
+    history = StressHistory.none(SERIES, (1,))
+    for now in time:  # S12 = mu (gamma + gamma^3 / 3)
+        elastic = np.array([mu * (rate * now + (rate * now) ** 3 / 3)])
+        factor, kept = history.ahead(end / n)
+        stress = factor * elastic + kept
+        history = history.after(end / n, elastic)
+    exact = quad(lambda s: float(SERIES(end - s)) * mu * (rate + rate**3 * s**2), 0, end, epsabs=1e-12)[0]
+    assert stress[0] == pytest.approx(exact, rel=1e-6)
+    held = history.ahead(50.0)
+    assert held[0] * elastic[0] + held[1][0] == pytest.approx(  # relaxed: what is left of the terms decays freely
+        mu * (rate * end + (rate * end) ** 3 / 3)
+        + quad(lambda s: float(SERIES(end + 50 - s) - 1) * mu * (rate + rate**3 * s**2), 0, end, epsabs=1e-12)[0],
+        rel=1e-6,
+    )
+
+
+def case_of(indenter, sample, depth, friction=0.0, parameters=None, **keys):
+    relaxation = keys.pop("relaxation", {"g": [0.8, 0.5], "tau": [0.5, 5.0]})
+    return indentfit.Case(
+        sample=sample,
+        indenter={"friction": friction, **indenter},
+        material={
+            "model": "neo_hookean", "parameters": parameters or {"mu": 1.0}, "bulk_ratio": 1000.0, "relaxation": relaxation,
+        },
+        tests=[indentfit.Test("press", angle=0, depth=depth, **keys)],
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not ORACLE.exists(), reason="the curves of another code are not here")
+def test_strip_follows_the_curve_of_another_code():
+    oracle = json.loads(ORACLE.read_text())
+    strip = {"shape": "strip", "width": 2.0, "length": 20.0}
+    disc = {"shape": "disc", "diameter": 14.0, "thickness": 3.3, "base": "sliding"}
+    case = case_of(strip, disc, 0.33, "stick", ramp=0.5, hold=5.44)
+    curve = indentfit.simulate(case, mesh_error=False).tests[0].in_time
+    elastic = indentfit.simulate(case.model_copy(update={"material": case.material.model_copy(update={"relaxation": None})}),
+                                 mesh_error=False).tests[0]  # fmt: skip
+    assert curve.difference < 2e-3
+    ratio = curve.force / np.interp(curve.displacement, elastic.displacement, elastic.force)
+    theirs = np.interp(curve.time, oracle["time_s"], oracle["ratio"])
+    known = curve.time >= oracle["time_s"][0]
+    hold = known & (curve.time > 0.55)  # near the ramp's end the other code's outputs are far apart
+    assert ratio[hold] == pytest.approx(theirs[hold], rel=4e-3)
+    at = [int(np.argmin(np.abs(curve.time - time))) for time in oracle["time_s"][:5]]
+    assert ratio[at] == pytest.approx(oracle["ratio"][:5], rel=2e-3)
+
+
+def test_sphere_follows_lee_and_radok():
+    sphere = {"shape": "sphere", "diameter": 10.0}
+    case = case_of(sphere, {"shape": "disc", "diameter": 60.0, "thickness": 30.0, "base": "bonded"}, 0.05, ramp=1.0, hold=4.0)
+    test = indentfit.simulate(case, mesh_error=False).tests[0]
+    curve, end = test.in_time, int(np.argmax(test.in_time.displacement >= 0.05))
+    exact = {time: quad(lambda s, time=time: float(SERIES(time - s)) * 1.5 * s**0.5, 0, min(time, 1.0))[0] for time in curve.time}
+    shape = np.array([exact[time] for time in curve.time])  # of the force, over the long-term one at the end of the ramp
+    assert (curve.force / curve.force[end])[2:] == pytest.approx((shape / shape[end])[2:], rel=8e-3)  # a layer, and a mesh: 0.9 % at small depths
+    assert (curve.force / curve.force[end])[:2] == pytest.approx((shape / shape[end])[:2], rel=2e-2)  # few elements meet the sphere
+    assert curve.difference < 2e-3
+
+
+def test_forces_over_displacement_are_those_of_the_ramp():
+    disc = {"shape": "disc", "diameter": 14.0, "thickness": 3.3, "base": "sliding"}
+    case = case_of({"shape": "cylinder", "diameter": 4.0, "edge_radius": 0.2}, disc, 0.01, rate=0.01, points=5)
+    forces = indentfit.simulate(case, mesh_error=False).tests[0].force
+    plain = case.model_copy(update={"material": case.material.model_copy(update={"relaxation": None})})
+    elastic = indentfit.simulate(plain, mesh_error=False).tests[0].force
+    time = np.linspace(0.2, 1, 5)
+    exact = 1 + (0.8 * 0.5 * (1 - np.exp(-time / 0.5)) + 0.5 * 5 * (1 - np.exp(-time / 5))) / time  # of a force linear in depth
+    assert forces / elastic == pytest.approx(exact, rel=5e-3)
+
+
+def test_offset_is_a_later_start():
+    in_time = InTime(0.5, case_of(SPHERE, DISC, 0.1, ramp=1.0).material.relaxation)
+    depths, step = np.array([0.1, 0.2, 0.3]), 1e-4
+    force = [in_time.forces(depths - offset, lambda d: d**2) for offset in (-step, step)]
+    slope = in_time.forces(depths, lambda d: 2 * d)
+    assert (force[0] - force[1]) / (2 * step) == pytest.approx(slope, rel=1e-3)
+
+
+DISC = {"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": "bonded"}
+SPHERE = {"shape": "sphere", "diameter": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({}, "test.press.rate: missing; the material relaxes"),
+        ({"ramp": 1.0, "rate": 1.0}, "keep one of them"),
+        ({"hold": 1.0}, "needs the ramp before it"),
+        ({"ramp": 1.0, "relaxation": None}, "has no effect without a table [material.relaxation]"),
+        ({"ramp": 1.0, "relaxation": {"g": [0.8], "tau": [0.5, 5.0]}}, "as many times as g has shares"),
+        ({"ramp": 1.0, "relaxation": {"g": [0.8, 0.3], "tau": [0.5, 5.0], "base": "instantaneous"}}, "less than 1"),
+        ({"ramp": 1.0, "relaxation": {"g": [0.8, 0.3], "tau": [0.5, 5.0], "order": 0.3}}, "one share and one time"),
+    ],
+)
+def test_what_does_not_agree_is_refused(keys, words):
+    with pytest.raises(CaseError) as error:
+        case_of(SPHERE, DISC, 0.1, **keys)
+    assert words in str(error.value)
+
+
+def test_rate_and_relaxation_are_in_the_key_of_a_run():
+    def hash_of(**keys):
+        case = case_of(SPHERE, DISC, 0.1, **keys)
+        inputs = Inputs(case)
+        return inputs.hash(inputs.of({"mu": 1.0}, case.tests[0]))
+
+    others = {hash_of(ramp=2.0), hash_of(ramp=1.0, relaxation={"g": [0.7], "tau": [0.5]}), hash_of(rate=0.2)}
+    assert hash_of(ramp=1.0) not in others and len(others) == 3
+    assert hash_of(ramp=1.0) == hash_of(rate=0.1)
+
+
+def test_command_writes_the_force_over_time(tmp_path):
+    simulated = indentfit.simulate(case_of(SPHERE, DISC, 0.1, ramp=1.0, hold=3.0), mesh_error=False)
+    simulated.write(tmp_path / "result")
+    table = np.genfromtxt(tmp_path / "result" / "time_curves.csv", delimiter=",", names=True, encoding="utf-8", dtype=None)
+    curve = simulated.in_time["press"]
+    assert table["time_s"][-1] == 4.0 and table["force_mN"] == pytest.approx(curve.force)
+    assert "Forces over time" in (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+    assert "after a hold of 3 s" in simulated.summary()
