@@ -17,6 +17,7 @@ from indentfit.fem.viscous import StressHistory, pulled_back
 from indentfit.hereditary import Ramp, fractional, prony
 from indentfit.material import load
 from indentfit.runs.key import Inputs
+from indentfit.study.runs import Execution
 
 ORACLE = SHARED / "oracles" / "visco_strip_fast.json"
 SERIES = prony((0.8, 0.5), (0.5, 5.0))
@@ -141,7 +142,9 @@ def test_sphere_follows_lee_and_radok():
     curve, end = test.in_time, int(np.argmax(test.in_time.displacement >= 0.05))
     exact = {time: quad(lambda s, time=time: float(SERIES(time - s)) * 1.5 * s**0.5, 0, min(time, 1.0))[0] for time in curve.time}
     shape = np.array([exact[time] for time in curve.time])  # of the force, over the long-term one at the end of the ramp
-    assert (curve.force / curve.force[end])[2:] == pytest.approx((shape / shape[end])[2:], rel=8e-3)  # a layer, and a mesh: 0.9 % at small depths
+    assert (curve.force / curve.force[end])[2:] == pytest.approx(
+        (shape / shape[end])[2:], rel=8e-3
+    )  # a layer, and a mesh: 0.9 % at small depths
     assert (curve.force / curve.force[end])[:2] == pytest.approx((shape / shape[end])[:2], rel=2e-2)  # few elements meet the sphere
     assert curve.difference < 2e-3
 
@@ -206,3 +209,16 @@ def test_command_writes_the_force_over_time(tmp_path):
     assert table["time_s"][-1] == 4.0 and table["force_mN"] == pytest.approx(curve.force)
     assert "Forces over time" in (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
     assert "after a hold of 3 s" in simulated.summary()
+
+
+def test_sweep_of_the_rate_runs_each_rate():
+    case = case_of(SPHERE, DISC, 0.1, rate=0.1, points=5).model_copy(update={"mesh": indentfit.Mesh(elements=20)})
+    sweep = indentfit.sweep(case, {"test.press.rate": [1e-4, 1e4]}, execution=Execution(workers=1))
+    slow, fast = (point.tests["press"].force for point in sweep.points)
+    assert fast / slow == pytest.approx(2.3, rel=1e-2)  # instantaneous over long-term modulus
+
+
+def test_closed_forms_of_an_elastic_material_are_not_shown_for_one_that_relaxes():
+    simulated = indentfit.simulate(case_of(SPHERE, DISC, 0.1, rate=0.1), mesh_error=False)
+    assert simulated.closed_forms == {}
+    assert "relaxes: g 0.8, 0.5 of G_inf, tau 0.5, 5 s" in simulated.summary()

@@ -51,6 +51,14 @@ class Relaxation(Section):
         if self.base == "instantaneous" and sum(self.g) >= 1:
             yield "g", "must sum to less than 1 on the base instantaneous; nothing would be left after long times"
 
+    def words(self) -> str:
+        """The function in words."""
+        over = "G_inf" if self.base == "long_term" else "G_0"
+        kind = "exponentials" if self.order is None else f"fractional of order {self.order:g}"
+        shares, times = (", ".join(f"{value:g}" for value in values) for values in (self.g, self.tau))
+        modulus = "long-term" if self.base == "long_term" else "instantaneous"
+        return f"g {shares} of {over}, tau {times} s, {kind}; the parameters are {modulus} moduli, and forces those of a ramp"
+
     def function(self, ramp: float, end: float) -> RelaxationFunction:
         """The function m(t) for a test.
 

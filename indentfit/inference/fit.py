@@ -176,7 +176,8 @@ class _Work:
 
     def notes(self, case: Case) -> tuple[str, ...]:
         mesh = () if case.fit.uncertain.mesh else (MESH_NOTE,)
-        return (*mesh, *said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False)))
+        relaxes = () if case.material.relaxation is None else (f"the material relaxes: {case.material.relaxation.words()}",)
+        return (*mesh, *relaxes, *said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False)))
 
 
 def _facts_at(pool: RunPool, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:

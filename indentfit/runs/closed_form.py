@@ -84,8 +84,9 @@ def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) 
     Returns
     -------
     dict of test -> ClosedForm
+        Empty for a material with fibres, and for one that relaxes.
     """
-    if has_fibres(case.law):
+    if has_fibres(case.law) or case.material.relaxation is not None:
         return {}
     nu = case.material.poisson_ratio_at(shear_modulus)
     forms = {test.name: _closed_form(case, test, curves[test.name], nu) for test in case.tests if test.name in curves}

@@ -7,11 +7,12 @@ from typing import Any
 from indentfit.case import Case
 from indentfit.runs.forward import Evaluation
 from indentfit.runs.ledger import Ledger
+from indentfit.runs.mechanics import indentation_of
 from indentfit.runs.points import case_at
 from indentfit.runs.pool import RunPool
 
 TABLES = ("sample", "indenter", "mesh", "solver", "material")
-NOT_OF_A_POINT = ("model", "energy", "parameters")  # of the material: what its class is
+NOT_OF_A_POINT = ("model", "energy", "parameters", "relaxation")  # of the material: what its class is, and a table
 
 Point = dict[str, Any]
 
@@ -103,7 +104,8 @@ def _point(first: Case, case: Case) -> Point | None:
     return point if _decided(there) == _decided(case) else None
 
 
-def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float]]]]:
+def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float], float | None]]]:
     """All that decides the forces of a case, without its parameters."""
     tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
-    return tables, [(test.direction, case.outputs(test).tolist()) for test in case.tests]
+    tests = [indentation_of(case, test) for test in case.tests]
+    return tables, [(test.angle, test.depths.tolist(), test.rate) for test in tests]
