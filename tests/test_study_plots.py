@@ -128,3 +128,19 @@ def test_a_course_fills_its_axes_and_no_marker_is_cut(objectives):
 def test_a_course_never_rises_and_is_drawn_on_a_logarithm_where_it_falls_far():
     axes = course().axes[0]
     assert axes.lines[0].get_ydata().tolist() == [9.0, 3.0, 3.0, 0.2] and axes.get_yscale() == "log"
+
+
+def test_axes_of_small_samples_are_in_small_units():
+    """A bead of 5 um: depths of 1 um, forces of 5 nN."""
+    d = np.linspace(2e-4, 1e-3, 5)
+    small = {name: Curve(d, 5e-3 * d) for name in TESTS}
+    axes = study_plots.curves_by_value("indenter.friction", TESTS, ("0.5", small), [("0.2", small)], None).axes[0]
+    assert axes.get_xlabel() == "Displacement (µm)" and axes.get_ylabel() == "Force (nN)"
+    assert axes.lines[0].get_xdata()[-1] == pytest.approx(1.0) and axes.lines[0].get_ydata()[-1] == pytest.approx(5.0)
+    points = [((f,), (float(f),), dict.fromkeys(TESTS, 5e-6)) for f in ("0.2", "0.5")]
+    axes = study_plots.forces_on_grid(["indenter.friction"], points, TESTS, None).axes[0]
+    assert "(nN)" in axes.get_ylabel() and axes.lines[0].get_ydata()[0] == pytest.approx(5.0)
+    h = np.array([1e-3, 8e-4])
+    axes = study_plots.mesh_convergence([("press", "Force (mN)", h, 70 + h, None, None)], None).axes[0]
+    assert axes.get_xlabel() == "Element size h (µm)" and axes.lines[0].get_xdata()[0] == pytest.approx(1.0)
+    assert study_plots.course([2e-5, 5e-6], ["first", "last"]).axes[0].get_ylabel() == "Best objective (nN)"

@@ -11,11 +11,12 @@ from indentfit.curve import Curve
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.report import plots, study_plots
+from indentfit.report.first_screen import doubts_of, next_step, pieces_words, value_words
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
-from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, Text, drawn
+from indentfit.report.page import Beside, Figures, Lines, Page, Part, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
-from indentfit.report.text import effect_of_base, share_rows
+from indentfit.report.text import effect_of_base, said_of_misfit, share_rows
 
 PARAMETERS = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
 FITTED = "Measured (marks) and fitted (lines) force of the full sample against displacement; below, the residuals."
@@ -28,6 +29,7 @@ Curves = list[tuple[str, Curve]]
 def fit_page(stored: Stored, result: FitResult) -> Page:
     """Page of a fit's result folder."""
     sections = [
+        _first(stored, result),
         _what(stored, result),
         _parameters(result),
         _curves(stored, result),
@@ -39,6 +41,31 @@ def fit_page(stored: Stored, result: FitResult) -> Page:
     ]
     headline = "The fit converged." if result.success else "The fit did not converge."
     return Page(result.title or "Fit", "Inverse finite-element fit", headline, _lead(result), result.success, tuple(sections))
+
+
+def _first(stored: Stored, result: FitResult) -> Section:
+    """The first screen: estimates beside a small plot of the fit, what is to be doubted, and what to do next."""
+    free = {name: result.parameters[name] for name in result.free}
+    free |= {name: known for name, known in result.moduli.items() if name not in free}
+    rows = tuple((name, value_words(known), _unit(known.unit) or "–", pieces_words(known)) for name, known in free.items())
+    table = Table("Estimates; a parameter at its bound has no value", ("Parameter", "Value", "Unit", "95 % interval"), rows)
+    measured, fitted = _stored_curves(stored)
+    parts: list[Part] = [table]
+    if fitted:
+        figure = plots.force_displacement(measured, fitted, None)
+        parts = [Beside(table, drawn(figure, FITTED, _alt_of_fit(result, measured, fitted)))]
+    if result.misfit:
+        parts.append(Text(f"Misfit: {said_of_misfit(result)}."))
+    for doubt in doubts_of(result):
+        said = f"{doubt.word.capitalize()}: {doubt.text}."
+        parts.append(Text(said.replace("..", "."), warning=True, amber=not doubt.red))
+    parts.append(Text(f"Next: {next_step(result)}."))
+    return Section("result", "Result", tuple(parts))
+
+
+def _stored_curves(stored: Stored) -> tuple[Curves, Curves]:
+    file = stored.folder / "curves.csv"
+    return read_fitted(file) if file.is_file() else ([], [])
 
 
 def _lead(result: FitResult) -> str:
@@ -55,8 +82,8 @@ def _lead(result: FitResult) -> str:
 
 def _estimate(name: str, known: ParameterEstimate) -> str:
     """A parameter with its value; a value at a bound is the bound's, not the curves'."""
-    value = f"{number(known.value)}{_unit(known.unit, ' ')}"
-    return f"{name} at its {known.at_bound} bound ({value})" if known.at_bound else f"{name} = {value}"
+    value = f"{value_words(known, 4)}{_unit(known.unit, ' ')}"
+    return f"{name} {value} (at its {known.at_bound} bound)" if known.at_bound else f"{name} = {value}"
 
 
 def _and(words: Sequence[str]) -> str:
@@ -84,22 +111,17 @@ def _parameters(result: FitResult) -> Section:
 
 
 def _parameter_row(name: str, known: ParameterEstimate) -> tuple[str, ...]:
-    value, unit = number(known.value, 5), _unit(known.unit) or "–"
+    value, unit = value_words(known), _unit(known.unit) or "–"
     if known.fixed:
         return (name, value, unit, "–", "fixed", "–", "–", "–")
     errors = ("unknown" if error is None else number(error, 2) for error in (known.stderr, known.total))
     bounds = "–" if known.min is None else f"{number(known.min)} to {number(known.max)}"
-    return (name, value, unit, _between(known.interval), known.verdict or "", *errors, bounds)
+    return (name, value, unit, pieces_words(known), known.verdict or "", *(["–", "–"] if known.at_bound else errors), bounds)
 
 
 def _curves(stored: Stored, result: FitResult) -> Section:
-    file = stored.folder / "curves.csv"
-    measured, fitted = read_fitted(file) if file.is_file() else ([], [])
     parts: list[Part] = []
-    if fitted:
-        figure = plots.force_displacement(measured, fitted, None)
-        parts.append(Figures((drawn(figure, FITTED, _alt_of_fit(result, measured, fitted)),)))
-    else:
+    if not _stored_curves(stored)[1]:
         parts.append(Text("There are no fitted curves: the mechanics failed at every point of the search.", warning=True))
     rows = tuple((name, number(value), *_relative(result, name)) for name, value in result.rmse.items())
     if rows:
@@ -186,7 +208,7 @@ def _tests_alone(result: FitResult) -> list[Part]:
         return []
     for name in result.free:
         together = result.parameters[name]
-        rows.append(("all together", name, number(together.value), _between(together.interval), together.verdict or ""))
+        rows.append(("all together", name, value_words(together, 4), pieces_words(together), together.verdict or ""))
     header = ("Curves", "Parameter", "Value", "95 % interval", "Verdict")
     return [Table("What each test alone determines, and all together", header, tuple(rows))]
 

@@ -31,10 +31,11 @@ NOT_SHOWN = ("metadata", "style")  # of a figure: the page has its own style
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; `warning` sets it off."""
+    """A paragraph; `warning` sets it off, in red, or in amber where it is milder."""
 
     text: str
     warning: bool = False
+    amber: bool = False
     kind = "text"
 
 
@@ -97,7 +98,16 @@ class Code:
     kind = "code"
 
 
-Part = Text | Lines | Table | Figures | Code
+@dataclass(frozen=True)
+class Beside:
+    """A table with a picture beside it, where there is room."""
+
+    table: Table
+    picture: Picture
+    kind = "beside"
+
+
+Part = Text | Lines | Table | Figures | Code | Beside
 
 
 @dataclass(frozen=True)

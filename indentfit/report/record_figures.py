@@ -13,6 +13,7 @@ from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
 from indentfit.experiment.relaxation import Prony
 from indentfit.experiment.replicates import MeanCurve
+from indentfit.report.digits import CurveScale, Scale, quantity
 from indentfit.report.style import COLOURS, COLUMN, STYLE
 
 MOST_POINTS = 3000  # of a line: more than a printed column resolves
@@ -51,14 +52,15 @@ def replicate_figure(result: ProcessResult) -> Figure:
     """Figure of replicates: (a) a typical curve of each direction with its line, (b) stiffnesses, (c) mean curves with fits."""
     with matplotlib.rc_context(STYLE):
         figure, (typical, bars, mean) = _figure(3)
+        scale = CurveScale.of(mean.target("linear") for mean in result.means.values())
         for colour, direction in zip(COLOURS, result.statistics.stiffness, strict=False):
-            _typical(typical, result, direction, colour)
-            _mean(mean, result.means[direction], direction, colour)
+            _typical(typical, result, direction, colour, scale)
+            _mean(mean, result.means[direction], direction, colour, scale)
         _stiffnesses(bars, result)
         for axes, letter in zip((typical, bars, mean), "abc", strict=True):
             axes.set_title(f"({letter})", loc="left", fontsize=8)
         for axes in (typical, mean):
-            _label_curve(axes)
+            _label_curve(axes, scale)
             axes.legend()
     return figure
 
@@ -82,20 +84,22 @@ def _over_time(axes: Axes, processed: ProcessedRecord) -> None:
     part = slice(max(0, processed.contact.index - margin), ramp.stop + margin)
     force = record.force[part] - processed.contact.baseline - processed.contact.drift * record.time[part]
     time = record.time[part]
+    scale = CurveScale.of([processed.curve])
+    force = scale.force.factor * force
     axes.axvspan(
         record.time[processed.window.start], record.time[processed.window.stop - 1], color="0.92", label="constant velocity"
     )
     axes.plot(*_thinned(time, force), color=GREY, linewidth=0.5)
-    axes.plot(*_thinned(time, ramp.force[part] - record.force[part] + force), color=COLOURS[0], label="force")
+    filtered = scale.force.factor * (ramp.force[part] - record.force[part]) + force
+    axes.plot(*_thinned(time, filtered), color=COLOURS[0], label="force")
     axes.axvline(record.time[processed.contact.index], color=COLOURS[1], linewidth=0.8, label="contact")
     axes.set_xlabel("Time (s)")
-    axes.set_ylabel("Force (mN)")
+    axes.set_ylabel(f"Force ({scale.force.symbol})")
     other = axes.twinx()
     other.spines["right"].set_visible(True)
-    other.plot(
-        *_thinned(time, ramp.displacement[part] - processed.contact.displacement), color=COLOURS[2], linestyle="--", linewidth=0.8
-    )
-    other.set_ylabel("Displacement (mm), dashed")
+    depth = scale.displacement.factor * (ramp.displacement[part] - processed.contact.displacement)
+    other.plot(*_thinned(time, depth), color=COLOURS[2], linestyle="--", linewidth=0.8)
+    other.set_ylabel(f"Displacement ({scale.displacement.symbol}), dashed")
     axes.legend(loc="upper left")
 
 
@@ -104,13 +108,18 @@ def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
     part = slice(start, processed.ramp.stop)
     force = record.force - processed.contact.baseline - processed.contact.drift * record.time
     displacement = processed.ramp.displacement - processed.contact.displacement
-    axes.plot(displacement[part], force[part], ".", color=GREY, markersize=1.5, label="record")
-    axes.plot(processed.curve.displacement, processed.curve.force, "o", color=COLOURS[0], markerfacecolor="white", label="curve")
+    scale = CurveScale.of([processed.curve])
+    long, strong = scale.displacement.factor, scale.force.factor
+    axes.plot(long * displacement[part], strong * force[part], ".", color=GREY, markersize=1.5, label="record")
+    curve = scale.scaled(processed.curve)
+    axes.plot(curve.displacement, curve.force, "o", color=COLOURS[0], markerfacecolor="white", label="curve")
     d = displacement[processed.window][[0, -1]]
-    axes.plot(d, processed.line.slope * d + processed.line.intercept, color="black", label=f"{processed.line.slope:.4g} mN/mm")
+    line = strong * (processed.line.slope * d + processed.line.intercept)
+    axes.plot(long * d, line, color="black", label=f"{processed.line.slope:.4g} mN/mm")
     reach = processed.contact.uncertainty
-    axes.axvspan(-reach, reach, color=COLOURS[1], alpha=0.3, linewidth=0, label=f"contact ± {1e3 * reach:.1f} µm")
-    _label_curve(axes)
+    words = quantity(reach, "mm", 2).replace("um", "µm")
+    axes.axvspan(-long * reach, long * reach, color=COLOURS[1], alpha=0.3, linewidth=0, label=f"contact ± {words}")
+    _label_curve(axes, scale)
     axes.legend()
 
 
@@ -118,26 +127,27 @@ def _hold(axes: Axes, processed: ProcessedRecord, series: Prony) -> None:
     record, ramp = processed.record, processed.ramp
     time = record.time[ramp.stop :] - record.time[ramp.stop - 1]
     force = record.force[ramp.stop :] - processed.contact.baseline - processed.contact.drift * record.time[ramp.stop :]
+    scale = Scale.of([float(np.abs(force).max())], "mN")
     some = np.unique(np.geomspace(1, time.size, MOST_POINTS).astype(int)) - 1
-    axes.semilogx(time[some], force[some], ".", color=GREY, markersize=1.5)
+    axes.semilogx(time[some], scale.factor * force[some], ".", color=GREY, markersize=1.5)
     label = f"{len(series.shares)} terms, $G_\\infty/G_0$ = {series.ratio:.3f}"
-    axes.semilogx(time[some], series.force(time[some]), color=COLOURS[1], label=label)
+    axes.semilogx(time[some], scale.factor * series.force(time[some]), color=COLOURS[1], label=label)
     axes.set_xlabel("Time of the hold (s)")
-    axes.set_ylabel("Force (mN)")
+    axes.set_ylabel(f"Force ({scale.symbol})")
     axes.legend()
 
 
-def _typical(axes: Axes, result: ProcessResult, direction: int, colour: str) -> None:
+def _typical(axes: Axes, result: ProcessResult, direction: int, colour: str, scale: CurveScale) -> None:
     """The record whose stiffness is nearest to the median."""
     median = result.statistics.stiffness[direction].median
     group = usable(result.outcomes, direction)
     typical = min(group, key=lambda outcome: abs(outcome.processed.line.slope - median))
     processed = typical.processed
-    axes.plot(
-        *_thinned(processed.displacement, processed.force), color=colour, label=f"{direction}°, {_plain(typical.entry.sample)}"
-    )
+    long, strong = scale.displacement.factor, scale.force.factor
+    columns = _thinned(long * processed.displacement, strong * processed.force)
+    axes.plot(*columns, color=colour, label=f"{direction}°, {_plain(typical.entry.sample)}")
     d = processed.ramp.displacement[processed.window][[0, -1]] - processed.contact.displacement
-    axes.plot(d, processed.line.slope * d + processed.line.intercept, color="black", linewidth=1.4)
+    axes.plot(long * d, strong * (processed.line.slope * d + processed.line.intercept), color="black", linewidth=1.4)
 
 
 def _stiffnesses(axes: Axes, result: ProcessResult) -> None:
@@ -158,17 +168,20 @@ def _stiffnesses(axes: Axes, result: ProcessResult) -> None:
         axes.set_title(f"p = {statistics.differences[0].p:.2g}, {statistics.differences[0].test}", fontsize=6)
 
 
-def _mean(axes: Axes, mean: MeanCurve, direction: int, colour: str) -> None:
-    d = mean.displacement
-    axes.fill_between(d, mean.force - mean.sd, mean.force + mean.sd, color=colour, alpha=0.15, linewidth=0)
-    axes.plot(d, mean.force, "o", color=colour, markerfacecolor="white", label=f"{direction}°: mean ± SD, n = {mean.count}")
+def _mean(axes: Axes, mean: MeanCurve, direction: int, colour: str, scale: CurveScale) -> None:
+    d, strong = scale.displacement.factor * mean.displacement, scale.force.factor
+    low, high = strong * (mean.force - mean.sd), strong * (mean.force + mean.sd)
+    axes.fill_between(d, low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.plot(
+        d, strong * mean.force, "o", color=colour, markerfacecolor="white", label=f"{direction}°: mean ± SD, n = {mean.count}"
+    )
     for kind, dashes in (("linear", "-"), ("quadratic", "--")):
-        axes.plot(d, mean.target(kind).force, linestyle=dashes, color=colour, label=kind if colour == COLOURS[0] else None)
+        axes.plot(d, strong * mean.target(kind).force, linestyle=dashes, color=colour, label=kind if colour == COLOURS[0] else None)
 
 
-def _label_curve(axes: Axes) -> None:
-    axes.set_xlabel("Displacement (mm)")
-    axes.set_ylabel("Force (mN)")
+def _label_curve(axes: Axes, scale: CurveScale) -> None:
+    axes.set_xlabel(f"Displacement ({scale.displacement.symbol})")
+    axes.set_ylabel(f"Force ({scale.force.symbol})")
 
 
 def _plain(name: str) -> str:

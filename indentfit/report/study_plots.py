@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from indentfit.arrays import Array
 from indentfit.curve import Curve
 from indentfit.inference.result import Profile
+from indentfit.report.digits import CurveScale, Scale
 from indentfit.report.plots import TICKS, Place, _from_origin, _label, save
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 
@@ -37,13 +38,18 @@ def curves_by_value(key: str, tests: Tests, own: AtValue, points: Sequence[AtVal
     """
     shown = [points[n] for n in np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).astype(int))]
     ramp = matplotlib.colormaps[RAMP](np.linspace(DARKEST, LIGHTEST, len(shown)))
+    scale = CurveScale.of(curve for _, curves in (own, *shown) for curve in curves.values())
     with matplotlib.rc_context(STYLE):
         figure, panels = _panels(len(tests))
         for axes, (name, angle) in zip(panels, tests.items(), strict=True):
-            axes.plot(*_from_origin(own[1][name]), color="black", linewidth=1.3, zorder=3, label=f"{own[0]} (the case)")
+            axes.plot(
+                *_from_origin(scale.scaled(own[1][name])), color="black", linewidth=1.3, zorder=3, label=f"{own[0]} (the case)"
+            )
             for (value, curves), colour, dashes in zip(shown, ramp, itertools.cycle(LINES), strict=False):
-                axes.plot(*_from_origin(curves[name]), color=colour, linewidth=1.2, linestyle=dashes, label=_label(value))
-            _force_axes(axes, f"{name} ({angle}°)")
+                axes.plot(
+                    *_from_origin(scale.scaled(curves[name])), color=colour, linewidth=1.2, linestyle=dashes, label=_label(value)
+                )
+            _force_axes(axes, f"{name} ({angle}°)", scale)
         handles, labels = panels[0].get_legend_handles_labels()
         columns = 4 if len(tests) > 1 else 2
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=_label(key), handlelength=3.2)
@@ -85,20 +91,21 @@ def forces_on_grid(keys: Sequence[str], points: Sequence[OnGrid], tests: Tests, 
     for values, numbers, forces in points:
         lines.setdefault(tuple(values[1:]), []).append((values[0], numbers[0], forces))
     words = any(number is None for line in lines.values() for _, number, _ in line)
+    scale = Scale.of((force for _, _, forces in points for force in (forces or {}).values()), "mN")
     with matplotlib.rc_context(STYLE):
         figure, panels = _panels(len(tests))
         looks = itertools.cycle(zip(COLOURS, MARKERS, DASHES, strict=True))
         for (others, line), (colour, marker, dashes) in zip(list(lines.items())[:MOST_CURVES], looks, strict=False):
             for axes, name in zip(panels, tests, strict=True):
                 x: list[Any] = [value if words else number for value, number, _ in line]
-                y = [np.nan if forces is None else forces[name] for _, _, forces in line]
+                y = [np.nan if forces is None else scale.factor * forces[name] for _, _, forces in line]
                 label = _label(", ".join(others)) or "force"
                 axes.plot(x, y, color=colour, marker=marker, linestyle=dashes, label=label, markerfacecolor="white")
         for axes, (name, angle) in zip(panels, tests.items(), strict=True):
-            _force_axes(axes, f"{_label(name)} ({angle}°)")
-            axes.set_xlim(auto=True)
+            _title(axes, f"{name} ({angle}°)")
             axes.set_xlabel(_label(keys[0]))
-            axes.set_ylabel("Force at the last\ndisplacement (mN)")
+            axes.set_ylabel(f"Force at the last\ndisplacement ({scale.symbol})")
+            axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
             axes.autoscale()
         if len(keys) > 1:
             handles, labels = panels[0].get_legend_handles_labels()
@@ -113,18 +120,28 @@ def mesh_convergence(families: Sequence[Family], path: Place) -> Figure:
 
     families: list of (title, label of the axis, h (n,), values (n,), curve (m, 2) or None, band (2,) or None).
     """
+    scale = Scale.of((float(size) for family in families for size in family[2]), "mm")
     with matplotlib.rc_context(STYLE):
         figure, panels = _panels(len(families), rows=-(-len(families) // 2))
         for axes, (title, label, h, values, curve, band) in zip(panels, families, strict=True):
             if band is not None:
                 axes.axhspan(*band, color=COLOURS[4], alpha=0.3, linewidth=0, label="error band")
             if curve is not None:
-                axes.plot(*curve.T, color=COLOURS[0], label="fitted approach to zero size")
-            axes.plot(h, values, "o", color=COLOURS[1], markerfacecolor="white", markeredgewidth=0.9, label="meshes", clip_on=False)
-            axes.set_xlim(0, 1.05 * max(h))
+                axes.plot(scale.factor * curve[:, 0], curve[:, 1], color=COLOURS[0], label="fitted approach to zero size")
+            axes.plot(
+                scale.factor * h,
+                values,
+                "o",
+                color=COLOURS[1],
+                markerfacecolor="white",
+                markeredgewidth=0.9,
+                label="meshes",
+                clip_on=False,
+            )
+            axes.set_xlim(0, 1.05 * scale.factor * max(h))
             axes.margins(y=0.15)
             axes.set_title(_label(title), fontsize=8, loc="left")
-            axes.set_xlabel("Element size h (mm)")
+            axes.set_xlabel(f"Element size h ({scale.symbol})")
             axes.set_ylabel(label)
             axes.yaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
         handles, labels = panels[0].get_legend_handles_labels()
@@ -139,6 +156,8 @@ def error_and_cost(h: Array, errors: tuple[str, Mapping[str, Sequence[float]]], 
     errors: (label of the axis, {name: values (n,)}); seconds (n,).
     """
     label, series = errors
+    scale = Scale.of((float(size) for size in h), "mm")
+    h = scale.factor * h
     with matplotlib.rc_context(STYLE):
         figure, (axes,) = _panels(1, width=COLUMN, height=0.85 * COLUMN)
         cost = axes.twinx()
@@ -154,7 +173,7 @@ def error_and_cost(h: Array, errors: tuple[str, Mapping[str, Sequence[float]]], 
         cost.yaxis.set_minor_formatter(NullFormatter())
         cost.yaxis.set_minor_locator(NullLocator())
         axes.set_ylim(bottom=0)
-        axes.set_xlabel("Element size h (mm)")
+        axes.set_xlabel(f"Element size h ({scale.symbol})")
         axes.set_ylabel(label)
         figure.legend(loc="outside upper left", ncols=2)
         save(figure, path)
@@ -172,12 +191,16 @@ def _panels(number: int, rows: int = 1, width: float | None = None, height: floa
     return figure, panels[:number]
 
 
-def _force_axes(axes: Axes, title: str) -> None:
+def _title(axes: Axes, title: str) -> None:
     axes.set_title(_label(title), fontsize=8, loc="left")
+
+
+def _force_axes(axes: Axes, title: str, scale: CurveScale) -> None:
+    _title(axes, title)
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("Displacement (mm)")
-    axes.set_ylabel("Force (mN)")
+    axes.set_xlabel(f"Displacement ({scale.displacement.symbol})")
+    axes.set_ylabel(f"Force ({scale.force.symbol})")
     axes.xaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
 
@@ -206,7 +229,8 @@ def course(objectives: Sequence[float], phases: Sequence[str]) -> Figure:
     """The best objective (mN) after each step of a search; a marker for each phase."""
     with matplotlib.rc_context(STYLE):
         figure, (axes,) = _panels(1, width=COLUMN, height=0.7 * COLUMN)
-        at, values = np.arange(1, len(objectives) + 1), np.minimum.accumulate(objectives)
+        scale = Scale.of([min(objectives)], "mN")
+        at, values = np.arange(1, len(objectives) + 1), scale.factor * np.minimum.accumulate(objectives)
         axes.plot(at, values, color="0.4", linewidth=0.8)
         for phase, colour, marker in zip(dict.fromkeys(phases), itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):
             mine = np.array([other == phase for other in phases])
@@ -220,6 +244,6 @@ def course(objectives: Sequence[float], phases: Sequence[str]) -> Figure:
         axes.margins(x=0.04, y=0.1)  # no marker is cut
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         axes.set_xlabel("Step of the search")
-        axes.set_ylabel("Best objective (mN)")
+        axes.set_ylabel(f"Best objective ({scale.symbol})")
         figure.legend(loc="outside upper left", ncols=3)
     return figure

@@ -9,11 +9,12 @@ from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import ForceError, Simulation, TestResult, TimeCurve
 from indentfit.inference.plain import Interval
-from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.result import FitResult
 from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
 from indentfit.report.digits import CurveScale, quantity
+from indentfit.report.first_screen import doubts_of, first_lines, pieces_words, value_words
 from indentfit.runs.closed_form import ClosedForm, closed_forms
 
 KINDS = {
@@ -173,6 +174,7 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
     yield from misfit_lines(result)
     yield from _parameter_lines(result)
     yield ""
+    yield from first_lines(result)
     yield from closed_lines(result.closed_forms)
     if result.objective is not None:
         parts = ", ".join(f"{name} {value:.4g}" for name, value in result.rmse.items())
@@ -219,9 +221,9 @@ def _parameter_lines(result: FitResult) -> Iterator[str]:
         if known.fixed:
             rows.append([name, f"{known.value:.6g}", "", "", "", unit, "fixed"])
             continue
-        interval = said_of_interval(known)
         errors = ["unknown" if error is None else f"{error:.2g}" for error in (known.stderr, known.total)]
-        rows.append([name, f"{known.value:.6g}", *errors, interval, unit, known.verdict or ""])
+        errors = ["", ""] if known.at_bound else errors  # no error of a value that is the bound's
+        rows.append([name, value_words(known, 6), *errors, pieces_words(known), unit, known.verdict or ""])
     widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
     for row in rows:
         yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -231,12 +233,6 @@ def closed_lines(forms: Mapping[str, ClosedForm]) -> Iterator[str]:
     """The moduli of each test by closed forms, to be compared with those of the simulation or the fit."""
     for name, form in forms.items():
         yield f"closed    {name}: {form.words()}"
-
-
-def said_of_interval(known: ParameterEstimate) -> str:
-    """The 95 % interval of an estimate in words, or its pieces."""
-    pieces = known.pieces or (() if known.interval is None else (known.interval,))
-    return " or ".join(f"{low:.4g} to {high:.4g}" for low, high in pieces) or "unknown"
 
 
 def _work_lines(result: FitResult) -> Iterator[str]:
@@ -255,8 +251,10 @@ def _work_lines(result: FitResult) -> Iterator[str]:
 
 def certainty_lines(result: FitResult) -> Iterator[str]:
     """What a FitResult says about its own certainty, line by line, after its table of parameters."""
+    doubted = {doubt.text for doubt in doubts_of(result)}  # these sentences came first
     for sentence in result.conclusions:
-        yield f"summary   {sentence}"
+        if sentence not in doubted:
+            yield f"summary   {sentence}"
     for name, test in result.tests_alone.items():
         parts = ", ".join(f"{key} {_span(alone.interval)}" for key, alone in test.parameters.items())
         yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} mN"

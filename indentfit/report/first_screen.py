@@ -1,0 +1,160 @@
+"""The first screen of a fit: estimates in the field's words, what is to be doubted, and one sentence on what to do next."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from indentfit.inference.limits import WORDS
+from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.verdicts import contradictions, kind_of
+from indentfit.inference.what_if import warnings_of
+
+SYSTEMATIC = 0.02  # RMSE over the largest force from which systematic residuals are worth another law
+CURE = re.compile(r"about ([\d,]+) elements")
+INPUTS = {  # limited_by -> what to do
+    "force": "calibrate the load cell better, and state its error as fit.uncertain.force",
+    "friction": "measure the friction, or lubricate or glue the contact, and state what is known as fit.uncertain.friction",
+    "bulk_ratio": "find out how compressible the sample is, and state what is known as fit.uncertain.bulk_ratio",
+    "thickness": "measure the thickness better, and state its error as fit.uncertain.thickness",
+    "size": "measure the indenter better, and state its size's error as fit.uncertain.size",
+    "offset": "find the contact point more exactly (slower approach, less noise), and state its error as fit.uncertain.offset",
+    "base": "find out whether the sample slides or sticks on its base, and state sample.base",
+}
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One reason to doubt a result: `red` where the parameters mean nothing until it is dealt with, otherwise amber."""
+
+    red: bool
+    text: str
+
+    @property
+    def word(self) -> str:
+        """The colour as a word, for a terminal and for those who see no colours."""
+        return "red" if self.red else "amber"
+
+
+def value_words(known: ParameterEstimate, digits: int = 5) -> str:
+    """The value of an estimate; one at its bound is not the curves' but the bound's, so that only what the interval says is
+    given."""
+    if known.at_bound is None or known.fixed:
+        return f"{known.value:.{digits}g}"
+    if known.interval is None or _whole_range(known):
+        return f"any, {known.min:.3g} to {known.max:.3g}" if known.min is not None and known.max is not None else "not known"
+    return f"< {known.interval[1]:.3g}" if known.at_bound == "lower" else f"> {known.interval[0]:.3g}"
+
+
+def _whole_range(known: ParameterEstimate) -> bool:
+    low, high = known.interval or (float("nan"), float("nan"))
+    return known.min is not None and known.max is not None and low <= known.min and high >= known.max
+
+
+def pieces_words(known: ParameterEstimate, digits: int = 4) -> str:
+    """The 95 % interval of an estimate in words, or its pieces."""
+    pieces = known.pieces or (() if known.interval is None else (known.interval,))
+    return " or ".join(f"{low:.{digits}g} to {high:.{digits}g}" for low, high in pieces) or "unknown"
+
+
+def doubts_of(result: FitResult) -> Iterator[Doubt]:
+    """The reasons to doubt a result, the gravest first."""
+    if result.no_fit:
+        yield Doubt(True, f"no fit: {result.no_fit}")
+    elif not result.success:
+        yield Doubt(True, f"the fit did not converge: {result.message}")
+    if result.no_fit:
+        return
+    yield from (Doubt(True, sentence) for sentence in contradictions(result.predicted))
+    yield from _doubts_of_residuals(result)
+    yield from _doubts_of_parameters(result)
+    yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
+
+
+def _doubts_of_residuals(result: FitResult) -> Iterator[Doubt]:
+    smooth = [name for name, noise in result.noise.items() if noise.systematic]
+    if smooth:
+        sizes = ", ".join(f"{name} {result.misfit[name].relative:.1%}" for name in smooth if name in result.misfit)
+        yield Doubt(False, f"the residuals are systematic, so the law does not follow the curves ({sizes} of the largest force)")
+
+
+def _doubts_of_parameters(result: FitResult) -> Iterator[Doubt]:
+    for name in result.free:
+        known = result.parameters[name]
+        if known.at_bound:
+            bound = known.min if known.at_bound == "lower" else known.max
+            yield Doubt(False, f"{name} sits at its {known.at_bound} bound ({bound:g}), so the curves give no value for it")
+        if known.pieces:
+            yield Doubt(False, f"the interval of {name} is in {len(known.pieces)} pieces: {pieces_words(known)}")
+    for cause, names in _by_cause(result).items():
+        yield Doubt(False, f"{WORDS.get(cause, f'the error of {cause}')} dominates the error of {_and(names)}")
+
+
+def _by_cause(result: FitResult) -> dict[str, list[str]]:
+    """The inputs (and the mesh) that limit parameters which are not determined well, with these parameters."""
+    causes: dict[str, list[str]] = {}
+    for name in result.free:
+        known = result.parameters[name]
+        cause = known.limited_by or "noise"
+        if cause not in ("noise", "misfit", "bound", "tests") and kind_of(known) != "determined":
+            causes.setdefault(cause, []).append(name)
+    return causes
+
+
+def next_step(result: FitResult) -> str:
+    """One sentence on what to do next."""
+    if result.no_fit:
+        return "check the curves, their units and the law before anything else; no parameter has a meaning yet"
+    if not result.success:
+        return "fit again with other start values or wider ranges, or with --method ga"
+    wrong = [name for name, known in result.predicted.items() if known.contradicts]
+    if wrong:
+        return (
+            f"repeat {_and(wrong)}, or find out what differed (contact point, direction, sample); until then take each test alone"
+        )
+    if law := _next_of_law(result):
+        return law
+    return _next_of_parameters(result)
+
+
+def _next_of_law(result: FitResult) -> str:
+    smooth = [name for name, noise in result.noise.items() if noise.systematic]
+    large = [name for name in smooth if name in result.misfit and result.misfit[name].relative >= SYSTEMATIC]
+    if not large:
+        return ""
+    return "try other laws on the same curves: `indentfit compare CASE --materials LAW,LAW,...` says which one they prefer"
+
+
+def _next_of_parameters(result: FitResult) -> str:
+    bound = [name for name in result.free if result.parameters[name].at_bound]
+    if bound:
+        return _next_of_bound(bound[0], result.parameters[bound[0]])
+    causes = _by_cause(result)
+    if "mesh" in causes:
+        cure = CURE.search(" ".join(result.parameters[name].verdict or "" for name in causes["mesh"]))
+        size = f"mesh.elements = {cure.group(1).replace(',', '')}" if cure else "a smaller mesh.error"
+        return f"fit again on a finer mesh ({size}): the mesh limits {_and(causes['mesh'])}"
+    for cause, names in causes.items():
+        if cause in INPUTS:
+            return f"{INPUTS[cause]}: that limits {_and(names)}"
+    weak = [name for name in result.free if kind_of(result.parameters[name]) != "determined"]
+    if weak:
+        return f"do another test: `indentfit design CASE --result DIR` says which one determines {_and(weak)} best"
+    return "nothing is missing for these parameters; check the inputs that are taken as known, on which the intervals rest"
+
+
+def _next_of_bound(name: str, known: ParameterEstimate) -> str:
+    if known.at_bound == "lower" and known.min is not None and known.min <= 0:
+        return f"{name} may be 0: see with `indentfit compare` whether a law without it will do, or do the test that `design` names"
+    bound, key = (known.max, "max") if known.at_bound == "upper" else (known.min, "min")
+    return f"move the bound of {name} ({key} = {bound:g}) if other values are admissible, and fit again; or give {name} as a number"
+
+
+def first_lines(result: FitResult) -> Iterator[str]:
+    """Doubts and the next step, line by line, for a terminal."""
+    for doubt in doubts_of(result):
+        yield f"{doubt.word:<9} {doubt.text}"
+    yield f"next      {next_step(result)}"
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,0 +1,93 @@
+"""The first screen of a fit: no value for a parameter at its bound, doubts in red and amber, and what to do next."""
+
+from dataclasses import replace
+
+import pytest
+
+from indentfit.inference.agreement import CurveMisfit, TestPrediction
+from indentfit.inference.result import CurveNoise, FitResult, ParameterEstimate
+from indentfit.report.first_screen import doubts_of, next_step, value_words
+from indentfit.report.html_fit import fit_page
+from indentfit.report.page import render
+from indentfit.report.schema import Stored
+from indentfit.report.text import fit_lines
+
+pytestmark = pytest.mark.quick
+GOOD = ParameterEstimate(
+    1.5, "kPa", start=1, min=0.1, max=10, stderr=0.01, interval=(1.45, 1.55), verdict="determined (+-3 %)", limited_by="noise"
+)
+ZERO = replace(GOOD, value=0.0, unit="1", min=0, max=5, interval=(0, 0.4), limited_by="bound")
+AT_MOST = replace(ZERO, at_bound="lower", verdict="at its lower bound (0): at most 0.4")
+AT_LEAST = replace(AT_MOST, value=5.0, at_bound="upper", interval=(2.2, 5), verdict="at its upper bound (5): at least 2.2")
+ANY = replace(AT_LEAST, interval=(0, 5), verdict="at its upper bound (5); not determined by these curves: any value fits")
+WEAK = replace(GOOD, interval=(0.8, 2.4), verdict="weakly determined: 0.8 to 2.4; limited by the noise")
+
+
+def fitted(**parameters):
+    """A result with these free parameters."""
+    return FitResult(
+        method="ga", seed=0, success=True, message="converged", parameters=parameters, free=tuple(parameters), objective=0.1,
+        sum_of_squares=0.01, rmse={"press": 0.1}, misfit={"press": CurveMisfit(0.03, 0.999)},
+    )  # fmt: skip
+
+
+def test_a_parameter_at_its_bound_has_no_value():
+    assert value_words(GOOD) == "1.5"
+    assert value_words(AT_MOST) == "< 0.4"
+    assert value_words(AT_LEAST) == "> 2.2"
+    assert value_words(ANY) == "any, 0 to 5"
+
+
+def row_of(result, name):
+    return next(line for line in fit_lines(result) if line.startswith(f"{name} "))
+
+
+def test_the_table_of_the_terminal_gives_the_end_of_the_interval_in_place_of_the_bound():
+    result = fitted(mu=GOOD, phi=AT_LEAST, zeta=AT_MOST)
+    assert row_of(result, "mu").split()[1] == "1.5"
+    assert row_of(result, "phi").split()[1:3] == [">", "2.2"] and " 5.0" not in row_of(result, "phi")
+    assert row_of(result, "zeta").split()[1:3] == ["<", "0.4"]
+
+
+def test_an_interval_in_two_pieces_is_shown_as_two_on_page_and_terminal(tmp_path):
+    result = fitted(mu=replace(GOOD, interval=(1.1, 2.2), pieces=((1.1, 1.3), (2.0, 2.2))))
+    assert "1.1 to 1.3 or 2 to 2.2" in row_of(result, "mu")
+    assert "1.1 to 1.3 or 2 to 2.2" in render(fit_page(Stored(tmp_path, result, None, (), None, {}), result))
+    assert any("in 2 pieces" in doubt.text for doubt in doubts_of(result))
+
+
+@pytest.mark.parametrize(
+    ("change", "red", "said", "then"),
+    [
+        ({"no_fit": "forces may be in newtons"}, True, "no fit: forces may be in newtons", "units"),
+        ({"success": False, "message": "no progress"}, True, "did not converge: no progress", "--method ga"),
+        ({"predicted": {"press": TestPrediction(0.001, 0.4)}}, True, "press is 40% above what the others predict", "repeat press"),
+        ({"noise": {"press": CurveNoise(0.1, 0.9, 3, 25, 0.001)}}, False, "systematic", "indentfit compare"),
+    ],
+)
+def test_what_is_wrong_with_a_whole_result_is_red_or_amber_with_its_next_step(change, red, said, then):
+    result = replace(fitted(mu=GOOD), **change)
+    (doubt,) = doubts_of(result)
+    assert doubt.red == red and said in doubt.text
+    assert then in next_step(result)
+
+
+def test_the_next_step_is_that_of_what_limits_the_parameters():
+    assert "design" in next_step(fitted(mu=WEAK)) and "mu" in next_step(fitted(mu=WEAK))
+    mesh = replace(
+        WEAK, limited_by="mesh", verdict="weakly determined: limited by the error of the mesh: about 1,200 elements would"
+    )
+    assert "mesh.elements = 1200" in next_step(fitted(mu=mesh))
+    assert "contact point" in next_step(fitted(mu=replace(WEAK, limited_by="offset")))
+    assert "dominates the error of mu" in next(iter(doubts_of(fitted(mu=mesh)))).text
+    assert "may be 0" in next_step(fitted(mu=GOOD, phi=AT_MOST))
+    assert "max = 5" in next_step(fitted(mu=GOOD, phi=AT_LEAST))
+    assert next_step(fitted(mu=GOOD)).startswith("nothing is missing") and not list(doubts_of(fitted(mu=GOOD)))
+
+
+def test_the_page_sets_doubts_off_in_red_and_amber(tmp_path):
+    result = replace(fitted(mu=GOOD, phi=AT_LEAST), predicted={"press": TestPrediction(0.001, -0.4)})
+    page = render(fit_page(Stored(tmp_path, result, None, (), None, {}), result))
+    assert '<p class="warning">Red: the tests contradict each other' in page
+    assert '<p class="warning amber">Amber: phi sits at its upper bound (5)' in page
+    assert "&gt; 2.2" in page and "Next: repeat press" in page
