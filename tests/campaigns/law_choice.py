@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import qmc
 
+from indentfit.case import Range
 from indentfit.experiment.measured import read_case
 from indentfit.inference.evidence import evidence
 from indentfit.inference.law_choice import Weighed, choose
@@ -32,19 +33,21 @@ from indentfit.study.law_ranges import law_case
 
 CASE = Path(__file__).parents[2] / "cases" / "quickstart" / "case.toml"
 MODULUS = 1.5  # kPa
-PLACES = {"neo_hookean": 0, "ogden": 30, "mooney_rivlin": 30, "transversely_isotropic": 40, "holzapfel": 90}
+PLACES = {"neo_hookean": 0, "ogden": 30, "mooney_rivlin": 30, "transversely_isotropic": 40, "holzapfel": 120}
+RANGES = {"holzapfel": {"k2": Range(start=1, min=0.001, max=10)}}  # on the automatic one, to 30, a few runs make no good surrogate
 HELD_OUT = 6
+LISTS = {"five laws": None, "without Mooney-Rivlin": "mooney_rivlin"}
 TRUTHS = {
     "neo_hookean": {"mu": (0.6, 3.0)},
     "ogden": {"mu": (0.6, 3.0), "alpha": (-15.0, 25.0)},
     "transversely_isotropic": {"mu": (0.6, 3.0), "zeta": (1.0, 15.0), "phi": (0.2, 3.0)},
-    "holzapfel": {"c": (0.6, 3.0), "k1": (2.0, 20.0), "k2": (0.5, 25.0), "dispersion": (0.0, 0.25)},
+    "holzapfel": {"c": (0.6, 3.0), "k1": (2.0, 20.0), "k2": (0.5, 9.0), "dispersion": (0.0, 0.25)},
 }
 
 
 def trained(law):
     """The curves of a law all over its ranges."""
-    case = law_case(read_case(CASE), law, MODULUS, {})
+    case = law_case(read_case(CASE), law, MODULUS, RANGES.get(law, {}))
     problem = inverse_problem(case)
     with RunPool(case, 1) as pool:
         if not problem.searched:
@@ -79,29 +82,29 @@ def main():
     asked = parser.parse_args()
     laws = {law: trained(law) for law in PLACES}
     print(f"trained in {time.process_time():.0f} s of CPU", flush=True)
-    rng, total = np.random.default_rng(0), collections.Counter()
+    rng, totals = np.random.default_rng(0), {name: collections.Counter() for name in LISTS}
     for law, ranges in TRUTHS.items():
-        counts = collections.Counter()
+        counts = {name: collections.Counter() for name in LISTS}
         for _ in range(asked.draws):
             truth = {name: float(rng.uniform(*bounds)) for name, bounds in ranges.items()}
             forces = laws[law].forces(unit_of(laws[law], truth)[None])[0]
-            said = verdict(laws, forces, asked, rng)
-            kind = "right" if said == law else "abstains" if said is None else f"wrong: {said}"
-            counts[kind] += 1
-            if said not in (law, None):
-                print(f"{law} {truth}: {said}")
-        print(f"{law}: {dict(counts)}", flush=True)
-        total += counts
-    number = sum(total.values())
-    wrong = sum(count for kind, count in total.items() if kind.startswith("wrong"))
-    print(
-        f"of {number}: right {total['right'] / number:.1%}, abstains {total['abstains'] / number:.1%}, wrong {wrong / number:.1%}"
-    )
+            weighed = weigh(laws, forces, asked, rng)
+            for name, left_out in LISTS.items():
+                said = choose({known: weight for known, weight in weighed.items() if known != left_out}).preferred
+                counts[name]["right" if said == law else "abstains" if said is None else "wrong"] += 1
+                if said not in (law, None):
+                    print(f"{name}: {law} {truth}: {said}")
+        for name, counted in counts.items():
+            print(f"{name}: {law}: {dict(counted)}", flush=True)
+            totals[name] += counted
+    for name, total in totals.items():
+        number = sum(total.values())
+        print(f"{name}: of {number}: {', '.join(f'{kind} {total[kind] / number:.1%}' for kind in ('right', 'abstains', 'wrong'))}")
     print(f"{time.process_time():.0f} s of CPU")
 
 
-def verdict(laws, forces, asked, rng):
-    """The preferred law of noisy curves."""
+def weigh(laws, forces, asked, rng):
+    """The laws weighed on noisy curves."""
     weighed = {}
     noisy = None
     for law, curves in laws.items():
@@ -114,7 +117,7 @@ def verdict(laws, forces, asked, rng):
         off = measured.forces(found.best[None])[0] - np.concatenate(noisy)
         misfit = max(np.sqrt(np.mean(part**2)) / force.max() for part, force in zip(np.split(off, ends), noisy, strict=True))
         weighed[law] = Weighed(found.log, found.log, float(misfit))
-    return choose(weighed).preferred
+    return weighed
 
 
 if __name__ == "__main__":
