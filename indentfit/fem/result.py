@@ -65,6 +65,12 @@ class TimeCurve:
     difference: float | None = None
     cause: str = ""
 
+    def words(self) -> str:
+        """By which model the force over time was solved, and how far the other one is."""
+        if self.difference is None:
+            return f"hereditary integral of the elastic force; the viscoelastic model was not solved: {self.cause}"
+        return f"viscoelastic model; the hereditary integral of the elastic force differs by at most {self.difference:.2%}"
+
     def as_json(self) -> dict[str, Any]:
         """The stable keys of a test's force over time."""
         return {

@@ -26,7 +26,7 @@ from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
 from indentfit.runs.closed_form import closed_forms
-from indentfit.runs.forward import Evaluation
+from indentfit.runs.forward import Evaluation, of_relaxation
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import UNITS, setup_of
 from indentfit.runs.pool import RunPool
@@ -176,8 +176,7 @@ class _Work:
 
     def notes(self, case: Case) -> tuple[str, ...]:
         mesh = () if case.fit.uncertain.mesh else (MESH_NOTE,)
-        relaxes = () if case.material.relaxation is None else (f"the material relaxes: {case.material.relaxation.words()}",)
-        return (*mesh, *relaxes, *said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False)))
+        return (*mesh, *said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False)))
 
 
 def _facts_at(pool: RunPool, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:
@@ -207,7 +206,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         reused=work.pool.reused,
         history=optimum.history,
         failures=work.failures(),
-        notes=(*known.notes, *work.notes(case)),
+        notes=(*known.notes, *work.notes(case), *(of_relaxation(case, best.parameters) if best else ())),
         solver=work.solver(case),
         mesh=work.model.mesh_facts(),
         case_hash=case.hash,

@@ -120,14 +120,7 @@ def time_lines(name: str, curve: TimeCurve) -> Iterator[str]:
     """The force of a test over time, line by line: at the ramp's end, at the hold's end, and how it was solved."""
     ramp, peak, held = _ends(curve)
     yield f"time      {name}: {quantity(peak, 'mN')} at the end of the ramp of {ramp:.4g} s{held}"
-    yield f"          {solved_words(curve)}"
-
-
-def solved_words(curve: TimeCurve) -> str:
-    """By which model the force over time was solved, and how far the other one is."""
-    if curve.difference is None:
-        return f"hereditary integral of the elastic force; the viscoelastic model was not solved: {curve.cause}"
-    return f"viscoelastic model; the hereditary integral of the elastic force differs by at most {curve.difference:.2%}"
+    yield f"          {curve.words()}"
 
 
 def _ends(curve: TimeCurve) -> tuple[float, float, str]:

@@ -17,7 +17,7 @@ from indentfit.fem.result import Simulation
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
 from indentfit.material import Material
-from indentfit.runs.points import press_of, setup_of
+from indentfit.runs.points import case_at, press_of, setup_of
 from indentfit.runs.run import Point
 from indentfit.runs.simulated import SimulatedCase
 
@@ -141,6 +141,30 @@ def simulate(
         error.part = _of_case(part, case, material, model) if isinstance(part, Simulation) else None
         raise
     return _of_case(simulation, case, material, model)
+
+
+def of_relaxation(case: Case, parameters: Point) -> tuple[str, ...]:
+    """How far the viscoelastic model is from the forces of a fit, in words, for each test; empty where the material is elastic.
+
+    Parameters
+    ----------
+    case : Case
+    parameters : dict of name -> value
+        The parameters, and fitted inputs.
+
+    Returns
+    -------
+    tuple of str
+    """
+    if case.material.relaxation is None:
+        return ()
+    words = f"the material relaxes: {case.material.relaxation.words()}"
+    own = {name: value for name, value in parameters.items() if name in case.law.parameters}
+    try:
+        tests = simulate(case_at(case, parameters), own, mesh_error=False).in_time
+    except IndentfitError as error:
+        return (words, f"the viscoelastic model was not solved at the optimum: {error}")
+    return (words, *(f"{name}: {curve.words()}" for name, curve in tests.items()))
 
 
 def _in_time(simulation: Simulation, case: Case, presses: Sequence[Press], parts: "_Parts") -> Simulation:
