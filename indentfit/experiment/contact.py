@@ -21,6 +21,7 @@ PAUSE = 0.05  # share of the loading's samples during which the stage stays, in 
 STAYS = 0.005  # share of the travel within which the stage stays
 PROGRESS = 0.05  # share of the travel before and after a pause
 PRELOAD = 0.01  # share of the peak at the first sample from which a missing approach is worth a note
+FEWEST_INDEPENDENT = 40  # samples; with fewer the noise itself is hardly known
 PULLED = 0.02  # share of the peak from which a pull at contact is worth a note
 
 
@@ -65,7 +66,7 @@ def locate_contact(ramp: Ramp, settings: Record) -> Located:
 def _searched(ramp: Ramp, settings: Record) -> Located:
     """The contact point by a method that searches for it, in the first stage of a staged loading."""
     first = _first_stage(ramp, settings)
-    approach = fitted_approach(first or ramp, settings.indenter or "flat")
+    approach = fitted_approach(first or ramp, settings.indenter)
     notes: tuple[str, ...] = ()
     if approach.is_missing() and settings.zero != "approach":
         if settings.zero != "auto" or not _rests(ramp) or PRELOAD * ramp.peak < ramp.rest < ramp.peak:
@@ -81,6 +82,11 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
             f"the loading has a pause at {unit}: contact was sought before it",
         )
         contact = replace(contact, baseline=contact.baseline + contact.drift * ramp.record.time[contact.index], drift=0.0)
+    if approach.independent() < FEWEST_INDEPENDENT:
+        notes = (
+            *notes,
+            f"the noise of the force is slow: it leaves about {approach.independent():.0f} independent samples for the contact point",
+        )
     pull = approach.pull()
     if pull > PULLED * ramp.peak:
         notes = (*notes, f"the force falls {pull:.3g} mN below the baseline at contact: the sample pulls the indenter (adhesion)")
@@ -130,7 +136,7 @@ def _zeroed(ramp: Ramp, settings: Record, contact: ContactPoint) -> ContactPoint
     """A contact point with the zero that the settings ask for in place of the baseline."""
     if settings.zero in ("auto", "approach"):
         return contact
-    return replace(contact, baseline=_zero(ramp, settings), drift=0.0)
+    return replace(contact, baseline=_zero(ramp, settings), drift=0.0, form="constant", amplitudes=(), zero_error=0.0)
 
 
 def _at(ramp: Ramp, settings: Record, place: float, uncertainty: float, method: str) -> ContactPoint:
@@ -166,7 +172,7 @@ def _rests(ramp: Ramp) -> bool:
 
 def _pulled_over(ramp: Ramp, contact: ContactPoint) -> float:
     """Displacement, mm, from the fitted contact point to the beginning and the end of the pull, whichever is further."""
-    above = ramp.force - contact.baseline - contact.drift * ramp.record.time
+    above = ramp.force - contact.free(ramp.record.time, ramp.displacement)
     rises = np.flatnonzero(above[: ramp.high] < 0)
     lowest = int(np.argmin(above[: ramp.high]))
     noise = noise_of(ramp.record.force)

@@ -2,37 +2,36 @@
 
 `piecewise` (the default): baseline and a polynomial that leaves the baseline at the contact point, by least squares (Rudoy et al.
 2010, J R Stat Soc C 59:573; powers 1 and, for the tissue's stiffening, 2 for a flat punch; 1.5, as in Hertz's theory, and 2.5 for
-a sphere). `threshold`: the filtered force exceeds the mean of the baseline by n standard deviations there, and stays above (Lin,
-Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such rules). `variance_ratio`: the ratio of the variance of the force after
-the point to the variance before it is largest (Gavara 2016, Sci Rep 6:21267). tests/campaigns/contact_point.py compares the
-methods on simulated records; on this evidence `piecewise` is the default. The stated uncertainty presumes that the polynomial
-holds: it does not cover a toe region, as a tilted or uneven sample has.
+a sphere; `piecewise.py`). `threshold`: the filtered force exceeds the mean of the baseline by n standard deviations there, and
+stays above (Lin, Dimitriadis, Horkay 2007, J Biomech Eng 129:430 review such rules). `variance_ratio`: the ratio of the variance of
+the force after the point to the variance before it is largest (Gavara 2016, Sci Rep 6:21267). tests/campaigns/contact_point.py
+compares the methods on simulated records; on this evidence `piecewise` is the default; tests/campaigns/records.py tests its
+interval on the kinds of records that instruments make. The stated uncertainty presumes that the polynomial holds close to contact:
+it does not cover a toe region, as a tilted or uneven sample has.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
-from scipy.stats import norm
+from scipy.stats import t as student
 
 from indentfit.arrays import Array
 from indentfit.errors import RecordError
-from indentfit.experiment.loading import Ramp, filtered, noise_of, odd
-from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
+from indentfit.experiment.loading import Ramp, filtered
+from indentfit.experiment.piecewise import POWERS, Piecewise, Stretch, fitted, independent, solved, stretch_of
 
 CONFIDENCE = 0.95  # a stated uncertainty is half of this interval
-POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (1.5, 2.0)}  # of the displacement beyond contact, for each end
-MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
-BASELINE = 3.0  # length of the baseline that is used, in durations of the ramp
-GRID = 80  # contact points that are tried before the search
 SHORTEST_TRAVEL = 0.01  # of the depth: a record with less of an approach begins in contact
 SAME_SLOPE = 0.35  # of the force before and after the fitted contact point, in a record that begins in contact
 PULL = 6.0  # standard deviations of the noise by which the force falls below the baseline where the sample pulls
 TRIALS = 60  # simulated records that give the uncertainty of the methods `threshold` and `variance_ratio`
+ON_TRUST = 0.3  # share of the change of the force without contact during the loading, where it cannot be seen, that is in doubt
+SURELY = 3.0  # standard errors from which a drift is one
 SIGMAS = 5.0  # standard deviations of the method `threshold`
 
 
@@ -55,6 +54,14 @@ class ContactPoint:
     noise : float, mN
         Standard deviation of the force about the model.
     method : str
+    form : str
+        Of the force without contact: "constant", "drift", "decay" (it dies out in time) or "waves" (in the travel).
+    scale : float
+        Time constant of the decay, s, or period of the waves, mm.
+    amplitudes : tuple of float, mN
+        Of the decay at time 0; of cosine and sine of the waves.
+    zero_error : float, mN
+        Half of the 95 % interval of the force without contact at the end of loading.
     """
 
     displacement: float
@@ -64,9 +71,26 @@ class ContactPoint:
     drift: float
     noise: float
     method: str
+    form: str = "constant"
+    scale: float = 0.0
+    amplitudes: tuple[float, ...] = ()
+    zero_error: float = 0.0
+
+    def free(self, time: Array, displacement: Array) -> Array:
+        """Force without contact (n,), mN, at times, s, and displacements of the record, mm."""
+        force = self.baseline + self.drift * time
+        if self.form == "decay":
+            return force + self.amplitudes[0] * np.exp(-time / self.scale)
+        if self.form == "waves":
+            angle = 2 * np.pi * displacement / self.scale
+            return force + self.amplitudes[0] * np.cos(angle) + self.amplitudes[1] * np.sin(angle)
+        return force
 
 
-def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str = "flat") -> ContactPoint:
+Rule = Callable[[Stretch, Array], float]  # the displacement at contact, by a stretch and forces (n,) in place of its own
+
+
+def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str | None = "flat") -> ContactPoint:
     """The `ContactPoint` of a ramp.
 
     Parameters
@@ -74,8 +98,8 @@ def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str = "f
     ramp : Ramp
     method : str
         One of METHODS.
-    indenter : str
-        One of POWERS: "flat", "sphere", or "cone", which has a ball as its tip.
+    indenter : str or None
+        One of POWERS: "flat", "sphere", or "cone", which has a ball as its tip; None where it is not known.
 
     Raises
     ------
@@ -87,16 +111,17 @@ def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str = "f
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """A ramp with the baseline and polynomial that were fitted to it."""
+    """A ramp with the baseline and polynomial that were fitted to it; rivals: how far ends that fit as well move contact, mm."""
 
     ramp: Ramp
-    stretch: _Stretch
-    model: _Model
+    stretch: Stretch
+    model: Piecewise
+    rivals: float
 
     def point(self, method: str) -> ContactPoint:
         """The `ContactPoint` by a method; RecordError where there is no contact."""
-        _require_a_kink(self.ramp, self.stretch, self.model)
-        return _point(self.ramp, self.stretch, self.model, method)
+        _require_a_kink(self.ramp, self.model)
+        return _point(self, method)
 
     def travel(self) -> float:
         """Displacement from the first sample to the fitted contact point, mm."""
@@ -112,7 +137,9 @@ class Approach:
             return True
         x, force = self.stretch.displacement, self.stretch.force
         reach = min(self.travel(), self.depth())
-        before, after = x < self.model.contact, (x >= self.model.contact) & (x <= self.model.contact + reach)
+        # close to contact the force may rise already, where the law of the powers does not hold
+        before = x < x.min() + 0.7 * self.travel()
+        after = (x >= self.model.contact) & (x <= self.model.contact + reach)
         if np.count_nonzero(before) < 5 or np.count_nonzero(after) < 5:
             return True
         slopes = [float(np.polyfit(x[part], force[part], 1)[0]) if np.ptp(x[part]) else 0.0 for part in (before, after)]
@@ -120,163 +147,98 @@ class Approach:
         scatter = float(np.std(self.model.residual)) / np.sqrt(self.stretch.length)
         return slopes[0] > SAME_SLOPE * slopes[1] and rise > 4 * scatter
 
+    def independent(self) -> float:
+        """How many independent samples the noise leaves."""
+        return independent(self.model.noise)
+
     def pull(self) -> float:
         """How far the force falls below the baseline close to contact, mN: an adhesive sample pulls; 0 where noise explains it."""
-        x, place, depth = self.stretch.displacement, self.model.contact, self.depth()
-        near = np.abs(x - place) < 0.3 * depth
-        if min(np.count_nonzero(near), np.count_nonzero(~near)) < self.stretch.length:
+        stretch, place, depth = self.stretch, self.model.contact, self.depth()
+        above = stretch.force - self.model.free(stretch.time, stretch.displacement)
+        near = np.abs(stretch.displacement - place) < 0.3 * depth
+        if min(np.count_nonzero(near), np.count_nonzero(~near)) < stretch.length:
             return 0.0
-        coefficients = self.model.coefficients
-        drift = coefficients[1] * self.stretch.time if self.stretch.drifts else 0.0
-        above = filtered(self.stretch.force - coefficients[0] - drift, self.stretch.length)[near]
-        scatter = filtered(self.model.residual, self.stretch.length)[
-            ~near
-        ].std()  # the ringing of a stage in motion counts as noise
-        lowest = -float(above.min())
+        fitted_until = self.model.residual.size  # the ringing of a stage in motion counts as noise
+        smooth = filtered(self.model.residual, stretch.length)
+        scatter = smooth[~near[:fitted_until]].std() if (~near[:fitted_until]).any() else smooth.std()
+        lowest = -float(filtered(above, stretch.length)[near].min())
         return lowest if lowest > PULL * scatter else 0.0
 
 
-def fitted_approach(ramp: Ramp, indenter: str) -> Approach:
-    """The `Approach` of a ramp under the end of an indenter, "flat" or "sphere"."""
-    stretch = _stretch(ramp)
-    return Approach(ramp, stretch, _fit(stretch, POWERS[indenter]))
+def fitted_approach(ramp: Ramp, indenter: str | None = "flat") -> Approach:
+    """The `Approach` of a ramp under the end of an indenter, one of POWERS, or under that which fits best where it is not known."""
+    stretch = stretch_of(ramp)
+    model, rivals = fitted(stretch, (indenter,) if indenter else tuple(POWERS))
+    return Approach(ramp, stretch, model, rivals)
 
 
-def _point(ramp: Ramp, stretch: _Stretch, model: _Model, method: str) -> ContactPoint:
-    rule = METHODS[method]
-    place = model.contact if rule is None else rule(stretch, stretch.force)
-    uncertainty = _reach(model) if rule is None else _uncertainty(stretch, model, rule, place)
+def _point(approach: Approach, method: str) -> ContactPoint:
+    ramp, model, rule = approach.ramp, approach.model, METHODS[method]
+    place = model.contact if rule is None else rule(approach.stretch, approach.stretch.force)
+    uncertainty = reach(model) if rule is None else _uncertainty(approach.stretch, model, rule, place)
     behind = np.flatnonzero(ramp.displacement[: ramp.high] < place)
     index = int(behind[-1]) + 1 if behind.size else 0
-    drift = float(model.coefficients[1]) if stretch.drifts else 0.0
     return ContactPoint(
-        float(place), float(uncertainty), index, float(model.coefficients[0]), drift, float(np.std(model.residual)), method
+        displacement=float(place),
+        uncertainty=float(np.hypot(uncertainty, approach.rivals)),
+        index=index,
+        noise=float(np.std(model.residual)),
+        method=method,
+        zero_error=float(np.hypot(_quantile(model) * model.free_error(), ON_TRUST * _changes(model))),
+        **_free_force(model),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Stretch:
-    """The part of a record in which the contact point is searched for: baseline and loading, thinned to a few thousand samples.
-
-    time s, displacement (filtered) mm, force mN: (n,); half: sample with half of the force; length: samples that the filter covers;
-    quiet: number of samples at the start that surely lie before contact; blur: standard error of the filtered displacement, mm;
-    drifts: whether the baseline is long enough to tell drift from noise.
-    """
-
-    time: Array
-    displacement: Array
-    force: Array
-    half: int
-    length: int
-    quiet: int
-    blur: float
-    drifts: bool
+def _changes(model: Piecewise) -> float:
+    """How far the fitted force without contact changes between contact and the end of the loading, where it surely changes, mN."""
+    stretch = model.stretch
+    free = model.free(stretch.time, stretch.displacement)
+    touching = free[stretch.displacement >= model.contact]
+    if model.baseline.kind == "constant" or not touching.size:
+        return 0.0
+    if model.baseline.kind == "drift" and abs(model.coefficients[1]) < SURELY * float(np.sqrt(model.spread[1, 1])):
+        return 0.0
+    return float(np.ptp(touching))
 
 
-Rule = Callable[[_Stretch, Array], float]  # the displacement at contact, by a stretch and forces (n,) in place of its own
+def _free_force(model: Piecewise) -> dict[str, Any]:
+    """The attributes of a contact point that say what the force is without contact."""
+    kind, scale, values = model.baseline.kind, model.baseline.scale, model.coefficients.tolist()
+    told = {"baseline": values[0], "drift": values[1] if kind in ("drift", "waves") else 0.0, "form": kind, "scale": scale}
+    if kind == "decay":
+        return {**told, "amplitudes": (values[1] * float(np.exp(model.stretch.time[0] / scale)),)}
+    return {**told, "amplitudes": tuple(values[2:4])} if kind == "waves" else told
 
 
-@dataclass(frozen=True, eq=False)
-class _Model:
-    """Baseline and polynomial with a contact point, fitted: coefficients (baseline, [drift], one for each power), residual (n,)."""
-
-    powers: tuple[float, ...]
-    contact: float
-    stderr: float
-    coefficients: Array
-    residual: Array
-    noise: CorrelatedNoise
-
-
-def _stretch(ramp: Ramp) -> _Stretch:
-    record, samples = ramp.record, ramp.samples
-    first = max(0, round(ramp.low - (BASELINE + 0.5) * samples))
-    thin = max(1, -(-(ramp.stop - first) // MOST_SAMPLES))
-    part = slice(ramp.stop - (ramp.stop - first) // thin * thin, ramp.stop)
-    time, displacement, force = (
-        values[part].reshape(-1, thin).mean(axis=1) for values in (record.time, ramp.displacement, record.force)
-    )
-    low = (ramp.low - part.start) // thin
-    risen = np.flatnonzero(filtered(ramp.force[part], ramp.length) - ramp.rest >= 0.5 * ramp.peak)
-    half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
-    # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise, and removes vibration
-    blur = 1.5 * noise_of(record.displacement[part]) / np.sqrt(ramp.length)
-    # a shorter baseline does not separate drift from noise, and drift is negligible in so short a time
-    drifts = low - 0.2 * samples / thin >= samples / thin
-    return _Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts))
-
-
-def _fit(stretch: _Stretch, powers: tuple[float, ...]) -> _Model:
-    """The _Model of least squares: the contact point by search, everything else by a linear solve."""
-    x = stretch.displacement
-    place = _place(stretch, powers)
-    terms = _terms(place, stretch, powers)
-    coefficients = np.asarray(np.linalg.lstsq(terms, stretch.force, rcond=None)[0], dtype=float)
-    residual = stretch.force - terms @ coefficients
-    noise = noise_in(residual)
-    jacobian = np.column_stack([terms, _by_place(x - place, powers, coefficients)])
-    spread = np.maximum(np.diag(covariance(jacobian, noise)), 1e-300)
-    return _Model(powers, float(place), float(np.hypot(np.sqrt(spread[-1]), stretch.blur)), coefficients, residual, noise)
-
-
-def _place(stretch: _Stretch, powers: tuple[float, ...]) -> float:
-    """Displacement of least misfit, mm: the best of a grid, then a bounded search about it."""
-    x = stretch.displacement
-    places = np.linspace(x.min(), x[stretch.half], GRID)
-    best = int(np.argmin([_misfit(place, stretch, powers) for place in places]))
-    bounds = places[max(best - 1, 0)], places[min(best + 1, GRID - 1)]
-    return minimize_scalar(_misfit, bounds=bounds, args=(stretch, powers), method="bounded", options={"xatol": 1e-5}).x
-
-
-def _by_place(beyond: Array, powers: tuple[float, ...], coefficients: Array) -> Array:
-    """Derivative of the model's force (n,) by the contact point; beyond: displacement less that of contact (n,), mm."""
-    inside, touching = np.maximum(beyond, 0.0), np.heaviside(beyond, 0.0)
-    terms = [m * c * inside ** (m - 1) for m, c in zip(powers, coefficients[-len(powers) :], strict=True)]
-    return -touching * sum(terms)
-
-
-def _terms(place: float, stretch: _Stretch, powers: tuple[float, ...]) -> Array:
-    """Columns of the linear part (n, .): baseline, drift if the stretch drifts, powers of the displacement beyond contact."""
-    beyond = np.maximum(stretch.displacement - place, 0.0)
-    drift = [stretch.time] if stretch.drifts else []
-    return np.column_stack([np.ones_like(beyond), *drift, *(beyond**m for m in powers)])
-
-
-def _misfit(place: float, stretch: _Stretch, powers: tuple[float, ...]) -> float:
-    """Sum of squares, mN^2, with the contact point at `place`."""
-    terms = _terms(place, stretch, powers)
-    residual = stretch.force - terms @ np.linalg.lstsq(terms, stretch.force, rcond=None)[0]
-    return float(residual @ residual)
-
-
-def _require_a_kink(ramp: Ramp, stretch: _Stretch, model: _Model) -> None:
+def _require_a_kink(ramp: Ramp, model: Piecewise) -> None:
     """Refuse a force that changes at one rate throughout: drift, or a record that begins in contact."""
+    stretch = model.stretch
     straight = np.column_stack([np.ones_like(stretch.time), stretch.time])
-    rest = stretch.force - straight @ np.linalg.lstsq(straight, stretch.force, rcond=None)[0]
+    rest = stretch.force - straight @ solved(straight, stretch.force)
     if rest @ rest < 2 * (model.residual @ model.residual) and model.contact - stretch.displacement.min() < 3 * model.stderr:
         raise RecordError(
             f"{ramp.record.name}: no contact point: the force changes at one rate from the first sample on, because of drift or "
             "of contact throughout; start recording before contact, or remove the record"
         )
     powers = np.array(model.powers)
-    if model.coefficients[-powers.size :] @ np.ptp(stretch.displacement) ** powers <= 0:
+    if model.coefficients[-powers.size :] @ max(float(stretch.displacement.max()) - model.contact, 0.0) ** powers <= 0:
         raise RecordError(
             f"{ramp.record.name}: no contact point: the force does not rise with the displacement; check the channels"
         )
 
 
-def _threshold(stretch: _Stretch, force: Array) -> float:
+def _threshold(stretch: Stretch, force: Array) -> float:
     """Displacement where the filtered force exceeds the baseline by 5 standard deviations for a filter's length."""
     smooth = filtered(force, stretch.length)
     time, quiet = stretch.time, stretch.quiet
     line = np.polyfit(time[:quiet], smooth[:quiet], 1 if stretch.drifts else 0)
     above = smooth - np.polyval(line, time)
-    over = above > SIGMAS * max(float(np.std(above[:quiet])), 1e-9)
+    over = above > SIGMAS * max(float(np.std(above[:quiet])), 1e-9 * float(np.ptp(above)))
     held = np.convolve(over, np.ones(stretch.length), "full")[stretch.length - 1 :] >= stretch.length - 0.5
     return stretch.displacement[int(np.argmax(held))] if held.any() else stretch.displacement[stretch.half]
 
 
-def _variance_ratio(stretch: _Stretch, force: Array) -> float:
+def _variance_ratio(stretch: Stretch, force: Array) -> float:
     """Displacement with the largest ratio of the variances of the force in a window after it and in a window before it."""
     width = max(5, min(2 * stretch.length, stretch.quiet))
     first, second = (np.concatenate([[0.0], np.cumsum((force - force[0]) ** power)]) for power in (1, 2))
@@ -287,21 +249,27 @@ def _variance_ratio(stretch: _Stretch, force: Array) -> float:
     return stretch.displacement[width + int(np.argmax(ratio[: max(1, stretch.half - width)]))]
 
 
-def _reach(model: _Model) -> float:
+def reach(model: Piecewise) -> float:
     """Half of the 95 % interval of the fitted contact point, mm."""
-    return float(norm.ppf((1 + CONFIDENCE) / 2) * model.stderr)
+    return float(_quantile(model) * model.stderr)
 
 
-def _uncertainty(stretch: _Stretch, model: _Model, rule: Rule, place: float) -> float:
+def _quantile(model: Piecewise) -> float:
+    """Student's quantile for half of a 95 % interval, with the independent samples that a correlated noise leaves."""
+    freedom = max(independent(model.noise) - model.coefficients.size - 1, 3.0)
+    return float(student.ppf((1 + CONFIDENCE) / 2, freedom))
+
+
+def _uncertainty(stretch: Stretch, model: Piecewise, rule: Rule, place: float) -> float:
     """Half of the 95 % interval of a rule, mm: bias and spread of the rule on records simulated from the fitted model."""
     scale, weights = model.noise.scale, model.noise.weights
     rng = np.random.default_rng(0)  # the same record gives the same uncertainty
-    smooth = stretch.force - model.residual
+    smooth = model.stretch.force - model.residual
     white = rng.standard_normal((TRIALS, 200 + scale.size))
     noise = lfilter([1.0], np.append(1.0, -weights), white, axis=1)[:, 200:]
     noise *= scale / noise.std()
-    errors = [abs(rule(stretch, smooth + added) - model.contact) for added in noise]
-    return max(float(np.quantile(errors, CONFIDENCE)), abs(place - model.contact)) + _reach(model)
+    errors = [abs(rule(model.stretch, smooth + added) - model.contact) for added in noise]
+    return max(float(np.quantile(errors, CONFIDENCE)), abs(place - model.contact)) + reach(model)
 
 
 # None: the fit of the model itself

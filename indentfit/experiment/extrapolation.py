@@ -12,9 +12,10 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
 from indentfit.arrays import Array
-from indentfit.experiment.contact_point import CONFIDENCE, GRID, POWERS, ContactPoint
+from indentfit.experiment.contact_point import CONFIDENCE, ContactPoint
 from indentfit.experiment.loading import Ramp
 from indentfit.experiment.noise import covariance, noise_in
+from indentfit.experiment.piecewise import GRID, POWERS, solved
 
 SHARE = 0.6  # of the largest force: the law is fitted to the samples below
 MOST_SAMPLES = 1500  # of a fit
@@ -81,7 +82,7 @@ class _Law:
     def stderr(self) -> float:
         """Standard error of the contact point, mm, with noise that is correlated."""
         terms = self._terms(self.place)
-        coefficients = np.linalg.lstsq(terms, self.force, rcond=None)[0]
+        coefficients = solved(terms, self.force)
         beyond = np.maximum(self.displacement - self.place, 0.0)
         slope = sum(m * c * beyond ** (m - 1) for m, c in zip(self.powers, coefficients, strict=True))
         jacobian = np.column_stack([terms, -np.asarray(slope)])
@@ -97,7 +98,7 @@ class _Law:
 
     def _misfit(self, place: float) -> float:
         terms = self._terms(place)
-        residual = self.force - terms @ np.linalg.lstsq(terms, self.force, rcond=None)[0]
+        residual = self.force - terms @ solved(terms, self.force)
         return float(residual @ residual)
 
 

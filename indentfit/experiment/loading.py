@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -20,6 +20,10 @@ CREEP = 0.015  # share of the travel that the displacement then creeps
 SLOW = 0.5  # of the velocity before, at which the displacement creeps
 SHORTEST_FILTER = 5  # samples
 FEWEST = 20  # samples of a ramp that can be filtered at all
+HINGE_SAMPLES = 200  # of the two straight lines that show the slope of the baseline
+SLOPED = 0.04  # share of the rise in contact by which the force changes before contact where the baseline slopes
+CONTACT_SLOPE = 0.35  # of the slope in contact: a steeper beginning may be contact itself
+HINGED = 0.25  # share of the variance that two straight lines may leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +44,9 @@ class Ramp:
     rest : float, mN
         Median force of the first samples.
     peak : float, mN
-        Largest filtered force until `stop`, above `rest`.
+        Largest filtered force until `stop`, above `rest` and the slope of the baseline.
+    slope : float, mN/mm
+        Slope of a baseline that rises or falls clearly over the travel before contact; 0 where none does.
     """
 
     record: RawRecord
@@ -53,6 +59,12 @@ class Ramp:
     force: Array
     rest: float
     peak: float
+    slope: float = 0.0
+
+    @property
+    def raised(self) -> Array:
+        """The filtered force (n,), mN, above `rest` and the slope of the baseline."""
+        return self.force - self.rest - self.slope * (self.displacement - self.displacement[0])
 
     @property
     def samples(self) -> float:
@@ -83,7 +95,11 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
     RecordError
         The force does not rise, or the displacement falls while the force rises.
     """
-    force = median_filter(record.force, size=min(9, record.force.size), mode="nearest")
+    size, slope = min(9, record.force.size), baseline_slope(record)
+    force = median_filter(record.force, size=size, mode="nearest")
+    if slope:
+        travel = median_filter(record.displacement, size=size, mode="nearest")
+        force = force - slope * (travel - travel[0])
     rest = float(np.median(force[: max(10, min(50, force.size // 20))]))
     low, high = _rise(record, force - rest)
     samples = (high - low) / 0.6
@@ -97,8 +113,32 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
             "it must rise into the sample, change record.displacement.sign"
         )
     stop = _before_creep(displacement, smooth, high, _end(record, displacement, velocity, high, samples))
-    peak = float(smooth[low:stop].max() - rest)
-    return Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, peak)
+    ramp = Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, 0.0, slope)
+    return replace(ramp, peak=float(ramp.raised[low:stop].max()))
+
+
+def baseline_slope(record: RawRecord) -> float:
+    """Slope of the force over the travel before contact, mN/mm, by two straight lines; 0 where it is small or may be contact."""
+    deepest = int(np.argmax(record.displacement)) + 1
+    thin = max(1, deepest // HINGE_SAMPLES)
+    count = deepest // thin * thin
+    x, force = (values[:count].reshape(-1, thin).mean(axis=1) for values in (record.displacement, record.force))
+    span = float(np.ptp(x))
+    if x.size < FEWEST or span == 0:
+        return 0.0
+    x = (x - x.min()) / span
+    fits = [_hinge(x, force, place) for place in np.linspace(0.1, 0.95, 35)]
+    square, slope, more, place = min(fits)
+    slight = abs(slope) * place < SLOPED * more * (1 - place) or abs(slope) > CONTACT_SLOPE * more
+    return 0.0 if slight or square > HINGED * float(np.sum((force - force.mean()) ** 2)) else slope / span
+
+
+def _hinge(x: Array, force: Array, place: float) -> tuple[float, float, float, float]:
+    """Two straight lines that meet at a place: sum of squares, slope of the first, what the second adds, and the place."""
+    terms = np.column_stack([np.ones_like(x), x, np.maximum(x - place, 0.0)])
+    values = np.linalg.lstsq(terms, force, rcond=None)[0]
+    residual = force - terms @ values
+    return float(residual @ residual), float(values[1]), float(values[2]), place
 
 
 def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import matmul_toeplitz, solve_toeplitz
+from scipy.linalg import matmul_toeplitz
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
@@ -50,10 +50,10 @@ def noise_in(residual: Array) -> CorrelatedNoise:
     """
     n = residual.size
     scale = np.sqrt(uniform_filter1d(residual**2, min(LOCAL, n), mode="nearest"))
-    unit = residual / np.maximum(scale, 1e-12 + 1e-9 * scale.max())
+    unit = residual / np.maximum(scale, 1e-300 + 1e-9 * scale.max())
     power = np.abs(np.fft.rfft(unit, 2 * n)) ** 2
     moments = np.fft.irfft(power)[: ORDER + 1] / n
-    weights = min((_autoregression(moments, order, n) for order in range(min(ORDER, n // 10) + 1)), key=_criterion)[1]
+    weights = _autoregression(moments, min(ORDER, n // 10), n)
     response = lfilter([1.0], np.append(1.0, -weights), np.eye(1, 2 * n)[0])
     correlation = np.fft.irfft(np.abs(np.fft.rfft(response, 4 * n)) ** 2)[:n]
     return CorrelatedNoise(scale, correlation / correlation[0], weights)
@@ -73,18 +73,23 @@ def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
     array (p, p)
     """
     n, p = jacobian.shape
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
-    sized = jacobian * noise.scale[:, None]
+    lengths = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)  # columns of one length: units do not matter
+    columns = jacobian / lengths
+    bread = np.linalg.pinv(columns.T @ columns)
+    sized = columns * noise.scale[:, None]
     meat = sized.T @ matmul_toeplitz((noise.correlation, noise.correlation), sized)
-    return bread @ meat @ bread * n / max(n - p, 1)
+    return bread @ meat @ bread * n / max(n - p, 1) / np.outer(lengths, lengths)
 
 
-def _autoregression(moments: Array, order: int, n: int) -> tuple[float, Array]:
-    """Akaike's criterion, and the coefficients (order,)."""
-    weights = solve_toeplitz(moments[:order], moments[1 : order + 1]) if order else np.zeros(0)
-    variance = moments[0] - weights @ moments[1 : order + 1]
-    return n * np.log(max(variance, 1e-300)) + 2 * (order + 1), weights
-
-
-def _criterion(autoregression: tuple[float, Array]) -> float:
-    return autoregression[0]
+def _autoregression(moments: Array, most: int, n: int) -> Array:
+    """Coefficients (order,) of least Akaike's criterion, by the recursion of Levinson and Durbin over the orders up to `most`."""
+    weights, variance = np.zeros(0), float(moments[0])
+    best, least = weights, n * np.log(max(variance, 1e-300)) + 2
+    for order in range(1, most + 1):
+        last = float(moments[order] - weights @ moments[order - 1 : 0 : -1]) / max(variance, 1e-300)
+        weights = np.append(weights - last * weights[::-1], last)
+        variance *= max(1.0 - last**2, 1e-15)
+        criterion = n * np.log(max(variance, 1e-300)) + 2 * (order + 1)
+        if criterion < least:
+            best, least = weights, criterion
+    return best

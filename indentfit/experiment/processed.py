@@ -16,7 +16,7 @@ from indentfit.experiment.contact_point import METHODS, ContactPoint
 from indentfit.experiment.hertz import Hertz, hertz_modulus
 from indentfit.experiment.judgement import Judgement, judged
 from indentfit.experiment.loading import Ramp, constant_velocity, find_ramp
-from indentfit.experiment.peak import peak_force, peak_notes
+from indentfit.experiment.peak import peak_notes, peak_of
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.relaxation import Prony, fit_prony
 from indentfit.experiment.selection import selected
@@ -122,7 +122,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     displacement, force = _limited(record, zeroed.displacement[loading], zeroed.force[loading], settings)
     depth = float(displacement.max())
     _require_depth(record, depth, contact)
-    peak = peak_force(ramp, contact.index, zeroed.unfiltered)
+    peak = peak_of(ramp, contact.index, zeroed.unfiltered)
     return ProcessedRecord(
         record=record,
         ramp=ramp,
@@ -130,7 +130,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
         window=window,
         velocity=velocity,
         depth=depth,
-        peak=peak,
+        peak=peak.force,
         displacement=displacement,
         force=force,
         curve=_curve(displacement, force, settings.points, contact),
@@ -140,7 +140,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
         forces=_forces(displacement, force, thickness, settings.strains),
         relaxation=_relaxation(ramp, zeroed.unfiltered, contact, settings.prony_terms),
         hertz=_hertz(zeroed, depth, settings),
-        notes=(*notes, *_notes(ramp, contact, depth, thickness), *peak_notes(ramp, peak, zeroed.unfiltered)),
+        notes=(*notes, *_notes(ramp, contact, depth, thickness), *peak_notes(ramp, peak, zeroed.unfiltered, contact)),
     )
 
 
@@ -169,11 +169,9 @@ class _Zeroed:
 
 
 def _zeroed(ramp: Ramp, contact: ContactPoint) -> _Zeroed:
-    time = ramp.record.time
+    free = contact.free(ramp.record.time, ramp.displacement)
     return _Zeroed(
-        displacement=ramp.displacement - contact.displacement,
-        force=ramp.force - contact.baseline - contact.drift * time,
-        unfiltered=ramp.record.force - contact.baseline - contact.drift * time,
+        displacement=ramp.displacement - contact.displacement, force=ramp.force - free, unfiltered=ramp.record.force - free
     )
 
 

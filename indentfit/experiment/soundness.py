@@ -9,6 +9,7 @@ from indentfit.experiment.loading import Ramp, longest_run
 from indentfit.experiment.record import FEWEST, RawRecord
 
 STUCK = 0.04  # share of the ramp during which a channel may read exactly its largest value
+CLIPPED = 4  # samples of exactly the largest force in a record whose forces do not repeat
 JUMP = 0.05  # share of the ramp's duration, or of its depth, that a gap may hide
 
 
@@ -48,7 +49,17 @@ def require_whole(ramp: Ramp) -> tuple[str, ...]:
         Samples of the loading are missing, or a sensor is at the end of its range.
     """
     _require_unsaturated(ramp)
-    return _require_no_gap(ramp)
+    return (*_clipped(ramp.record), *_require_no_gap(ramp))
+
+
+def _clipped(record: RawRecord) -> tuple[str, ...]:
+    """A note where a force that else never repeats reads its largest value again and again: the sensor's range may end there."""
+    force = record.force
+    top = int(np.count_nonzero(force == force.max()))
+    repeats = np.count_nonzero(np.diff(force[force < force.max()]) == 0)
+    if top < CLIPPED or repeats > 0.02 * force.size:
+        return ()
+    return (f"the force may be saturated: {top} samples read its largest value, {force.max():.6g} mN; its peak may be cut off",)
 
 
 def _require_unsaturated(ramp: Ramp) -> None:

@@ -82,7 +82,7 @@ def _over_time(axes: Axes, processed: ProcessedRecord) -> None:
     record, ramp = processed.record, processed.ramp
     margin = round(ramp.samples)
     part = slice(max(0, processed.contact.index - margin), ramp.stop + margin)
-    force = record.force[part] - processed.contact.baseline - processed.contact.drift * record.time[part]
+    force = record.force[part] - processed.contact.free(record.time[part], ramp.displacement[part])
     time = record.time[part]
     scale = CurveScale.of([processed.curve])
     force = scale.force.factor * force
@@ -106,7 +106,7 @@ def _over_time(axes: Axes, processed: ProcessedRecord) -> None:
 def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
     record, start = processed.record, max(0, processed.contact.index - round(0.5 * processed.ramp.samples))
     part = slice(start, processed.ramp.stop)
-    force = record.force - processed.contact.baseline - processed.contact.drift * record.time
+    force = record.force - processed.contact.free(record.time, processed.ramp.displacement)
     displacement = processed.ramp.displacement - processed.contact.displacement
     scale = CurveScale.of([processed.curve])
     long, strong = scale.displacement.factor, scale.force.factor
@@ -126,7 +126,7 @@ def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
 def _hold(axes: Axes, processed: ProcessedRecord, series: Prony) -> None:
     record, ramp = processed.record, processed.ramp
     time = record.time[ramp.stop :] - record.time[ramp.stop - 1]
-    force = record.force[ramp.stop :] - processed.contact.baseline - processed.contact.drift * record.time[ramp.stop :]
+    force = record.force[ramp.stop :] - processed.contact.free(record.time[ramp.stop :], ramp.displacement[ramp.stop :])
     scale = Scale.of([float(np.abs(force).max())], "mN")
     some = np.unique(np.geomspace(1, time.size, MOST_POINTS).astype(int)) - 1
     axes.semilogx(time[some], scale.factor * force[some], ".", color=GREY, markersize=1.5)

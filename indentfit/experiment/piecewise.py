@@ -1,0 +1,438 @@
+"""A baseline and a polynomial that leaves it at the contact point, fitted to the approach and the loading by least squares.
+
+The polynomial has the powers of the end of the indenter (`POWERS`). The baseline is constant, with a drift where it is long enough
+to tell drift from contact; where the force before contact shows it, it dies out in time (`decay`) or waves with the travel
+(`waves`), as interference of the laser does in liquid. A stretch up to a share of the largest force is fitted: the longest whose
+contact point agrees with those of the shorter ones, so that a law that the powers do not hold to at depth does not move contact
+(Lepski 1991, Theory Probab Appl 35:454, chooses a bandwidth in this way).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from indentfit.arrays import Array
+from indentfit.experiment.loading import Ramp, filtered, noise_of, odd
+from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
+
+POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (1.5, 2.0)}  # of the displacement beyond contact, for each end
+MOST_SAMPLES = 4000  # in a fit: longer stretches are thinned by block means
+SEARCHED = 600  # samples of the search for the contact point
+GRIDDED = 300  # samples of the grid
+BASELINE = 3.0  # length of the baseline that is used, in durations of the ramp
+DRIFTS = 0.25  # durations of the ramp that a baseline lasts whose drift is told from contact
+GRID = 50  # contact points that are tried before the search
+SHARES = (0.5, 0.25)  # of the largest force: the shorter stretches
+AGREE = 4.0  # standard errors within which the contact points of two stretches agree
+FEWEST_BEYOND = 12  # samples beyond contact of a shorter stretch
+SURE = {"decay": 15.0, "waves": 30.0}  # F ratio from which a decay or waves (of any period) are more than noise
+LEAST_WAVE = 0.004  # of the largest force: smaller waves and decays are noise
+PERIODS = 40  # periods of waves that are tried
+LONGEST_WAVE = 2.0  # of the travel
+DECAYS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # time constants that are tried, of the duration of the stretch
+WORTH = 0.85  # share of the squares that a baseline may leave to be fitted
+SCREENED = 200  # samples with which baselines are screened
+BLOCKS = (500, 120)  # numbers of block means whose noise is looked at too: slow noise under white noise
+RIDGE = 1e-13  # keeps normal equations solvable
+CLEARLY = 1.2  # ratio of variances from which that of block means counts
+POLISHING = 8  # steps of Gauss and Newton
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """The part of a record in which the contact point is searched for: baseline and loading, thinned to a few thousand samples.
+
+    time s, displacement (filtered) mm, force mN: (n,); half: sample with half of the force; length: samples that the filter covers;
+    quiet: number of samples at the start that surely lie before contact; blur: standard error of the filtered displacement, mm;
+    drifts: whether the baseline is long enough to tell drift from contact; step: of the force's converter, mN, 0 where it is fine.
+    """
+
+    time: Array
+    displacement: Array
+    force: Array
+    half: int
+    length: int
+    quiet: int
+    blur: float
+    drifts: bool
+    step: float = 0.0
+
+    def until(self, stop: int) -> Stretch:
+        """The stretch up to a sample."""
+        return replace(
+            self,
+            time=self.time[:stop],
+            displacement=self.displacement[:stop],
+            force=self.force[:stop],
+            half=min(self.half, stop - 1),
+        )
+
+    def thinned(self, most: int) -> Stretch:
+        """The stretch by block means of no more than so many samples."""
+        thin = -(-self.time.size // most)
+        if thin < 2:
+            return self
+        count = self.time.size // thin * thin
+        time, displacement, force = (
+            values[self.time.size - count :].reshape(-1, thin).mean(axis=1) for values in (self.time, self.displacement, self.force)
+        )
+        return replace(
+            self,
+            time=time,
+            displacement=displacement,
+            force=force,
+            half=min(max(self.half // thin, 1), time.size - 1),
+            length=odd(self.length / thin),
+        )
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The form of the force without contact.
+
+    kind: "constant", "drift" (in time), "decay" (drift that dies out) or "waves" (drift, and waves in the travel); scale: time
+    constant of the decay, s, or period of the waves, mm.
+    """
+
+    kind: str = "constant"
+    scale: float = 0.0
+
+    def terms(self, time: Array, displacement: Array) -> Array:
+        """Columns (n, .) of the baseline's linear coefficients."""
+        columns = [np.ones_like(time), *([time] if self.kind in ("drift", "waves") else [])]
+        return np.column_stack([*columns, *self.more(time, displacement).T])
+
+    def more(self, time: Array, displacement: Array) -> Array:
+        """Columns (n, .) of the decay or the waves."""
+        if self.kind == "decay":
+            return np.exp(-(time - time[0]) / self.scale)[:, None]
+        if self.kind == "waves":
+            angle = 2 * np.pi * displacement / self.scale
+            return np.column_stack([np.cos(angle), np.sin(angle)])
+        return np.zeros((time.size, 0))
+
+    def by_scale(self, time: Array, displacement: Array, coefficients: Array) -> Array:
+        """Derivative of the force (n,) by the scale."""
+        if self.kind == "decay":
+            age = time - time[0]
+            return coefficients[1] * np.exp(-age / self.scale) * age / self.scale**2
+        angle = 2 * np.pi * displacement / self.scale
+        return (coefficients[2] * np.sin(angle) - coefficients[3] * np.cos(angle)) * angle / self.scale
+
+
+@dataclass(frozen=True, eq=False)
+class Piecewise:
+    """Baseline and polynomial with a contact point, fitted to a stretch.
+
+    contact, stderr: mm; coefficients: of the baseline's terms, then one for each power; residual (n,), mN; noise: that of the
+    residual; spread: covariance of the coefficients and the contact point.
+    """
+
+    stretch: Stretch
+    powers: tuple[float, ...]
+    baseline: Baseline
+    contact: float
+    stderr: float
+    coefficients: Array
+    residual: Array
+    noise: CorrelatedNoise
+    spread: Array
+
+    def free(self, time: Array, displacement: Array) -> Array:
+        """The force without contact (n,), mN, at times and displacements."""
+        terms = self.baseline.terms(np.append(self.stretch.time[0], time), np.append(0.0, displacement))[1:]
+        return terms @ self.coefficients[: terms.shape[1]]
+
+    def free_error(self) -> float:
+        """Standard error of the force without contact at the end of the stretch, mN."""
+        last = self.baseline.terms(self.stretch.time[[0, -1]], self.stretch.displacement[[0, -1]])[-1]
+        return float(np.sqrt(max(last @ self.spread[: last.size, : last.size] @ last, 0.0)))
+
+
+def stretch_of(ramp: Ramp) -> Stretch:
+    """The `Stretch` of a ramp."""
+    record, samples = ramp.record, ramp.samples
+    first = max(0, round(ramp.low - (BASELINE + 0.5) * samples))
+    thin = max(1, -(-(ramp.stop - first) // MOST_SAMPLES))
+    part = slice(ramp.stop - (ramp.stop - first) // thin * thin, ramp.stop)
+    time, displacement, force = (
+        values[part].reshape(-1, thin).mean(axis=1) for values in (record.time, ramp.displacement, record.force)
+    )
+    low = (ramp.low - part.start) // thin
+    risen = np.flatnonzero(ramp.raised[part] >= 0.5 * ramp.peak)
+    half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
+    # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise, and removes vibration
+    blur = 1.5 * noise_of(record.displacement[part]) / np.sqrt(ramp.length)
+    drifts = low - 0.2 * samples / thin >= DRIFTS * samples / thin
+    step = _step(record.force[part])
+    return Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts), step)
+
+
+def _step(force: Array) -> float:
+    """Step of the converter, mN, where it is coarse: few values, or many samples that do not change; 0 where it is fine."""
+    changes = np.abs(np.diff(force))
+    changes = changes[changes > 1e-9 * float(np.ptp(force))]
+    if changes.size > 0.7 * (force.size - 1) or not changes.size:
+        return 0.0
+    return float(np.quantile(changes, 0.02))
+
+
+def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, float]:
+    """The fit of the end that fits best, and how far those of other ends that fit as well put the contact point, mm."""
+    coarse = stretch.thinned(SEARCHED)
+    bases = {end: _with_baseline(coarse, POWERS[end]) for end in ends}
+    best = min(ends, key=lambda end: _square(bases[end].residual))
+    fit = _chosen(stretch, POWERS[best], bases[best].baseline)
+    if len(ends) < 2:
+        return fit, 0.0
+    return fit, _beyond(fit, coarse, ends, best)
+
+
+def _beyond(fit: Piecewise, coarse: Stretch, ends: tuple[str, ...], best: str) -> float:
+    """How far the ends that the samples do not tell from the best one put the contact point from it, mm."""
+    share = fit.stretch.time.size / coarse.time.size
+    within = coarse.until(min(coarse.time.size, max(20, int(np.searchsorted(coarse.time, fit.stretch.time[-1], "right")))))
+    rivals = {end: fit_of(within, POWERS[end], fit.baseline) for end in ends}
+    least, most = _square(rivals[best].residual), 0.0
+    for end in ends:
+        excess = (_square(rivals[end].residual) / least - 1) * independent(rivals[best].noise)
+        if end != best and excess < AGREE**2 and share > 0:
+            most = max(most, abs(rivals[end].contact - rivals[best].contact))
+    return most
+
+
+def _chosen(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Piecewise:
+    """The fit of the longest stretch whose contact point agrees with those of the shorter ones."""
+    fits = [fit_of(stretch, powers, baseline)]
+    rise = fits[0].residual.size and stretch.force - fits[0].free(stretch.time, stretch.displacement)
+    smooth = filtered(np.asarray(rise), max(5, stretch.length // 2))
+    for share in SHARES:
+        above = np.flatnonzero(smooth >= share * smooth.max())
+        stop = int(above[0]) if above.size else stretch.time.size
+        beyond = np.count_nonzero(stretch.displacement[:stop] > fits[0].contact)
+        if beyond < FEWEST_BEYOND or stop < 30:
+            break
+        fits.append(fit_of(stretch.until(stop), powers, baseline))
+    for n, wide in enumerate(fits):
+        if all(_agree(wide, narrow) for narrow in fits[n + 1 :]):
+            return wide
+    return fits[-1]
+
+
+def _agree(wide: Piecewise, narrow: Piecewise) -> bool:
+    scatter = np.sqrt(max(narrow.stderr**2 - wide.stderr**2, (0.3 * narrow.stderr) ** 2))
+    return abs(wide.contact - narrow.contact) <= AGREE * scatter
+
+
+# The baseline
+
+
+def _with_baseline(stretch: Stretch, powers: tuple[float, ...]) -> Piecewise:
+    """The fit with the simplest baseline that the force before contact holds to."""
+    fit = fit_of(stretch, powers, Baseline("drift" if stretch.drifts else "constant"))
+    if not stretch.drifts or not _uneven(fit):
+        return fit
+    span, travel = float(np.ptp(stretch.time)), float(np.ptp(stretch.displacement))
+    decays = [Baseline("decay", span * share) for share in DECAYS]
+    shortest = travel * max(12 / stretch.time.size, 0.03)
+    waves = [Baseline("waves", period) for period in np.geomspace(shortest, LONGEST_WAVE * travel, PERIODS)]
+    rivals = [fit_of(stretch, powers, rival) for kind in (decays, waves) for rival in _promising(fit, kind)]
+    sure = [rival for rival in rivals if _ratio(fit, rival) > SURE[rival.baseline.kind]]
+    return min(sure, key=lambda rival: _square(rival.residual), default=fit)
+
+
+def _uneven(fit: Piecewise) -> bool:
+    """Whether the force before contact leaves the baseline by more than is worth a look."""
+    before = fit.residual[fit.stretch.displacement < fit.contact]
+    smooth = filtered(before, max(5, before.size // 20)) if before.size > 20 else before[:0]
+    return bool(smooth.size and smooth.std() > LEAST_WAVE * float(np.ptp(fit.stretch.force)))
+
+
+def _promising(fit: Piecewise, rivals: list[Baseline]) -> list[Baseline]:
+    """The two baselines, far from each other, that explain most of the residual while contact moves a little; none explains little."""
+    stretch = fit.stretch.thinned(SCREENED)
+    jacobian = _solution(fit.contact, stretch, fit.powers, fit.baseline)[2]
+    known = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
+    rest = stretch.force - known @ (known.T @ stretch.force)
+    left = np.array([_left(rest, rival.more(stretch.time, stretch.displacement), known) for rival in rivals])
+    best = int(np.argmin(left))
+    far = np.abs(np.arange(len(rivals)) - best) > len(rivals) // 8
+    second = int(np.argmin(np.where(far, left, np.inf)))
+    return [rivals[n] for n in (best, second) if left[n] < WORTH * _square(rest)]
+
+
+def _left(rest: Array, more: Array, known: Array) -> float:
+    """Sum of squares that more columns (n, .) leave of a residual (n,), which is orthogonal to the known directions (n, .)."""
+    columns = more - known @ (known.T @ more)
+    return _square(rest - columns @ solved(columns, rest))
+
+
+def _ratio(fit: Piecewise, rival: Piecewise) -> float:
+    """F ratio of the smaller sum of squares of a rival, with as many samples as its residual has independent ones."""
+    return (_square(fit.residual) / max(_square(rival.residual), 1e-300) - 1) * independent(rival.noise)
+
+
+def _square(values: Array) -> float:
+    return float(values @ values)
+
+
+# The fit
+
+
+def fit_of(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Piecewise:
+    """The fit of least squares: the contact point by search, everything else by a linear solve."""
+    place, baseline = _polished(_place(stretch, powers, baseline), stretch, powers, baseline)
+    terms, coefficients, jacobian = _solution(place, stretch, powers, baseline)
+    residual = stretch.force - terms @ coefficients
+    noise = noise_in(residual)
+    spread = _spread(jacobian, residual, noise)
+    rounding = _rounding(stretch, jacobian, place)
+    stderr = float(np.sqrt(max(spread[-1, -1], 0.0) + stretch.blur**2 + rounding**2))
+    return Piecewise(stretch, powers, baseline, float(place), stderr, coefficients, residual, noise, spread)
+
+
+def _spread(jacobian: Array, residual: Array, noise: CorrelatedNoise) -> Array:
+    """Covariance of the values of a fit: of the samples, or of their block means where slow noise makes it larger there."""
+    widest = covariance(jacobian, noise) * _lost(residual.size, jacobian.shape[1], independent(noise))
+    for count in BLOCKS:
+        thin = residual.size // count
+        if thin < 2:
+            continue
+        kept = residual.size // thin * thin
+        means = residual[:kept].reshape(-1, thin).mean(axis=1)
+        rows = jacobian[:kept].reshape(-1, thin, jacobian.shape[1]).mean(axis=1)
+        slow = noise_in(means)
+        spread = covariance(rows, slow) * _lost(means.size, rows.shape[1], independent(slow))
+        if spread[-1, -1] > CLEARLY * widest[-1, -1]:
+            widest = spread
+    return widest
+
+
+def _solution(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[Array, Array, Array]:
+    """Terms (n, .) with the contact point at `place`, their coefficients, and the Jacobian with scale and contact point as its last."""
+    terms = _terms(place, stretch, powers, baseline)
+    coefficients = _coefficients(terms, stretch.force, len(powers))
+    scale = [baseline.by_scale(stretch.time, stretch.displacement, coefficients)] if baseline.scale else []
+    return terms, coefficients, np.column_stack([terms, *scale, _by_place(stretch.displacement - place, powers, coefficients)])
+
+
+def _polished(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[float, Baseline]:
+    """Contact point and baseline after steps of Gauss and Newton for both, where the baseline has a scale."""
+    square = _misfit(place, stretch, powers, baseline) if baseline.scale else 0.0
+    for _ in range(POLISHING * bool(baseline.scale)):
+        terms, coefficients, jacobian = _solution(place, stretch, powers, baseline)
+        step = solved(jacobian, stretch.force - terms @ coefficients)[-2:]
+        scale = baseline.scale + float(np.clip(step[0], -0.2 * baseline.scale, 0.2 * baseline.scale))
+        moved, rival = place + float(step[1]), replace(baseline, scale=scale)
+        smaller = _misfit(moved, stretch, powers, rival) if stretch.displacement.min() < moved else np.inf
+        if smaller > square * (1 - 1e-6):
+            break
+        place, baseline, square = moved, rival, smaller
+    return place, baseline
+
+
+def _lost(samples: int, values: int, free: float) -> float:
+    """Ratio of variances: fitted values take their share of the independent samples, and not of all samples."""
+    return max(1.0, free / max(free - values, 1.0) * (samples - values) / samples)
+
+
+def independent(noise: CorrelatedNoise) -> float:
+    """How many independent samples hold as much as those of a correlated noise."""
+    n = noise.correlation.size
+    return n / max(1.0, 1 + 2 * float(np.sum(noise.correlation[1 : n // 4] * (1 - np.arange(1, n // 4) / n))))
+
+
+def _rounding(stretch: Stretch, jacobian: Array, place: float) -> float:
+    """Standard error of the contact point, mm, because a converter rounds all forces of a quiet baseline to one value."""
+    if not stretch.step:
+        return 0.0
+    before = (stretch.displacement < place).astype(float)
+    lengths = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    shift = float((np.linalg.pinv(jacobian / lengths) @ before)[-1] / lengths[-1])
+    return abs(shift) * stretch.step / np.sqrt(12)
+
+
+def _places(stretch: Stretch) -> Array:
+    x = stretch.displacement
+    return np.linspace(x.min(), x[stretch.half], GRID)
+
+
+def _place(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> float:
+    """Displacement of least misfit, mm: the best of a grid, then a bounded search about it, in thinned samples and in all."""
+    coarse = stretch.thinned(SEARCHED)
+    places = _places(coarse)
+    best = int(np.argmin(_misfits(places, stretch.thinned(GRIDDED), powers, baseline)))
+    bounds = float(places[max(best - 1, 0)]), float(places[min(best + 1, GRID - 1)])
+    place = _searched(coarse, powers, baseline, bounds)
+    if coarse is stretch:
+        return place
+    reach = 0.15 * (bounds[1] - bounds[0])
+    return _searched(stretch, powers, baseline, (max(bounds[0], place - reach), min(bounds[1], place + reach)))
+
+
+def _searched(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline, bounds: tuple[float, float]) -> float:
+    tolerance = 1e-6 * float(np.ptp(stretch.displacement))
+    arguments = (stretch, powers, baseline)
+    return float(minimize_scalar(_misfit, bounds=bounds, args=arguments, method="bounded", options={"xatol": tolerance}).x)
+
+
+def _by_place(beyond: Array, powers: tuple[float, ...], coefficients: Array) -> Array:
+    """Derivative of the model's force (n,) by the contact point; beyond: displacement less that of contact (n,), mm."""
+    inside, touching = np.maximum(beyond, 0.0), np.heaviside(beyond, 0.0)
+    terms = [m * c * inside ** (m - 1) for m, c in zip(powers, coefficients[-len(powers) :], strict=True)]
+    return -touching * sum(terms)
+
+
+def _terms(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Array:
+    """Columns of the linear part (n, .): the baseline's, and powers of the displacement beyond contact."""
+    beyond = np.maximum(stretch.displacement - place, 0.0)
+    return np.column_stack([baseline.terms(stretch.time, stretch.displacement), *(beyond**m for m in powers)])
+
+
+def _misfit(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> float:
+    """Sum of squares, mN^2, with the contact point at `place`."""
+    terms = _terms(place, stretch, powers, baseline)
+    residual = stretch.force - terms @ _coefficients(terms, stretch.force, len(powers))
+    return float(residual @ residual)
+
+
+def _misfits(places: Array, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Array:
+    """Sums of squares, mN^2, with the contact point at each of the places (m,), by normal equations for all of them at once."""
+    base = baseline.terms(stretch.time, stretch.displacement)
+    beyond = np.maximum(stretch.displacement[None, :] - places[:, None], 0.0)
+    terms = np.concatenate(
+        [np.broadcast_to(base, (places.size, *base.shape)), np.stack([beyond**m for m in powers], axis=2)], axis=2
+    )
+    terms = terms / np.maximum(np.linalg.norm(terms, axis=1, keepdims=True), 1e-300)
+    square, right = terms.transpose(0, 2, 1) @ terms, terms.transpose(0, 2, 1) @ stretch.force
+    values = np.linalg.solve(square + RIDGE * np.eye(terms.shape[2]), right[:, :, None])
+    residual = stretch.force - (terms @ values)[:, :, 0]
+    return np.asarray(np.sum(residual**2, axis=1))
+
+
+def _coefficients(terms: Array, force: Array, powers: int) -> Array:
+    """Coefficients of least squares; that of the first power is not negative, because the force rises at contact."""
+    lengths = np.maximum(np.sqrt(np.einsum("ij,ij->j", terms, terms)), 1e-300)
+    unit = terms / lengths
+    square, right = unit.T @ unit, unit.T @ force
+    coefficients = _solved(square, right)
+    first = terms.shape[1] - powers
+    if powers > 1 and coefficients[first] < 0:
+        kept = np.arange(terms.shape[1]) != first
+        coefficients = np.zeros(terms.shape[1])
+        coefficients[kept] = _solved(square[np.ix_(kept, kept)], right[kept])
+    return coefficients / lengths
+
+
+def _solved(square: Array, right: Array) -> Array:
+    """Solution of normal equations whose diagonal is 1; columns that are alike share what they explain."""
+    return np.linalg.solve(square + RIDGE * np.eye(right.size), right)
+
+
+def solved(terms: Array, values: Array) -> Array:
+    """Coefficients (p,) of least squares of terms (n, p), whatever the units of the terms."""
+    lengths = np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
+    return np.linalg.lstsq(terms / lengths, values, rcond=None)[0] / lengths
