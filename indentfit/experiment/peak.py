@@ -18,7 +18,9 @@ SHORTEST = 5  # samples
 CLEARLY_SHORTER = 2.0  # a filter that is not, lets the same noise pass
 STEADY = 0.0025  # share of the peak: the scatter of the filtered force that is allowed
 OTHER = 0.01  # share of the peak by which a larger force of the record is worth a note
-FITTED = 0.2  # of the duration of the ramp: the end of the loading, whose fit gives the peak of a noisy record
+FITTED = 0.35  # of the duration of the ramp: the end of the loading, whose fit gives the peak of a noisy record
+FEWEST = 8  # samples of the fit
+ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
 SURE = 3.0  # standard errors
 SIGMA_95 = 1.96
 
@@ -66,12 +68,26 @@ def peak_of(ramp: Ramp, start: int, force: Array) -> Peak:
 
 def _fitted(ramp: Ramp, start: int, force: Array) -> Peak:
     """The force at the end of loading by a parabola over time."""
-    begin = max(start, ramp.stop - max(15, round(FITTED * ramp.samples)))
-    age = (ramp.record.time[begin : ramp.stop] - ramp.record.time[ramp.stop - 1]) / ramp.duration
+    stop = max(ramp.stop - round(ROUNDED * ramp.length), start + FEWEST)
+    begin = max(start, stop - max(15, round(FITTED * ramp.samples)))
+    age = (ramp.record.time[begin:stop] - _turn(ramp, begin, stop)) / ramp.duration
     terms = np.column_stack([np.ones_like(age), age, age**2])
-    values = np.linalg.lstsq(terms, force[begin : ramp.stop], rcond=None)[0]
-    spread = covariance(terms, noise_in(force[begin : ramp.stop] - terms @ values))
+    values = np.linalg.lstsq(terms, force[begin:stop], rcond=None)[0]
+    spread = covariance(terms, noise_in(force[begin:stop] - terms @ values))
     return Peak(float(values[0]), float(np.sqrt(max(spread[0, 0], 0.0))))
+
+
+def _turn(ramp: Ramp, begin: int, stop: int) -> float:
+    """Time of the end of loading, s: where the stage, at the velocity that it has before, reaches its deepest place."""
+    record, near = ramp.record, max(3, round(0.5 * ramp.length))
+    deepest = float(filtered(record.displacement, SHORTEST)[max(0, stop - near) : ramp.stop + near].max())
+    half = slice((begin + stop) // 2, stop)
+    velocity, last = np.polyfit(record.time[half] - record.time[stop - 1], record.displacement[half], 1)
+    ahead = (deepest - last) / velocity if velocity > 0 else 0.0
+    return float(
+        record.time[stop - 1]
+        + np.clip(ahead, 0.0, record.time[min(ramp.stop + near, record.time.size) - 1] - record.time[stop - 1])
+    )
 
 
 def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> Iterator[str]:

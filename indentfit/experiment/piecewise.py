@@ -26,14 +26,15 @@ BASELINE = 3.0  # length of the baseline that is used, in durations of the ramp
 DRIFTS = 0.25  # durations of the ramp that a baseline lasts whose drift is told from contact
 GRID = 50  # contact points that are tried before the search
 SHARES = (0.5, 0.25)  # of the largest force: the shorter stretches
-AGREE = 4.0  # standard errors within which the contact points of two stretches agree
+AGREE = 3.0  # standard errors within which the contact points of two stretches agree
+MISFIT = 40.0  # excess of squares over those of a fit to the shorter stretch alone, in squares of noise: more than five values take
 FEWEST_BEYOND = 12  # samples beyond contact of a shorter stretch
 SURE = {"decay": 15.0, "waves": 30.0}  # F ratio from which a decay or waves (of any period) are more than noise
 LEAST_WAVE = 0.004  # of the largest force: smaller waves and decays are noise
 PERIODS = 40  # periods of waves that are tried
 LONGEST_WAVE = 2.0  # of the travel
 DECAYS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # time constants that are tried, of the duration of the stretch
-WORTH = 0.85  # share of the squares that a baseline may leave to be fitted
+WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may leave to be fitted
 SCREENED = 200  # samples with which baselines are screened
 BLOCKS = (500, 120)  # numbers of block means whose noise is looked at too: slow noise under white noise
 RIDGE = 1e-13  # keeps normal equations solvable
@@ -223,8 +224,11 @@ def _chosen(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> 
 
 
 def _agree(wide: Piecewise, narrow: Piecewise) -> bool:
+    """Whether two fits differ by no more than noise explains: in the contact point, or in the misfit to the shorter stretch."""
     scatter = np.sqrt(max(narrow.stderr**2 - wide.stderr**2, (0.3 * narrow.stderr) ** 2))
-    return abs(wide.contact - narrow.contact) <= AGREE * scatter
+    within = wide.residual[: narrow.residual.size]
+    excess = (_square(within) / max(_square(narrow.residual), 1e-300) - 1) * independent(narrow.noise)
+    return bool(abs(wide.contact - narrow.contact) <= AGREE * scatter or excess < MISFIT)
 
 
 # The baseline
@@ -261,7 +265,7 @@ def _promising(fit: Piecewise, rivals: list[Baseline]) -> list[Baseline]:
     best = int(np.argmin(left))
     far = np.abs(np.arange(len(rivals)) - best) > len(rivals) // 8
     second = int(np.argmin(np.where(far, left, np.inf)))
-    return [rivals[n] for n in (best, second) if left[n] < WORTH * _square(rest)]
+    return [rivals[n] for n in (best, second) if left[n] < WORTH[rivals[n].kind] * _square(rest)]
 
 
 def _left(rest: Array, more: Array, known: Array) -> float:
@@ -429,7 +433,7 @@ def _coefficients(terms: Array, force: Array, powers: int) -> Array:
 
 def _solved(square: Array, right: Array) -> Array:
     """Solution of normal equations whose diagonal is 1; columns that are alike share what they explain."""
-    return np.linalg.solve(square + RIDGE * np.eye(right.size), right)
+    return np.asarray(np.linalg.solve(square + RIDGE * np.eye(right.size), right), dtype=float)
 
 
 def solved(terms: Array, values: Array) -> Array:
