@@ -65,4 +65,6 @@ class Opened(Openers):
         from indentfit.experiment.processed import process_record  # SciPy's signals are slow to import, and few cases have records
         from indentfit.experiment.reading import read_record
 
-        return process_record(read_record(file, record), settings=record).curve
+        # a case tells the end of its indenter; [record] holds it where it is not flat
+        settings = record if record.indenter else record.model_copy(update={"indenter": "flat"})
+        return process_record(read_record(file, settings), settings=settings).curve

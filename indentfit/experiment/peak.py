@@ -1,4 +1,4 @@
-"""The largest force of a loading, by a filter that removes noise and ringing and keeps the peak, or by a fit where noise is large."""
+"""The largest force of a loading: by a filter that removes noise and ringing and keeps the peak, or by a fit to noisy forces."""
 
 from __future__ import annotations
 

@@ -256,7 +256,7 @@ def _uneven(fit: Piecewise) -> bool:
 
 
 def _promising(fit: Piecewise, rivals: list[Baseline]) -> list[Baseline]:
-    """The two baselines, far from each other, that explain most of the residual while contact moves a little; none explains little."""
+    """The two baselines, far from each other, that explain most of the residual while contact moves a little, if it is much."""
     stretch = fit.stretch.thinned(SCREENED)
     jacobian = _solution(fit.contact, stretch, fit.powers, fit.baseline)[2]
     known = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
@@ -316,7 +316,7 @@ def _spread(jacobian: Array, residual: Array, noise: CorrelatedNoise) -> Array:
 
 
 def _solution(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[Array, Array, Array]:
-    """Terms (n, .) with the contact point at `place`, their coefficients, and the Jacobian with scale and contact point as its last."""
+    """Terms (n, .) with the contact point at `place`, their coefficients, and the Jacobian, whose last columns are scale and place."""
     terms = _terms(place, stretch, powers, baseline)
     coefficients = _coefficients(terms, stretch.force, len(powers))
     scale = [baseline.by_scale(stretch.time, stretch.displacement, coefficients)] if baseline.scale else []

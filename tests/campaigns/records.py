@@ -109,7 +109,7 @@ def in_contact(rng):
     record = drawn(rng, travel=0.0)
     begin = int(np.argmax(record.displacement >= record.truth.contact + rng.uniform(0.0, 0.25) * record.depth))
     part = slice(begin, None)
-    offset = float(np.median((record.force - record.elastic)))
+    offset = float(np.median(record.force - record.elastic))
     return replace(record, time=record.time[part], displacement=record.displacement[part], force=record.force[part] - offset)
 
 
@@ -362,9 +362,12 @@ def tally(kind, trials, seed=0, verbose=False):
         widths.append(done.contact.uncertainty / record.depth)
         if verbose and ((not flagged and (not held or abs(off) > PEAK)) or (verbose == 2 and not held)):
             miss = (done.contact.displacement - record.truth.contact) / record.depth
+            noise = record.noise / record.truth.peak
             print(
-                f"   {n} {record.truth.end} {done.contact.form} miss {miss:.4f} +- {widths[-1]:.4f} depth, peak {off:+.2%}, {done.contact.method}, noise {record.noise / record.truth.peak:.3%} {done.notes}"
+                f"   {n} {record.truth.end} {done.contact.form} miss {miss:.4f} +- {widths[-1]:.4f} depth, peak {off:+.2%},",
+                end=" ",
             )
+            print(f"{done.contact.method}, noise {noise:.2%} {done.notes}")
         counts.flagged += flagged
         counts.flagged_held += flagged and held
         counts.plain += not flagged
