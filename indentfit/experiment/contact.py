@@ -85,7 +85,7 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
     if approach.independent() < FEWEST_INDEPENDENT:
         notes = (
             *notes,
-            f"the noise of the force is slow: about {approach.independent():.0f} independent samples are left for the contact point",
+            f"the noise of the force is slow: it leaves {approach.independent():.0f} independent samples for the contact point",
         )
     pull = approach.pull()
     if pull > PULLED * ramp.peak:

@@ -316,7 +316,7 @@ def _spread(jacobian: Array, residual: Array, noise: CorrelatedNoise) -> Array:
 
 
 def _solution(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[Array, Array, Array]:
-    """Terms (n, .) with the contact point at `place`, their coefficients, and the Jacobian, whose last columns are scale and place."""
+    """Terms (n, .) with the contact point at `place`, coefficients, and the Jacobian, whose last columns are scale and place."""
     terms = _terms(place, stretch, powers, baseline)
     coefficients = _coefficients(terms, stretch.force, len(powers))
     scale = [baseline.by_scale(stretch.time, stretch.displacement, coefficients)] if baseline.scale else []
