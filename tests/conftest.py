@@ -2,7 +2,15 @@
 
 import os
 
+import pytest
+
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # the numerical libraries read it when they are loaded
 
 pytest_plugins = ["fixtures.cases", "fixtures.drawing"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory):
+    """Curves of raw records are kept in a folder of these tests, not in the user's."""
+    os.environ["INDENTFIT_CACHE"] = str(tmp_path_factory.mktemp("cache"))

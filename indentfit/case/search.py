@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Field, WrapValidator
 
+from indentfit.case.methods import SearchMethod
 from indentfit.case.priors import Prior, PriorOfLength, prior_or_none
 from indentfit.case.quantities import Finite, Odds, Positive, Quantity, Share, Unit, is_number, refusal
 from indentfit.case.section import Section
@@ -113,9 +114,7 @@ class Fit(Section):
 
     place = "fit"
 
-    method: Literal["ga", "least_squares", "differential_evolution", "cma"] = Field(
-        default="ga", description="method of the search; ga is the genetic algorithm"
-    )
+    method: SearchMethod = Field(default="ga", description="method of the search; ga is the genetic algorithm")
     direct: bool = Field(default=False, description="search on the forward model itself, without a surrogate: hundreds of runs")
     seed: int = Field(default=0, ge=0, lt=2**32, description="seed of the random numbers")
     population: int | None = Field(default=None, ge=4, le=10_000, examples=[80], description="individuals of a generation")

@@ -1,13 +1,13 @@
 """`indentfit fit`: the parameters that the curves of a case ask for, and how well they are determined."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import click
 
+from indentfit.case.methods import SearchMethod
 from indentfit.cli import clusters
 from indentfit.cli.command import Command
-from indentfit.cli.lazy import KeyChoice
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command(cls=Command, short_help="Find the parameters that its curves ask for.")
 @click.argument("case", type=click.Path())
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
-@click.option("--method", type=KeyChoice("fit.method"), help="The same as --set fit.method=...")
+@click.option("--method", type=click.Choice(get_args(SearchMethod)), help="The same as --set fit.method=...")
 @click.option("--direct", is_flag=True, help="Search on the forward model itself, without a surrogate.")
 @click.option("--workers", type=int, metavar="N", help="Number of processes; the same as --set fit.workers=N")
 @click.option("--seed", type=int, metavar="N", help="The same as --set fit.seed=N")

@@ -62,9 +62,15 @@ class Opened(Openers):
         return open_law(model, energy, names, folder)
 
     def curve(self, file: Path, record: Record) -> Curve:
-        from indentfit.experiment.processed import process_record  # SciPy's signals are slow to import, and few cases have records
-        from indentfit.experiment.reading import read_record
+        from indentfit.experiment.kept import kept_curve  # few cases have records
 
         # a case tells the end of its indenter; [record] holds it where it is not flat
         settings = record if record.indenter else record.model_copy(update={"indenter": "flat"})
-        return process_record(read_record(file, settings), settings=settings).curve
+        return kept_curve(file, settings, lambda: _processed(file, settings))
+
+
+def _processed(file: Path, record: Record) -> Curve:
+    from indentfit.experiment.processed import process_record  # SciPy's signals take a second to import
+    from indentfit.experiment.reading import read_record
+
+    return process_record(read_record(file, record), settings=record).curve
