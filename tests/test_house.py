@@ -30,6 +30,9 @@ LAZY = {
         "indentfit.report.per_sample.sample_lines", "indentfit.report.per_sample.samples_figure",
         "indentfit.report.samples_folder.write_samples",
     },
+    "inference/population_fit.py": {
+        "indentfit.report.population.population_figure", "indentfit.report.population.population_lines",
+    },
     "runs/simulated.py": {
         "indentfit.report.fields.FieldChoice", "indentfit.report.plots.force_displacement",
         "indentfit.report.study_folder.write_simulation", "indentfit.report.text.simulation_lines",

@@ -11,9 +11,11 @@ from indentfit.cli.command import Command
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
-from indentfit.errors import FitError
+from indentfit.errors import CaseError, FitError
 
 if TYPE_CHECKING:
+    from indentfit.inference.per_sample import PerSample
+    from indentfit.inference.population_fit import Population
     from indentfit.report.lasting import Place
 
 
@@ -33,6 +35,12 @@ if TYPE_CHECKING:
 @click.option("--scan-weights", is_flag=True, help="Show what other weights of the two tests would find.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
+@click.option(
+    "--population", is_flag=True, help="Fit the samples of replicates.csv as one population: means, and spread between samples."
+)
+@click.option(
+    "--group", metavar="COLUMN", help="With --population: column of replicates.csv (or manifest.csv) with each sample's group."
+)
 def command(
     case: str,
     overrides: tuple[str, ...],
@@ -50,6 +58,8 @@ def command(
     scan_weights: bool,
     as_json: bool,
     per_sample: bool,
+    population: bool,
+    group: str | None,
 ) -> None:
     """Fit the free parameters of the case file CASE to its curves.
 
@@ -58,6 +68,10 @@ def command(
 
     Every run of the forward model is kept at once, in the folder .DIR.unfinished until the result is whole. Ctrl-C (or SIGTERM)
     finishes the running solves, then stops; a second Ctrl-C stops at once. --resume goes on from there.
+
+    --population fits each sample of replicates.csv as --per-sample does, and then all as one population, without more runs: the
+    mean of each parameter (of each group, with --group) and its spread between samples, which has no noise in it, the ratios of the
+    groups' means, and each sample's values given all samples.
 
     Dask sends objects by pickle between its own processes: whoever reaches a scheduler can run code on its workers. Only the
     address given is used, and a local cluster listens on 127.0.0.1 alone. No file is ever read by pickle.
@@ -69,9 +83,13 @@ def command(
     options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     folder = Path(case).resolve().parent.name or "case"
-    place = Place(output or f"{folder}-{'samples-' if per_sample else ''}result", overwrite, resume, reuse)
-    if per_sample:
-        _fit_samples(case, overrides, place, where, as_json)
+    if group is not None and not population:
+        raise click.UsageError("--group belongs to --population")
+    kind = "population" if population else "samples-result" if per_sample else "result"
+    place = Place(output or f"{folder}-{kind}", overwrite, resume, reuse)
+    if population or per_sample:
+        groups = _groups(Path(case).parent, group) if population else None
+        _fit_samples(case, overrides, place, where, as_json, groups)
     else:
         _fit(case, overrides, place, where, not no_fields, scan_weights, as_json)
 
@@ -97,12 +115,30 @@ def _fit(
         raise FitError(f"{said}; its result is in {place.output}")
 
 
-def _fit_samples(path: str, overrides: tuple[str, ...], place: "Place", cluster: str | None, as_json: bool) -> None:
-    """Fit each sample of the table beside the case."""
+def _groups(folder: Path, column: str | None) -> dict[str, str]:
+    """The group of each sample, by a column of replicates.csv or else of manifest.csv; empty without a column."""
+    from indentfit.errors import RecordError
+    from indentfit.experiment.specimens import TABLE, read_groups
+
+    if column is None:
+        return {}
+    try:
+        return read_groups(folder / TABLE, column)
+    except RecordError:
+        if not (folder / "manifest.csv").is_file():
+            raise
+        return read_groups(folder / "manifest.csv", column)
+
+
+def _fit_samples(
+    path: str, overrides: tuple[str, ...], place: "Place", cluster: str | None, as_json: bool, groups: dict[str, str] | None
+) -> None:
+    """Fit each sample of the table beside the case; as one population where groups are given."""
     from indentfit.experiment.specimens import TABLE, read_specimens
     from indentfit.inference.per_sample import sample_cases
+    from indentfit.inference.population_fit import require_positive
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.lasting import Conduct, fit_samples_in_folder, refuse_unfinished
+    from indentfit.report.lasting import Conduct, fit_population_in_folder, fit_samples_in_folder, refuse_unfinished
     from indentfit.report.vtu import file_names
 
     cases = sample_cases(path, read_specimens(Path(path).parent / TABLE), overrides)
@@ -110,8 +146,18 @@ def _fit_samples(path: str, overrides: tuple[str, ...], place: "Place", cluster:
     refuse_unfinished(place, samples=True)
     warn(cases[0][1].warnings())
     named = dict(zip(file_names([name for name, _ in cases]), cases, strict=True))
+    if groups is not None:
+        require_positive(cases[0][1])
+        if missing := [name for name, _ in cases if groups and name not in groups]:
+            raise CaseError([f"{path}: sample {missing[0]} has no group; add its row to the table of groups"])
+    result: PerSample | Population
     with stopping() as stop, progress("fit", total=1) as step:
-        result = fit_samples_in_folder(named, place, Conduct(step, stop, say, cluster))
+        conduct = Conduct(step, stop, say, cluster)
+        if groups is None:
+            result = singles = fit_samples_in_folder(named, place, conduct)
+        else:
+            result = fit_population_in_folder(named, place, conduct, groups)
+            singles = result.per_sample
     click.echo(json_text(result.as_json()) if as_json else f"{result.summary()}\nwritten   {place.output}")
-    if failed := [summary.sample for summary in result.samples if not summary.success]:
+    if failed := [summary.sample for summary in singles.samples if not summary.success]:
         raise FitError(f"the fit of {', '.join(failed)} did not converge; the results are in {place.output}")

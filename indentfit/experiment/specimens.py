@@ -89,6 +89,34 @@ def read_specimens(path: str | Path) -> list[Specimen]:
     return list(specimens.values())
 
 
+def read_groups(path: str | Path, column: str) -> dict[str, str]:
+    """The group of each specimen: a column of the table, or of a manifest, which has the specimens' names in the column `sample`.
+
+    Raises
+    ------
+    RecordError
+        There is no such column, a cell is empty, or a specimen is in two groups. The error's text is one line.
+    """
+    path = Path(path)
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}); check its name") from None
+    if not rows or not {"sample", column} <= set(rows[0]):
+        known = ", ".join(str(name) for name in (rows[0] if rows else ()))
+        raise RecordError(f"{path}: the table has no column {column!r} beside `sample`; it has: {known or 'no rows'}")
+    groups: dict[str, str] = {}
+    for number, row in enumerate(rows, start=2):
+        group = (row[column] or "").strip()
+        if not group:
+            raise RecordError(f"{path}: row {number}: {column} is empty; give the group of {row['sample']!r}")
+        if groups.setdefault(row["sample"], group) != group:
+            raise RecordError(
+                f"{path}: row {number}: {row['sample']!r} is in two groups ({groups[row['sample']]}, {group}); correct one"
+            )
+    return groups
+
+
 def _specimen(where: str, row: dict[str, str]) -> Specimen:
     """The specimen with the one curve of a row."""
     direction = row.get("direction", "")

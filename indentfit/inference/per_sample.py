@@ -13,7 +13,7 @@ from indentfit.case.laws import has_fibres
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.specimens import Specimen
-from indentfit.inference.fit import fit
+from indentfit.inference.fit import FitWithRuns, fit_with_runs
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.runs.ledger import Ledger
 from indentfit.shapes import keys_of
@@ -21,12 +21,13 @@ from indentfit.shapes import keys_of
 
 @dataclass(frozen=True, eq=False)
 class SampleFit:
-    """The fit of one sample: its case and result, or one line on the problem that prevented the fit."""
+    """The fit of one sample: its case and result, and its runs, or one line on the problem that prevented the fit."""
 
     sample: str
     case: Case | None = None
     result: FitResult | None = None
     problem: str | None = None
+    whole: FitWithRuns | None = None
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,8 @@ def fit_sample(
 ) -> SampleFit:
     """The SampleFit of one of `sample_cases`; a ConvergenceError becomes its problem. The other arguments are those of `fit`."""
     try:
-        return SampleFit(name, case, fit(case, progress, ledger, cluster, stop))
+        whole = fit_with_runs(case, progress, ledger, cluster, stop)
+        return SampleFit(name, case, whole.result, whole=whole)
     except ConvergenceError as error:
         return SampleFit(name, case, None, str(error))
 

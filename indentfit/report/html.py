@@ -10,10 +10,12 @@ import jinja2
 
 from indentfit.errors import OutputError
 from indentfit.inference.per_sample import PerSample
+from indentfit.inference.population_fit import Population
 from indentfit.inference.result import FitResult
 from indentfit.report.html_comparison import comparison_page
 from indentfit.report.html_design import design_page
 from indentfit.report.html_fit import fit_page
+from indentfit.report.html_population import population_page
 from indentfit.report.html_process import process_page
 from indentfit.report.html_samples import per_sample_page
 from indentfit.report.html_simulation import simulation_page
@@ -69,6 +71,8 @@ def _page(stored: Stored) -> Page:
         return design_page(stored, result)
     if isinstance(result, Comparison):
         return comparison_page(stored, result)
+    if isinstance(result, Population):
+        return population_page(stored, result)
     if isinstance(result, PerSample):
         return per_sample_page(stored, result)
     return process_page(stored, result) if isinstance(result, StoredProcess) else simulation_page(stored, result)

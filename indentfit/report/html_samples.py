@@ -14,12 +14,13 @@ def per_sample_page(stored: Stored, result: PerSample) -> Page:
     converged = sum(summary.success for summary in result.samples)
     headline = f"{converged} of {len(result.samples)} fits converged."
     lead = "; ".join(f"{name}: {over}" for name, over in result.spread.items())
-    sections = (_parameters(result), _spread(result), _folders(stored, result))
+    sections = (parameters_section(result), spread_section(result), folders_section(stored, result))
     good = converged == len(result.samples)
     return Page("Fits of samples", "Inverse finite-element fits, one for each sample", headline, f"{lead}.", good, sections)
 
 
-def _parameters(result: PerSample) -> Section:
+def parameters_section(result: PerSample) -> Section:
+    """The parameters of each sample."""
     header = ("Sample", *result.free, "Objective (mN)", "Thickness (mm)", "Diameter (mm)", "Converged")
     rows = tuple(_row(summary, result) for summary in result.samples)
     parts: list[Part] = [Table("Parameters of each sample with their standard errors", header, rows)]
@@ -39,7 +40,8 @@ def _row(summary: SampleSummary, result: PerSample) -> tuple[str, ...]:
     return (summary.sample, *values, *sizes, "yes" if summary.success else "no")
 
 
-def _spread(result: PerSample) -> Section:
+def spread_section(result: PerSample) -> Section:
+    """The plain spread of the fits."""
     rows = tuple(
         (name, "–" if over.unit == "1" else over.unit, str(over.n), *map(number, (over.mean, over.sd, over.min, over.max)))
         for name, over in result.spread.items()
@@ -49,7 +51,8 @@ def _spread(result: PerSample) -> Section:
     return Section("spread", "Spread", (Table("Each parameter over the samples whose fits converged", SPREAD, rows),))
 
 
-def _folders(stored: Stored, result: PerSample) -> Section:
+def folders_section(stored: Stored, result: PerSample) -> Section:
+    """The folders of the fits."""
     there = [summary for summary in result.samples if summary.folder and (stored.folder / summary.folder).is_dir()]
     lines = Lines(tuple(f"{summary.sample}: {summary.folder}/report.html" for summary in there))
     words = Text("Each sample has a result folder of its own with its curves, intervals and case.")

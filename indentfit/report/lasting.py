@@ -11,10 +11,11 @@ from indentfit.case import Case
 from indentfit.errors import LedgerError, OutputError, Stopped, WorkerError
 from indentfit.inference.fit import fit
 from indentfit.inference.per_sample import PerSample, SampleFit, fit_sample
+from indentfit.inference.population_fit import Population, population
 from indentfit.inference.result import FitResult
 from indentfit.report.fit_folder import fill_fit
 from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished
-from indentfit.report.samples_folder import fill_samples
+from indentfit.report.samples_folder import fill_population, fill_samples
 from indentfit.runs.ledger import Ledger, refuse_in_use
 
 Say = Callable[[str], object]
@@ -132,14 +133,42 @@ def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, c
     """
     target = refuse_existing(place.output, place.overwrite)
     with lasting_folder(place.output, place.overwrite) as folder:
-        clear_all_but(folder, list(named))
-        fits = [
-            _fit_sample(folder / name, target / name, sample, case, place, _part(conduct, n, len(named), sample))
-            for n, (name, (sample, case)) in enumerate(named.items())
-        ]
+        fits = _fit_samples(folder, target, named, place, conduct)
         result = PerSample.of(fits, list(named))
         fill_samples(folder, result)
     return result
+
+
+def fit_population_in_folder(
+    named: Mapping[str, tuple[str, Case]], place: Place, conduct: Conduct, groups: Mapping[str, str]
+) -> Population:
+    """Fit each sample of a set as `fit_samples_in_folder` does, and write the result folder of the population.
+
+    Parameters
+    ----------
+    groups : sample -> group; empty for one group
+
+    Raises
+    ------
+    OutputError, LedgerError, WorkerError, Stopped
+    """
+    target = refuse_existing(place.output, place.overwrite)
+    with lasting_folder(place.output, place.overwrite) as folder:
+        fits = _fit_samples(folder, target, named, place, conduct)
+        seed = next(iter(named.values()))[1].fit.seed
+        result = population(fits, PerSample.of(fits, list(named)), groups, seed)
+        fill_population(folder, result)
+    return result
+
+
+def _fit_samples(
+    folder: Path, target: Path, named: Mapping[str, tuple[str, Case]], place: Place, conduct: Conduct
+) -> list[SampleFit]:
+    clear_all_but(folder, list(named))
+    return [
+        _fit_sample(folder / name, target / name, sample, case, place, _part(conduct, n, len(named), sample))
+        for n, (name, (sample, case)) in enumerate(named.items())
+    ]
 
 
 @contextlib.contextmanager

@@ -19,6 +19,7 @@ from indentfit.errors import CaseError, IndentfitError, OutputError
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
 from indentfit.fem.result import TimeCurve
 from indentfit.inference.per_sample import PerSample
+from indentfit.inference.population_fit import Population
 from indentfit.inference.result import FitResult
 from indentfit.report.stored_process import StoredProcess
 from indentfit.runs.closed_form import ClosedForm
@@ -135,7 +136,7 @@ class Stored:
     Parameters
     ----------
     folder : Path
-    result : FitResult, PerSample, Sweep, MeshCheck, Design, Comparison, StoredSimulation or StoredProcess
+    result : FitResult, PerSample, Population, Sweep, MeshCheck, Design, Comparison, StoredSimulation or StoredProcess
     case : CaseFacts or None
     overrides : tuple of "KEY=VALUE"
         Overrides with which the copy of the case is the case that was run.
@@ -144,7 +145,7 @@ class Stored:
     """
 
     folder: Path
-    result: "FitResult | PerSample | Sweep | MeshCheck | Design | Comparison | StoredSimulation | StoredProcess"
+    result: "FitResult | PerSample | Population | Sweep | MeshCheck | Design | Comparison | StoredSimulation | StoredProcess"
     case: CaseFacts | None
     overrides: tuple[str, ...]
     case_hash: str | None
@@ -164,6 +165,7 @@ READERS: dict[str, Reader] = {
     Design.FORMAT: Design.from_json,
     Comparison.FORMAT: Comparison.from_json,
     PerSample.FORMAT: PerSample.from_json,
+    Population.FORMAT: Population.from_json,
     StoredProcess.FORMAT: StoredProcess.from_json,
 }
 FIRST_VERSION = {  # tags of version 0.1

@@ -1,0 +1,135 @@
+"""Samples as one population: means and spreads without noise, against closed forms; and the command on synthetic samples."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from fixtures.cases import tiny_case
+from scipy.stats import norm, t
+
+from indentfit.cli import main
+from indentfit.curve import Curve, write_curve
+from indentfit.errors import RecordError
+from indentfit.experiment.measured import read_case
+from indentfit.experiment.specimens import read_groups
+from indentfit.inference.population import SampleDraws, hierarchy, pooled_sd
+from indentfit.report.schema import read_result
+from indentfit.runs.forward import simulate
+
+quick = pytest.mark.quick
+
+
+def samples_of(logs, error, groups=None):
+    """Samples whose curves determine the logarithm of one parameter with a normal error."""
+    found = []
+    for n, log in enumerate(logs):
+        values = np.exp(log + error * norm.ppf((np.arange(4000) + 0.5) / 4000))[:, None]
+        shares = values[:, 0] / values.sum()  # draws that are even in the logarithm: uniform in the value they weigh as the value
+        found.append(SampleDraws.of(f"s{n}", groups[n] if groups else "all", values, shares, n))
+    return found
+
+
+def spread_logs(number, sd, seed=0):
+    """Numbers with exactly this mean 0 and standard deviation."""
+    logs = np.random.default_rng(seed).standard_normal(number)
+    return sd * (logs - logs.mean()) / logs.std(ddof=1)
+
+
+@quick
+def test_without_noise_the_interval_of_the_mean_is_that_of_students_t_and_the_spread_is_the_plain_one():
+    found = hierarchy(samples_of(np.log(2.0) + spread_logs(12, 0.2), 1e-3), {"mu": "kPa"}, {}, "all", 0).parameters["mu"]
+    half = t.ppf(0.975, 10) * 0.2 * np.sqrt(11 / 10) / np.sqrt(12)  # uniform in the spread: one degree less than n - 1
+    assert found.mean["all"].value == pytest.approx(2.0 * np.exp(0.02), rel=0.01)
+    assert np.log(found.mean["all"].interval[1] / found.mean["all"].interval[0]) == pytest.approx(2 * half, rel=0.1)
+    assert found.sd.value == pytest.approx(0.2, rel=0.1)
+    assert found.sd.interval[0] < 0.17 and 0.28 < found.sd.interval[1] < 0.42
+
+
+@quick
+def test_noise_is_not_counted_as_variability():
+    """Samples that differ by no more than their own noise have hardly a spread, whatever the plain standard deviation is."""
+    logs = spread_logs(12, 0.2)
+    noisy = hierarchy(samples_of(logs, 0.2), {"mu": "kPa"}, {}, "all", 0).parameters["mu"].sd
+    assert pooled_sd(np.exp(logs), ["all"] * 12) == pytest.approx(0.2, rel=0.1)
+    assert noisy.interval[0] < 0.02 and noisy.value < 0.12
+    partly = hierarchy(samples_of(logs, 0.12), {"mu": "kPa"}, {}, "all", 0).parameters["mu"].sd
+    assert partly.value == pytest.approx(0.16, abs=0.03)  # sqrt(0.2^2 - 0.12^2)
+
+
+@quick
+def test_samples_that_say_little_are_drawn_to_the_mean():
+    logs = np.append(spread_logs(11, 0.05), 0.5)
+    samples = samples_of(logs[:11], 0.01) + samples_of([0.5], 0.5)
+    shrunken = hierarchy(
+        [*samples[:11], SampleDraws("far", "all", samples[11].logs, samples[11].weights)], {"mu": "kPa"}, {}, "all", 0
+    )
+    assert abs(np.log(shrunken.shrunken["far"]["mu"].value)) < 0.1
+    assert shrunken.shrunken["s3"]["mu"].value == pytest.approx(np.exp(logs[3]), rel=0.01)
+
+
+@quick
+def test_groups_have_means_of_their_own_and_a_contrast_with_the_reference():
+    logs = np.concatenate([spread_logs(8, 0.2), np.log(1.8) + spread_logs(8, 0.2, 1)])
+    groups = ["control"] * 8 + ["treated"] * 8
+    found = hierarchy(samples_of(logs, 0.02, groups), {"mu": "kPa"}, {}, "control", 0)
+    (contrast,) = found.contrasts
+    assert (contrast.group, contrast.reference) == ("treated", "control")
+    assert contrast.ratio.value == pytest.approx(1.8, rel=0.03) and contrast.above > 0.99
+    assert contrast.ratio.interval[0] < 1.8 < contrast.ratio.interval[1]
+    assert found.parameters["mu"].sd.value == pytest.approx(0.2, rel=0.15)
+
+
+@quick
+def test_an_error_that_all_samples_share_widens_the_mean_and_not_the_spread():
+    samples = samples_of(spread_logs(12, 0.05), 0.01)
+    alone, shared = (hierarchy(samples, {"mu": "kPa"}, {"mu": sd}, "all", 0).parameters["mu"] for sd in (0.0, 0.1))
+    width = [np.log(known.mean["all"].interval[1] / known.mean["all"].interval[0]) for known in (alone, shared)]
+    assert width[1] == pytest.approx(np.hypot(width[0], 2 * 1.96 * 0.1), rel=0.1)
+    assert shared.sd == alone.sd
+
+
+@quick
+def test_groups_are_read_from_a_column_and_faults_are_named(tmp_path):
+    path = tmp_path / "manifest.csv"
+    path.write_text("sample,treatment\na,control\na,control\nb,treated\n")
+    assert read_groups(path, "treatment") == {"a": "control", "b": "treated"}
+    with pytest.raises(RecordError, match="no column 'region'"):
+        read_groups(path, "region")
+    path.write_text("sample,treatment\na,control\na,treated\n")
+    with pytest.raises(RecordError, match="'a' is in two groups"):
+        read_groups(path, "treatment")
+
+
+def test_the_command_fits_samples_as_one_population(tmp_path):
+    """Six gels, three of them treated: the force is in proportion to mu, so one run makes all curves."""
+    punch = {"shape": "cylinder", "width": None, "length": None, "diameter": 4.0}
+    path = tiny_case(tmp_path, indenter=punch, fit={"uncertain": {"mesh": 0.0}})
+    curve = simulate(read_case(path, ["test.parallel.depth=0.4", "test.parallel.points=12"]), {"mu": 1.0}).tests[0].curve
+    rng, moduli = np.random.default_rng(1), [2.0, 2.4, 1.7, 4.0, 3.4, 4.8]
+    with open(tmp_path / "replicates.csv", "w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["sample", "curve", "thickness_mm", "diameter_mm", "treatment"])
+        for n, mu in enumerate(moduli):
+            force = mu * curve.force + 0.02 * mu * rng.standard_normal(12)
+            write_curve(tmp_path / f"s{n}.csv", Curve(curve.displacement, force))
+            table.writerow([f"s{n}", f"s{n}.csv", "3.3", "14", "none" if n < 3 else "treated"])
+    write_curve(tmp_path / "parallel.csv", Curve(curve.displacement, 3 * curve.force))
+    out = tmp_path / "out"
+    done = CliRunner().invoke(main, ["fit", str(path), "--population", "--group", "treatment", "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    value = json.loads((out / "result.json").read_text())
+    assert value["format"] == "indentfit.population/2" and value["reference"] == "none"
+    (contrast,) = value["population"]["contrasts"]
+    assert contrast["ratio"]["interval"][0] < 2.0 < contrast["ratio"]["interval"][1] and contrast["above"] > 0.95
+    mean = value["population"]["parameters"]["mu"]["mean"]["none"]
+    assert mean["interval"][0] < 2.0 < mean["interval"][1]
+    assert value["population"]["shrunken"]["s4"]["mu"]["value"] == pytest.approx(3.4, rel=0.05)
+    assert (
+        len(value["per_sample"]["samples"]) == 6 and (out / "population.png").is_file() and (out / "s0" / "report.html").is_file()
+    )
+    stored = read_result(out).result
+    assert json.loads(json.dumps(stored.as_json())) == value
+    assert CliRunner().invoke(main, ["report", str(out)]).exit_code == 0
+    assert "treated / none" in (out / "report.html").read_text()
