@@ -98,6 +98,15 @@ def test_sensitivities_are_the_derivatives_of_the_force():
     assert by["bulk_ratio"] == pytest.approx((force(kappa=50.5) - force(kappa=49.5)) / 1.0, rel=1e-3)
 
 
+def test_a_curve_in_the_plane_takes_few_iterations_each_with_its_own_factor():
+    """A factor of the plane costs less than the steps of GMRES that an earlier one takes: a curve costs half as much with it."""
+    pytest.importorskip("pypardiso")
+    facts = pressed({**DISC, "diameter": 8.0}, SPHERE, [0.1, 0.2], 500.0).facts
+    assert facts.newton_iterations < 60
+    assert facts.krylov_iterations <= 1.5 * facts.factorizations
+    assert facts.factorizations <= facts.newton_iterations + 2 * facts.steps + 6
+
+
 def test_the_tangent_is_the_derivative_of_the_residual():
     body = Meridian(meridian_mesh(Sample(**DISC), Indenter(**SPHERE), Mesh(elements=30), 0.2))
     rng, fibre = np.random.default_rng(0), np.array([0.0, 1.0, 0.0])

@@ -48,15 +48,18 @@ class DirectFactor:
         B0, that of the earlier tangent.
     inverse : tangent -> (r (n,) -> x (n,))
         The earlier body, with the contact of a tangent where the library can bring it in, inverted.
+    only_for : Tangent, or None
+        The earlier tangent, where a new factor costs less than the steps that this one would take on another.
     """
 
     bulk: float
     dilatation: sp.csr_matrix | None = field(repr=False)
     inverse: Callable[[Tangent], Apply] = field(repr=False)
+    only_for: Tangent | None = field(default=None, repr=False)
 
     def outdated(self, tangent: Tangent) -> bool:
-        """Never."""
-        return False
+        """Where the factor is that of another tangent, and a new one is cheap."""
+        return self.only_for is not None and tangent is not self.only_for
 
     def preconditioner(self, tangent: Tangent) -> Apply:
         """The earlier form, with pressures where the tangent has them."""
