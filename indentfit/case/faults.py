@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
-from indentfit.case.messages import MISSING, Fault, Key, unknown
+from indentfit.case.messages import MISSING, Fault, Key, key_of, unknown, wording
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
 from indentfit.case.section import known
-from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnTable, Range, Sample, Solver, Table, Test
 from indentfit.curve import Curve
 from indentfit.errors import MaterialError
 from indentfit.material import Material, blamed, require_derivable, shipped
@@ -40,10 +41,6 @@ class Parts:
     def with_tests(self, tests: Sequence[Test | None], curves: Sequence[Curve | None]) -> Parts:
         """These parts with tests and their curves."""
         return replace(self, tests=tuple(tests), curves=tuple(curves))
-
-    def with_record(self, record: Record) -> Parts:
-        """These parts with another table [record]."""
-        return replace(self, record=record)
 
 
 # Parameters
@@ -146,15 +143,64 @@ def faults_across(parts: Parts) -> Iterator[Fault]:
     """Faults between tables that are each correct."""
     yield from _equal_names(parts.tests)
     yield from _faults_of_time(parts)
-    if parts.sample is None:
+    places, faults = _places_of_tests(parts)
+    yield from faults
+    for place in places:
+        yield from _faults_of_place(place, parts.mesh)
+    if parts.sample is not None:
+        yield from _faults_of_uncertain(parts)
+
+
+@dataclass
+class _Place:
+    """A sample and an indenter, with the tests on them: name, Test and depth."""
+
+    sample: Sample | None
+    indenter: Indenter | None
+    tests: list[tuple[str, Test | None, float | None]]
+
+
+def _places_of_tests(parts: Parts) -> tuple[list[_Place], list[Fault]]:
+    """The different samples and indenters of the tests, the case's own first; and the faults of tables of tests."""
+    places, faults = [_Place(parts.sample, parts.indenter, [])], list[Fault]()
+    names = labels([test and test.name for test in parts.tests])
+    for label, test, curve in zip(names, parts.tests, parts.curves, strict=True):
+        sample = own_table(parts.sample, test.sample if test else None, ("test", label, "sample"), faults)
+        indenter = own_table(parts.indenter, test.indenter if test else None, ("test", label, "indenter"), faults)
+        place = next((place for place in places if (place.sample, place.indenter) == (sample, indenter)), None)
+        if place is None:
+            places.append(place := _Place(sample, indenter, []))
+        place.tests.append((label, test, depth_of(test, curve)))
+    return [place for place in places if place.tests or len(places) == 1], faults
+
+
+def own_table(table: Table | None, own: OwnTable | None, place: Key = (), faults: list[Fault] | None = None) -> Table | None:
+    """The table of a test; None where the case's table is not right, or the test's keys do not go with it, of which there is then
+    a fault."""
+    if table is None or own is None:
+        return table
+    if any(dict(table).get(name) is None for name, field in type(table).model_fields.items() if field.is_required()):
+        return None
+    try:
+        return own.over(table)
+    except ValidationError as error:
+        for flaw in error.errors(include_url=False) if faults is not None else ():
+            key = key_of(flaw)
+            value = getattr(own, str(key[-1]), None)
+            assert faults is not None
+            faults.append(Fault((*place, *key), MISSING if value is None else value, wording(type(table), flaw)))
+        return None
+
+
+def _faults_of_place(place: _Place, mesh: Mesh | None) -> Iterator[Fault]:
+    if place.sample is None:
         return
-    depths = [depth_of(test, curve) for test, curve in zip(parts.tests, parts.curves, strict=True)]
-    if known(parts.sample.thickness):
-        yield from _too_deep(parts.sample.thickness, parts.tests, depths)
-        yield from _mesh_too_coarse(parts.sample.thickness, parts.mesh)
-    yield from _faults_of_uncertain(parts)
-    if parts.indenter is not None:
-        yield from _indenter_too_wide(parts.sample, parts.indenter, max((depth for depth in depths if depth), default=0.0))
+    thickness, depths = place.sample.thickness, [depth for _, _, depth in place.tests if depth]
+    if known(thickness):
+        yield from _too_deep(thickness, place.tests)
+        yield from _mesh_too_coarse(thickness, mesh)
+    if place.indenter is not None:
+        yield from _indenter_too_wide(place, max(depths, default=0.0))
 
 
 def _faults_of_time(parts: Parts) -> Iterator[Fault]:
@@ -193,8 +239,8 @@ def _equal_names(tests: Sequence[Test | None]) -> Iterator[Fault]:
             yield Fault(("test", str(n), "name"), name, "another test has this name; give each its own")
 
 
-def _too_deep(thickness: float, tests: Sequence[Test | None], depths: Sequence[float | None]) -> Iterator[Fault]:
-    for label, test, depth in zip(labels([test and test.name for test in tests]), tests, depths, strict=True):
+def _too_deep(thickness: float, tests: Sequence[tuple[str, Test | None, float | None]]) -> Iterator[Fault]:
+    for label, test, depth in tests:
         if test is None or depth is None or depth <= DEEPEST_INDENTATION * thickness * (1 + 1e-9):
             continue
         key = "depth" if test.depth is not None else "curve"
@@ -209,6 +255,15 @@ def _mesh_too_coarse(thickness: float, mesh: Mesh | None) -> Iterator[Fault]:
         yield Fault(("mesh", "size"), mesh.size, f"exceeds the thickness of {thickness:g} mm; make it smaller")
 
 
+OF_TABLES = {"friction": ("indenter", "friction"), "thickness": ("sample", "thickness"), "base": ("sample", "base")}
+
+
+def _has_own(parts: Parts, test: Test | None, table: str, key: str) -> bool:
+    """Whether a test has its own value of a key of a table."""
+    own, common = getattr(test, table, None), getattr(parts, table)
+    return own is not None and common is not None and own.replaces(key, common)
+
+
 def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
     """Faults where an input stated as uncertain does not exist in this case."""
     indenter, material = parts.indenter, parts.material
@@ -218,18 +273,25 @@ def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
     if uncertain.friction is not None and indenter is not None and indenter.friction == "stick":
         text = "the indenter sticks; give indenter.friction a number"
         yield Fault(("fit", "uncertain", "friction"), plain(uncertain.friction), text)
+    for name, (table, key) in OF_TABLES.items():
+        if getattr(uncertain, name) is not None and parts.tests and all(_has_own(parts, test, table, key) for test in parts.tests):
+            text = f"every test has its own {key}, which no fit takes for uncertain; give it in [{table}]"
+            yield Fault(("fit", "uncertain", name), plain(getattr(uncertain, name)), text)
     given = material and next((key for key in ("kappa", "poisson_ratio") if getattr(material, key) is not None), None)
     if uncertain.bulk_ratio is not None and given:
         text = f"material.{given} is given; give material.bulk_ratio instead"
         yield Fault(("fit", "uncertain", "bulk_ratio"), plain(uncertain.bulk_ratio), text)
 
 
-def _indenter_too_wide(sample: Sample, indenter: Indenter, depth: float) -> Iterator[Fault]:
+def _indenter_too_wide(place: _Place, depth: float) -> Iterator[Fault]:
+    sample, indenter = place.sample, place.indenter
+    assert sample is not None and indenter is not None
     geometry, shape = sample.geometry_if_right(), indenter.geometry_if_right()
+    of_test: Key = next((("test", label) for label, test, _ in place.tests if test and test.indenter), ())
     if geometry is not None and shape is not None:
         for key, text in shape.faults_on(geometry.outline.extent, depth):
             key = indenter.word_for(key)
-            yield Fault(("indenter", key), getattr(indenter, key), text)
+            yield Fault((*of_test, "indenter", key), getattr(indenter, key), text)
 
 
 def faults_of_fit(free: Mapping[str, Range], tests: Sequence[Test], curves: Sequence[Curve | None]) -> Iterator[Fault]:

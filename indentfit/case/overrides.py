@@ -120,9 +120,15 @@ def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
         return  # another override has replaced the whole table
     if not isinstance(table, dict) or last not in table:
         return
-    for rival in _rivals(str(tables[0]) if tables else "", str(last), table):
+    for rival in _rivals(_section_of(tables), str(last), table):
         if (*tables, rival) not in given:
             table.pop(rival, None)
+
+
+def _section_of(tables: Sequence[str | int]) -> str:
+    """The table whose keys a table has: [test.sample] has those of [sample]."""
+    own = tables[2:3] if tables[:1] == ["test"] and len(tables) > 2 else tables[:1]
+    return str(own[0]) if own else ""
 
 
 def _rivals(section: str, key: str, table: Tree) -> frozenset[str]:

@@ -15,7 +15,15 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from indentfit.case.faults import Parts, faults_across, faults_of_fibres, faults_of_parameters, faults_of_stiffness, labels
+from indentfit.case.faults import (
+    Parts,
+    faults_across,
+    faults_of_fibres,
+    faults_of_parameters,
+    faults_of_stiffness,
+    labels,
+    own_table,
+)
 from indentfit.case.keys import SECTIONS
 from indentfit.case.laws import YOUNG
 from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable, short, unknown, wording
@@ -220,8 +228,7 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     sections = with_priors(sections)
     parts = Parts(title, **sections)  # type: ignore[arg-type]
     faults += _faults_of_material(parts.material, law, faults)
-    parts = _with_shape_of_records(parts)
-    parts = parts.with_tests(*_tests_and_curves(tree, sources, parts.record, faults))
+    parts = parts.with_tests(*_tests_and_curves(tree, sources, parts, faults))
     faults += faults_of_fibres(parts.material, law, parts.tests)
     faults += faults_across(parts)
     return parts
@@ -238,12 +245,13 @@ def _title(tree: Tree, faults: list[Fault]) -> str:
     return title
 
 
-def _with_shape_of_records(parts: Parts) -> Parts:
-    """The parts, with the end of the indenter of [indenter] also in the table [record]."""
-    shape = parts.indenter.geometry_if_right() if parts.indenter else None
+def _record_of(test: Test | None, parts: Parts) -> Record | None:
+    """The table [record] for a test, with the end of the test's indenter where the table does not state it."""
+    indenter = own_table(parts.indenter, test.indenter) if test else None
+    shape = indenter.geometry_if_right() if indenter else None
     if parts.record is None or parts.record.indenter is not None or shape is None or shape.end == "flat":
-        return parts
-    return parts.with_record(parts.record.model_copy(update={"indenter": shape.end}))
+        return parts.record
+    return parts.record.model_copy(update={"indenter": shape.end})
 
 
 def _section(model: type[Table], place: Key, keys: Any, faults: list[Fault]) -> Table | None:
@@ -351,7 +359,7 @@ def _faults_of_material(choice: MaterialChoice | None, law: type[Material] | Non
 
 
 def _tests_and_curves(
-    tree: Tree, sources: Sources, record: Record | None, faults: list[Fault]
+    tree: Tree, sources: Sources, parts: Parts, faults: list[Fault]
 ) -> tuple[list[Test | None], list[Curve | None]]:
     tables = tree.get("test", MISSING)
     if tables is MISSING or tables == []:
@@ -364,7 +372,7 @@ def _tests_and_curves(
     for label, keys in zip(labels(_names(tables)), tables, strict=True):
         test = _section(Test, ("test", label), keys, faults)
         tests.append(test)
-        curves.append(_curve(test, label, record, sources, faults) if test else None)
+        curves.append(_curve(test, label, _record_of(test, parts), sources, faults) if test else None)
     return tests, curves
 
 

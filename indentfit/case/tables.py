@@ -6,10 +6,12 @@ that `init` writes, the reference page and the JSON schema are generated from th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from collections.abc import Callable, Iterator, Mapping
+from copy import copy
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, model_validator
+from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, create_model, model_validator
+from pydantic.fields import FieldInfo
 
 from indentfit import elastic, indenters, samples
 from indentfit.case.quantities import (
@@ -31,13 +33,14 @@ from indentfit.case.quantities import (
 from indentfit.case.relaxation import Relaxation, Seconds, Velocity
 from indentfit.case.section import Section, either, known
 from indentfit.curve import Curve
-from indentfit.shapes import keys_of
+from indentfit.shapes import Registry, keys_of
 
 DEFAULT_BULK_RATIO = 1000.0
 LARGEST_BULK_RATIO = 2e5  # the solver takes this ratio for an exactly incompressible sample
 BULK = ("bulk_ratio", "kappa", "poisson_ratio")  # the keys that say how compressible a material is
 MESH_ERRORS = (0.001, 0.1)  # range of the errors by the mesh that a case may ask for
 USUAL_MESH_ERROR = 0.01
+Table = TypeVar("Table", bound=Section)
 SIZE = (  # the factors are those of fem.mesh.FAMILIES
     "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
     "size wide and quadratic bricks (q2p1) up to 3 sizes; at the indenter's edge 0.15 and 0.126 sizes, or less under a narrow one"
@@ -139,6 +142,74 @@ def keys_of_shape(keys: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of an [indenter] table by the names that shapes have for them: a radius becomes a diameter."""
     radius = keys.get("radius")
     return {**keys, "diameter": 2 * radius} if radius is not None and keys.get("diameter") is None else dict(keys)
+
+
+def _own_keys_of(table: type[Section]) -> Callable[[type[Table]], type[Table]]:
+    """Give a class the keys of a table, none of them needed: a test has the keys in which it differs from the case."""
+
+    def with_keys(model: type[Table]) -> type[Table]:
+        keys: dict[str, Any] = {}
+        for name, field in table.model_fields.items():
+            kind: Any = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+            keys[name] = (kind | None, _not_needed(field))
+        return create_model(model.__name__, __base__=model, __module__=model.__module__, __doc__=model.__doc__, **keys)
+
+    return with_keys
+
+
+def _not_needed(field: FieldInfo) -> FieldInfo:
+    """The same key without a need or a default; its type, with all that is checked of it, is written beside it."""
+    free = copy(field)
+    free.default, free.default_factory, free.metadata = None, None, []
+    return free
+
+
+class OwnTable(Section):
+    """Keys in which the piece or the indenter of one test differs from the case's own."""
+
+    shapes: ClassVar[Registry[Any]]
+
+    def over(self, table: Table) -> Table:
+        """The table of a test: the case's, with these keys in place of its own. With another shape, sizes are not taken over.
+
+        Raises
+        ------
+        ValidationError, CaseError
+            The keys do not make a table.
+        """
+        given = {key: getattr(self, key) for key in self.model_fields_set}
+        kept = {key: value for key, value in dict(table).items() if key in table.model_fields_set and value is not None}
+        return type(table).model_validate({key: value for key, value in kept.items() if not self.replaces(key, table)} | given)
+
+    def replaces(self, key: str, table: Section) -> bool:
+        """Whether these keys stand in place of a key of the case's table."""
+        given, rivals, shape = self.model_fields_set, table.rivals.get(key, frozenset()), dict(table).get("shape")
+        another_shape = "shape" in given and dict(self)["shape"] != shape
+        return key in given or bool(rivals & given) or (another_shape and bool({key, *rivals} & self.shapes.all_keys()))
+
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        for key in self.model_fields_set:
+            if dict(self).get(key) == "unknown":
+                table = self.place.rpartition(".")[2]
+                yield key, f"must be known for a single test; [{table}] can call it unknown for all tests that take it from there"
+
+
+@_own_keys_of(Sample)
+class OwnSample(OwnTable):
+    """The sample of this test, where it differs: the keys that are given replace those of [sample]; with another shape, its sizes
+    must be given."""
+
+    place = "test.sample"
+    shapes = samples.SHAPES
+
+
+@_own_keys_of(Indenter)
+class OwnIndenter(OwnTable):
+    """The indenter of this test, where it differs: the keys that are given replace those of [indenter]; with another shape, its
+    sizes must be given."""
+
+    place = "test.indenter"
+    shapes = indenters.SHAPES
 
 
 class Mesh(Section):
@@ -287,8 +358,10 @@ class MaterialChoice(Section):
             yield "energy", "material.model is given too; keep one of them"
         if not {"model", "energy"} & given:
             yield "model", f"missing; give the {type(self).model_fields['model'].description}; or give material.energy"
-        first, *others = [name for name in BULK if name in given and dict(self).get(name) is not None] or [""]
-        yield from ((other, f"material.{first} is given too; keep one of them") for other in others)
+        bulk = [name for name in BULK if name in given and dict(self).get(name) is not None]
+        if len(bulk) > 1:
+            others = " and ".join(f"material.{name}" for name in bulk[:-1])
+            yield bulk[-1], f"{others} {'is' if len(bulk) == 2 else 'are'} given too; keep one of them"
 
 
 def _file_or_curve(value: Any) -> str | Curve | None:
@@ -349,6 +422,8 @@ class Test(Section):
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
     )
+    sample: OwnSample | None = Field(default=None, description="keys of the sample of this test, where it is another one")
+    indenter: OwnIndenter | None = Field(default=None, description="keys of the indenter of this test, where it is another one")
 
     @property
     def direction(self) -> int:

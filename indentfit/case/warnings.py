@@ -29,12 +29,12 @@ def warnings_of(case: Case) -> Iterator[str]:
     yield from _unstable(case)
     yield from _compressible(case)
     yield from _unknown(case)
-    deep = DEEP_ROUND if isinstance(case.indenter.geometry.partition(0.0), Rings) else DEEP
     for test, curve in zip(case.tests, case.curves, strict=True):
         yield from (f"test.{test.name}: {note}" for note in (curve.notes if curve else ()))
-        depth = depth_of(test, curve) or 0.0
-        if depth > deep * case.sample.thickness * (1 + 1e-9):
-            share = depth / case.sample.thickness
+        deep = DEEP_ROUND if isinstance(case.indenter_of(test).geometry.partition(0.0), Rings) else DEEP
+        depth, thickness = depth_of(test, curve) or 0.0, case.sample_of(test).thickness
+        if depth > deep * thickness * (1 + 1e-9):
+            share = depth / thickness
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
         if curve is not None:
             yield from doubts(test.name, curve)
@@ -43,17 +43,20 @@ def warnings_of(case: Case) -> Iterator[str]:
 
 
 def _compressible(case: Case) -> Iterator[str]:
-    """A warning where the bulk modulus is not far above every small-strain modulus, and Poisson's ratio does not say that this is
-    meant."""
-    if case.material.poisson_ratio is not None:
+    """A warning where the bulk modulus is not far above every small-strain modulus, and neither Poisson's ratio nor, for a material
+    without fibres, the bulk ratio says that this is meant."""
+    choice, fibres = case.material, has_fibres(case.law)
+    if choice.poisson_ratio is not None or (choice.kappa is None and not fibres):
         return
     material = case.law(**case.start_values())
     stiffest = max(material.moduli().values())
-    kappa = case.material.bulk_modulus(material.shear_modulus)
+    kappa = choice.bulk_modulus(material.shear_modulus)
     if kappa < NEARLY_INCOMPRESSIBLE * stiffest:
+        nu = "" if fibres else f", Poisson's ratio {choice.poisson_ratio_at(material.shear_modulus):.3g}"
+        key = "kappa" if choice.kappa is not None else "bulk_ratio"
         yield (
             f"kappa = {kappa:g} kPa is below {NEARLY_INCOMPRESSIBLE} x the largest small-strain modulus ({stiffest:g} kPa) at the "
-            "start values: the tissue is not nearly incompressible; raise material.bulk_ratio unless this is intended"
+            f"start values: the tissue is not nearly incompressible{nu}; raise material.{key} unless this is intended"
         )
 
 

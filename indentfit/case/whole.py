@@ -146,6 +146,39 @@ class Case(BaseModel):
         """The class of the material; a file of the class that the case names is run. Raises MaterialError."""
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
+    def sample_of(self, test: Test) -> Sample:
+        """The sample of a test: the table [sample], with the test's own keys."""
+        return test.sample.over(self.sample) if test.sample else self.sample
+
+    def indenter_of(self, test: Test) -> Indenter:
+        """The indenter of a test: the table [indenter], with the test's own keys."""
+        return test.indenter.over(self.indenter) if test.indenter else self.indenter
+
+    def shares(self, table: str, key: str) -> bool:
+        """Whether a test takes a key of [sample] or [indenter] from there, and has none of its own."""
+        own = [getattr(test, table) for test in self.tests]
+        return any(keys is None or not keys.replaces(key, getattr(self, table)) for keys in own)
+
+    @property
+    def pieces(self) -> tuple[Case, ...]:
+        """The case, parted into cases whose tests have the same sample and indenter; the case itself where all have."""
+        if not any(test.sample or test.indenter for test in self.tests):
+            return (self,)
+        groups: list[tuple[tuple[Sample, Indenter], list[int]]] = []
+        for n, test in enumerate(self.tests):
+            tables = self.sample_of(test), self.indenter_of(test)
+            group = next((rows for known, rows in groups if known == tables), None)
+            if group is None:
+                groups.append((tables, [n]))
+            else:
+                group.append(n)
+        return tuple(self._piece(sample, indenter, rows) for (sample, indenter), rows in groups)
+
+    def _piece(self, sample: Sample, indenter: Indenter, rows: Sequence[int]) -> Case:
+        tests = tuple(self.tests[n].model_copy(update={"sample": None, "indenter": None}) for n in rows)
+        curves = tuple(self.curves[n] for n in rows)
+        return self.model_copy(update={"sample": sample, "indenter": indenter, "tests": tests, "curves": curves})
+
     @property
     def folder(self) -> Path:
         """The folder that file names in the case are relative to."""
@@ -185,6 +218,9 @@ class Case(BaseModel):
         )
         for test, curve in zip(facts["tests"], self.curves, strict=True):
             del test["record"]  # the curve that the record became decides a result
+            for own in ("sample", "indenter"):
+                if test[own] is None:
+                    del test[own]
             test["curve"] = curve and [curve.displacement.tolist(), curve.force.tolist()]
         if plugin := plugin_file(self.material.model, self.folder):  # the content of the file, not its place
             code = hashlib.sha256(plugin.read_bytes()).hexdigest()

@@ -1,6 +1,6 @@
 """Facts about a solution besides its forces: the work that it took, its errors, and the state of the contact."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -86,6 +86,22 @@ class MeshFacts:
     smallest_mm: float
     symmetry: str = "quarter"
     remark: str = ""
+
+    @classmethod
+    def together(cls, meshes: Sequence[tuple[str, "MeshFacts"]]) -> "MeshFacts":
+        """The facts of several meshes, each with the names of its tests: sums of elements and dofs, and a remark with each mesh."""
+        if len(meshes) == 1:
+            return meshes[0][1]
+        own = [f"{tests} {mesh.elements:,} elements{mesh.remark and ', ' + mesh.remark}" for tests, mesh in meshes]
+        facts = [mesh for _, mesh in meshes]
+        return cls(
+            elements=sum(mesh.elements for mesh in facts),
+            dofs=sum(mesh.dofs for mesh in facts),
+            element=facts[0].element,
+            smallest_mm=min(mesh.smallest_mm for mesh in facts),
+            symmetry=max(mesh.symmetry for mesh in facts),
+            remark=f"each sample and indenter has a mesh of its own: {'; '.join(own)}",
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Stable keys; remark only where there is one."""

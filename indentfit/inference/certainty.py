@@ -7,7 +7,6 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools
 from indentfit.case import Case
-from indentfit.fem.meshing import DIMENSIONS
 from indentfit.inference import profiles
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.alone import alone, scan_weights
@@ -15,7 +14,7 @@ from indentfit.inference.bootstrap import bootstrap
 from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, noise_of, widened
-from indentfit.inference.inputs import MOVES, ORDER, Solution, elements_of, input_derivatives, shares
+from indentfit.inference.inputs import MOVES, ORDER, Solution, dimensions_of, elements_of, input_derivatives, shares
 from indentfit.inference.limits import MeshSize, limits
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import (
@@ -39,7 +38,6 @@ from indentfit.inverse.methods import Solved
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import Surrogate, learn, linearised
-from indentfit.runs.points import setup_of
 
 TRUSTED = 0.1  # largest error of a surrogate, over the misfit, with which conclusions are drawn from the surrogate
 RIGHT = 0.15  # largest difference between a run and its prediction, over a profile's limit
@@ -345,7 +343,7 @@ def _estimates(
 
 def mesh_size(case: Case) -> MeshSize:
     """The number of elements of a case's mesh, and the power of it with which the force's error falls."""
-    return MeshSize(elements_of(case, case.mesh), ORDER / DIMENSIONS[setup_of(case).symmetry])
+    return MeshSize(elements_of(case, case.mesh), ORDER / dimensions_of(case))
 
 
 def published_comparison(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:

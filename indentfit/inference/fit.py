@@ -12,7 +12,6 @@ from indentfit.arrays import Array
 from indentfit.case import Case, require_fittable
 from indentfit.curve import Curve
 from indentfit.fem.facts import SolveFacts, said_of_tries
-from indentfit.fem.simulate import Model
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.misfit import misfits, no_fit
@@ -28,7 +27,8 @@ from indentfit.inverse.progress import Progress
 from indentfit.runs.closed_form import closed_forms
 from indentfit.runs.forward import Evaluation, of_relaxation
 from indentfit.runs.ledger import Ledger
-from indentfit.runs.points import UNITS, setup_of
+from indentfit.runs.pieces import Piece, mesh_of, pieces_of
+from indentfit.runs.points import UNITS
 from indentfit.runs.pool import RunPool
 
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
@@ -106,7 +106,7 @@ def fit_with_runs(
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     require_fittable(case)
     started, problem = time.perf_counter(), inverse_problem(case)
-    model = Model(setup_of(case))  # refuses an impossible mesh before any worker is started
+    pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
     whole = Progress(progress)
     with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
         watched = Watched(pool)
@@ -119,7 +119,7 @@ def fit_with_runs(
             known = wide_certainty(case, problem, watched, solved, wide)
         else:
             known = certainty(case, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
-        work = _Work(model, pool, _facts_at(pool, problem, solved.optimum.best))
+        work = _Work(pieces, pool, _facts_at(pool, problem, solved.optimum.best))
     result = _result(case, problem, solved, known, work)
     if gross is not None:
         result = without_meaning(result, gross)
@@ -154,15 +154,15 @@ def _no_fit(problem: InverseProblem, best: Candidate | None, watched: Watched) -
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """The model and pool of a fit, and the facts of its runs at the optimum, one for each test."""
+    """The pieces and pool of a fit, and the facts of its runs at the optimum, one for each test."""
 
-    model: Model
+    pieces: list[Piece]
     pool: RunPool
     facts: tuple[SolveFacts, ...]
 
     def solver(self, case: Case) -> FitSolver:
         return FitSolver(
-            linear=self.model.solver.name,
+            linear=self.pieces[0].model.solver.name,
             assembly=case.solver.assembly,
             workers=self.pool.workers,
             run_seconds=self.pool.seconds,
@@ -208,7 +208,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         failures=work.failures(),
         notes=(*known.notes, *work.notes(case), *(of_relaxation(case, best.parameters) if best else ())),
         solver=work.solver(case),
-        mesh=work.model.mesh_facts(),
+        mesh=mesh_of(work.pieces),
         case_hash=case.hash,
         title=case.title,
         versions={name: importlib.metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},

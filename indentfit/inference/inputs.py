@@ -128,9 +128,7 @@ def _of_mesh(solution: Solution, spread: float) -> Moves:
     case, forces = solution.case, solution.best.forces
     elements = another_mesh(case)
     changed = _forces(solution, [{"mesh.elements": elements}])[0]
-    coarser = (elements_of(case, case.mesh) / elements_of(case, Mesh(elements=elements))) ** (
-        ORDER / DIMENSIONS[setup_of(case).symmetry]
-    )
+    coarser = (elements_of(case, case.mesh) / elements_of(case, Mesh(elements=elements))) ** (ORDER / dimensions_of(case))
     change = max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(forces, changed, strict=True))
     sd = spread * change / abs(coarser - 1)
     return Moves(_of_force(solution, sd).rows, InputShare(0.0, float(sd), elements=elements))
@@ -167,9 +165,15 @@ def another_mesh(case: Case) -> int:
 
 
 def elements_of(case: Case, mesh: Mesh) -> int:
-    """The number of elements that a Mesh table gives a case."""
-    setup = setup_of(case)
-    return count(replace(setup, mesh=mesh.model_copy(update={"symmetry": setup.symmetry})))
+    """The number of elements that a Mesh table gives a case; of a case with several meshes, their mean."""
+    setups = [setup_of(piece) for piece in case.pieces]
+    counts = [count(replace(setup, mesh=mesh.model_copy(update={"symmetry": setup.symmetry}))) for setup in setups]
+    return round(sum(counts) / len(counts))
+
+
+def dimensions_of(case: Case) -> int:
+    """Number of dimensions of a case's mesh; the largest, where it has several meshes."""
+    return max(DIMENSIONS[setup_of(piece).symmetry] for piece in case.pieces)
 
 
 def value_of(case: Case, best: Candidate, name: str) -> float:

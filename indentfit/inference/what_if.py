@@ -83,11 +83,14 @@ def _left(known: ParameterEstimate | None, value: float) -> bool:
 def _inputs(case: Case) -> Iterator[WhatIf]:
     friction, ratio, thickness = case.indenter.friction, case.material.bulk_over_shear, case.sample.thickness
     slips = friction == "stick" or float(friction) > (SLIPPERY + ROUGH) / 2
-    yield WhatIf("friction", str(friction), f"{SLIPPERY if slips else ROUGH:g}")
-    yield WhatIf("base", case.sample.base, OTHER_BASE[case.sample.base])
+    if case.shares("indenter", "friction"):
+        yield WhatIf("friction", str(friction), f"{SLIPPERY if slips else ROUGH:g}")
+    if case.shares("sample", "base"):
+        yield WhatIf("base", case.sample.base, OTHER_BASE[case.sample.base])
     if ratio is not None:
         yield WhatIf("bulk_ratio", f"{ratio:g}", f"{SOFT if ratio > 2 * SOFT else STIFF:g}")
-    yield WhatIf("thickness", f"{thickness:g} mm", f"{THINNER * thickness:.4g} mm")
+    if case.shares("sample", "thickness"):
+        yield WhatIf("thickness", f"{thickness:g} mm", f"{THINNER * thickness:.4g} mm")
     deepest = max(float(case.outputs(test)[-1]) for test in case.tests)
     yield WhatIf("offset", "0 mm", f"{LATE * deepest:.3g} mm")
 

@@ -13,9 +13,8 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case, Mesh
 from indentfit.case.search import Fit
-from indentfit.fem.meshing import DIMENSIONS
 from indentfit.inference import mixture
-from indentfit.inference.inputs import ORDER, OTHER_BASE, another_mesh, elements_of
+from indentfit.inference.inputs import ORDER, OTHER_BASE, another_mesh, dimensions_of, elements_of
 from indentfit.inference.joint import (
     JointFit,
     JointPath,
@@ -38,7 +37,6 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, uncertain_inputs, widened_problem
-from indentfit.runs.points import setup_of
 
 REMAINS = 0.5  # standard deviation of what a correction for the mesh leaves, over the correction
 SMOOTHLY = 0.5  # of the depth: length over which what remains of the mesh's error keeps its sign
@@ -194,7 +192,7 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
         return ModelError.none(size), None
     own = elements_of(case, case.mesh)
     other = elements_of(case, Mesh(elements=elements))
-    coarser = (own / other) ** (ORDER / DIMENSIONS[setup_of(case).symmetry])
+    coarser = (own / other) ** (ORDER / dimensions_of(case))
     own_forces, other_forces = np.concatenate(here.forces), np.concatenate(there.forces)
     correction = -(other_forces - own_forces) / own_forces / (coarser - 1)
     covar = np.zeros((size, size))

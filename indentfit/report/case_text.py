@@ -4,7 +4,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from indentfit.case import Case, MaterialChoice, Mesh, Range
-from indentfit.case.laws import YOUNG, own_parameters
+from indentfit.case.laws import YOUNG, has_fibres, own_parameters
+from indentfit.case.tables import Indenter, Sample
+
+SAYS_POISSON = 50.0  # bulk over shear modulus up to which Poisson's ratio, 0.49, tells more
 
 
 def case_facts(case: Case) -> dict[str, Any]:
@@ -18,12 +21,11 @@ def case_lines(case: Case) -> Iterator[str]:
     """The case in words, line by line."""
     sample, indenter = case.sample, case.indenter
     yield f"{case.path}: valid" + (f", {case.title}" if case.title else "")
-    yield f"  sample    {sample.geometry.words()}, thickness {sample.thickness:g} mm, {sample.base} base"
-    friction = "sticking" if indenter.friction == "stick" else f"friction {indenter.friction:g}"
-    yield f"  indenter  {indenter.geometry.words()}, {friction}"
+    yield f"  sample    {sample_words(sample)}"
+    yield f"  indenter  {indenter_words(indenter)}"
     yield f"  mesh      {_mesh(case.mesh)}"
     part, law = case.material, case.law
-    yield f"  material  {part.model or part.energy}, {_bulk(part)}"
+    yield f"  material  {part.model or part.energy}, {_bulk(part, has_fibres(law))}"
     for name, value in own_parameters(part, law).items():
         young = f" (young {_value(part.parameters[YOUNG], 'kPa')})" if name not in part.parameters else ""
         yield f"    {name:<8}{_value(value, law.parameters[name].unit)}{young}"
@@ -35,15 +37,34 @@ def case_lines(case: Case) -> Iterator[str]:
             f"  test      {test.name}: {angle}{len(displacements)} points to "
             f"{displacements[-1]:g} mm, weight {test.weight:g}, {source}"
         )
+        if test.sample:
+            yield f"    its sample    {sample_words(case.sample_of(test))}"
+        if test.indenter:
+            yield f"    its indenter  {indenter_words(case.indenter_of(test))}"
     free = ", ".join(case.free) or "none"
     yield f"  fit       {case.fit.method}, seed {case.fit.seed}; free parameters: {free}"
 
 
-def _bulk(material: MaterialChoice) -> str:
+def sample_words(sample: Sample) -> str:
+    """A table [sample] in words."""
+    return f"{sample.geometry.words()}, thickness {sample.thickness:g} mm, {sample.base} base"
+
+
+def indenter_words(indenter: Indenter) -> str:
+    """A table [indenter] in words."""
+    friction = "sticking" if indenter.friction == "stick" else f"friction {indenter.friction:g}"
+    return f"{indenter.geometry.words()}, {friction}"
+
+
+def _bulk(material: MaterialChoice, fibres: bool) -> str:
     """How compressible the material is."""
     if material.poisson_ratio is not None:
         return f"Poisson's ratio {material.poisson_ratio:g}"
-    return f"kappa = {material.kappa:g} kPa" if material.kappa else f"kappa = {material.bulk_ratio:g} x shear modulus"
+    if material.kappa:
+        return f"kappa = {material.kappa:g} kPa"
+    ratio = material.bulk_over_shear
+    nu = f" (Poisson's ratio {material.poisson_ratio_at(1.0):.3g})" if ratio and ratio < SAYS_POISSON and not fibres else ""
+    return f"kappa = {material.bulk_ratio:g} x shear modulus{nu}"
 
 
 def _mesh(mesh: Mesh) -> str:

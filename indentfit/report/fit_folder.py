@@ -7,15 +7,14 @@ from typing import Any
 
 from indentfit.case import Case
 from indentfit.errors import ConvergenceError, OutputError
-from indentfit.fem.simulate import Model
 from indentfit.inference.result import FitResult
 from indentfit.report.fields import Solved, write_fields
 from indentfit.report.folder import copy_case, result_folder, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.schema import case_json
-from indentfit.runs.forward import presses_of
-from indentfit.runs.points import case_at, setup_of, split_point
+from indentfit.runs.pieces import pieces_of, together
+from indentfit.runs.points import case_at, split_point
 
 
 def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrite: bool = False) -> None:
@@ -59,11 +58,14 @@ def _write_stresses(folder: Path, case: Case, result: FitResult, warn: Callable[
     """The stresses at the optimum, by one more run; a fit does not fail for want of them."""
     point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
     there, material = case_at(case, point), case.law(**split_point(case.law, point).parameters)
-    model = Model(setup_of(there))
+    pieces = pieces_of(there)
     try:
-        simulation = model.simulate(presses_of(there, material))
+        for piece in pieces:
+            piece.solve(material)
     except ConvergenceError as error:
         warn(f"no stress pictures: {error}")
         return
     kappa = there.material.bulk_modulus(material.shear_modulus)
-    write_fields(folder, Solved(model, material, kappa, simulation.tests))
+    simulation = together(there, pieces)
+    assert simulation is not None  # every piece is solved
+    write_fields(folder, Solved(pieces[0].model, material, kappa, simulation.tests))

@@ -18,6 +18,7 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
         f"Indenter: {case.indenter}",
         f"Material: {material.model or material.energy}, {bulk}",
         *([f"Energy: {' '.join(case.equation.split())}"] if case.equation else []),
+        *(f"Test {test.name}: {test.own}" for test in case.tests if test.own),
         f"Mesh: {asked or 'chosen for an error of the force'}, {case.element} elements",
     ]
     return tuple(lines)

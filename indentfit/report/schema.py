@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from indentfit import indenters, samples
 from indentfit.case import Case, MaterialChoice, Mesh
-from indentfit.case.tables import keys_of_shape
+from indentfit.case.tables import Indenter, OwnIndenter, OwnSample, OwnTable, Sample, keys_of_shape
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, IndentfitError, OutputError
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
@@ -45,6 +47,7 @@ class TestFacts:
     points: int
     depth: float
     weight: float | None
+    own: str = ""  # sample and indenter of this test, in words, where they are its own
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ class CaseFacts:
             mesh=Mesh.model_validate(_given(value["mesh"])),
             material=MaterialChoice.model_validate(_given(value["material"])),
             element=value["solver"]["element"],
-            tests=tuple(_test_facts(test) for test in value["tests"]),
+            tests=tuple(_test_facts(test, value) for test in value["tests"]),
             equation=value.get("equation", ""),
             units=dict(value.get("units", {})),
         )
@@ -246,9 +249,30 @@ def _test_json(test: Any) -> dict[str, Any]:
     return {**keys, "curve": test.curve if isinstance(test.curve, str) else None}
 
 
-def _test_facts(test: Mapping[str, Any]) -> TestFacts:
+def _test_facts(test: Mapping[str, Any], case: Mapping[str, Any]) -> TestFacts:
     source = test.get("curve") or test.get("record")
-    return TestFacts(test["name"], test["angle"], source, test["n"], test["depth_mm"], test["weight"])
+    words = [_own_words(test, case, "sample", OwnSample, Sample, _sample_words)]
+    words.append(_own_words(test, case, "indenter", OwnIndenter, Indenter, _indenter_words))
+    own = "; ".join(text for text in words if text)
+    return TestFacts(test["name"], test["angle"], source, test["n"], test["depth_mm"], test["weight"], own)
+
+
+def _own_words(
+    test: Mapping[str, Any],
+    case: Mapping[str, Any],
+    name: str,
+    kind: type[OwnTable],
+    table: type[Sample] | type[Indenter],
+    words: Callable[[Mapping[str, Any]], str],
+) -> str:
+    """A test's own sample or indenter in words; empty where the test has that of the case."""
+    if not test.get(name):
+        return ""
+    try:
+        own: Sample | Indenter = kind.model_validate(_given(test[name])).over(table.model_validate(_given(case[name])))
+    except ValidationError:  # the package that offers the shape is not installed
+        return f"{name} of its own"
+    return words(own.model_dump(mode="json"))
 
 
 def _sample_words(table: Mapping[str, Any]) -> str:

@@ -29,7 +29,8 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 
 
 class Bench:
-    """A ready model, on which requests are run one after the other; the model is made anew after a run that was broken off.
+    """Ready models, one for each sample and indenter of the tests, on which requests are run one after the other; a model is made
+    anew after a run that was broken off.
 
     Parameters
     ----------
@@ -41,13 +42,16 @@ class Bench:
 
     def __init__(self, mechanics: Mechanics, limit: float = math.inf) -> None:
         self.mechanics, self.limit = mechanics, limit
-        self._model: Model | None = None
+        self._models: dict[str, Model] = {}  # by the name of the first test on each
         _keep_memory()
 
-    def ready(self) -> Model:
-        """The model; making it takes seconds."""
-        self._model = self._model or ready_model(self.mechanics)
-        return self._model
+    def ready(self, test: int = 0) -> Model:
+        """The model of a test; making it takes seconds."""
+        mechanics = self.mechanics.of(test)
+        name = mechanics.tests[0].name
+        if name not in self._models:
+            self._models[name] = ready_model(mechanics)
+        return self._models[name]
 
     def run(self, request: RunRequest) -> Run:
         """The Run of a request.
@@ -65,12 +69,13 @@ class Bench:
         MemoryError
         """
         with threadpool_limits(1):
-            model, self._model = self.ready(), None  # a model that is broken off is not used again
+            model, name = self.ready(request.test), self.mechanics.of(request.test).tests[0].name
+            del self._models[name]  # a model that is broken off is not used again
             try:
                 finished = run(model, self.mechanics, request, Deadline(self.limit))
             except OutOfTime:
                 return out_of_time(self.limit)
-            self._model = model
+            self._models[name] = model
             return finished
 
     def run_at_last(self, request: RunRequest) -> Run:
@@ -146,7 +151,7 @@ def _result(model: Model, mechanics: Mechanics, request: RunRequest, deadline: D
     """The TestResult of a request, and the displacements of the test at which the indenter presses; before contact, F = 0."""
     test, law = mechanics.tests[request.test], mechanics.law
     at = split_point(law, request.parameters)
-    mechanics = mechanics.changed(at.changes)
+    mechanics = mechanics.changed(at.changes).of(request.test)
     model = model if at.same_model else ready_model(mechanics)
     with blamed(law):
         material, depths = law(**at.parameters), test.depths - at.offset

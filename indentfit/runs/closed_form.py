@@ -94,11 +94,12 @@ def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) 
 
 
 def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm | None:
-    shape, thickness = case.indenter.geometry, case.sample.thickness
+    shape, sample = case.indenter_of(test).geometry, case.sample_of(test)
+    thickness = sample.thickness
     formula = formula_of(shape)
     if not formula or not 0 <= nu <= 0.5:
         return None
-    layer, radius = Layer(case.sample.base == "bonded", nu), shape.half_width / thickness
+    layer, radius = Layer(sample.base == "bonded", nu), shape.half_width / thickness
     for share in SMALL:
         depth, force = _small(curve, share * min(shape.half_width, thickness))
         try:
@@ -108,7 +109,7 @@ def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm 
         if scatter < SUFFICES:
             break
     half, _ = _modulus(_half_space(formula, nu, radius, depth / thickness) * thickness**2, force)
-    return ClosedForm(formula, half, exact, case.sample.base, nu, float(depth[-1]), depth.size, scatter)
+    return ClosedForm(formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter)
 
 
 def _modulus(unit: Array, force: Array) -> tuple[float, float]:

@@ -12,12 +12,11 @@ from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.errors import IndentfitError
 from indentfit.fem.in_time import with_time
-from indentfit.fem.mesh_error import with_mesh_errors
 from indentfit.fem.result import Simulation
 from indentfit.fem.setup import Press
-from indentfit.fem.simulate import Model
 from indentfit.material import Material
-from indentfit.runs.points import case_at, press_of, setup_of
+from indentfit.runs.pieces import Piece, pieces_of, together
+from indentfit.runs.points import case_at, press_of
 from indentfit.runs.run import Point
 from indentfit.runs.simulated import SimulatedCase
 
@@ -125,22 +124,22 @@ def simulate(
     ConvergenceError
         Its `part`, and that of what `progress` raises, is the SimulatedCase as far as it goes, or None.
     """
-    setup = setup_of(case)
-    material, model = case.law(**(parameters or case.start_values())), Model(setup)
-    presses = presses_of(case, material)
+    material, pieces = case.law(**(parameters or case.start_values())), pieces_of(case)
     relaxes = case.material.relaxation is not None
-    parts = _Parts(progress, [press.name for press in presses], 1 - COARSER_SHARE * mesh_error, 1 - TIME_SHARE * relaxes)
-    simulation = None
+    names = [test.name for test in case.tests]
+    parts = _Parts(progress, names, 1 - COARSER_SHARE * mesh_error, 1 - TIME_SHARE * relaxes)
     try:
-        simulation = model.simulate(presses, parts.curve)
-        simulation = _in_time(simulation, case, presses, parts)
-        if mesh_error:
-            simulation = with_mesh_errors(simulation, setup, presses, parts.mesh_error)
+        for piece in pieces:
+            piece.solve(material, parts.curve)
+            piece.simulation = _in_time(piece, material, parts)
+        for piece in pieces if mesh_error else ():
+            piece.state_errors(material, parts.mesh_error)
     except IndentfitError as error:
-        part = simulation or error.part
-        error.part = _of_case(part, case, material, model) if isinstance(part, Simulation) else None
+        error.part = _of_case(case, material, pieces)
         raise
-    return _of_case(simulation, case, material, model)
+    simulated = _of_case(case, material, pieces)
+    assert simulated is not None  # or an error was raised
+    return simulated
 
 
 def of_relaxation(case: Case, parameters: Point) -> tuple[str, ...]:
@@ -167,18 +166,23 @@ def of_relaxation(case: Case, parameters: Point) -> tuple[str, ...]:
     return (words, *(f"{name}: {curve.words()}" for name, curve in tests.items()))
 
 
-def _in_time(simulation: Simulation, case: Case, presses: Sequence[Press], parts: "_Parts") -> Simulation:
-    """The simulation with the forces over time of tests whose material relaxes."""
-    if case.material.relaxation is None:
+def _in_time(piece: Piece, material: Material, parts: "_Parts") -> Simulation | None:
+    """The simulation of a piece with the forces over time of tests whose material relaxes."""
+    simulation, case = piece.simulation, piece.case
+    if simulation is None or case.material.relaxation is None:
         return simulation
     tests = []
-    for test, press, asked in zip(simulation.tests, presses, case.tests, strict=True):
+    for test, press, asked in zip(simulation.tests, piece.presses(material), case.tests, strict=True):
         tests.append(with_time(test, press, asked.hold or 0.0, functools.partial(parts.in_time, press.name)))
     return replace(simulation, tests=tuple(tests))
 
 
-def _of_case(simulation: Simulation, case: Case, material: Material, model: Model) -> SimulatedCase:
-    return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, model)
+def _of_case(case: Case, material: Material, pieces: Sequence[Piece]) -> SimulatedCase | None:
+    """The pieces as far as they are solved; None where no curve is."""
+    simulation = together(case, pieces)
+    if simulation is None:
+        return None
+    return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, pieces[0].model)
 
 
 @dataclass(frozen=True)

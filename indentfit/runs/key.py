@@ -28,17 +28,15 @@ class Inputs:
     def __init__(self, case: Case | Mechanics) -> None:
         mechanics = case if isinstance(case, Mechanics) else mechanics_of(case)
         self.tests = {test.name: test for test in mechanics.tests}
+        self.own = {test.name: _own(mechanics, n) for n, test in enumerate(mechanics.tests)}
         self.versions = versions(mechanics.law)
         self.common = {
             "format": FORMAT,
-            "sample": mechanics.sample.model_dump(mode="json"),
-            "indenter": mechanics.indenter.model_dump(mode="json"),
+            **_tables(mechanics),
             "mesh": mechanics.mesh.model_dump(mode="json"),
             "depth": mechanics.depth,  # the mesh is made for this depth
             "solver": {**mechanics.solver.model_dump(mode="json"), "linear": choice(mechanics.solver.linear)},
-            "shapes": [
-                part.hash for shape in (mechanics.sample.geometry, mechanics.indenter.geometry) for part in _of_bases(type(shape))
-            ],
+            "shapes": _shapes(mechanics),
             "material": _material(mechanics),
             "bulk_ratio": mechanics.material.bulk_over_shear,
             "kappa": mechanics.material.kappa,
@@ -52,7 +50,8 @@ class Inputs:
         """The inputs of a run beyond the common ones: parameters (name -> value), of a test of the case."""
         known = self.tests[test.name]
         depths = np.asarray(known.depths, dtype=float).tolist()
-        return {"parameters": dict(parameters), "angle": test.direction, "depths": depths, "rate": known.rate}
+        own = self.own[test.name]
+        return {"parameters": dict(parameters), "angle": test.direction, "depths": depths, "rate": known.rate, **own}
 
     def hash(self, inputs: Mapping[str, Any]) -> str:
         """SHA-256 of all that decides a run's curve."""
@@ -69,6 +68,22 @@ def versions(law: type) -> dict[str, str | None]:
     first_names = {*closure.of_runs().foreign, *ALWAYS}.union(*(part.foreign for part in _of_bases(law)))
     known = {name: closure.version_of(name) for name in sorted(first_names)}
     return known | {"machine": platform.machine(), "system": platform.system()}
+
+
+def _own(mechanics: Mechanics, test: int) -> dict[str, Any]:
+    """What decides the curve of a test in a case whose tests have samples or indenters of their own; empty in other cases."""
+    own = mechanics.of(test)
+    return {} if own is mechanics else {"own": {**_tables(own), "depth": own.depth, "shapes": _shapes(own)}}
+
+
+def _tables(mechanics: Mechanics) -> dict[str, Any]:
+    return {"sample": mechanics.sample.model_dump(mode="json"), "indenter": mechanics.indenter.model_dump(mode="json")}
+
+
+def _shapes(mechanics: Mechanics) -> list[str]:
+    """Hashes of the code of sample and indenter."""
+    shapes = mechanics.sample.geometry, mechanics.indenter.geometry
+    return [part.hash for shape in shapes for part in _of_bases(type(shape))]
 
 
 def _material(mechanics: Mechanics) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from indentfit.arrays import Array
 from indentfit.case.laws import open_law
-from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Sample, Solver
+from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
 from indentfit.fem.setup import InTime, Setup
 from indentfit.fem.wide_block import setup_for
 from indentfit.material import Material
@@ -29,12 +29,16 @@ class Indentation:
         Displacements at which the force is computed.
     rate : float, mm/s, or None
         Velocity of the indenter; None where the material does not relax.
+    sample, indenter : OwnSample, OwnIndenter or None
+        Keys in which sample and indenter of the test are its own.
     """
 
     name: str
     angle: int
     depths: Array
     rate: float | None = None
+    sample: OwnSample | None = None
+    indenter: OwnIndenter | None = None
 
     def in_time(self, material: MaterialChoice) -> InTime | None:
         """The rate with the relaxation of the material; None where the test has no rate."""
@@ -66,6 +70,19 @@ class Mechanics:
         """The class of the material; a file of the class that the case names is run. Raises MaterialError."""
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
+    def of(self, test: int) -> "Mechanics":
+        """The mechanics of those tests that have the same sample and indenter as one of them, in the tables of which these are."""
+        if not any(known.sample or known.indenter for known in self.tests):
+            return self
+        tables = [self._tables_of(known) for known in self.tests]
+        same = [known for known, own in zip(self.tests, tables, strict=True) if own == tables[test]]
+        tests = tuple(replace(known, sample=None, indenter=None) for known in same)
+        return replace(self, sample=tables[test][0], indenter=tables[test][1], tests=tests)
+
+    def _tables_of(self, test: Indentation) -> tuple[Sample, Indenter]:
+        sample = test.sample.over(self.sample) if test.sample else self.sample
+        return sample, test.indenter.over(self.indenter) if test.indenter else self.indenter
+
     @property
     def depth(self) -> float:
         """The largest depth of the tests, mm: the mesh is made for it."""
@@ -88,7 +105,7 @@ class Mechanics:
 def indentation_of(case: "Case", test: "Test") -> Indentation:
     """The Indentation of a test of a case."""
     depths = case.outputs(test)
-    return Indentation(test.name, test.direction, depths, test.rate_to(float(depths[-1])))
+    return Indentation(test.name, test.direction, depths, test.rate_to(float(depths[-1])), test.sample, test.indenter)
 
 
 def mechanics_of(case: "Case") -> Mechanics:

@@ -65,8 +65,14 @@ def _is_input(name: str) -> bool:
 
 
 def setup_of(case: "Case") -> Setup:
-    """The Setup of a case: its mesh is made for the deepest of its tests."""
-    return mechanics_of(case).setup
+    """The Setup of a case: its mesh is made for the deepest of its tests, which have the same sample and indenter.
+
+    A case whose tests have their own is parted first (`Case.pieces`).
+    """
+    mechanics = mechanics_of(case)
+    if mechanics.of(0) is not mechanics:
+        raise ValueError("tests have samples or indenters of their own: ask each piece of the case for its setup")
+    return mechanics.setup
 
 
 def press_of(case: "Case", test: "Test", material: Material) -> Press:

@@ -95,7 +95,7 @@ def own_checks(case: Case) -> dict[str, list[float]]:
         "solver.max_step": [float(f"{share * deepest:.4g}") for share in CHECKS["solver.max_step"]],
     }
     shape = case.indenter.geometry
-    if shape.edge_radius is not None and case.indenter.friction != "stick":
+    if shape.edge_radius is not None and case.indenter.friction != "stick" and case.shares("indenter", "edge_radius"):
         radii = [share * shape.half_width for share in CHECKS["indenter.edge_radius"]]
         own = shape.edge_radius
         checks["indenter.edge_radius"] = ([0.0, own / 2, own * 2] if own else radii)[:3]
@@ -111,8 +111,8 @@ def parse_family(option: str, text: str) -> list[str]:
 
 
 def estimate(case: Case) -> tuple[int, int, float]:
-    """Elements, degrees of freedom and peak memory, bytes, of a case, before its mesh is made."""
-    elements = count(setup_of(case))
+    """Elements, degrees of freedom and peak memory, bytes, of a case, before its mesh is made: of the largest mesh of its tests."""
+    elements = max(count(setup_of(piece)) for piece in case.pieces)
     nodes = elements * (8 if case.solver.element == "q2p1" else 1)
     dofs = 3 * nodes * (1 + 1 / nodes ** (1 / 3)) ** 3
     return elements, round(dofs), memory_of(dofs, case.solver.element, case.solver.linear)

@@ -1,5 +1,6 @@
 """The tests of a case on one mesh: their forces and their cost, measured in a process of its own."""
 
+import contextlib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -13,8 +14,8 @@ from indentfit.errors import ConvergenceError, IndentfitError, MeshError
 from indentfit.fem.meshing import size
 from indentfit.fem.result import Simulation
 from indentfit.fem.simulate import Model
-from indentfit.runs.forward import presses_of
 from indentfit.runs.ledger import Ledger
+from indentfit.runs.pieces import pieces_of, together
 from indentfit.runs.points import press_of, setup_of
 from indentfit.runs.run import Run
 from indentfit.study.isolated import DIED, Died, isolated, peak_memory
@@ -97,9 +98,12 @@ def measure(case: Case) -> Measured:
     """Every test of a case, computed in this process. Raises ConvergenceError."""
     _compile(case)
     started = time.process_time()
-    model = Model(setup_of(case))
+    pieces, material = pieces_of(case), case.law(**case.start_values())
     ready = time.process_time()
-    simulation = model.simulate(presses_of(case, case.law(**case.start_values())))
+    for piece in pieces:
+        piece.solve(material)
+    simulation = together(case, pieces)
+    assert simulation is not None  # every piece is solved
     return _of_simulation(case, simulation, ready - started, time.process_time() - ready)
 
 
@@ -108,7 +112,7 @@ def _of_simulation(case: Case, simulation: Simulation, setup_seconds: float, cpu
     return Measured(
         elements=simulation.mesh.elements,
         dofs=simulation.mesh.dofs,
-        h=float(size(setup_of(case))),
+        h=float(np.mean([size(setup_of(piece)) for piece in case.pieces])),
         forces=tuple(test.force for test in simulation.tests),
         newton_iterations=solver.newton_iterations,
         factorizations=solver.factorizations,
@@ -150,8 +154,7 @@ def _measured_or_cause(case: Case) -> Measured:
 def _compile(case: Case) -> None:
     """Run a small mesh to a small depth, so that the time of compilation is not counted."""
     small = case.model_copy(update={"mesh": type(case.mesh)(elements=20)})
-    try:
-        press = press_of(small, small.tests[0], small.law(**small.start_values()))
-        Model(setup_of(small)).run(replace(press, depths=1e-3 * press.depths[-1:]))
-    except (ConvergenceError, MeshError):
-        pass
+    for piece in small.pieces:
+        with contextlib.suppress(ConvergenceError, MeshError):
+            press = press_of(piece, piece.tests[0], piece.law(**piece.start_values()))
+            Model(setup_of(piece)).run(replace(press, depths=1e-3 * press.depths[-1:]))

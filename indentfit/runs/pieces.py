@@ -1,0 +1,85 @@
+"""The pieces of a case in the process that asks: a model for each different sample and indenter of its tests.
+
+A case whose tests all have the sample and the indenter of the case has one piece, the case itself.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from indentfit.case import Case
+from indentfit.errors import IndentfitError
+from indentfit.fem.facts import MeshFacts, SolverFacts
+from indentfit.fem.mesh_error import with_mesh_errors
+from indentfit.fem.result import Simulation, TestResult
+from indentfit.fem.setup import Press, Setup
+from indentfit.fem.simulate import Model
+from indentfit.material import Material
+from indentfit.runs.points import press_of, setup_of
+
+Curve = Callable[[str, float], None]  # called with (name of a test, share of it that is done)
+
+
+@dataclass
+class Piece:
+    """Tests on one sample and indenter, with their model.
+
+    Attributes
+    ----------
+    case : Case
+        Of these tests alone.
+    setup : Setup
+    model : Model
+    simulation : Simulation or None
+        What has been solved so far.
+    """
+
+    case: Case
+    setup: Setup
+    model: Model
+    simulation: Simulation | None = None
+
+    def presses(self, material: Material) -> list[Press]:
+        """The Press of each test, on a material."""
+        return [press_of(self.case, test, material) for test in self.case.tests]
+
+    def solve(self, material: Material, progress: Curve | None = None) -> Simulation:
+        """The curves of the tests. Where they fail, or are stopped, `simulation` holds the part that there is."""
+        try:
+            self.simulation = self.model.simulate(self.presses(material), progress)
+        except IndentfitError as error:
+            self.simulation = error.part if isinstance(error.part, Simulation) else None
+            raise
+        return self.simulation
+
+    def state_errors(self, material: Material, progress: Curve | None = None) -> None:
+        """State the errors of the curves by the mesh, in `simulation`."""
+        if self.simulation is not None:
+            self.simulation = with_mesh_errors(self.simulation, self.setup, self.presses(material), progress)
+
+
+def pieces_of(case: Case) -> list[Piece]:
+    """The pieces of a case. Raises MeshError where one of them cannot be meshed, before anything is solved."""
+    setups = [(piece, setup_of(piece)) for piece in case.pieces]
+    return [Piece(piece, setup, Model(setup)) for piece, setup in setups]
+
+
+def mesh_of(pieces: Sequence[Piece]) -> MeshFacts:
+    """The facts of the meshes of pieces together."""
+    return MeshFacts.together([(", ".join(test.name for test in piece.case.tests), piece.model.mesh_facts()) for piece in pieces])
+
+
+def together(case: Case, pieces: Sequence[Piece]) -> Simulation | None:
+    """The simulations of pieces as that of their case, the tests in its order; None where nothing is solved."""
+    solved = [piece for piece in pieces if piece.simulation is not None]
+    if len(pieces) == 1 or not solved:
+        return solved[0].simulation if solved else None
+    tests = tuple(_in_order(case, solved))
+    facts, model = [test.facts for test in tests], solved[0].model
+    seconds = sum(piece.model.setup_seconds for piece in solved)
+    solver = SolverFacts.of(facts, model.solver.name, model.setup.solver.assembly, seconds)
+    return Simulation(tests, mesh_of(solved), solver)
+
+
+def _in_order(case: Case, solved: Sequence[Piece]) -> Iterator[TestResult]:
+    known = {test.name: test for piece in solved if piece.simulation is not None for test in piece.simulation.tests}
+    yield from (known[test.name] for test in case.tests if test.name in known)
