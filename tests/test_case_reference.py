@@ -61,7 +61,7 @@ def test_the_template_mentions_every_key(key):
 @pytest.mark.parametrize("key", [key for key in PLAIN if key not in ("test.record", "test.name")])
 def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
     facts = EVERY[key]
-    value = facts.example if facts.example is not None else (facts.choices or ({"sample.thickness": 3.3}.get(key, 0.5),))[0]
+    value = facts.example if facts.example is not None else (facts.choices or ({"thickness": 3.3}.get(facts.name, 0.5),))[0]
     sets = [f"{key.replace('test.', 'test.parallel.', 1)}={json.dumps(value).replace('{', '{ ').replace(': ', ' = ')}"]
     beside = {
         "sample.length": ["sample.shape=block", "sample.width=14"],
@@ -79,6 +79,9 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
     beside |= {"test.rate": relaxes, "test.ramp": relaxes, "test.hold": [*relaxes, "test.parallel.rate=0.1"]}
     if key in ("material.relaxation.g", "material.relaxation.tau"):
         sets = ["material.relaxation.g=[0.8, 0.5]", "material.relaxation.tau=[0.5, 5]"]
+    if key.startswith(("test.sample.", "test.indenter.")):
+        own, of_case = key.removeprefix("test."), key.replace("test.", "test.parallel.", 1).rpartition(".")[0]
+        beside[key] = [f"{of_case}.{text.partition('.')[2]}" for text in beside.get(own, [])]
     if facts.kind == "table":
         sets = [f"{key}={{mu=1.49}}"]
     read_case(case, [*beside.get(key, []), *sets])

@@ -43,20 +43,22 @@ def warnings_of(case: Case) -> Iterator[str]:
 
 
 def _compressible(case: Case) -> Iterator[str]:
-    """A warning where the bulk modulus is not far above every small-strain modulus, and neither Poisson's ratio nor, for a material
-    without fibres, the bulk ratio says that this is meant."""
-    choice, fibres = case.material, has_fibres(case.law)
-    if choice.poisson_ratio is not None or (choice.kappa is None and not fibres):
+    """A warning where the bulk modulus is not far above every small-strain modulus, and Poisson's ratio does not say that this is
+    meant."""
+    choice = case.material
+    if choice.poisson_ratio is not None:
         return
     material = case.law(**case.start_values())
     stiffest = max(material.moduli().values())
     kappa = choice.bulk_modulus(material.shear_modulus)
     if kappa < NEARLY_INCOMPRESSIBLE * stiffest:
-        nu = "" if fibres else f", Poisson's ratio {choice.poisson_ratio_at(material.shear_modulus):.3g}"
-        key = "kappa" if choice.kappa is not None else "bulk_ratio"
+        key, nu = "kappa" if choice.kappa is not None else "bulk_ratio", choice.poisson_ratio_at(material.shear_modulus)
+        meant = "unless this is intended"
+        if not has_fibres(case.law) and nu >= 0:
+            meant = f"or say that this is intended: material.poisson_ratio = {nu:.4g} in place of {key}"
         yield (
             f"kappa = {kappa:g} kPa is below {NEARLY_INCOMPRESSIBLE} x the largest small-strain modulus ({stiffest:g} kPa) at the "
-            f"start values: the tissue is not nearly incompressible{nu}; raise material.{key} unless this is intended"
+            f"start values: the tissue is not nearly incompressible; raise material.{key} {meant}"
         )
 
 

@@ -104,8 +104,9 @@ def _point(first: Case, case: Case) -> Point | None:
     return point if _decided(there) == _decided(case) else None
 
 
-def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float], float | None]]]:
+def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float], float | None, list[Any]]]]:
     """All that decides the forces of a case, without its parameters."""
     tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
     tests = [indentation_of(case, test) for test in case.tests]
-    return tables, [(test.angle, test.depths.tolist(), test.rate) for test in tests]
+    own = [[table and table.model_dump() for table in (test.sample, test.indenter)] for test in tests]
+    return tables, [(test.angle, test.depths.tolist(), test.rate, keys) for test, keys in zip(tests, own, strict=True)]

@@ -112,7 +112,9 @@ def _of_test(case: Case, rest: str) -> float | str | None:
     for n, test in enumerate(case.tests):
         for label in (test.name, str(n)):
             if rest.startswith(label + "."):
-                value = getattr(test, rest[len(label) + 1 :], None)
+                table, _, key = rest[len(label) + 1 :].rpartition(".")
+                owner = {"": test, "sample": case.sample_of(test), "indenter": case.indenter_of(test)}.get(table)
+                value = getattr(owner, key, None)
                 return value if isinstance(value, int | float | str) else None
     return None
 
