@@ -153,12 +153,8 @@ def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
     Returns
     -------
     slice, float
-        The samples of the section, and its velocity in mm/s.
-
-    Raises
-    ------
-    RecordError
-        No section of constant velocity covers a fifth of the ramp.
+        The samples of the section, and its velocity in mm/s; where none covers a fifth of the ramp, those between 20 % and 80 % of
+        the force.
     """
     record = ramp.record
     length = min(odd(VELOCITY_FILTER * ramp.samples), len(record.time))
@@ -167,10 +163,7 @@ def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
     steady = np.abs(velocity[start : ramp.stop] - usual) <= SAME_VELOCITY * abs(usual)
     begin, end = longest_run(steady)
     if end - begin < max(FEWEST / 2, 0.2 * ramp.samples):
-        raise RecordError(
-            f"{record.name}: no section of constant velocity: the stage keeps within 15 % of {usual:.3g} mm/s for only "
-            f"{end - begin} samples; check the displacement channel"
-        )
+        begin, end = max(ramp.low - start, 0), ramp.high - start
     window = slice(start + begin, start + end)
     slope = np.polyfit(record.time[window] - record.time[window.start], record.displacement[window], 1)[0]
     return window, float(slope)
@@ -202,10 +195,13 @@ def _rise(record: RawRecord, force: Array) -> tuple[int, int]:
 
 def _require_contact(record: RawRecord, force: Array) -> None:
     """Refuse a force that does not rise clearly above its noise, or that falls instead."""
-    noise, peak, lowest = noise_of(record.force), float(force.max()), float(force.min())
+    deepest = int(np.argmax(record.displacement))
+    noise, peak = noise_of(record.force), float(force.max())
+    lowest = float(force[: deepest + 1].min())
+    pressed = float(np.median(force[max(0, deepest - deepest // 20) : deepest + 1]))  # where the indenter is deepest
     if peak >= 8 * noise and peak >= 0.5 * -lowest:
         return
-    if -lowest > max(8 * noise, 2 * peak):
+    if -lowest > max(8 * noise, 2 * peak) and pressed < 0.5 * lowest:
         raise RecordError(
             f"{record.name}: the force falls to {lowest:.3g} mN under load; compression is positive, change record.force.sign"
         )

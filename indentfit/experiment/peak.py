@@ -55,15 +55,17 @@ def peak_of(ramp: Ramp, start: int, force: Array) -> Peak:
     stop = ramp.stop + round(0.5 * ramp.samples)
     longest = LONGEST * ramp.samples
     smooth = filtered(force[:stop], longest)
-    length, fit = float(SHORTEST), _fitted(ramp, start, force)
+    length = float(SHORTEST)
+    rough = float(np.std((force[:stop] - filtered(force[:stop], length))[ramp.low : ramp.high]))
+    if 2 * rough < STEADY * smooth[start:].max():  # hardly any noise: no filter is needed, and a corner of few samples is kept
+        return Peak(float(force[start:stop].max()), rough)
     while length < longest / CLEARLY_SHORTER:
         shorter = filtered(force[:stop], length)
         scatter = float(np.std((shorter - smooth)[ramp.low : ramp.high]))
         if scatter < STEADY * smooth[start:].max():
-            largest = float(shorter[start:].max())
-            return Peak(largest, max(scatter, min(abs(largest - fit.force), fit.stderr)))
+            return Peak(float(shorter[start:].max()), scatter)
         length *= 1.6
-    return fit
+    return _fitted(ramp, start, force)
 
 
 def _fitted(ramp: Ramp, start: int, force: Array) -> Peak:

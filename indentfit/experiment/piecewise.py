@@ -29,14 +29,15 @@ SHARES = (0.5, 0.25)  # of the largest force: the shorter stretches
 AGREE = 3.0  # standard errors within which the contact points of two stretches agree
 MISFIT = 40.0  # excess of squares over those of a fit to the shorter stretch alone, in squares of noise: more than five values take
 FEWEST_BEYOND = 12  # samples beyond contact of a shorter stretch
-SURE = {"decay": 15.0, "waves": 30.0}  # F ratio from which a decay or waves (of any period) are more than noise
+SURE = {"drift": 8.0, "decay": 15.0, "waves": 30.0}  # F ratio from which a drift, a decay or waves (of any period) are no noise
 LEAST_WAVE = 0.004  # of the largest force: smaller waves and decays are noise
 PERIODS = 40  # periods of waves that are tried
-LONGEST_WAVE = 2.0  # of the travel
+LONGEST_WAVE = 1.4  # of the travel before contact
 DECAYS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # time constants that are tried, of the duration of the stretch
 WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may leave to be fitted
 SCREENED = 200  # samples with which baselines are screened
 BLOCKS = (500, 120)  # numbers of block means whose noise is looked at too: slow noise under white noise
+SLIGHT = 0.03  # share of the force of a power that is nearly zero
 RIDGE = 1e-13  # keeps normal equations solvable
 CLEARLY = 1.2  # ratio of variances from which that of block means counts
 POLISHING = 8  # steps of Gauss and Newton
@@ -48,7 +49,8 @@ class Stretch:
 
     time s, displacement (filtered) mm, force mN: (n,); half: sample with half of the force; length: samples that the filter covers;
     quiet: number of samples at the start that surely lie before contact; blur: standard error of the filtered displacement, mm;
-    drifts: whether the baseline is long enough to tell drift from contact; step: of the force's converter, mN, 0 where it is fine.
+    drifts: whether the baseline is long enough to tell drift from contact; short: whether it is shorter than the ramp;
+    step: of the force's converter, mN, 0 where it is fine.
     """
 
     time: Array
@@ -59,6 +61,7 @@ class Stretch:
     quiet: int
     blur: float
     drifts: bool
+    short: bool = False
     step: float = 0.0
 
     def until(self, stop: int) -> Stretch:
@@ -167,9 +170,20 @@ def stretch_of(ramp: Ramp) -> Stretch:
     half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
     # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise, and removes vibration
     blur = 1.5 * noise_of(record.displacement[part]) / np.sqrt(ramp.length)
-    drifts = low - 0.2 * samples / thin >= DRIFTS * samples / thin
+    before = (low * thin - 0.2 * samples) / samples
     step = _step(record.force[part])
-    return Stretch(time, displacement, force, half, odd(ramp.length / thin), max(5, low // 2), float(blur), bool(drifts), step)
+    return Stretch(
+        time,
+        displacement,
+        force,
+        half,
+        odd(ramp.length / thin),
+        max(5, low // 2),
+        float(blur),
+        bool(before >= DRIFTS),
+        bool(before < 1),
+        step,
+    )
 
 
 def _step(force: Array) -> float:
@@ -237,12 +251,16 @@ def _agree(wide: Piecewise, narrow: Piecewise) -> bool:
 def _with_baseline(stretch: Stretch, powers: tuple[float, ...]) -> Piecewise:
     """The fit with the simplest baseline that the force before contact holds to."""
     fit = fit_of(stretch, powers, Baseline("drift" if stretch.drifts else "constant"))
+    if stretch.drifts and stretch.short:
+        still = fit_of(stretch, powers, Baseline("constant"))
+        fit = fit if _ratio(still, fit) > SURE["drift"] else still
     if not stretch.drifts or not _uneven(fit):
         return fit
     span, travel = float(np.ptp(stretch.time)), float(np.ptp(stretch.displacement))
     decays = [Baseline("decay", span * share) for share in DECAYS]
     shortest = travel * max(12 / stretch.time.size, 0.03)
-    waves = [Baseline("waves", period) for period in np.geomspace(shortest, LONGEST_WAVE * travel, PERIODS)]
+    longest = LONGEST_WAVE * (fit.contact - float(stretch.displacement.min()))
+    waves = [Baseline("waves", period) for period in np.geomspace(min(shortest, longest), longest, PERIODS)]
     rivals = [fit_of(stretch, powers, rival) for kind in (decays, waves) for rival in _promising(fit, kind)]
     sure = [rival for rival in rivals if _ratio(fit, rival) > SURE[rival.baseline.kind]]
     return min(sure, key=lambda rival: _square(rival.residual), default=fit)
@@ -320,7 +338,16 @@ def _solution(place: float, stretch: Stretch, powers: tuple[float, ...], baselin
     terms = _terms(place, stretch, powers, baseline)
     coefficients = _coefficients(terms, stretch.force, len(powers))
     scale = [baseline.by_scale(stretch.time, stretch.displacement, coefficients)] if baseline.scale else []
-    return terms, coefficients, np.column_stack([terms, *scale, _by_place(stretch.displacement - place, powers, coefficients)])
+    columns = np.delete(terms, _bounded(place, stretch, powers, coefficients), axis=1)
+    return terms, coefficients, np.column_stack([columns, *scale, _by_place(stretch.displacement - place, powers, coefficients)])
+
+
+def _bounded(place: float, stretch: Stretch, powers: tuple[float, ...], coefficients: Array) -> list[int]:
+    """The column of the first power where that is zero or nearly: it would change the force as the contact point does."""
+    depth = max(float(stretch.displacement.max()) - place, 0.0)
+    shares = coefficients[-len(powers) :] * depth ** np.array(powers)
+    alike = len(powers) > 1 and powers[1] == powers[0] + 1 and shares[0] < SLIGHT * abs(float(shares.sum()))
+    return [coefficients.size - len(powers)] if alike else []
 
 
 def _polished(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[float, Baseline]:
