@@ -2,7 +2,7 @@
 
 The force's zero is known, of the sensor or as stated; the law is that of `contact_point.POWERS`: F = a (d - d0)^m + b (d - d0)^n.
 The interval holds the scatter of the fit, and how far d0 moves where the law is fitted to half of the stretch, where it has one
-power only, and, if the end of the indenter is not known, under the other end.
+power only, and, if the end of the indenter is not known, under the other ends; and 1 % of the distance of the extrapolation.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from indentfit.experiment.piecewise import GRID, POWERS, solved
 
 SHARE = 0.6  # of the largest force: the law is fitted to the samples below
 MOST_SAMPLES = 1500  # of a fit
+TRUST = 0.01  # share of the distance over which the law is extrapolated that is in doubt: no end is its ideal
 FURTHEST = 1.5  # the contact point is searched so many depths before the first sample
 
 
@@ -46,7 +47,7 @@ def extrapolated_contact(ramp: Ramp, zero: float, indenter: str | None) -> Conta
     others = [law.place for law in fits]
     for end in ends:
         others += [_Law(displacement, force, POWERS[end][:1]).place, _Law(displacement[half], force[half], POWERS[end]).place]
-    spread = best.spread(others, force)
+    spread = best.spread(others) + TRUST * max(float(displacement.min()) - best.place, 0.0)
     statistic = float(norm.ppf((1 + CONFIDENCE) / 2)) * best.stderr
     inside = np.flatnonzero(ramp.displacement[: ramp.high] < best.place)
     index = int(inside[-1]) + 1 if inside.size else 0
@@ -88,7 +89,7 @@ class _Law:
         jacobian = np.column_stack([terms, -np.asarray(slope)])
         return float(np.sqrt(max(covariance(jacobian, noise_in(self.force - terms @ coefficients))[-1, -1], 0.0)))
 
-    def spread(self, others: list[float], force: Array) -> float:
+    def spread(self, others: list[float]) -> float:
         """How far other fits put the contact point from this one, mm."""
         return float(np.max(np.abs(np.array(others) - self.place)))
 

@@ -10,7 +10,7 @@ from indentfit.errors import RecordError
 from indentfit.experiment.manifest import Entry
 from indentfit.experiment.processed import ProcessedRecord, process_record
 from indentfit.experiment.reading import read_record
-from indentfit.experiment.record import RawRecord
+from indentfit.experiment.record import CUT_OFF, RawRecord
 
 AfterRecord = Callable[[int, str], object]  # called with the number of records that are done, and the sample of the last record
 
@@ -78,9 +78,14 @@ def _outcome(entry: Entry, settings: Record | None) -> Outcome:
     if entry.problem:
         return Outcome(entry, problem=entry.problem)
     try:
-        return Outcome(entry, process_record(_raw_record(entry, settings), entry.thickness, settings))
+        record = _raw_record(entry, settings)
     except RecordError as error:
         return Outcome(entry, problem=str(error))
+    try:
+        return Outcome(entry, process_record(record, entry.thickness, settings))
+    except RecordError as error:
+        cut = next((f" ({note})" for note in record.notes if note.startswith(CUT_OFF)), "")
+        return Outcome(entry, problem=f"{error}{cut}")
 
 
 def _raw_record(entry: Entry, settings: Record | None) -> RawRecord:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -68,12 +69,32 @@ def read_records(path: str | Path, settings: Record | None = None) -> list[RawRe
     path, settings = Path(path), settings or Record()
     _require_file(path)
     try:
+        return _read(path, settings)
+    except RecordError:
+        if not WorkbookFormat().reads(path) or settings.sheet is not None or settings.sheets is not None:
+            raise
+        return _sheets(path, settings)
+
+
+def _sheets(path: Path, settings: Record) -> list[RawRecord]:
+    """The records of all sheets of a workbook whose first sheet is none; the error of the first sheet where none is."""
+    try:
+        read = _read(path, settings.model_copy(update={"sheets": "all"}))
+    except RecordError:
+        return _read(path, settings)
+    note = f'the first sheet is no record: every sheet was looked at, and {len(read)} records found (record.sheets = "all")'
+    return [replace(read[0], notes=(note, *read[0].notes)), *read[1:]]
+
+
+def _read(path: Path, settings: Record) -> list[RawRecord]:
+    """The records of a file as the settings say."""
+    try:
         tables = next(format for format in FORMATS if format.reads(path)).tables(path, settings)
     except OSError as error:
         raise _unreadable(path, error) from error
     preset = preset_of(path, _start(tables), settings)
     if preset is not None:
-        settings, tables = preset.applied(settings), _without_skipped(tables, preset, settings)
+        settings, tables = preset.applied(settings), _without_skipped(path, tables, preset, settings)
     tables = _chosen(path, tables, settings.block)
     return _named(_records(path, tables, settings), preset)
 
@@ -83,12 +104,19 @@ def _start(tables: Sequence[Table]) -> str:
     return "\n".join((*tables[0].above, *(" ".join(row) for row in tables[0].header[-2:])))[:LOOKED_AT] if tables else ""
 
 
-def _without_skipped(tables: list[Table], preset: Preset, settings: Record) -> list[Table]:
+def _without_skipped(path: Path, tables: list[Table], preset: Preset, settings: Record) -> list[Table]:
     """The tables that the preset does not skip; all of them where a block is chosen, or where none would be left."""
     kept = [table for table in tables if table.name not in preset.skip]
-    if settings.block is not None or not kept or len(kept) == len(tables):
+    if settings.block is not None or len(kept) == len(tables):
         return tables
     skipped = ", ".join(dict.fromkeys(table.name for table in tables if table.name in preset.skip))
+    if not kept:
+        short = next((note for note in tables[0].notes if note.startswith("a table of ")), None)
+        if short is None:
+            return tables
+        raise RecordError(
+            f"{path}: {short}, and the other tables, {skipped}, move the stage only; record.block = 1 reads the first"
+        )
     note = f"{len(tables) - len(kept)} tables that move the stage only were left out: {skipped}"
     return [replace(kept[0], notes=(*kept[0].notes, note)), *kept[1:]]
 
@@ -119,7 +147,10 @@ def _records(path: Path, tables: list[Table], settings: Record) -> list[RawRecor
             problems.append(str(error).removeprefix(f"{path}: ") if len(tables) > 1 else str(error))
     if not read:
         raise RecordError(problems[0] if len(tables) == 1 else f"{path}: {problems[0]}")
-    notes = tuple(f"a table was left out: {problem}" for problem in problems)
+    counts = Counter(problems)
+    notes = tuple(
+        f"{f'{count} tables were' if count > 1 else 'a table was'} left out: {problem}" for problem, count in counts.items()
+    )
     return [replace(read[0], notes=read[0].notes + notes), *read[1:]]
 
 

@@ -11,14 +11,16 @@ from indentfit.errors import RecordError
 
 CHANNELS = ("time", "displacement", "force")
 FEWEST = 50  # samples of a record
+CUT_OFF = "the header tells of "  # begins the note on a file that holds fewer samples than its header says
 
 
 @dataclass(frozen=True)
 class Stated:
-    """What a file states of its instrument: radius of the sphere, mm, and stiffness of cantilever or load cell, mN/mm."""
+    """What a file states: radius of the sphere, mm, stiffness of cantilever or load cell, mN/mm, and number of samples."""
 
     radius: float | None = None
     stiffness: float | None = None
+    samples: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ afmformats is under the MIT licence; its dependency igor2 is under the LGPL.
 from __future__ import annotations
 
 import importlib
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,7 +18,7 @@ from indentfit.case import Record
 from indentfit.errors import RecordError
 from indentfit.experiment.formats.table import Table
 
-ENDINGS = (".jpk-force", ".jpk-force-map", ".jpk-qi-data", ".ibw", ".nid", ".h5", ".ntmdt", ".mdt", ".jpk")
+ENDINGS = (".jpk-force", ".jpk-force-map", ".jpk-qi-data", ".jpk-qi-series", ".ibw", ".nid", ".h5", ".ntmdt", ".mdt", ".jpk")
 COLUMNS = {
     "time": "time (s)",
     "height (measured)": "height (measured) (m)",
@@ -48,14 +49,21 @@ class AfmFormat:
             raise RecordError(
                 f"{path}: a binary file of an atomic force microscope; pip install 'indentfit[afm]', or export it as text"
             ) from None
+        logging.getLogger("afmformats").addHandler(logging.NullHandler())  # what it cannot read is said in one line, here
         try:
-            curves = afmformats.load_data(path)
+            curves = afmformats.load_data(path, **_told(settings))
             return [_table(path, curve, n, len(curves)) for n, curve in enumerate(curves, start=1)]
         except (KeyboardInterrupt, SystemExit, GeneratorExit, RecordError):
             raise
         except BaseException as error:  # MissingMetaDataError of afmformats is no Exception
             reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-            raise RecordError(f"{path}: afmformats cannot read it ({reason}); export it as text") from None
+            hint = "give record.stiffness, or export it as text" if "spring constant" in reason else "export it as text"
+            raise RecordError(f"{path}: afmformats cannot read it ({reason}); {hint}") from None
+
+
+def _told(settings: Record) -> dict[str, Any]:
+    """What the settings state in place of a file's metadata: the spring constant, N/m."""
+    return {"meta_override": {"spring constant": settings.stiffness}} if settings.stiffness else {}
 
 
 def _table(path: Path, curve: ForceCurve, number: int, count: int) -> Table:
@@ -63,10 +71,8 @@ def _table(path: Path, curve: ForceCurve, number: int, count: int) -> Table:
     names = [name for name in ("time", "height (measured)", "height (piezo)", "force") if name in curve.columns]
     if "height (measured)" in names and "height (piezo)" in names:
         names.remove("height (piezo)")
-    if "force" not in names or len(names) < 3:
-        raise RecordError(
-            f"{path}: curve {number} has no time, height and force, but {', '.join(curve.columns)}; export it as text"
-        )
+    if "force" not in names or not any(name.startswith("height") for name in names):
+        raise RecordError(f"{path}: curve {number} has no height and force, but {', '.join(curve.columns)}; export it as text")
     values = np.column_stack([np.asarray(curve[name], dtype=float) for name in names])
     header, texts = [COLUMNS[name] for name in names], {}
     if "segment" in curve.columns:

@@ -24,7 +24,7 @@ from indentfit.experiment.formats.choice import (
 from indentfit.experiment.formats.stated import stated
 from indentfit.experiment.formats.table import Table
 from indentfit.experiment.formats.words import ALIASES, ELECTRIC, TARGETS, rank_of, words_of
-from indentfit.experiment.record import FEWEST, RawRecord, Stated
+from indentfit.experiment.record import CUT_OFF, FEWEST, RawRecord, Stated
 from indentfit.units import unit_factor
 
 FEWEST_READ = 20  # rows of numbers that are read at all; a record needs FEWEST
@@ -85,10 +85,16 @@ def records(path: Path, table: Table, settings: Record) -> list[RawRecord]:
     if np.count_nonzero(good) < FEWEST_READ:
         raise RecordError(f"{path}: {np.count_nonzero(good)} rows of numbers; a record needs at least {FEWEST}")
     left_out = () if good.all() else (f"{np.count_nonzero(~good):,} rows without numbers were left out",)
-    notes = table.notes + left_out + displacement.notes + force.notes + time.notes
+    notes = table.notes + left_out + _cut_off(source, len(table.values)) + displacement.notes + force.notes + time.notes
     words = f"time {time.words}, displacement {displacement.words}, force {force.words}"
     whole = _Whole(columns[:, good], np.flatnonzero(good), _stages(source), notes, words)
     return [_record(source, whole, begin, end) for begin, end in _tests(source, whole)]
+
+
+def _cut_off(source: _Source, rows: int) -> tuple[str, ...]:
+    """A note where the header tells of clearly more samples than the table has rows."""
+    told = source.stated.samples
+    return (f"{CUT_OFF}{told} points, and {rows} rows follow: the file is cut off",) if told and rows < 0.9 * told else ()
 
 
 @dataclass(frozen=True, eq=False)

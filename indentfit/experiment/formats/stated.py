@@ -17,6 +17,7 @@ DIAMETER = re.compile(r"^(?:tip|probe|indenter|sphere|ball|bead|kugel)[\s_-]*(?:
 STIFFNESS = re.compile(
     r"^k\b|^(?:cantilever[\s_-]*)?(?:spring[\s_-]*constant|stiffness)|^federkonstante|^cantilever[\s_-]*k\b", re.I
 )
+SAMPLES = re.compile(r'"?(?:number of (?:data )?points|point count|anzahl der punkte|data points)"?\s*[:=\t;,]\s*(\d+)\b', re.I)
 VALUE = re.compile(rf"(?:[\[(]\s*([^\])]+?)\s*[\])])?[\s:=;,\"\t]*({NUMBER})\s*(?:[\[(]?\s*([^\W\d][\w/µμ]*)\s*[\])]?)?")
 
 
@@ -32,12 +33,14 @@ def stated(lines: Iterable[str]) -> Stated:
     Stated
         None for what the lines do not state, or state without a unit.
     """
-    radius = stiffness = None
+    radius = stiffness = samples = None
     for line in lines:
         text = line.strip().lstrip("#").strip().strip('"').strip()
         radius = radius or _length(text, RADIUS, 1.0) or _length(text, DIAMETER, 0.5)
         stiffness = stiffness or _stiffness(text)
-    return Stated(radius, stiffness)
+        counted = SAMPLES.match(text)
+        samples = samples or (int(counted[1]) if counted else None)
+    return Stated(radius, stiffness, samples)
 
 
 def _length(text: str, words: re.Pattern[str], share: float) -> float | None:

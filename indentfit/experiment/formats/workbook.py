@@ -27,8 +27,16 @@ class WorkbookFormat:
         sheets = {name: rows for name, rows in every_sheet(path).items() if _first(rows, settings.skip_rows) is not None}
         if not sheets:
             raise RecordError(f"{path}: no sheet has rows of numbers; store numbers as numbers, not as text")
-        tables = [_table(path, name, rows, settings.skip_rows) for name, rows in sheets.items()]
-        return [table for table in tables if len(table.values) >= FEWEST_ROWS] or tables[:1]
+        tables, problems = [], []
+        for name, rows in sheets.items():
+            try:
+                tables.append(_table(path, name, rows, settings.skip_rows))
+            except RecordError as error:  # a sheet of results and their averages
+                problems.append(error)
+        long = [table for table in tables if len(table.values) >= FEWEST_ROWS] or tables[:1]
+        if not long:
+            raise problems[0]
+        return long
 
 
 def _first(rows: list[list[Cell]], skip_rows: int) -> int | None:
