@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from indentfit.experiment.process_result import ProcessResult
 
 SIDECAR = "record.toml"
+FILE_CASE = ("sample", "indenter", "material", "mesh", "fit", "solver")  # tables of a case that --set may give with RAW and --case
 
 
 @click.command(cls=Command, short_help="Turn raw records into curves and stiffnesses.")
@@ -34,7 +35,12 @@ SIDECAR = "record.toml"
 )
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default NAME-processed.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
-@click.option("--case", "as_case", is_flag=True, help="Also write a case of the mean curves (needs a manifest).")
+@click.option(
+    "--case",
+    "as_case",
+    is_flag=True,
+    help="Also write a case that fit runs, of RAW or of a manifest.",
+)
 @click.option("--base", type=click.Path(), metavar="CASE", help="For --case: the case file to take everything else from.")
 @click.option(
     "--target",
@@ -43,6 +49,7 @@ SIDECAR = "record.toml"
     help="For --case: mean, linear or quadratic, such as 90=quadratic.",
 )
 @click.option("--figures/--no-figures", default=True, help="Draw a figure of each record.")
+@click.option("--list", "listed", is_flag=True, help="List tables, tests, cycles and segments of the files RAW, and do no more.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON: what summary.json holds.")
 def command(
     raw: tuple[str, ...],
@@ -57,6 +64,7 @@ def command(
     target: tuple[str, ...],
     figures: bool,
     as_json: bool,
+    listed: bool,
 ) -> None:
     """Turn the raw records RAW, or those of a manifest, into curves, stiffnesses and statistics.
 
@@ -64,28 +72,37 @@ def command(
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import read_record_table
+    from indentfit.experiment.file_case import FileCase
     from indentfit.experiment.mean_case import MeanCase
     from indentfit.report.folder import json_text, refuse_existing
     from indentfit.report.record_folder import Listener, write_process
 
+    if listed and not raw:
+        raise click.UsageError("--list needs the records RAW")
     if bool(raw) == bool(manifest):
         raise click.UsageError("give the records RAW, or --manifest FILE")
     if (base or target) and not as_case:
         raise click.UsageError(f"{'--base' if base else '--target'} needs --case")
-    if as_case and not manifest:
-        raise click.UsageError("--case needs --manifest, which tells samples and directions")
+    if (base or target) and not manifest:
+        raise click.UsageError(f"{'--base' if base else '--target'} needs --manifest, which tells samples and directions")
+    told = [text for text in overrides if as_case and not manifest and text.partition(".")[0] in FILE_CASE]
     targets = dict(map(_target, target))
     if manifest and thickness:
         raise click.UsageError("--thickness belongs to RAW; a manifest has a column of its own")
     first = Path(manifest or raw[0])
     output = output or f"{first.stem or 'records'}-processed"
-    settings = read_record_table(_table_file(table, first), overrides)
-    case = MeanCase.read(base, targets) if as_case else None
+    settings = read_record_table(_table_file(table, first), [text for text in overrides if text not in told])
+    if listed:
+        _list(raw, settings)
+        return
+    case = None if not as_case else MeanCase.read(base, targets) if manifest else FileCase.of(told)
     refuse_existing(output, overwrite)
     result = _processed(raw, manifest, thickness, settings)
     with progress("draw", total=len(result.records)) as step:
         write_process(result, output, figures, overwrite, case, Listener(_warn, step))
     click.echo(json_text(result.as_json()) if as_json else f"{result.summary()}\nwritten     {output}")
+    if as_case and not as_json:
+        click.echo(f"next        indentfit fit {output}/case.toml")
 
 
 def _table_file(table: str | None, first: Path) -> str | Path | None:
@@ -95,6 +112,15 @@ def _table_file(table: str | None, first: Path) -> str | Path | None:
         click.echo(f"reading as {beside} says", err=True)
         return beside
     return table
+
+
+def _list(raw: tuple[str, ...], settings: Record) -> None:
+    """Print what the files hold."""
+    from indentfit.experiment.contents import contents
+    from indentfit.report.contents import contents_lines
+
+    for file in raw:
+        click.echo("\n".join(contents_lines(file, contents(file, settings))))
 
 
 def _target(text: str) -> tuple[int, str]:

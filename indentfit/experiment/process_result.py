@@ -10,6 +10,7 @@ from typing import Any
 
 from indentfit.case import Record
 from indentfit.curve import Curve
+from indentfit.experiment.file_case import FileCase
 from indentfit.experiment.mean_case import MeanCase
 from indentfit.experiment.outcomes import Outcome, usable
 from indentfit.experiment.processed import ProcessedRecord
@@ -75,7 +76,9 @@ class ProcessResult:
 
         return process_figure(self, name)
 
-    def write(self, folder: str | Path, figures: bool = True, overwrite: bool = False, case: MeanCase | None = None) -> None:
+    def write(
+        self, folder: str | Path, figures: bool = True, overwrite: bool = False, case: MeanCase | FileCase | None = None
+    ) -> None:
         """Write the result folder.
 
         Parameters
@@ -86,8 +89,8 @@ class ProcessResult:
             Draw a figure of each record, and the page.
         overwrite : bool
             Replace an earlier result folder.
-        case : MeanCase
-            Write a case of the mean curves, too.
+        case : MeanCase or FileCase
+            Write a case of the mean curves, or of the records alone, too.
 
         Raises
         ------

@@ -18,7 +18,8 @@ from indentfit.experiment.formats.text import TextFormat
 from indentfit.experiment.formats.workbook import WorkbookFormat
 from indentfit.experiment.record import RawRecord
 
-FORMATS: tuple[Format, ...] = (WorkbookFormat(), AfmFormat(), TextFormat())  # the first that recognises a file reads it
+WORKBOOK = WorkbookFormat()
+FORMATS: tuple[Format, ...] = (WORKBOOK, AfmFormat(), TextFormat())  # the first that recognises a file reads it
 
 
 def read_record(path: str | Path, settings: Record | None = None) -> RawRecord:
@@ -71,7 +72,7 @@ def read_records(path: str | Path, settings: Record | None = None) -> list[RawRe
     try:
         return _read(path, settings)
     except RecordError:
-        if not WorkbookFormat().reads(path) or settings.sheet is not None or settings.sheets is not None:
+        if not WORKBOOK.reads(path) or settings.sheet is not None or settings.sheets is not None:
             raise
         return _sheets(path, settings)
 
@@ -88,6 +89,12 @@ def _sheets(path: Path, settings: Record) -> list[RawRecord]:
 
 def _read(path: Path, settings: Record) -> list[RawRecord]:
     """The records of a file as the settings say."""
+    tables, settings, preset = tables_of(path, settings)
+    return _named(_records(path, _chosen(path, tables, settings.block), settings), preset)
+
+
+def tables_of(path: Path, settings: Record) -> tuple[list[Table], Record, Preset | None]:
+    """The tables of a file, less those that a preset skips, the settings with those of the preset, and the preset."""
     try:
         tables = next(format for format in FORMATS if format.reads(path)).tables(path, settings)
     except OSError as error:
@@ -95,8 +102,7 @@ def _read(path: Path, settings: Record) -> list[RawRecord]:
     preset = preset_of(path, _start(tables), settings)
     if preset is not None:
         settings, tables = preset.applied(settings), _without_skipped(path, tables, preset, settings)
-    tables = _chosen(path, tables, settings.block)
-    return _named(_records(path, tables, settings), preset)
+    return tables, settings, preset
 
 
 def _start(tables: Sequence[Table]) -> str:

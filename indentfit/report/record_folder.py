@@ -7,6 +7,7 @@ from pathlib import Path
 
 from indentfit.curve import write_curve
 from indentfit.errors import OutputError
+from indentfit.experiment.file_case import FileCase
 from indentfit.experiment.mean_case import MeanCase
 from indentfit.experiment.process_result import ProcessResult
 from indentfit.report.folder import result_folder, write_json
@@ -30,7 +31,7 @@ def write_process(
     path: str | Path,
     figures: bool = True,
     overwrite: bool = False,
-    case: MeanCase | None = None,
+    case: MeanCase | FileCase | None = None,
     listener: Listener | None = None,
 ) -> None:
     """Write the result folder of `process`, whole or not at all: curves, tables, summary.json, figures and page.
@@ -44,8 +45,8 @@ def write_process(
         Draw a figure of each record, and the page.
     overwrite : bool
         Replace an earlier result folder.
-    case : MeanCase
-        Write a case of the mean curves, too.
+    case : MeanCase or FileCase
+        Write a case of the mean curves, or of the records alone, too.
     listener : Listener
 
     Raises
@@ -54,11 +55,15 @@ def write_process(
         The folder exists already or cannot be written, or a case is wanted of records whose direction is not known.
     """
     listener = listener or Listener()
-    if case and not result.means:
+    if isinstance(case, MeanCase) and not result.means:
         raise OutputError(f"{path}: no case can be made, because no record has a direction; give a manifest with directions")
     with result_folder(path, overwrite) as folder:
         _write_tables(folder, result)
-        if case:
+        if isinstance(case, FileCase):
+            from indentfit.report.file_case import write_file_case
+
+            write_file_case(folder, result, case)
+        elif case:
             from indentfit.report.record_case import write_case
 
             for warning in write_case(folder, result, case):

@@ -1,0 +1,129 @@
+"""A case made of records alone: what the files state, what the records show, and what only the experimenter knows."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from indentfit.errors import RecordError
+from indentfit.experiment.outcomes import Usable
+
+TABLES = ("sample", "indenter", "material", "mesh", "fit", "solver")
+MOST_TESTS = 12  # of a case: each is a curve of its own
+SIZES = {"disc": ("diameter", "thickness"), "block": ("length", "width", "thickness")}
+RANGE = 30.0  # the range of the modulus about that of the record, as a factor
+INCOMPRESSIBLE = 0.75  # E over E / (1 - nu^2) with nu = 0.5
+DIGITS = 3
+Tree = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class FileCase:
+    """The keys of a case that a file cannot know: table -> key -> value, as --set gives them."""
+
+    told: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, overrides: Sequence[str]) -> FileCase:
+        """The keys of overrides TABLE.KEY=VALUE, VALUE as TOML writes it, or text."""
+        told: dict[str, dict[str, Any]] = {}
+        for text in overrides:
+            key, _, value = text.partition("=")
+            table, _, name = key.strip().partition(".")
+            told.setdefault(table, {})[name] = _value(value.strip())
+        return cls(told)
+
+    def tree(self, good: Sequence[Usable], radius: float | None, curves: Mapping[str, str]) -> Tree:
+        """The tables of the case.
+
+        Parameters
+        ----------
+        good : sequence of Usable
+            The records.
+        radius : float or None, mm
+            Of the sphere, where the settings state it.
+        curves : mapping
+            Name of each usable record -> the file of its curve.
+
+        Returns
+        -------
+        dict
+
+        Raises
+        ------
+        RecordError
+            Keys that the file cannot know are missing, or there are too many records.
+        """
+        if len(good) > MOST_TESTS:
+            raise RecordError(
+                f"--case: {len(good)} records in one case are too many; choose some with record.block or record.segment"
+            )
+        tree: Tree = {
+            "title": f"from {good[0].name}" if len(good) == 1 else f"{len(good)} records, from {good[0].name} on",
+            "sample": dict(self.told.get("sample", {})),
+            "indenter": {**_indenter(radius, good), "friction": 0, **self.told.get("indenter", {})},
+        }
+        tree["sample"].setdefault("shape", "disc")
+        for key, value in _thickness(good):
+            tree["sample"].setdefault(key, value)
+        _require(tree)
+        material = {"model": "neo_hookean", "poisson_ratio": 0.499, **self.told.get("material", {})}
+        if "parameters" not in material and material["model"] == "neo_hookean":
+            material["parameters"] = {"young": _range(_modulus(good[0], tree["indenter"]))}
+        tree["material"] = material
+        tree["test"] = [{"name": _name(n, len(good)), "curve": curves[outcome.name]} for n, outcome in enumerate(good, start=1)]
+        return tree | {table: dict(self.told[table]) for table in ("mesh", "fit", "solver") if table in self.told}
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _indenter(radius: float | None, good: Sequence[Usable]) -> Tree:
+    """The indenter that the settings, or the files, state; empty where they state none."""
+    radius = radius or next((outcome.processed.record.stated.radius for outcome in good), None)
+    return {"shape": "sphere", "radius": float(f"{radius:.6g}")} if radius else {}
+
+
+def _thickness(good: Sequence[Usable]) -> Iterator[tuple[str, float]]:
+    for key in ("thickness", "diameter"):
+        value = getattr(good[0].entry, key)
+        if value:
+            yield key, value
+
+
+def _require(tree: Tree) -> None:
+    """Ask, in one line, for what the file cannot know."""
+    sample, indenter = tree["sample"], tree["indenter"]
+    wanted = [f"sample.{key}" for key in SIZES.get(sample["shape"], ("thickness",)) if key not in sample]
+    wanted += ["sample.base"] if "base" not in sample else []
+    examples = {"sample.base": "sample.base=bonded (or sliding)"}
+    if "shape" not in indenter:
+        wanted = [*wanted, "indenter.shape", "indenter.radius or diameter"]
+        examples |= {"indenter.shape": "indenter.shape=sphere (or cylinder)", "indenter.radius or diameter": "indenter.radius=0.5"}
+    if wanted:
+        shown = " ".join(f"--set {examples.get(key, f'{key}=5')}" for key in wanted)
+        raise RecordError(f"--case: the record cannot tell {', '.join(wanted)}: give {shown} (lengths in mm)")
+
+
+def _modulus(outcome: Usable, indenter: Tree) -> float:
+    """Young's modulus, kPa, at which the fit begins: by Hertz, or by the slope under a flat punch."""
+    record = outcome.processed
+    if record.hertz is not None:
+        return INCOMPRESSIBLE * record.hertz.modulus
+    width = indenter.get("diameter") or indenter.get("width") or 2 * indenter.get("radius", record.depth)
+    return INCOMPRESSIBLE * record.line.slope / float(width)
+
+
+def _range(modulus: float) -> Tree:
+    start, least, most = (float(f"{value:.{DIGITS}g}") for value in (modulus, modulus / RANGE, modulus * RANGE))
+    return {"start": start, "min": least, "max": most}
+
+
+def _name(number: int, count: int) -> str:
+    return "press" if count == 1 else f"press_{number}"

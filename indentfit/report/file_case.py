@@ -1,0 +1,38 @@
+"""The case of records alone, written beside their curves."""
+
+from pathlib import Path
+
+import tomli_w
+
+from indentfit.experiment.file_case import FileCase
+from indentfit.experiment.measured import read_case
+from indentfit.experiment.outcomes import usable
+from indentfit.experiment.process_result import ProcessResult
+from indentfit.report.records import curve_files
+
+HEAD = """\
+# Made by `indentfit process FILE --case`:
+#     indentfit fit case.toml
+# Lengths in mm, forces in mN, moduli in kPa. Friction is taken as none unless it is stated: "unknown" is allowed.
+"""
+
+
+def write_file_case(folder: Path, result: ProcessResult, case: FileCase) -> None:
+    """Write case.toml into a folder that holds the curves of the records.
+
+    Raises
+    ------
+    RecordError
+        Keys that the file cannot know are missing.
+    CaseError
+        A key that was given is wrong.
+    """
+    good = usable(result.outcomes)
+    tree = case.tree(good, result.settings.radius, curve_files(result))
+    taken = "".join(f"# {outcome.name}: {_taken(outcome.processed.record.taken)}\n" for outcome in good)
+    (folder / "case.toml").write_text(f"{HEAD}{taken}\n{tomli_w.dumps(tree)}", encoding="utf-8")
+    read_case(folder / "case.toml")
+
+
+def _taken(text: str) -> str:
+    return " ".join(text.split()) or "a record in memory"
