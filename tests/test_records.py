@@ -114,9 +114,12 @@ def test_a_workbook_holds_the_same_record(tmp_path):
         np.testing.assert_allclose(record.displacement, D, atol=1e-12)
         np.testing.assert_allclose(record.force, F, atol=1e-9)
         np.testing.assert_allclose(record.time, np.arange(N) / 500, atol=1e-12)
-    for wrong, text in (("run 3", "no such sheet; the workbook has Sheet, run 2"), (5, "2 sheets"), (None, "no row of numbers")):
+    for wrong, text in (("run 3", "no such sheet; the workbook has Sheet, run 2"), (5, "2 sheets"), (1, "no row of numbers")):
         with pytest.raises(RecordError, match=text):
             read_record(tmp_path / "record.xlsx", case.Record(sheet=wrong))
+    record = read_record(tmp_path / "record.xlsx")  # the first sheet is no record, the second is
+    np.testing.assert_allclose(record.displacement, D, atol=1e-12)
+    assert "every sheet was looked at" in record.notes[0]
     (tmp_path / "broken.xlsx").write_text("no workbook")
     with pytest.raises(RecordError, match=r"broken\.xlsx: not a workbook"):
         read_record(tmp_path / "broken.xlsx")

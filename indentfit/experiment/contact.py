@@ -81,7 +81,7 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
             *notes,
             f"the loading has a pause at {unit}: contact was sought before it",
         )
-        contact = replace(contact, baseline=contact.baseline + contact.drift * ramp.record.time[contact.index], drift=0.0)
+        contact = _frozen(ramp, contact)
     if approach.independent() < FEWEST_INDEPENDENT:
         notes = (
             *notes,
@@ -92,6 +92,13 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
         notes = (*notes, f"the force falls {pull:.3g} mN below the baseline at contact: the sample pulls the indenter (adhesion)")
         contact = replace(contact, uncertainty=max(contact.uncertainty, _pulled_over(ramp, contact)))
     return Located(contact, notes)
+
+
+def _frozen(ramp: Ramp, contact: ContactPoint) -> ContactPoint:
+    """A contact point whose force without contact stays what it is at contact: a drift is not known through a long hold."""
+    here = slice(contact.index, contact.index + 1)
+    baseline = float(contact.free(ramp.record.time[here], ramp.displacement[here])[0])
+    return replace(contact, baseline=baseline, drift=0.0, form="constant", scale=0.0, amplitudes=())
 
 
 def _without_approach(ramp: Ramp, settings: Record) -> Located:
