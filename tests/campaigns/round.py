@@ -8,6 +8,10 @@ The cases come from a Sobol sequence with a fixed seed: the shape in turn, radiu
 at the default settings, by the public API, and ends as a line of JSON in the output with its processor time, and where it failed
 with the cause and the part of the curve before it. The campaign goes on where it was stopped. The summary counts cases that reached
 their full depth, those up to 40 % and those beyond apart; exit code 1 when fewer than 99 % and 95 % did, or one took over 120 s.
+
+Measured at commit 2aaa391: to 40 % 223 of 224 solved (5 at a later try), median 0.7 s and largest 42.6 s of processor time; to 50 %
+75 of 76 (5 at a later try), median 1.0 s and largest 65.3 s. The two that end early, at 98 % and 93 % of their depth, are spheres
+2.5 and 4.2 of their radii deep.
 """
 
 import argparse
