@@ -104,6 +104,9 @@ def test_a_law_is_preferred_only_where_its_evidence_is_clearly_above_the_next():
     close = choose({"a": Weighed(-10, -10), "b": Weighed(-12.5, -12), "c": Weighed(-30, -30)})
     assert close.preferred is None and close.rivals == ("a", "b")
     assert "cannot tell a and b apart" in close.sentence and "mesh" not in close.sentence
+    assert (
+        "the simplest of them is b" in choose({"a": Weighed(-10, -10, parameters=3), "b": Weighed(-12, -12, parameters=1)}).sentence
+    )
     by_mesh = choose({"a": Weighed(-10, -20), "b": Weighed(-10.5, -12)})
     assert (
         by_mesh.preferred is None and "the error of the mesh could explain" in by_mesh.sentence and "b by 8.0" in by_mesh.sentence

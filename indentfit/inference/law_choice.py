@@ -23,12 +23,15 @@ class Weighed:
         Largest RMSE of a test over the test's largest force.
     systematic : bool
         Whether residuals of a test are systematic.
+    parameters : int
+        Number of free parameters.
     """
 
     log_evidence: float
     without_mesh: float
     misfit: float = 0.0
     systematic: bool = False
+    parameters: int = 0
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,9 @@ def _undecided(laws: Mapping[str, Weighed], close: Sequence[str]) -> str:
     gap = laws[close[0]].log_evidence - laws[close[1]].log_evidence
     words = f"the curves cannot tell {_and(close)} apart: "
     words += f"the log evidences of the best two differ by {gap:.1f}, less than {THRESHOLD:g}"
+    fewest = [name for name in close if laws[name].parameters == min(laws[other].parameters for other in close)]
+    if len(fewest) == 1:
+        words += f"; the simplest of them is {fewest[0]}"
     exact = sorted(close, key=lambda name: -laws[name].without_mesh)
     gain = laws[exact[0]].without_mesh - laws[exact[1]].without_mesh
     if gain >= THRESHOLD:

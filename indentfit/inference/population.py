@@ -19,7 +19,7 @@ from indentfit.arrays import Array
 from indentfit.inference.plain import Interval
 
 WIDEST = 3.0  # largest standard deviation of a logarithm between samples
-DRAWS, ROUNDS, ENOUGH = 2000, 12, 800  # of the means and spreads: draws of a round, rounds, effective draws after which they end
+DRAWS, ROUNDS, ENOUGH = 2000, 12, 400  # of the means and spreads: draws of a round, rounds, effective draws after which they end
 HEAVY = 5.0  # degrees of freedom of the tails of the draws
 OF_SAMPLE = 1000  # draws of each sample's parameters
 SHOWN = 200  # draws of means and spreads under which each sample is estimated again

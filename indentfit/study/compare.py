@@ -315,7 +315,9 @@ def choice_of(laws: Sequence[LawFit]) -> Choice:
     """The choice among laws by their evidences."""
     return choose(
         {
-            law.law: Weighed(law.log_evidence, law.without_mesh, max(law.misfit.values(), default=0.0), law.systematic)
+            law.law: Weighed(
+                law.log_evidence, law.without_mesh, max(law.misfit.values(), default=0.0), law.systematic, len(law.parameters)
+            )
             for law in laws
             if law.log_evidence is not None and law.without_mesh is not None
         }
