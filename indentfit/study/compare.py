@@ -392,6 +392,7 @@ def _parameters(fitted: FitWithRuns, curves: LawCurves, known: Evidence) -> dict
     for n, name in enumerate(curves.names):
         bounds = fitted.problem.free[name]
         low, high = known.quantiles(values[:, n], (0.025, 0.975)).tolist()
+        low, high = min(low, float(best[n])), max(high, float(best[n]))  # a density that is highest near a bound is one-sided
         bound = "lower" if known.best[n] < AT_BOUND else "upper" if known.best[n] > 1 - AT_BOUND else None
         rows[name] = LawParameter(float(best[n]), units.get(name, "1"), (low, high), bounds.min, bounds.max, bound)
     return rows

@@ -7,7 +7,8 @@ in two directions; five laws are listed (Mooney-Rivlin too). Each law's surrogat
 eight-node bricks; curves, fits and evidences then need no run. Right is the simplest listed law that contains the truth, which
 is the law that made the curves. `--mesh` is the error of the forces by the mesh that the evidences count with.
 
-MEASURED
+Seen with --draws 10 (five laws, k2 up to 30): of 40 data sets 52.5 % right, 47.5 % abstaining, none wrong; neo-Hookean 0 right of
+10, since Mooney-Rivlin and Ogden do as well, Ogden 5, the paper's law 9, Holzapfel 7; 238 s of CPU.
 """
 
 import argparse
