@@ -1,5 +1,9 @@
 """Files of instruments: what is recognised without a table, and records that begin in contact, in stages or on a cantilever."""
 
+import sys
+import time
+from types import ModuleType
+
 import numpy as np
 import pytest
 
@@ -50,6 +54,15 @@ VENDORS = {  # lines above the numbers, columns, separator
 }
 
 
+PRESETS = {name: name for name in VENDORS} | {
+    "Zwick testXpert": "Zwick testXpert",
+    "Mach-1": "Biomomentum Mach-1",
+    "TA.XT": "Stable Micro Systems TA.XT",
+    "NanoSuite": "Agilent/KLA NanoSuite",
+}
+PRESETS = {vendor: name for vendor, name in PRESETS.items() if vendor not in ("Shimadzu", "French tester")}
+
+
 @pytest.mark.parametrize("vendor", VENDORS)
 def test_the_layout_of_a_vendor_is_read_without_a_table(vendor, tmp_path):
     header, columns, separator = VENDORS[vendor]
@@ -58,6 +71,7 @@ def test_the_layout_of_a_vendor_is_read_without_a_table(vendor, tmp_path):
     np.testing.assert_allclose(np.ptp(record.displacement), 0.2, rtol=1e-6)
     np.testing.assert_allclose(record.force, F, atol=2e-6)
     assert "force" in record.taken and record.notes == ()
+    assert vendor not in PRESETS or record.taken.startswith(f"{PRESETS[vendor]}: time ")
 
 
 def test_the_travel_of_a_piezo_less_the_cantilever_is_the_indentation(tmp_path):
@@ -147,3 +161,78 @@ def test_a_stated_contact_zero_and_limit_are_kept_to():
     done = process_record(hertz(0.002), settings=settings)
     assert done.contact.displacement == -0.002 and done.contact.method == "stated"
     assert done.depth == pytest.approx(0.008, abs=1e-4)
+
+
+# Atomic force microscopes: a stub stands for afmformats
+
+
+class StubCurve(dict):
+    """What afmformats gives of a curve: columns and metadata."""
+
+    def __init__(self, columns, metadata):
+        super().__init__(columns)
+        self.columns, self.metadata = list(columns), metadata
+
+
+def force_curve(rng, count=2000, stiffness=0.05, timed=True):
+    """A sphere of 5 um on a gel, on a cantilever of 0.05 N/m: a height that falls, approach and retract; with contact, m."""
+    travel = np.concatenate([np.linspace(0, 6e-6, count // 2), np.linspace(6e-6, 0, count // 2)])
+    contact = rng.uniform(3e-6, 4e-6)
+    depth = np.maximum(travel - contact, 0) * 0.9
+    force = 4 / 3 * 1000 * np.sqrt(5e-6) * depth**1.5
+    height = 50e-6 - np.where(travel > contact, contact + depth + force / stiffness, travel)
+    force = force + 2e-11 * rng.standard_normal(count)
+    columns = {"force": force, "height (measured)": height, "segment": np.arange(count) >= count // 2}
+    if timed:
+        columns["time"] = np.arange(count) / 1000
+    return StubCurve(columns, {"spring constant": stiffness}), 50e-6 - contact
+
+
+@pytest.fixture
+def afmformats(monkeypatch):
+    stub = ModuleType("afmformats")
+    monkeypatch.setitem(sys.modules, "afmformats", stub)
+    return stub
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_the_height_of_an_afm_less_the_cantilever_is_the_indentation(afmformats, tmp_path, timed):
+    curve, contact = force_curve(np.random.default_rng(0), timed=timed)
+    afmformats.load_data = lambda path, **told: [curve]
+    (tmp_path / "r.jpk-force").write_bytes(b"binary")
+    (outcome,) = process(tmp_path / "r.jpk-force", settings=Record(indenter="sphere", radius=0.005)).outcomes
+    done = outcome.processed
+    assert abs(-done.contact.displacement - 1e3 * contact) <= done.contact.uncertainty < 1e-4
+    assert done.hertz.modulus == pytest.approx(1.0, rel=0.02)  # kPa
+    assert "minus force / 0.05 mN/mm" in done.record.taken and done.record.stated.stiffness == 0.05
+
+
+def test_what_afmformats_cannot_read_is_one_line(afmformats, tmp_path):
+    class MissingMetaDataError(BaseException):
+        """As in afmformats: no Exception."""
+
+    def load_data(path, **told):
+        raise MissingMetaDataError("Missing meta data: 'spring constant'")
+
+    afmformats.load_data = load_data
+    (tmp_path / "r.jpk-force").write_bytes(b"binary")
+    with pytest.raises(RecordError, match=r"^\S+r\.jpk-force: afmformats cannot read it .*; give record\.stiffness") as caught:
+        read_record(tmp_path / "r.jpk-force")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_force_map_of_686_curves_takes_less_than_a_minute(afmformats, tmp_path):
+    """30 of them are processed, and the time is scaled: at most 60 s of CPU for 686."""
+    rng = np.random.default_rng(1)
+    curves, contacts = zip(*[force_curve(rng) for _ in range(30)], strict=True)
+    afmformats.load_data = lambda path, **told: list(curves)
+    (tmp_path / "r.jpk-force-map").write_bytes(b"binary")
+    started = time.process_time()
+    outcomes = process(tmp_path / "r.jpk-force-map", settings=Record(indenter="sphere", radius=0.005)).outcomes
+    assert (time.process_time() - started) / len(curves) * 686 < 60
+    done = [outcome.processed for outcome in outcomes]
+    held = [
+        abs(-one.contact.displacement - 1e3 * contact) <= one.contact.uncertainty
+        for one, contact in zip(done, contacts, strict=True)
+    ]
+    assert np.mean(held) > 0.8 and outcomes[1].name.endswith("curve 2")

@@ -61,7 +61,8 @@ def peak_of(ramp: Ramp, start: int, force: Array) -> Peak:
         return Peak(float(force[start:stop].max()), rough)
     while length < longest / CLEARLY_SHORTER:
         shorter = filtered(force[:stop], length)
-        scatter = float(np.std((shorter - smooth)[ramp.low : ramp.high]))
+        # both filters let a part of the same noise pass
+        scatter = float(np.std((shorter - smooth)[ramp.low : ramp.high]) / np.sqrt(1 - length / longest))
         if scatter < STEADY * smooth[start:].max():
             return Peak(float(shorter[start:].max()), scatter)
         length *= 1.6

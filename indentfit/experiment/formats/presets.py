@@ -4,6 +4,7 @@ A preset is a TOML file:
 
     name = "Biomomentum Mach-1"
     match = ["<Mach-1"]             # texts that the beginning of the instrument's files holds, all of them
+    any = ["<DATA>", "<divider>"]   # texts of which it holds at least one
     skip = ["Find Contact"]         # names of tables that are no records of a sample
     [record]                        # keys of the table [record], used where the case does not set them
     displacement = { column = "Position (z)" }
@@ -28,7 +29,7 @@ from indentfit.errors import CaseError, RecordError
 GROUP = "indentfit.formats"
 ENDING = ".preset.toml"
 OWN = Path(__file__).parent / "presets"
-KEYS = {"name", "match", "skip", "record"}
+KEYS = {"name", "match", "any", "skip", "record"}
 LOOKED_AT = 6000  # letters of a file in which the texts of `match` are searched for
 
 
@@ -41,6 +42,8 @@ class Preset:
     name : str
     match : tuple of str
         Texts that the beginning of a file holds, all of them, whatever their capitals.
+    any : tuple of str
+        Texts of which it holds at least one.
     skip : tuple of str
         Names of tables that are no records.
     record : Record
@@ -49,12 +52,16 @@ class Preset:
 
     name: str
     match: tuple[str, ...]
+    any: tuple[str, ...]
     skip: tuple[str, ...]
     record: Record
 
     def recognises(self, start: str) -> bool:
         """Whether the beginning of a file is of this instrument."""
-        return bool(self.match) and all(text.casefold() in start.casefold() for text in self.match)
+        begin = start.casefold()
+        every = all(text.casefold() in begin for text in self.match)
+        some = not self.any or any(text.casefold() in begin for text in self.any)
+        return bool(self.match or self.any) and every and some
 
     def applied(self, settings: Record) -> Record:
         """The settings, with the preset's keys where the settings have none."""
@@ -112,10 +119,10 @@ def read_preset(path: Path) -> Preset:
         wrong = sorted(set(tree) - KEYS)
         if wrong or not isinstance(tree.get("name"), str):
             raise ValueError(f"unknown key {wrong[0]}" if wrong else "no name")
-        return Preset(tree["name"], _texts(tree, "match"), _texts(tree, "skip"), Record(**_table(tree)))
+        return Preset(tree["name"], _texts(tree, "match"), _texts(tree, "any"), _texts(tree, "skip"), Record(**_table(tree)))
     except (OSError, ValueError, CaseError) as error:
         reason = " ".join((getattr(error, "strerror", None) or str(error)).split())
-        raise RecordError(f"{path}: no preset ({reason}); it needs name, match, and a table [record]") from None
+        raise RecordError(f"{path}: no preset ({reason}); it needs name, match or any, and a table [record]") from None
 
 
 def _texts(tree: dict[str, Any], key: str) -> tuple[str, ...]:
