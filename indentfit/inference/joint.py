@@ -372,9 +372,13 @@ def prediction_errors(fit: JointFit, points: Sequence[dict[str, float]], ran: Se
     return np.array(rows).reshape(len(rows), fit.error.correction.size)
 
 
-def held_out(error: ModelError, errors: Array) -> ModelError:
-    """The errors of the model, with the surrogate's from predictions that were compared with runs, a row (N,) for each."""
-    return replace(error, surrogate=errors.T @ errors / len(errors)) if len(errors) else error
+def held_out(error: ModelError, errors: Array, earlier: int = 0) -> ModelError:
+    """The errors of the model, with the surrogate's from predictions that were compared with runs, a row (N,) for each; those known
+    so far count as `earlier` rows."""
+    if not len(errors):
+        return error
+    before = 0.0 if error.surrogate is None else earlier * error.surrogate
+    return replace(error, surrogate=(before + errors.T @ errors) / (earlier * (error.surrogate is not None) + len(errors)))
 
 
 def without_surrogate(fit: JointFit) -> Posterior:

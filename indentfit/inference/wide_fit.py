@@ -4,7 +4,7 @@ Inputs with a prior are coordinates (`joint`). The base has two values: each is 
 a parameter is that of the mixture, and may be in pieces.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,6 +37,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, uncertain_inputs, widened_problem
+from indentfit.runs.forward import Evaluation
 
 REMAINS = 0.5  # standard deviation of what a correction for the mesh leaves, over the correction
 SMOOTHLY = 0.5  # of the depth: length over which what remains of the mesh's error keeps its sign
@@ -135,20 +136,26 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     inputs = uncertain_inputs(case)
     size = sum(test.curve.force.size for test in problem.tests)
     stated = _alternatives(case)
-    parts = [progress.part(n / len(stated), (n + 1) / len(stated)) for n in range(len(stated))]
+    parts = [progress.part(0.8 * n / len(stated), 0.8 * (n + 1) / len(stated)) for n in range(len(stated))]
     found: list[WideAlternative] = []
     mesh, elements = ModelError.none(size), None
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
-        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part.part(0, 0.8))
+        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part)
         if fit is None:
             continue
         if elements is None and case.fit.uncertain.mesh:
             mesh, elements = mesh_error(case, fit, model)
             fit = _again(fit, replace(mesh, surrogate=fit.error.surrogate), case.fit.seed)
-        fit, confirmed = _ends_proved(fit, model, case.fit.seed, part.part(0.8, 1))
-        found.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), confirmed=confirmed))
-    return _weighed(problem, found, mesh, elements) if found else None
+        found.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
+    if not found:
+        return None
+    weighed = _weighed(found)
+    ends = _telling_ends(weighed)
+    shares = [progress.part(0.8 + 0.2 * n / len(weighed), 0.8 + 0.2 * (n + 1) / len(weighed)) for n in range(len(weighed))]
+    pairs = zip(weighed, ends, shares, strict=True)
+    proved = [_ends_proved(known, wanted, model, case.fit.seed, share) for known, wanted, share in pairs]
+    return WideFit(problem, tuple(_weighed(proved)), mesh, elements)
 
 
 def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
@@ -159,11 +166,23 @@ def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
     return [own, (f"base = {other}", {"sample.base": other}, odds)] if odds else [own]
 
 
-def _weighed(problem: InverseProblem, found: list[WideAlternative], mesh: ModelError, elements: int | None) -> WideFit:
+def _weighed(found: Sequence[WideAlternative]) -> list[WideAlternative]:
     """The alternatives with their probabilities, the most probable first."""
     shares = mixture.probabilities([known.prior for known in found], [known.fit.log_evidence() for known in found])
     weighed = [replace(known, probability=float(share)) for known, share in zip(found, shares, strict=True)]
-    return WideFit(problem, tuple(sorted(weighed, key=_improbable)), mesh, elements)
+    return sorted(weighed, key=_improbable)
+
+
+def _telling_ends(weighed: Sequence[WideAlternative]) -> list[list[tuple[int, Array]]]:
+    """Coordinates and places of those ends of profiles, for each alternative, that are ends of the mixture's intervals: the
+    outermost ends of the alternatives that are not improbable. Runs at the other ends would tell the result little."""
+    counted = [n for n, known in enumerate(weighed) if known.probability > 1 - mixture.CERTAIN]
+    ends: list[list[tuple[int, Array]]] = [[] for _ in weighed]
+    for k in weighed[0].paths:
+        for side, outermost in ((0, min), (1, max)):
+            n = outermost(counted, key=[known.paths[k].interval[side] for known in weighed].__getitem__)
+            ends[n].append((k, weighed[n].paths[k].ends()[side]))
+    return ends
 
 
 def _improbable(alternative: WideAlternative) -> float:
@@ -205,28 +224,34 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
 
 
 def _ends_proved(
-    fit: JointFit, model: Watched, seed: int, progress: Progress
-) -> tuple[JointFit, dict[int, tuple[ConfirmedPoint, ...]]]:
-    """The fit on a surrogate that has learnt runs at the ends of the profiles, and what these runs say of the first profiles."""
-    curves = fit.posterior.curves
-    paths = joint_profiles(fit)
-    ends = [(n, z) for n, path in paths.items() for z in path.ends()]
+    known: WideAlternative, ends: Sequence[tuple[int, Array]], model: Watched, seed: int, progress: Progress
+) -> WideAlternative:
+    """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles."""
+    fit = known.fit
+    curves, paths = fit.posterior.curves, known.paths
     points = [curves.point(z) for _, z in ends]
-    ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles"))
+    ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles")) if ends else []
     confirmed: dict[int, tuple[ConfirmedPoint, ...]] = {n: () for n in paths}
-    climber = Climber(fit.posterior)
-    for (n, z), point, run in zip(ends, points, ran, strict=True):
-        name = curves.free[n]
-        if run.forces is None:
-            row = ConfirmedPoint(point[name], None, None, run.cause, point)
-        else:
-            residuals = climber.residuals(z)[0]
-            predicted = float(residuals @ residuals)
-            off = prediction_errors(fit, [point], [run])[0] * curves.measured()
-            residuals[: climber.rows.size] -= climber.W @ off[climber.rows]
-            chi2 = max(float(residuals @ residuals) - fit.mode.chi2, 0.0)
-            row = ConfirmedPoint(point[name], chi2, max(predicted - fit.mode.chi2, 0.0), None, point)
-        confirmed[n] = (*confirmed[n], row)
+    for (n, z), run in zip(ends, ran, strict=True):
+        confirmed[n] = (*confirmed[n], _confirmed(fit, n, z, run))
+    if not ends:
+        return known
     surrogate = learn(curves.problem, model.known) or fit.surrogate
-    error = held_out(fit.error, prediction_errors(fit, points, ran))
-    return _again(replace(fit, surrogate=surrogate), error, seed), confirmed
+    error = held_out(fit.error, prediction_errors(fit, points, ran), earlier=len(fit.proofs))
+    last = _again(replace(fit, surrogate=surrogate), error, seed)
+    return replace(known, fit=last, paths=joint_profiles(last), confirmed=confirmed)
+
+
+def _confirmed(fit: JointFit, n: int, z: Array, run: Evaluation) -> ConfirmedPoint:
+    """What a run at a place of the profile of free parameter n says of the chi2 there."""
+    curves, climber = fit.posterior.curves, Climber(fit.posterior)
+    point = curves.point(z)
+    value = point[curves.free[n]]
+    if run.forces is None:
+        return ConfirmedPoint(value, None, None, run.cause, point)
+    residuals = climber.residuals(z)[0]
+    predicted = float(residuals @ residuals)
+    off = prediction_errors(fit, [point], [run])[0] * curves.measured()
+    residuals[: climber.rows.size] -= climber.W @ off[climber.rows]
+    chi2 = max(float(residuals @ residuals) - fit.mode.chi2, 0.0)
+    return ConfirmedPoint(value, chi2, max(predicted - fit.mode.chi2, 0.0), None, point)

@@ -1,0 +1,123 @@
+"""Campaign of a rig that is not known exactly: do the intervals hold the truth, and is nothing that is wrong called determined?
+
+    python tests/campaigns/rig_unknown.py FOLDER [--only bonded,late] [--base] [--references DIR] [--noise 0.01] [--seed 1]
+
+Each row of the table has a truth that the case does not know: a bonded base, a bar without friction or with little of it, a soft
+bulk, a contact point that was found 0.01 mm late, and a sample without fibres, which ordinary fits got wrong by the mesh alone.
+The curves are those of at least 1,000 quadratic bricks (kept in FOLDER), or of NGSolve where --references names the folder of its
+curves, with white noise. Every row is fitted by the command line, on the default mesh, with the same stated uncertainty: friction
+uniform between 0 and 1, bulk over shear modulus uniform in the logarithm between 20 and 5000, contact offset 0 +- 0.01 mm, and with
+--base an unknown base. The rows share their first runs (--reuse). A line of each row states the intervals, whether the truth is
+inside, and the sets of parameters that were run; exit code 1 where a truth is outside.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from indentfit.curve import Curve, write_curve
+from indentfit.experiment.measured import read_case
+from indentfit.runs.forward import simulate
+
+CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
+TESTS = ("parallel", "perpendicular")
+BRICKS = 1200  # asked for; the nearest mesh has 1,377
+DEEPEST, POINTS = 0.34, 17  # of the simulated curves
+DEPTH = np.round(np.linspace(0.33 / 12, 0.33, 12), 6)
+OPTIMUM = {"mu": 1.49, "zeta": 4.68, "phi": 0.68}
+UNCERTAIN = ("friction={uniform=[0,1]}", "bulk_ratio={log_uniform=[20,5000]}", "offset=0.01")
+ROWS = {  # truth, changes of the case that made the curve, delay of the contact point in mm, curves of NGSolve
+    "bonded": (OPTIMUM, ["sample.base=bonded"], 0.0, None),
+    "frictionless": ({**OPTIMUM, "zeta": 7.4}, ["indenter.friction=0"], 0.0, None),
+    "friction 0.2": (OPTIMUM, ["indenter.friction=0.2"], 0.0, None),
+    "kappa 20": (OPTIMUM, ["material.bulk_ratio=20"], 0.0, None),
+    "late": (OPTIMUM, [], 0.01, ("opt_0deg_f0.5", "opt_90deg_f0.5")),
+    "isotropic": ({"mu": 1.0, "zeta": 0.0, "phi": 0.0}, [], 0.0, ("iso_mu1_f0.5", "iso_mu1_f0.5")),
+    "frictionless NGSolve": (OPTIMUM, ["indenter.friction=0"], 0.0, ("opt_0deg_frictionless", "opt_90deg_frictionless")),
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", default=",".join(ROWS))
+    parser.add_argument("--base", action="store_true", help="the base is unknown too")
+    parser.add_argument("--references", type=Path)
+    parser.add_argument("--noise", type=float, default=0.01)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--set", nargs="*", default=[], help="of the case that is fitted")
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    good, shared = True, None
+    for name in asked.only.split(","):
+        result, shared = fitted(name, asked, shared)
+        good &= told(name, result)
+    return 0 if good else 1
+
+
+def fitted(name: str, asked: argparse.Namespace, shared: Path | None) -> tuple[dict, Path]:
+    """The result of a row by the command line, and its folder."""
+    noise = np.random.default_rng(asked.seed)
+    output = asked.folder / f"{name.replace(' ', '_')}{'_base' if asked.base else ''}_{asked.noise:g}_{asked.seed}"
+    if not (output / "result.json").exists():
+        sets = [*asked.set, *(f"fit.uncertain.{stated}" for stated in UNCERTAIN)]
+        sets += ["sample.base=unknown"] if asked.base else []
+        for test, force in zip(TESTS, curves(name, asked), strict=True):
+            path = asked.folder / f"{output.name}_{test}.csv"
+            write_curve(path, Curve(DEPTH, force + asked.noise * force.max() * noise.standard_normal(force.size)))
+            sets.append(f"test.{test}.curve={path.resolve()}")
+        command = [sys.executable, "-m", "indentfit", "fit", str(CASE), "-o", str(output), "--no-fields", "--workers", "1"]
+        command += [word for key in sets for word in ("--set", key)]
+        command += ["--reuse", str(shared)] if shared else []
+        with (asked.folder / f"{output.name}.log").open("w") as log:
+            subprocess.run(command, stdout=log, stderr=log, check=False)
+    return json.loads((output / "result.json").read_text()), output
+
+
+def curves(name: str, asked: argparse.Namespace) -> list[np.ndarray]:
+    """The true forces of a row at DEPTH."""
+    truth, changes, late, references = ROWS[name]
+    if references and asked.references:
+        known = [json.loads((asked.references / f"{file}.json").read_text()) for file in references]
+        curve = [(file["displacement_mm"], file["force_mN"]) for file in known]
+    else:
+        curve = simulated(truth, changes, asked.folder / f"curve_{name.replace(' ', '_')}.json")
+    return [CubicSpline(*pair)(DEPTH + late) for pair in curve]
+
+
+def simulated(truth: dict[str, float], changes: list[str], path: Path) -> list:
+    """Displacements and forces of both tests on BRICKS quadratic bricks."""
+    if not path.exists():
+        sizes = [f"test.{test}.{key}" for test in TESTS for key in (f"depth={DEEPEST}", f"points={POINTS}")]
+        parameters = ", ".join(f"{key} = {value}" for key, value in truth.items())
+        case = read_case(CASE, [*changes, *sizes, f"mesh.elements={BRICKS}", f"material.parameters={{ {parameters} }}"])
+        started = time.process_time()
+        made = simulate(case)
+        pairs = [([0.0, *test.displacement.tolist()], [0.0, *test.force.tolist()]) for test in made.tests]
+        path.write_text(json.dumps(pairs))
+        print(f"curves of {path.stem}: {made.mesh.elements} bricks, {time.process_time() - started:.0f} s of CPU", flush=True)
+    return json.loads(path.read_text())
+
+
+def told(name: str, result: dict) -> bool:
+    """Print a row; whether every truth is inside, and whether what is called determined is right."""
+    truth, good, said = ROWS[name][0], True, []
+    for key, value in truth.items():
+        known = result["parameters"][key]
+        pieces = known.get("pieces") or [known["interval"]]
+        inside = any(low <= value <= high for low, high in pieces)
+        good &= inside
+        spans = " and ".join(f"{low:.3g} to {high:.3g}" for low, high in pieces)
+        said.append(f"{key} {value:g} {'in' if inside else 'NOT IN'} {spans} ({known['verdict'].split(':')[0].split(';')[0]})")
+    print(f"{name}: {'; '.join(said)}; {result['nfev']} sets", flush=True)
+    return good
+
+
+if __name__ == "__main__":
+    sys.exit(main())
