@@ -3,7 +3,7 @@
 The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT` (or `Displacement (mm)`, `Load (gf)`),
 in any order; other columns are ignored, and named in the curve's notes where they hold a retraction or standard deviations. Columns
 are separated by commas or tabs, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and
-empty lines are skipped. The force is that of the full sample, positive in compression; displacements are positive into the sample
+empty lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The force is that of the full sample, positive in compression; displacements are positive into the sample
 and rise from line to line.
 """
 
@@ -26,6 +26,7 @@ MIN_POINTS = 5
 UNITS = {"displacement": "mm", "force": "mN"}
 QUANTITIES = dict.fromkeys(("displacement", "indentation", "depth"), "displacement") | dict.fromkeys(("force", "load"), "force")
 HEADER = re.compile(rf"(?P<name>{'|'.join(QUANTITIES)})[_\s]*(?P<rest>[_(\[\s].*)", re.IGNORECASE)
+CONTACT = re.compile(r"^# contact point \+- (?P<sd>\d[\d.]*(?:e-?\d+)?) mm \(standard deviation\)\s*$", re.MULTILINE)
 LEFT_OUT = {  # words in a header after the quantity
     "retraction": {"retract", "retraction", "unload", "unloading", "return"},
     "deviation": {"sd", "std", "stdev", "se", "sem", "err", "error", "uncertainty"},
@@ -49,6 +50,8 @@ class Curve:
         Force on the full sample, positive in compression.
     notes : tuple of str
         What a reader should know of the file: columns that were left out.
+    contact : float or None, mm
+        Standard deviation of the contact point, where the record of the curve tells it.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Curve:
     displacement: Array
     force: Array
     notes: tuple[str, ...] = ()
+    contact: float | None = None
 
     def __post_init__(self) -> None:
         for name in UNITS:
@@ -97,7 +101,8 @@ def read_curve(path: str | Path) -> Curve:
         with the file, the line number, the value and the remedy.
     """
     path = Path(path)
-    lines = list(_lines(path))
+    text = _text(path)
+    lines = list(_lines(text))
     if not lines:
         raise CurveError(f"{path}: the file is empty; it needs a header displacement_mm,force_mN and numbers below")
     number, header = lines.pop(0)
@@ -107,7 +112,9 @@ def read_curve(path: str | Path) -> Curve:
     points = [_point(f"{path}: line {number}", _cells(line, separator), width, columns, separator) for number, line in lines]
     _require_loading(path, [number for number, _ in lines], points)
     displacement, force = np.array(points).T
-    return Curve(np.maximum(displacement, 0.0), force, tuple(_notes(cells)))
+    stated = CONTACT.search(text)
+    contact = float(stated["sd"]) if stated else None
+    return Curve(np.maximum(displacement, 0.0), force, tuple(_notes(cells)), contact or None)
 
 
 def require_loading(curve: Curve) -> None:
@@ -145,15 +152,16 @@ def write_curve(path: str | Path, curve: Curve) -> None:
         The file cannot be written.
     """
     rows = [f"{d!r},{f!r}\n" for d, f in zip(curve.displacement.tolist(), curve.force.tolist(), strict=True)]
+    rows += [f"# contact point +- {float(curve.contact)!r} mm (standard deviation)\n"] if curve.contact else []
     try:
         Path(path).write_text("displacement_mm,force_mN\n" + "".join(rows), encoding="utf-8", newline="\n")
     except OSError as error:
         raise CurveError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Number and text of each line that is neither empty nor a comment."""
-    for number, line in enumerate(io.StringIO(_text(path), newline=None), start=1):
+    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, line.rstrip("\n")
 

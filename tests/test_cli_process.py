@@ -18,11 +18,14 @@ from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.errors import CaseError, OutputError
 from indentfit.experiment.measured import read_case
+from indentfit.experiment.processed import process_record
+from indentfit.experiment.reading import read_record
 from indentfit.experiment.rig import Rig, SensorNoise
 from indentfit.experiment.specimens import read_specimens
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.per_sample import PerSample, SampleFit, sample_cases
+from indentfit.inverse.wide import uncertain_inputs, with_offset_of_records
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
 RECORD = CASE / "records" / "S1_parallel.csv"
@@ -214,6 +217,24 @@ def test_the_hash_of_a_case_is_that_of_its_curves_wherever_they_come_from(tmp_pa
     keys = [f'test.{test.name}.curve={json.dumps(str(tmp_path / test.name))[:-1]}.csv"' for test in named.tests]
     assert read_case(CASE / "case.toml", keys).hash == named.hash
     assert read_case(CASE / "case.toml", ["record.force.gain=25"]).hash != named.hash
+
+
+def test_the_error_of_a_contact_point_goes_from_the_record_into_the_fit(tmp_path):
+    """Half of the 95 % interval over 1.96, through the curve's file too; what the case says of the offset goes before it."""
+    named = read_case(CASE / "case.toml")
+    stated = (
+        process_record(read_record(CASE / named.tests[0].record, named.record), settings=named.record).contact.uncertainty / 1.96
+    )
+    assert 0 < stated < 0.05
+    write_curve(tmp_path / "curve.csv", named.curves[0])
+    assert read_curve(tmp_path / "curve.csv").contact == named.curves[0].contact == pytest.approx(stated)
+    inputs = uncertain_inputs(named)
+    assert [(known.name, known.test) for known in inputs] == [("offset", 0), ("offset", 1)]
+    assert inputs[0].prior.numbers == pytest.approx((0, stated))
+    own = read_case(CASE / "case.toml", ["fit.uncertain.offset=0.02"])
+    assert [known.prior.numbers for known in uncertain_inputs(own)] == [(0, 0.02), (0, 0.02)]
+    assert with_offset_of_records(own) is own
+    assert with_offset_of_records(named).fit.uncertain.offset == max(curve.contact for curve in named.curves)
 
 
 def test_errors_of_records_are_errors_of_the_case():

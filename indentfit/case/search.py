@@ -128,6 +128,11 @@ class Fit(Section):
     )
     tolerance: Share = Field(default=1e-6, description="relative change of the objective below which the search ends")
     profiles: bool = Field(default=True, description="whether profile likelihoods are computed, where the search had a surrogate")
+    posterior: bool = Field(
+        default=False,
+        description="whether samples of the posterior are drawn on the surrogate (posterior.nc for ArviZ, and a figure); needs "
+        "indentfit[posterior]",
+    )
     what_if: bool = Field(
         default=False,
         description="whether one more set of runs for each input that the case gives as exact (friction, base, bulk ratio, "

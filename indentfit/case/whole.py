@@ -221,7 +221,8 @@ class Case(BaseModel):
             for own in ("sample", "indenter"):
                 if test[own] is None:
                     del test[own]
-            test["curve"] = curve and [curve.displacement.tolist(), curve.force.tolist()]
+            contact = [curve.contact] if curve is not None and curve.contact else []
+            test["curve"] = curve and [curve.displacement.tolist(), curve.force.tolist(), *contact]
         if plugin := plugin_file(self.material.model, self.folder):  # the content of the file, not its place
             code = hashlib.sha256(plugin.read_bytes()).hexdigest()
             facts["material"]["model"] = facts["material"]["model"].rpartition(":")[2] + " " + code

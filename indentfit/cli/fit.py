@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 @clusters.options
 @click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
 @click.option("--scan-weights", is_flag=True, help="Show what other weights of the two tests would find.")
+@click.option("--posterior", is_flag=True, help="Draw samples of the posterior: posterior.nc for ArviZ, and a figure.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
 @click.option(
@@ -56,6 +57,7 @@ def command(
     scheduler: str | None,
     no_fields: bool,
     scan_weights: bool,
+    posterior: bool,
     as_json: bool,
     per_sample: bool,
     population: bool,
@@ -80,7 +82,8 @@ def command(
     from indentfit.report.lasting import Place
 
     where = clusters.chosen(cluster, scheduler)
-    options = {"method": method, "direct": "true" if direct else None, "workers": workers, "seed": seed}
+    flags = {name: "true" for name, given in (("direct", direct), ("posterior", posterior)) if given}
+    options = {"method": method, **flags, "workers": workers, "seed": seed}
     overrides += tuple(f"fit.{key}={value}" for key, value in options.items() if value is not None)
     folder = Path(case).resolve().parent.name or "case"
     if group is not None and not population:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from indentfit.experiment.selection import selected
 from indentfit.experiment.soundness import require_channels, require_whole
 from indentfit.experiment.stiffness import Line, Parabola, linear_fit, quadratic_fit, resampled
 
+STANDARD = 1.96  # standard deviations in half of a 95 % interval
 SHORTEST_HOLD = 2.0  # durations of the ramp: a relaxation is fitted to longer holds
 FEWEST_LEFT = 10  # samples within limits of depth and force
 
@@ -133,7 +134,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
         peak=peak.force,
         displacement=displacement,
         force=force,
-        curve=_curve(displacement, force, settings.points, contact),
+        curve=replace(_curve(displacement, force, settings.points, contact), contact=_deviation(contact)),
         line=linear_fit(zeroed.displacement[window], zeroed.unfiltered[window]),
         parabola=quadratic_fit(zeroed.displacement[window], zeroed.unfiltered[window]),
         thickness=thickness,
@@ -205,6 +206,12 @@ def _curve(displacement: Array, force: Array, points: int, contact: ContactPoint
     if contact.method in METHODS or np.count_nonzero(measured) < MIN_POINTS:
         return curve
     return Curve(curve.displacement[measured], curve.force[measured])
+
+
+def _deviation(contact: ContactPoint) -> float | None:
+    """Standard deviation of the contact point, mm; None where it is not known."""
+    sd = contact.uncertainty / STANDARD
+    return float(sd) if 0 < sd < np.inf else None
 
 
 def _hertz(zeroed: _Zeroed, depth: float, settings: Record) -> Hertz | None:

@@ -3,7 +3,7 @@
 import importlib.metadata
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.moduli import moduli
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
+from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, require_emcee, samples_of
 from indentfit.inference.wide_certainty import wide_certainty
 from indentfit.inference.wide_fit import WideFit, wide_fit, widens
 from indentfit.inverse.exploration import Watched
@@ -24,6 +25,7 @@ from indentfit.inverse.methods import Solved, solve
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
+from indentfit.inverse.wide import of_records, with_offset_of_records
 from indentfit.runs.closed_form import closed_forms
 from indentfit.runs.forward import Evaluation, of_relaxation
 from indentfit.runs.ledger import Ledger
@@ -33,7 +35,14 @@ from indentfit.runs.pool import RunPool
 
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
+NO_SAMPLES = (
+    "no samples of the posterior: they need a surrogate in at least one parameter beside the scale, and uncertain inputs that are "
+    "its coordinates"
+)
 SHARE_OF_WIDE = 0.95  # share of a fit whose inputs are coordinates
+CONTACT = (
+    "the standard deviation of each contact point is that which its record tells ({of}); fit.uncertain.offset would state another"
+)
 NO_FIT = "not determined: the model cannot follow the curves"
 SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
@@ -105,26 +114,38 @@ def fit_with_runs(
 ) -> FitWithRuns:
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     require_fittable(case)
+    if case.fit.posterior:
+        require_emcee()
     started, problem = time.perf_counter(), inverse_problem(case)
     pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
-    whole = Progress(progress)
+    whole, stated = Progress(progress), with_offset_of_records(case)
     with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
         watched = Watched(pool)
         wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, whole.part(0, SHARE_OF_FIT))
+        samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
         gross = _no_fit(problem, solved.optimum.best, watched)
         if gross is not None:
             known = Certainty()
         elif wide is not None:
-            known = wide_certainty(case, problem, watched, solved, wide)
+            known = wide_certainty(stated, problem, watched, solved, wide)
         else:
-            known = certainty(case, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
+            known = certainty(stated, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
         work = _Work(pieces, pool, _facts_at(pool, problem, solved.optimum.best))
-    result = _result(case, problem, solved, known, work)
+    result = _with_samples(_result(case, problem, solved, known, work), samples)
     if gross is not None:
         result = without_meaning(result, gross)
     result = replace(result, seconds=time.perf_counter() - started)
     return FitWithRuns(result, problem, solved, wide, tuple(watched.known))
+
+
+def _with_samples(result: FitResult, samples: PosteriorSamples | None) -> FitResult:
+    """The result with samples of its posterior."""
+    if samples is None:
+        asked = result.case is not None and result.case.fit.posterior
+        return replace(result, notes=(*result.notes, NO_SAMPLES)) if asked else result
+    intervals = {name: result.parameters[name].interval for name in result.free}
+    return replace(result, posterior=facts_of_samples(samples, intervals), samples=samples)
 
 
 def without_meaning(result: FitResult, why: str) -> FitResult:
@@ -176,7 +197,14 @@ class _Work:
 
     def notes(self, case: Case) -> tuple[str, ...]:
         mesh = () if case.fit.uncertain.mesh else (MESH_NOTE,)
-        return (*mesh, *said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False)))
+        return (*mesh, *_of_records(case), *said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False)))
+
+
+def _of_records(case: Case) -> Iterator[str]:
+    """A note where the error of the contact point is that of the records."""
+    known = [(test.name, found) for test, found in zip(case.tests, of_records(case), strict=True) if found]
+    if known:
+        yield CONTACT.format(of=", ".join(f"{name} {found:.2g} mm" for name, found in known))
 
 
 def _facts_at(pool: RunPool, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:

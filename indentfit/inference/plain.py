@@ -4,7 +4,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 Interval = tuple[float, float]
-NOT_IN_JSON = ("curves", "case")
+NOT_IN_JSON = ("curves", "case", "samples")
 
 
 def plain_fields(value: Any) -> dict[str, Any]:

@@ -38,18 +38,18 @@ class Shift:
     @classmethod
     def of(cls, depth: Array) -> "Shift":
         """The Shift of a curve at the depths (n,)."""
-        return cls(depth, np.asarray(np.linalg.pinv(_basis(depth, depth.size)[0]), dtype=float))
+        return cls(depth, np.asarray(np.linalg.pinv(basis(depth, depth.size)[0]), dtype=float))
 
     def by(self, offset: float) -> tuple[Array, Array]:
         """Operators (n, n) on a curve F: F(d - offset), and its derivative by the offset."""
         if offset == 0:
-            here = _basis(self.depth, self.depth.size)
+            here = basis(self.depth, self.depth.size)
             return np.eye(self.depth.size), -here[1] @ self.fitted
-        before, there = _basis(self.depth, self.depth.size), _basis(self.depth - offset, self.depth.size)
+        before, there = basis(self.depth, self.depth.size), basis(self.depth - offset, self.depth.size)
         return np.eye(self.depth.size) + (there[0] - before[0]) @ self.fitted, -there[1] @ self.fitted
 
 
-def _basis(depth: Array, points: int) -> tuple[Array, Array]:
+def basis(depth: Array, points: int) -> tuple[Array, Array]:
     """Powers of the depth and their derivatives, (n, b); 0 before contact."""
     powers = np.array(POWERS[: max(1, min(len(POWERS), points - 1))])
     d = np.maximum(depth, 0.0)[:, None]

@@ -16,7 +16,7 @@ from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
 from indentfit.inference.plain import NOT_IN_JSON, Interval, plain_fields
-from indentfit.inference.shares import UncertainInputs, WhatIf
+from indentfit.inference.shares import PosteriorFacts, UncertainInputs, WhatIf
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
 from indentfit.runs.closed_form import ClosedForm
 
@@ -274,8 +274,12 @@ class FitResult:
         Moduli of the measured curves by closed forms, where the indenter has one.
     taken_as_known : tuple of WhatIf
         Inputs that the case gives as exact, with the parameters at other values of them.
+    posterior : PosteriorFacts or None
+        What samples of the posterior say (`fit.posterior`).
     curves : dict of test -> Curve
         The fitted curves (not part of result.json).
+    samples : inference.sampling.PosteriorSamples or None
+        The samples themselves (not part of result.json).
     case : Case or None
         The fitted case; None for a result that was read from result.json.
     """
@@ -322,9 +326,11 @@ class FitResult:
     published: PublishedComparison | None = None
     conclusions: tuple[str, ...] = ()
     taken_as_known: tuple[WhatIf, ...] = ()
+    posterior: PosteriorFacts | None = None
     moduli: dict[str, ParameterEstimate] = field(default_factory=dict)
     closed_forms: dict[str, ClosedForm] = field(default_factory=dict)
     curves: dict[str, InstanceOf[Curve]] = field(default_factory=dict)
+    samples: Any = None
     case: InstanceOf[Case] | None = None
 
     def as_json(self) -> dict[str, Any]:

@@ -123,3 +123,31 @@ class WhatIf:
     taken: str
     other: str
     parameters: dict[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class PosteriorFacts:
+    """What samples of the posterior say, beside the profiles.
+
+    Parameters
+    ----------
+    medians : dict of parameter or input -> value
+    intervals : dict of parameter or input -> (low, high)
+        The shortest intervals that hold 95 % of the draws.
+    wider : dict of parameter -> float
+        Width of the fit's interval over that of the posterior.
+    draws, steps : int
+        Number of draws that are kept, and of steps of each walker.
+    correlated : float or None
+        Largest autocorrelation time of a coordinate, in steps.
+    long_enough : bool
+        Whether the chains are long beside it.
+    """
+
+    medians: dict[str, float]
+    intervals: dict[str, Interval]
+    wider: dict[str, float]
+    draws: int
+    steps: int
+    correlated: float | None
+    long_enough: bool

@@ -103,6 +103,23 @@ def prior_of(case: Case, name: str, value: float) -> Prior | None:
     return Prior.about(value, stated) if isinstance(stated, float) and stated else None
 
 
+def of_records(case: Case) -> tuple[float | None, ...]:
+    """The standard deviation of each test's contact point by its own record, mm; None where a test has no record, and for all tests
+    of a case that says something of the offset itself."""
+    if case.fit.uncertain.offset is not None:
+        return (None,) * len(case.tests)
+    return tuple(None if curve is None else curve.contact for curve in case.curves)
+
+
+def with_offset_of_records(case: Case) -> Case:
+    """The case that states the largest of these as fit.uncertain.offset."""
+    known = [found for found in of_records(case) if found]
+    if not known:
+        return case
+    uncertain = case.fit.uncertain.model_copy(update={"offset": max(known)})
+    return case.model_copy(update={"fit": case.fit.model_copy(update={"uncertain": uncertain})})
+
+
 def _solved(case: Case) -> Iterator[UncertainInput]:
     for name in SOLVED:
         point = _point(case, name)
@@ -115,9 +132,11 @@ def _solved(case: Case) -> Iterator[UncertainInput]:
 
 def _of_curves(case: Case) -> Iterator[UncertainInput]:
     for name in OF_CURVES:
-        prior = prior_of(case, name, 0.0)
-        for n in range(len(case.tests) if prior is not None else 0):
-            assert prior is not None
+        stated = prior_of(case, name, 0.0)
+        for n, found in enumerate(of_records(case)):
+            prior = Prior.about(0.0, found) if stated is None and name == "offset" and found else stated
+            if prior is None:
+                continue
             yield UncertainInput(name, "", n, prior, 0.0, *prior.bounds(), "mm" if name == "offset" else "1")
 
 

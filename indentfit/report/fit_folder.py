@@ -12,6 +12,7 @@ from indentfit.report.fields import Solved, write_fields
 from indentfit.report.folder import copy_case, result_folder, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.plots import correlations, force_displacement, profiles
+from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
 from indentfit.runs.pieces import pieces_of, together
 from indentfit.runs.points import case_at, split_point
@@ -48,6 +49,9 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
         profiles(result, folder / "profiles")
     if result.correlation and len(result.free) > 1:
         correlations(result.free, result.correlation, folder / "correlation")
+    if result.samples is not None:
+        write_netcdf(result.samples, result.measured, folder / "posterior.nc")
+        corner(result.samples, folder / "posterior")
     if fields and result.objective is not None:
         _write_stresses(folder / "fields", result.case, result, warn)
     write_report(folder)

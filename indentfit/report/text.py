@@ -178,10 +178,24 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
         yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
     yield from certainty_lines(result)
+    yield from posterior_lines(result)
     yield from weights_lines(result) if scan_weights else ()
     yield from _work_lines(result)
     for note in result.notes:
         yield f"note      {note}"
+
+
+def posterior_lines(result: FitResult) -> Iterator[str]:
+    """What samples of the posterior say, line by line."""
+    known = result.posterior
+    if known is None:
+        return
+    spans = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in known.intervals.items())
+    yield f"posterior {spans} (shortest 95 % intervals)"
+    wider = ", ".join(f"{name} {ratio:.2f}" for name, ratio in known.wider.items())
+    yield f"posterior width of the intervals above over those of the posterior: {wider}; {known.draws:,} draws are kept"
+    if not known.long_enough:
+        yield "posterior the chains are short beside the correlation of their steps: take these intervals for rough"
 
 
 def misfit_lines(result: FitResult) -> Iterator[str]:

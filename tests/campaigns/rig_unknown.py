@@ -49,12 +49,13 @@ def main() -> int:
     parser.add_argument("--only", default=",".join(ROWS))
     parser.add_argument("--base", action="store_true", help="the base is unknown too")
     parser.add_argument("--references", type=Path)
+    parser.add_argument("--reuse", type=Path, help="a result folder whose runs are used")
     parser.add_argument("--noise", type=float, default=0.01)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--set", nargs="*", default=[], help="of the case that is fitted")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    good, shared = True, None
+    good, shared = True, asked.reuse
     for name in asked.only.split(","):
         result, shared = fitted(name, asked, shared)
         good &= told(name, result)

@@ -1,0 +1,339 @@
+"""Samples of the density over parameters and uncertain inputs, on the surrogate of a fit, by emcee (Foreman-Mackey et al. 2013).
+
+The noise of each test is a coordinate too (uniform in its logarithm), and so is integrated out. Several alternatives, such as two
+bases, are sampled each; a draw of the result is one of theirs, by their probabilities. This module needs `indentfit[posterior]`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from indentfit.arrays import Array, Bools, Ints
+from indentfit.case import Case
+from indentfit.errors import CaseError
+from indentfit.inference.joint import JointFit, ModelError, fitted
+from indentfit.inference.noise import correlations
+from indentfit.inference.plain import Interval
+from indentfit.inference.posterior import FINEST, Curves, Shift, basis
+from indentfit.inference.shares import PosteriorFacts
+from indentfit.inference.wide_fit import WideFit, mesh_error
+from indentfit.inverse.exploration import Watched
+from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.surrogate import learn
+
+STEPS, MOST_STEPS = 1000, 12_000  # of each walker: between two looks at the correlation of its steps, and at most
+LONG = 30.0  # autocorrelation times of a chain that is long enough
+BURNT = 5.0  # autocorrelation times at the beginning that are thrown away
+DRAWS = 500  # of each chain that are kept, evenly spaced
+WALKERS = 5  # for each coordinate
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorSamples:
+    """Samples of the posterior.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        The free parameters, then the uncertain inputs.
+    values : array (chains, draws, n)
+    log_density : array (chains, draws)
+    alternative : array of int (chains, draws)
+        The number of each draw's alternative.
+    alternatives : tuple of str
+    noise : array (chains, draws, tests), mN
+        Standard deviation of each test's noise.
+    tests : tuple of str
+    acceptance : float
+    correlated : float
+        Largest autocorrelation time of a coordinate, in steps of a walker.
+    steps : int
+        Steps of each walker.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    log_density: Array
+    alternative: Ints
+    alternatives: tuple[str, ...]
+    noise: Array
+    tests: tuple[str, ...]
+    acceptance: float
+    correlated: float
+    steps: int
+
+    @property
+    def long_enough(self) -> bool:
+        """Whether the chains are long beside the correlation of their steps."""
+        return self.steps >= LONG * self.correlated
+
+    def of(self, name: str) -> Array:
+        """All draws of a parameter or input, (m,)."""
+        return np.asarray(self.values[..., self.names.index(name)].ravel())
+
+    def interval(self, name: str) -> Interval:
+        """The shortest interval that holds 95 % of the draws."""
+        return shortest(self.of(name))
+
+
+def shortest(draws: Array, share: float = CONFIDENCE) -> Interval:
+    """The shortest interval that holds a share of draws (m,)."""
+    ordered = np.sort(draws)
+    held = int(np.ceil(share * ordered.size))
+    widths = ordered[held - 1 :] - ordered[: ordered.size - held + 1]
+    first = int(np.argmin(widths))
+    return float(ordered[first]), float(ordered[first + held - 1])
+
+
+def require_emcee() -> Any:
+    """The module emcee. Raises CaseError where it is not installed."""
+    try:
+        import emcee
+    except ImportError:
+        raise CaseError("fit.posterior: emcee is not installed; pip install 'indentfit[posterior]', or leave the key out") from None
+    return emcee
+
+
+def samples_of(case: Case, problem: InverseProblem, model: Watched, wide: WideFit | None) -> PosteriorSamples | None:
+    """Samples of the posterior of a fit.
+
+    Parameters
+    ----------
+    case : Case
+    problem : InverseProblem
+    model : Watched
+        With the runs of the fit.
+    wide : WideFit or None
+        None where no uncertain input is a coordinate of the fit.
+
+    Returns
+    -------
+    PosteriorSamples or None
+        None where no surrogate can be had, or where uncertain inputs are not coordinates.
+
+    Raises
+    ------
+    CaseError
+        emcee is not installed.
+    """
+    if wide is not None:
+        known = wide.alternatives
+        return sampled([k.fit for k in known], [k.probability for k in known], [k.name for k in known], case.fit.seed)
+    if set(case.fit.uncertain.given) - {"mesh"} or not problem.searched or (surrogate := learn(problem, model.known)) is None:
+        return None
+    seed = case.fit.seed
+    fit = fitted(problem, (), surrogate, ModelError.none(sum(test.curve.force.size for test in problem.tests)), seed)
+    if case.fit.uncertain.mesh:
+        mesh, _ = mesh_error(case, fit, model)
+        fit = fitted(problem, (), surrogate, replace(mesh, surrogate=fit.error.surrogate), seed)
+    return sampled([fit], [1.0], ["case"], seed)
+
+
+def facts_of_samples(samples: PosteriorSamples, intervals: Mapping[str, Interval | None]) -> PosteriorFacts:
+    """What a result says of samples, beside the intervals of the fit."""
+    between = {name: samples.interval(name) for name in samples.names}
+    wider = {
+        name: (own[1] - own[0]) / (between[name][1] - between[name][0])
+        for name, own in intervals.items()
+        if own is not None and name in between
+    }
+    return PosteriorFacts(
+        medians={name: float(np.median(samples.of(name))) for name in samples.names},
+        intervals=between,
+        wider=wider,
+        draws=int(samples.log_density.size),
+        steps=samples.steps,
+        correlated=samples.correlated if np.isfinite(samples.correlated) else None,
+        long_enough=samples.long_enough,
+    )
+
+
+def sampled(fits: Sequence[JointFit], probabilities: Sequence[float], names: Sequence[str], seed: int) -> PosteriorSamples:
+    """Samples of a mixture of joint fits.
+
+    Parameters
+    ----------
+    fits : sequence of JointFit
+        With the same coordinates.
+    probabilities : sequence of float
+    names : sequence of str
+        Of the fits.
+    seed : int
+
+    Returns
+    -------
+    PosteriorSamples
+
+    Raises
+    ------
+    CaseError
+        emcee is not installed.
+    """
+    emcee, curves = require_emcee(), fits[0].posterior.curves
+    counted = [n for n, share in enumerate(probabilities) if share > 1e-3]
+    chains = [_chain(emcee, fits[n], seed + n) for n in counted]
+    shares = np.array([probabilities[n] for n in counted])
+    shape = chains[0].log_density.shape
+    chosen = np.random.default_rng(seed).choice(len(counted), size=shape, p=shares / shares.sum())
+    inputs = [known.name if known.test is None else f"{known.name} ({_test(curves, known.test)})" for known in curves.inputs]
+    return PosteriorSamples(
+        names=(*curves.free, *inputs),
+        units=(*("1" for _ in curves.free), *(known.unit for known in curves.inputs)),
+        values=_picked(np.array([chain.values for chain in chains]), chosen),
+        log_density=_picked(np.array([chain.log_density for chain in chains])[..., None], chosen)[..., 0],
+        alternative=np.array(counted)[chosen],
+        alternatives=tuple(names),
+        noise=_picked(np.array([chain.noise for chain in chains]), chosen),
+        tests=tuple(t.name for t, used in zip(curves.problem.tests, fits[0].posterior.used, strict=True) if used),
+        acceptance=float(np.mean([chain.acceptance for chain in chains])),
+        correlated=max(chain.correlated for chain in chains),
+        steps=min(chain.steps for chain in chains),
+    )
+
+
+def _test(curves: Curves, number: int) -> str:
+    return curves.problem.tests[number].name
+
+
+def _picked(values: Array, chosen: Ints) -> Array:
+    """Of values (alternatives, chains, draws, n), those of the chosen alternatives (chains, draws)."""
+    return np.asarray(np.take_along_axis(values, chosen[None, ..., None], axis=0)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The chains of one alternative: values (chains, draws, n) in their units, log density, noise, and how well they mixed."""
+
+    values: Array
+    log_density: Array
+    noise: Array
+    acceptance: float
+    correlated: float
+    steps: int
+
+
+def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
+    density = Density(fit)
+    rng = np.random.default_rng(seed)
+    starts = density.starts(WALKERS * density.size, rng)
+    sampler = emcee.EnsembleSampler(len(starts), density.size, density, vectorize=True)
+    state = emcee.State(starts, random_state=np.random.RandomState(seed % 2**32).get_state())
+    correlated = np.inf
+    while sampler.iteration < MOST_STEPS and sampler.iteration < LONG * correlated:
+        state = sampler.run_mcmc(state, STEPS, skip_initial_state_check=True)
+        correlated = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
+        correlated = correlated if np.isfinite(correlated) else np.inf
+    burnt = int(min(BURNT * correlated, sampler.iteration / 2)) if np.isfinite(correlated) else sampler.iteration // 2
+    kept = np.linspace(burnt, sampler.iteration - 1, DRAWS).astype(int)
+    places = sampler.get_chain()[kept].swapaxes(0, 1)
+    n = density.curves.size
+    return Chain(
+        density.values(places[..., :n]),
+        sampler.get_log_prob()[kept].T,
+        np.exp(places[..., n:]),
+        float(np.mean(sampler.acceptance_fraction)),
+        correlated,
+        sampler.iteration,
+    )
+
+
+class Density:
+    """Logarithm of the density at places (m, n + tests): coordinates in units of their ranges, then logarithms of the noises."""
+
+    def __init__(self, fit: JointFit) -> None:
+        self.fit, self.posterior, self.curves = fit, fit.posterior, fit.posterior.curves
+        self.used = [n for n, used in enumerate(self.posterior.used) if used]
+        self.size = self.curves.size + len(self.used)
+        self.rows = self.posterior.rows
+        self.P, self.centre = self.posterior.prior_rows()
+        self.y = self.curves.measured()[self.rows]
+        self.model = self.posterior.noise.model[np.ix_(self.rows, self.rows)]
+        self.patterns = self._patterns()
+        most = np.array([np.abs(self.curves.problem.tests[n].curve.force).max() for n in self.used])
+        self.noises = np.log(FINEST * most), np.log(most)
+
+    def _patterns(self) -> Array:
+        """The correlations of each used test's noise among all rows, (tests, N, N)."""
+        patterns, done = np.zeros((len(self.used), self.rows.size, self.rows.size)), 0
+        for k, n in enumerate(self.used):
+            part = self.curves.slices[n]
+            size = part.stop - part.start
+            here = slice(done, done + size)
+            patterns[k, here, here] = correlations(size, float(self.posterior.noise.rho[n]))
+            done += size
+        return patterns
+
+    def starts(self, walkers: int, rng: np.random.Generator) -> Array:
+        """Places of the walkers: about the optimum and other maxima, (walkers, n + tests)."""
+        modes = [self.fit.mode, *(mode for mode in self.fit.others if mode.chi2 < self.fit.mode.chi2 + 9)]
+        drawn = []
+        for k in range(walkers):
+            mode = modes[k % len(modes)]
+            root = np.linalg.cholesky(mode.covar + 1e-12 * np.eye(len(mode.z)))
+            z = mode.z + np.minimum(1.0, 0.3 / np.sqrt(np.diag(mode.covar))) * (root @ rng.standard_normal(len(mode.z)))
+            inside = np.abs((z + 1) % 2 - 1)  # mirrored at 0 and 1
+            drawn.append(np.clip(inside, 1e-4, 1 - 1e-4))
+        noises = np.log(self.posterior.noise.sigma[self.used]) + 0.2 * rng.standard_normal((walkers, len(self.used)))
+        return np.hstack([np.array(drawn), np.clip(noises, self.noises[0] + 1e-6, self.noises[1] - 1e-6)])
+
+    def __call__(self, places: Array) -> Array:
+        n = self.curves.size
+        z, noises = places[:, :n], places[:, n:]
+        inside = ((z > 0) & (z < 1)).all(axis=1) & ((noises > self.noises[0]) & (noises < self.noises[1])).all(axis=1)
+        log = np.full(len(places), -np.inf)
+        if inside.any():
+            log[inside] = self._within(z[inside], noises[inside])
+        return log
+
+    def _within(self, z: Array, noises: Array) -> Array:
+        forces, failed = self.forces(z)
+        covar = self.model + np.einsum("mk,kij->mij", np.exp(2 * noises), self.patterns)
+        L = np.linalg.cholesky(covar)
+        white = np.linalg.solve(L, (forces[:, self.rows] - self.y)[..., None])[..., 0]
+        volume = 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
+        squares = np.sum(white**2, axis=1) + np.sum((z @ self.P.T - self.centre) ** 2, axis=1)
+        return np.where(failed, -np.inf, -0.5 * (squares + volume))
+
+    def values(self, z: Array) -> Array:
+        """Coordinates (..., n) in their units."""
+        first, columns = len(self.curves.free), []
+        problem = self.curves.problem
+        for n, name in enumerate(self.curves.free):
+            columns.append(problem.free[name].min + z[..., n] * problem.range(name))
+        for n, known in enumerate(self.curves.inputs, start=first):
+            low, high = known.ends
+            at = low + z[..., n] * (high - low)
+            columns.append(np.exp(at) if known.prior.logarithmic else at)
+        return np.stack(columns, axis=-1)
+
+    def forces(self, z: Array) -> tuple[Array, Bools]:
+        """The curves at coordinates (m, n), (m, N), and whether the mechanics failed near each."""
+        curves, problem = self.curves, self.curves.problem
+        values = dict(zip([*curves.free, *(k.point or "" for k in curves.inputs)], self.values(z).T, strict=False))
+        units = np.column_stack([(values[name] - problem.free[name].min) / problem.range(name) for name in problem.free])
+        places = units[:, problem.searched_numbers]
+        forces = curves.surrogate.curves(places) * (1 + curves.mesh)
+        if problem.scale is not None:
+            forces = forces * (values[problem.scale] / problem.reference)[:, None]
+        own = self.values(z)
+        for n, known in enumerate(curves.inputs, start=len(curves.free)):
+            if known.test is None:
+                continue
+            rows = curves.slices[known.test]
+            if known.name == "offset":
+                forces[:, rows] += _moved(curves.shifts[known.test], own[:, n], forces[:, rows])
+            else:
+                forces[:, rows] *= 1 + own[:, [n]]
+        return forces, curves.surrogate.near_failure(places)
+
+
+def _moved(shift: Shift, offsets: Array, forces: Array) -> Array:
+    """Changes of curves (m, n) by offsets (m,)."""
+    points = shift.depth.size
+    before = basis(shift.depth, points)[0]
+    there = basis((shift.depth - offsets[:, None]).ravel(), points)[0].reshape(len(offsets), points, -1)
+    return np.asarray(np.einsum("mnb,mb->mn", there - before, forces @ shift.fitted.T))

@@ -1,0 +1,122 @@
+"""Samples of the posterior: against a density that is known, beside the profiles, and as files."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("emcee")
+h5netcdf = pytest.importorskip("h5netcdf")
+
+from fixtures.cases import tiny_case  # noqa: E402
+
+from indentfit.case import Range  # noqa: E402
+from indentfit.case.priors import Prior  # noqa: E402
+from indentfit.curve import Curve  # noqa: E402
+from indentfit.experiment.measured import read_case  # noqa: E402
+from indentfit.inference import joint, sampling  # noqa: E402
+from indentfit.inference.joint import ModelError  # noqa: E402
+from indentfit.inverse.exploration import Watched  # noqa: E402
+from indentfit.inverse.objective import Target  # noqa: E402
+from indentfit.inverse.problem import InverseProblem  # noqa: E402
+from indentfit.inverse.wide import UncertainInput, widened_problem  # noqa: E402
+from indentfit.report.posterior_files import corner, write_netcdf  # noqa: E402
+from indentfit.runs.forward import Evaluation  # noqa: E402
+
+DEPTH = np.linspace(0.0132, 0.33, 25)
+DESIGN = np.column_stack([DEPTH, DEPTH**2])
+NOISE, GAIN = 0.3, 0.03
+
+
+class Line:
+    """A forward model in closed form: a d + b d^2."""
+
+    def __init__(self):
+        self.runs, self.failures = 0, []
+
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        self.runs += len(points)
+        return [Evaluation(dict(p), (DESIGN @ [p["a"], p["b"]],), None, 0.0, ({},)) for p in points]
+
+
+@pytest.fixture(scope="module")
+def force():
+    return DESIGN @ [90, 60] + NOISE * np.random.default_rng(3).standard_normal(25)
+
+
+def fitted(force, inputs=()):
+    free = {name: Range(start=50, min=0, max=200) for name in "ab"}
+    problem = InverseProblem((Target("t", Curve(DEPTH, force), 1.0),), {"a": 50.0, "b": 50.0}, free, None)
+    return joint.joint_fit(widened_problem(problem, inputs), inputs, Watched(Line()), ModelError.none(25), 0)
+
+
+@pytest.fixture(scope="module")
+def plain(force):
+    fit = fitted(force)
+    return fit, sampling.sampled([fit], [1.0], ["case"], 0)
+
+
+def test_the_samples_are_those_of_linear_regression(force, plain):
+    """With a flat prior of a, b and log sigma, each is Student's t of 23 degrees of freedom about least squares; the error of the
+    mean and of the ends of 5,000 correlated draws is a few per cent of a standard error."""
+    samples = plain[1]
+    theta, squares, *_ = np.linalg.lstsq(DESIGN, force, rcond=None)
+    covar = np.linalg.inv(DESIGN.T @ DESIGN) * squares[0] / 23
+    assert samples.long_enough
+    for n, name in enumerate("ab"):
+        error = np.sqrt(covar[n, n])
+        assert samples.of(name).mean() == pytest.approx(theta[n], abs=0.15 * error)
+        assert samples.of(name).std() == pytest.approx(error * np.sqrt(23 / 21), rel=0.08)
+        assert samples.interval(name) == pytest.approx((theta[n] - 2.0687 * error, theta[n] + 2.0687 * error), abs=0.35 * error)
+
+
+def test_profiles_agree_with_the_samples(plain):
+    """Their ends lie close together, and no profile is more than 1.3 times as wide, here and where a gain is uncertain."""
+    fit, samples = plain
+    paths = joint.joint_profiles(fit)
+    facts = sampling.facts_of_samples(samples, {name: tuple(200 * np.array(paths[n].interval)) for n, name in enumerate("ab")})
+    assert all(0.9 < ratio < 1.3 for ratio in facts.wider.values())
+
+
+def test_an_uncertain_gain_widens_the_samples_by_its_own_share(force):
+    prior = Prior.about(0.0, GAIN)
+    fit = fitted(force, (UncertainInput("force", "", 0, prior, 0.0, *prior.bounds()),))
+    samples = sampling.sampled([fit], [1.0], ["case"], 0)
+    assert samples.names == ("a", "b", "force (t)")
+    squares = np.linalg.lstsq(DESIGN, force, rcond=None)[1]
+    noise = np.sqrt(np.linalg.inv(DESIGN.T @ DESIGN)[0, 0] * squares[0] / 21)
+    assert samples.of("a").std() == pytest.approx(np.hypot(noise, GAIN * 90), rel=0.12)
+    assert samples.of("force (t)").std() == pytest.approx(GAIN, rel=0.12)
+
+
+def test_alternatives_are_drawn_by_their_probabilities(plain):
+    fit, _ = plain
+    samples = sampling.sampled([fit, fit], [0.8, 0.2], ["one", "two"], 0)
+    assert np.mean(samples.alternative == 1) == pytest.approx(0.2, abs=0.02)
+
+
+def test_the_files_hold_the_samples(plain, force, tmp_path):
+    """The layout of ArviZ: groups with the dimensions chain and draw, and names that Python allows."""
+    samples = plain[1]
+    write_netcdf(samples, {"t": Curve(DEPTH, force)}, tmp_path / "posterior.nc")
+    with h5netcdf.File(tmp_path / "posterior.nc") as file:
+        assert set(file.groups) == {"posterior", "sample_stats", "observed_data"}
+        known = file["posterior/a"]
+        assert known.dimensions == ("chain", "draw")
+        np.testing.assert_array_equal(known[...], samples.values[..., 0])
+        np.testing.assert_array_equal(file["sample_stats/lp"][...], samples.log_density)
+        np.testing.assert_array_equal(file["observed_data/force_t"][...], force)
+    figure = corner(samples, tmp_path / "posterior")
+    assert len(figure.axes) == 4
+    assert (tmp_path / "posterior.png").stat().st_size > 5000
+
+
+def test_a_case_that_asks_for_samples_without_the_sampler_is_told_at_once(monkeypatch, tmp_path):
+    monkeypatch.setitem(__import__("sys").modules, "emcee", None)
+    from indentfit.errors import CaseError
+    from indentfit.inference.fit import fit
+
+    path = tiny_case(tmp_path, fit={"posterior": True})
+    with pytest.raises(CaseError, match=r"pip install 'indentfit\[posterior\]'"):
+        fit(read_case(path))
