@@ -3,8 +3,8 @@
 The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT` (or `Displacement (mm)`, `Load (gf)`),
 in any order; other columns are ignored, and named in the curve's notes where they hold a retraction or standard deviations. Columns
 are separated by commas or tabs, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and
-empty lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The force is that of the full sample, positive in compression; displacements are positive into the sample
-and rise from line to line.
+empty lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The
+force is that of the full sample, positive in compression; displacements are positive into the sample and rise from line to line.
 """
 
 from __future__ import annotations
