@@ -1,18 +1,22 @@
 """Samples of the posterior: against a density that is known, beside the profiles, and as files."""
 
+import sys
+
 import numpy as np
 import pytest
 
 pytest.importorskip("emcee")
 h5netcdf = pytest.importorskip("h5netcdf")
 
-from fixtures.cases import tiny_case  # noqa: E402
+from fixtures.cases import straight_curve, tiny_case  # noqa: E402
 
 from indentfit.case import Range  # noqa: E402
 from indentfit.case.priors import Prior  # noqa: E402
 from indentfit.curve import Curve  # noqa: E402
+from indentfit.errors import CaseError  # noqa: E402
 from indentfit.experiment.measured import read_case  # noqa: E402
 from indentfit.inference import joint, sampling  # noqa: E402
+from indentfit.inference.fit import fit  # noqa: E402
 from indentfit.inference.joint import ModelError  # noqa: E402
 from indentfit.inverse.exploration import Watched  # noqa: E402
 from indentfit.inverse.objective import Target  # noqa: E402
@@ -90,8 +94,10 @@ def test_an_uncertain_gain_widens_the_samples_by_its_own_share(force):
     assert samples.of("force (t)").std() == pytest.approx(GAIN, rel=0.12)
 
 
-def test_alternatives_are_drawn_by_their_probabilities(plain):
+def test_alternatives_are_drawn_by_their_probabilities(plain, monkeypatch):
     fit, _ = plain
+    monkeypatch.setattr(sampling, "STEPS", 100)
+    monkeypatch.setattr(sampling, "MOST_STEPS", 100)
     samples = sampling.sampled([fit, fit], [0.8, 0.2], ["one", "two"], 0)
     assert np.mean(samples.alternative == 1) == pytest.approx(0.2, abs=0.02)
 
@@ -113,10 +119,8 @@ def test_the_files_hold_the_samples(plain, force, tmp_path):
 
 
 def test_a_case_that_asks_for_samples_without_the_sampler_is_told_at_once(monkeypatch, tmp_path):
-    monkeypatch.setitem(__import__("sys").modules, "emcee", None)
-    from indentfit.errors import CaseError
-    from indentfit.inference.fit import fit
-
+    monkeypatch.setitem(sys.modules, "emcee", None)
+    straight_curve(tmp_path / "parallel.csv", 60)
     path = tiny_case(tmp_path, fit={"posterior": True})
     with pytest.raises(CaseError, match=r"pip install 'indentfit\[posterior\]'"):
         fit(read_case(path))
