@@ -19,6 +19,7 @@ from indentfit.inference import joint, mixture
 from indentfit.inference.fit import fit
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointPath, ModelError
+from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.inference.what_if import warnings_of, what_ifs
@@ -186,6 +187,17 @@ def test_without_inputs_the_intervals_are_those_of_linear_regression():
         assert 200 * np.array(paths[n].interval) == pytest.approx([theta[n] - half, theta[n] + half], rel=2e-2)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_smooth_noise_has_a_size_that_belongs_to_its_correlation(seed):
+    """By restricted likelihood the squares of whitened residuals add up to the points less the parameters, 25 - 2, and the noise of
+    0.3 mN with an autocorrelation of 0.7 is found to a factor of 2."""
+    rng = np.random.default_rng(seed)
+    root = np.linalg.cholesky(0.7 ** np.abs(np.subtract.outer(np.arange(25), np.arange(25))))
+    found = straight(np.column_stack([DEPTH, DEPTH**2]) @ [90, 60] + 0.3 * root @ rng.standard_normal(25))
+    assert found.mode.chi2 == pytest.approx(23, rel=0.1)
+    assert 0.15 < found.posterior.noise.sigma[0] < 0.6
+
+
 def test_a_gain_widens_a_parameter_by_its_own_share():
     """With (1 + gain) a d and a gain of 3 %, the standard error of a is sqrt(noise^2 + (3 % a)^2)."""
     rng = np.random.default_rng(3)
@@ -217,6 +229,26 @@ def test_a_friction_that_nobody_knows_is_inside_and_so_are_the_parameters(fricti
         assert joint.JointWalk(found, n).chi2(unit) < 10.83
     low, high = 20 * np.array(joint.JointWalk(found, 1).profile().interval)
     assert high - low < 9  # not merely the whole range of 20
+
+
+# Tests against each other
+
+
+def predicted(forces):
+    """What `joint_predictions` says of the two curves of `Press`, whose friction nobody knows."""
+    inputs = (friction_input(), of_test("offset", 0, 0.005), of_test("offset", 1, 0.005))
+    whole = widened_problem(problem(forces), inputs)
+    found = joint.joint_fit(whole, inputs, Watched(Press()), ModelError.none(sum(force.size for force in forces)), 0)
+    alone = [joint.fitted(whole, inputs, found.surrogate, found.error, 0, [k == n for k in range(2)]) for n in range(2)]
+    return joint_predictions(found, alone, 0)
+
+
+def test_tests_of_one_sample_agree_and_those_of_samples_three_times_as_stiff_do_not():
+    along, across = noisy(Press.forces(**TRUTH, friction=0.2), 0.01, 0)
+    assert not any(known.contradicts for known in predicted((along, across)).values())
+    found = predicted((3 * along, across))  # no law with stiffening fibres is stiffer along the bar than across it
+    assert all(known.contradicts for known in found.values())
+    assert found["parallel"].off > 0.5
 
 
 # Mixtures

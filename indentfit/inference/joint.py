@@ -134,11 +134,11 @@ class JointFit:
             if known.prior.spread is not None:  # normalised over units; the square is in chi2 already
                 priors += float(np.log((high - low) / known.prior.spread)) - log_two_pi / 2
         rows = self.posterior.rows.size
-        volume = float(np.linalg.slogdet(_bounded(self.mode.covar, z))[1])
+        volume = float(np.linalg.slogdet(bounded(self.mode.covar, z))[1])
         return -0.5 * (self.mode.chi2 + self.posterior.log_volume() + rows * log_two_pi) + priors + 0.5 * (n * log_two_pi + volume)
 
 
-def _bounded(covar: Array, z: Array) -> Array:
+def bounded(covar: Array, z: Array) -> Array:
     """A covariance whose standard deviations do not exceed those of a uniform density over the ranges."""
     sd = np.sqrt(np.diag(covar))
     shrink = np.minimum(1.0, 1 / np.sqrt(2 * np.pi) / sd)
@@ -262,6 +262,12 @@ def _relative(error: Array, force: Array) -> Array:
     return np.divide(error, force, out=np.zeros_like(error), where=force != 0)
 
 
+def chi2_at(climber: Climber, places: Array) -> Array:
+    """chi2 at places (m, n), (m,)."""
+    residuals = [climber.residuals(z)[0] for z in places]
+    return np.array([r @ r for r in residuals])
+
+
 def _modes(posterior: Posterior, seed: int) -> list[Mode]:
     """Maxima of the density from the best places of a scan, best first."""
     curves = posterior.curves
@@ -328,7 +334,7 @@ def telling(fit: JointFit, seed: int) -> list[dict[str, float]]:
     """Points that the curves allow, far from each other and from all runs, so that a run there tells the surrogate most."""
     curves, problem = fit.posterior.curves, fit.posterior.curves.problem
     climber, rng = Climber(fit.posterior), np.random.default_rng(seed)
-    draws = fit.mode.z + rng.standard_normal((DRAWN, curves.size)) @ np.linalg.cholesky(_bounded(fit.mode.covar, fit.mode.z)).T
+    draws = fit.mode.z + rng.standard_normal((DRAWN, curves.size)) @ np.linalg.cholesky(bounded(fit.mode.covar, fit.mode.z)).T
     draws = np.clip(draws, 0, 1)
     values = _scanned(climber, draws)
     places = draws[values <= max(fit.mode.chi2 + ALLOWED, np.quantile(values, 0.1))]

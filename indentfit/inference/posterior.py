@@ -288,14 +288,20 @@ def noise_at(posterior: Posterior, z: Array) -> NoiseModel:
     force, J = curves.at(z)
     P = posterior.prior_rows()[0]
     floors = np.array([FINEST * np.abs(test.curve.force).max() for test in curves.problem.tests])
-    for _ in range(3):
+    left = force - curves.measured()
+
+    def sized(noise: NoiseModel) -> NoiseModel:
         for _ in range(ROUNDS):
-            noise = _step(posterior, noise, force - curves.measured(), J, P, floors)
-        rho = _correlated(posterior, noise, force - curves.measured(), J, P)
-        if np.allclose(rho, noise.rho, atol=1e-3):
-            break
+            noise = _step(posterior, noise, left, J, P, floors)
+        return noise
+
+    for _ in range(3):
+        noise = sized(noise)
+        rho = _correlated(posterior, noise, left, J, P)
+        if np.allclose(rho, noise.rho, atol=1e-2):
+            return noise
         noise = replace(noise, rho=rho)
-    return noise
+    return sized(noise)  # the size belongs to the correlation
 
 
 def _projection(posterior: Posterior, noise: NoiseModel, J: Array, P: Array) -> tuple[Array, Array]:
@@ -333,7 +339,7 @@ def _correlated(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: 
         n = part.stop - part.start
         if used:
             here = slice(done, done + n)
-            M = noise.sigma[k] ** 2 * left[here, here]
-            rho[k] = autocorrelation(M, noise.sigma[k] ** 2 * weighted[here])
+            R = noise.sigma[k] ** 2 * correlations(n, noise.rho[k])
+            rho[k] = autocorrelation(R @ left[here, here], R @ weighted[here])
             done += n
     return rho

@@ -11,13 +11,14 @@ from indentfit.inference.certainty import Certainty, Findings, mesh_size, publis
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointFit, fitted, joint_profiles
+from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.limits import Limit, limits
 from indentfit.inference.noise import whiteness
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
 from indentfit.inference.shares import AlternativeFit, InputShare, NoiseShare, UncertainInputs
-from indentfit.inference.verdicts import conclusions, verdict
+from indentfit.inference.verdicts import against_each_other, conclusions, contradictions, verdict
 from indentfit.inference.what_if import taken_as_known
 from indentfit.inference.wide_fit import WideAlternative, WideFit
 from indentfit.inverse.exploration import Watched, facts_of
@@ -32,7 +33,6 @@ COORDINATES = (
 MESH = (
     "the curves are corrected for the mesh by up to {most:.1%}, by one of about {elements} elements; half of that stays uncertain"
 )
-NOT_COMPARED = "the tests were not compared with each other: that is done where no uncertain input is a coordinate of the fit"
 UNPROVED = (
     "the surrogate's prediction at the optimum was not proved by a run to a fifth of a standard error: intervals are doubtful"
 )
@@ -60,18 +60,23 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     uncertain = _uncertain(case, fit)
     noise = _noise(fit)
     limited = limits(uncertain, noise, problem.free, mesh_size(case))
+    singles = _singles(case, fit)
+    alone = _alone(fit, singles)
+    predicted = joint_predictions(fit.best.fit, singles, case.fit.seed)
     estimates = {name: _estimate(fit, n, known, uncertain, limited[name]) for n, name in enumerate(problem.free)}
+    estimates = against_each_other(estimates, predicted, alone)
     at_inputs = replace(problem, start={**problem.start, **uncertain.at})  # type: ignore[dict-item]
     published = published_comparison(Solution(case, at_inputs, model, best, known), estimates)
     return Certainty(
         known=known,
         estimates=estimates,
-        findings=Findings(profiles=profiles, tests_alone=_alone(case, fit)),
+        findings=Findings(profiles=profiles, tests_alone=alone),
         noise=noise,
         uncertain=uncertain,
         surrogate=facts_of(fit.best.fit.surrogate, fit.best.fit.proofs),
+        predicted=predicted,
         published=published,
-        conclusions=(*conclusions(estimates, len(problem.tests), published), *_preferred(fit)),
+        conclusions=(*contradictions(predicted), *conclusions(estimates, len(problem.tests), published), *_preferred(fit)),
         notes=tuple(_notes(fit)),
         taken_as_known=taken_as_known(case),
     )
@@ -216,15 +221,27 @@ def _noise(fit: WideFit) -> dict[str, CurveNoise]:
     return found
 
 
-def _alone(case: Case, fit: WideFit) -> dict[str, TestAlone]:
-    """The parameters that each test determines alone, on the surrogate of the best alternative."""
+def _singles(case: Case, fit: WideFit) -> list[JointFit | None]:
+    """The fit to each test alone, on the surrogate of the best alternative; None for a test without weight, or a single one."""
     tests, joint = fit.problem.tests, fit.best.fit
-    curves = joint.posterior.curves
+    if len(tests) < 2:
+        return [None for _ in tests]
+    problem, inputs = joint.posterior.curves.problem, joint.posterior.curves.inputs
+    ones = [[k == n for k in range(len(tests))] for n in range(len(tests))]
+    return [
+        fitted(problem, inputs, joint.surrogate, joint.error, case.fit.seed, used) if test.weight else None
+        for test, used in zip(tests, ones, strict=True)
+    ]
+
+
+def _alone(fit: WideFit, singles: Sequence[JointFit | None]) -> dict[str, TestAlone]:
+    """The parameters that each test determines alone."""
     limit = limit_of(tuple(_noise(fit).values()))
     found = {}
-    for n, test in enumerate(tests if len(tests) > 1 else ()):
-        used = [k == n for k in range(len(tests))]
-        single = fitted(curves.problem, curves.inputs, joint.surrogate, joint.error, case.fit.seed, used)
+    for n, (test, single) in enumerate(zip(fit.problem.tests, singles, strict=True)):
+        if single is None:
+            continue
+        curves = single.posterior.curves
         force = curves.at(single.mode.z)[0][curves.slices[n]]
         rows = {}
         for k, path in joint_profiles(single).items():
@@ -251,8 +268,6 @@ def _notes(fit: WideFit) -> Iterator[str]:
         yield UNPROVED
     if any(known.systematic for known in _noise(fit).values()):
         yield MISFIT
-    if len(fit.problem.tests) > 1:
-        yield NOT_COMPARED
     best: WideAlternative = fit.best
     if best.changes:
         yield f"the values are those under {best.name}, the most probable alternative, and not those of the case"

@@ -1,0 +1,153 @@
+"""Tests against each other in a fit whose uncertain inputs are coordinates; `consistency` explains the statistic.
+
+A test is predicted from the other tests and the priors of the inputs. Its own contact offset and gain keep their priors: these
+are errors of the test itself. Errors by the mesh and the surrogate are in the covariance of the curves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from indentfit.arrays import Array
+from indentfit.inference.agreement import TestPrediction
+from indentfit.inference.consistency import DRAWS, ENOUGH, SEEN, UNCLEAR
+from indentfit.inference.joint import JointFit, bounded, chi2_at
+from indentfit.inference.posterior import Climber
+
+CLEAR = 1e-6  # probability by linear theory below which no draw is needed
+PROPOSED = 1000  # places from which those of the draws are chosen
+
+
+def joint_predictions(fit: JointFit, alone: Sequence[JointFit | None], seed: int) -> dict[str, TestPrediction]:
+    """Each test predicted from the others.
+
+    Parameters
+    ----------
+    fit : JointFit
+        To all tests.
+    alone : for each test the JointFit to it alone, None where the test has no weight
+    seed : int
+
+    Returns
+    -------
+    dict of test -> TestPrediction
+        Empty where fewer than two tests have a weight.
+    """
+    tests = fit.posterior.curves.problem.tests
+    heavy = [n for n, single in enumerate(alone) if single is not None]
+    if len(heavy) < 2:
+        return {}
+    noise = fit.posterior.noise
+    sigma, rho = noise.sigma.copy(), noise.rho.copy()
+    for n in heavy:
+        single = alone[n]
+        assert single is not None
+        sigma[n], rho[n] = single.posterior.noise.sigma[n], single.posterior.noise.rho[n]
+    own = replace(fit, posterior=replace(fit.posterior, noise=replace(noise, sigma=sigma, rho=rho)))
+    starts = [fit.mode.z, *(mode.z for mode in fit.others[:2]), *(single.mode.z for single in alone if single is not None)]
+    return {tests[n].name: _Prediction.of(own, n, heavy, starts).result(seed) for n in heavy}
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """Test n, the others, and all together: searches for the least chi2 of each."""
+
+    fit: JointFit
+    n: int
+    alone: Climber
+    others: Climber
+    together: Climber
+    starts: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, fit: JointFit, n: int, heavy: Sequence[int], starts: Sequence[Array]) -> "_Prediction":
+        tests = range(len(fit.posterior.used))
+        alone, others, together = (
+            Climber(replace(fit.posterior, used=tuple(k in chosen for k in tests)))
+            for chosen in ((n,), [k for k in heavy if k != n], heavy)
+        )
+        curves = fit.posterior.curves
+        own = np.zeros(curves.size, dtype=bool)
+        own[len(curves.free) :] = [known.test == n for known in curves.inputs]
+        kept = np.any(alone.P[:, own] != 0, axis=1)
+        alone.P, alone.centre = alone.P[kept], alone.centre[kept]
+        others.P, others.centre = others.P[~kept], others.centre[~kept]
+        return cls(fit, n, alone, others, together, tuple(starts))
+
+    def result(self, seed: int) -> TestPrediction:
+        """What the others predict, and the probability of the measured curve."""
+        theirs, left = _best(self.others, self.starts)
+        statistic = self._growth([*self.starts, theirs], left)
+        rows = self.fit.posterior.curves.slices[self.n]
+        predicted, measured = self.fit.posterior.curves.at(theirs)[0][rows][-1], self.alone.y[-1]
+        off = float(measured / predicted - 1) if predicted else 0.0
+        p = self._by_fisher(statistic)
+        if CLEAR < p < UNCLEAR:
+            p = self._by_draws(theirs, left, statistic, np.random.default_rng(seed))
+        return TestPrediction(p, off)
+
+    def _growth(self, starts: Sequence[Array], left: float) -> float:
+        """The growth of chi2 by one place for all tests."""
+        own, alone = _best(self.alone, starts)
+        return max(_best(self.together, [*starts, own])[1] - alone - left, 0.0)
+
+    def _by_fisher(self, statistic: float) -> float:
+        """The probability of the statistic, or more, by linear theory."""
+        z = self.fit.mode.z
+        ranks = [_rank(climber.residuals(z)[1]) for climber in (self.alone, self.others, self.together)]
+        shared = ranks[0] + ranks[1] - ranks[2]
+        return float(fisher.sf(statistic / shared, shared, self.fit.freedom)) if shared > 0 else 1.0
+
+    def _by_draws(self, theirs: Array, left: float, statistic: float, rng: np.random.Generator) -> float:
+        """The share of curves of the test, drawn from their distribution given the others, that are as far from the prediction."""
+        curves, larger = self.fit.posterior.curves, 0
+        rows = curves.slices[self.n]
+        part = slice(*(int(np.searchsorted(self.together.rows, end)) for end in (rows.start, rows.stop)))
+        measured = self.alone.y, self.together.y
+        root = np.linalg.inv(self.alone.W)
+        for number, z in enumerate(self._drawn(theirs, left, rng), start=1):
+            drawn = curves.at(z)[0][rows] + root @ rng.standard_normal(root.shape[0])
+            self.alone.y, self.together.y = drawn, measured[1].copy()
+            self.together.y[part] = drawn
+            larger += self._growth([z, theirs], left) >= statistic
+            self.alone.y, self.together.y = measured
+            if larger == ENOUGH:
+                return larger / number
+        return (1 + larger) / (1 + DRAWS)
+
+    def _drawn(self, theirs: Array, left: float, rng: np.random.Generator) -> Array:
+        """DRAWS places from their distribution given the other tests, by importance from a Gaussian about the best one; the test's
+        own offset and gain are drawn from their priors."""
+        covar = bounded(self.others.covar(theirs), theirs) + 1e-6 * np.eye(theirs.size)
+        steps = rng.standard_normal((PROPOSED, theirs.size))
+        steps[0] = 0
+        proposed = theirs + steps @ np.linalg.cholesky(covar).T
+        curves = self.fit.posterior.curves
+        for k, known in enumerate(curves.inputs, start=len(curves.free)):
+            if known.test == self.n and known.prior.spread is not None:
+                low, high = known.ends
+                proposed[:, k] = (known.prior.center + known.prior.spread * steps[:, k] - low) / (high - low)
+        within = np.all((proposed >= 0) & (proposed <= 1), axis=1)
+        within[0] = True
+        proposed, steps = np.clip(proposed[within], 0, 1), steps[within]
+        own = np.array([False] * len(curves.free) + [known.test == self.n for known in curves.inputs])
+        growth = np.maximum(chi2_at(self.others, proposed) - left, 0.0)
+        weights = -growth / 2 + 0.5 * np.sum(steps[:, ~own] ** 2, axis=1)
+        weights = np.exp(weights - weights.max())
+        return proposed[rng.choice(len(proposed), DRAWS, p=weights / weights.sum())]
+
+
+def _best(climber: Climber, starts: Sequence[Array]) -> tuple[Array, float]:
+    """The place of least chi2 from several starts, and its chi2."""
+    return min((climber.climb(z) for z in starts), key=_chi2)
+
+
+def _chi2(end: tuple[Array, float]) -> float:
+    return end[1]
+
+
+def _rank(rows: Array) -> int:
+    """The number of directions that whitened derivatives see within the ranges."""
+    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > SEEN))
