@@ -20,13 +20,14 @@ from indentfit.inference.law_curves import PlainCurves
 from indentfit.inference.noise import correlations
 from indentfit.inference.out_of_sample import DEPTH, parts_left_out
 from indentfit.inference.residual_noise import CORRELATIONS, LARGEST, SIZES, SMALLEST, smoothed, unknown_noise
+from indentfit.inference.wide_fit import widens
 from indentfit.inverse.objective import Target
-from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.material import load, typed
 from indentfit.report.schema import read_result
 from indentfit.runs.forward import simulate
 from indentfit.study.compare import compare
-from indentfit.study.law_ranges import laws_asked, moduli_of, usual_range
+from indentfit.study.law_ranges import law_case, laws_asked, moduli_of, usual_range
 
 DEPTHS = np.linspace(0.1, 1, 6)
 quick = pytest.mark.quick
@@ -53,6 +54,30 @@ def test_the_density_of_residuals_is_the_mixture_of_normal_densities_over_size_a
     ]
     noise = unknown_noise(problem, 0.02)
     assert noise.log_likelihood((force + residuals)[None])[0] == pytest.approx(np.log(np.mean(densities)), rel=1e-9)
+
+
+@quick
+def test_an_uncertain_input_that_is_no_coordinate_widens_the_noise():
+    problem, move = line(), 0.1 * DEPTHS
+    residuals, force = 0.9 * move, problem.tests[0].curve.force
+    densities = [
+        multivariate_normal(np.zeros(6), sigma**2 * correlations(6, rho) + np.outer(move, move)).pdf(residuals)
+        for rho in CORRELATIONS
+        for sigma in np.geomspace(SMALLEST, LARGEST, SIZES) * force.max()
+    ]
+    noise = unknown_noise(problem, 0.0, moves=[[move]])
+    assert noise.log_likelihood((force + residuals)[None])[0] == pytest.approx(np.log(np.mean(densities)), rel=1e-6)
+
+
+@quick
+def test_laws_with_uncertain_inputs_are_searched_on_a_surrogate_with_the_inputs_as_coordinates(tmp_path):
+    write_curve(tmp_path / "parallel.csv", Curve([0.1, 0.2, 0.3, 0.4], [1.0, 2.0, 3.1, 4.2]))
+    plain = read_case(tiny_case(tmp_path))
+    uncertain = read_case(tiny_case(tmp_path), ["fit.uncertain.friction={uniform=[0,1]}"])
+    for law in ("neo_hookean", "ogden"):
+        assert not law_case(plain, law, 1.0, {}).fit.profiles
+        there = law_case(uncertain, law, 1.0, {})
+        assert there.fit.profiles and there.fit.method == "ga" and widens(there, inverse_problem(there))
 
 
 @quick

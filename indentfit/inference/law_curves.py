@@ -12,8 +12,10 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.inference.fit import FitWithRuns
 from indentfit.inference.posterior import Curves
+from indentfit.inference.residual_noise import Moves, smoothed
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Surrogate, learn, linearised
+from indentfit.inverse.wide import OF_CURVES, prior_of
 
 TRUSTED = 0.1  # largest error of a surrogate of runs that were made for no surrogate, over the misfit
 MANY_PLACES = 512  # of a scan of curves with inputs, which are computed one after another
@@ -49,6 +51,10 @@ class LawCurves(Protocol):
     def start(self) -> Array:
         """The place of the fit's own optimum."""
 
+    @property
+    def moves(self) -> Moves:
+        """Changes of each test's curve by one standard deviation of uncertain inputs that are no coordinates."""
+
 
 @dataclass(frozen=True, eq=False)
 class PlainCurves:
@@ -62,12 +68,14 @@ class PlainCurves:
     shape : array (N,), mN
         The curve at the reference of the scale, where there is no surrogate.
     optimum : array (p,), units of the ranges
+    moves : for each test the changes of its curve by one standard deviation of uncertain inputs
     """
 
     problem: InverseProblem
     surrogate: Surrogate | None
     shape: Array
     optimum: Array
+    moves: Moves = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -128,6 +136,7 @@ class WideCurves:
 
     curves: Curves
     optimum: Array
+    moves: Moves = ()  # inputs are coordinates
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -202,11 +211,25 @@ def _plain(fitted: FitWithRuns) -> PlainCurves | None:
     shape = np.concatenate(best.forces) / problem.factor(best.parameters)
     units = np.clip(problem.units(best.parameters), 0, 1)
     if not problem.searched:
-        return PlainCurves(problem, None, shape, units)
+        return PlainCurves(problem, None, shape, units, _moves(fitted))
     surrogate = fitted.solved.exploration.surrogate and learn(problem, fitted.runs)
     if surrogate is None and fitted.solved.optimum.derivatives is not None:
         surrogate = _learned(fitted) or linearised(problem, best, fitted.solved.optimum.derivatives)
-    return None if surrogate is None else PlainCurves(problem, surrogate, shape, units)
+    return None if surrogate is None else PlainCurves(problem, surrogate, shape, units, _moves(fitted))
+
+
+def _moves(fitted: FitWithRuns) -> Moves:
+    """The changes of each test's curve by the contact point and the gain of the load cell, where the case says how uncertain these
+    are: a law without searched parameters has no other place for them."""
+    case = fitted.result.case
+    assert case is not None  # `fit` has set it
+    offset, gain = (prior_of(case, name, 0.0) for name in OF_CURVES)
+    rows = []
+    for test in fitted.problem.tests:
+        force = smoothed(test.curve.displacement, test.curve.force)
+        slope = np.gradient(force, test.curve.displacement) if force.size > 1 else force
+        rows.append([known.sd * row for known, row in ((offset, slope), (gain, force)) if known is not None and known.sd])
+    return rows
 
 
 def _learned(fitted: FitWithRuns) -> Surrogate | None:

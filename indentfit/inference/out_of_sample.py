@@ -54,7 +54,7 @@ def out_of_sample(problem: InverseProblem, curves: LawCurves, mesh: float, seed:
     """
     errors = {}
     for name, fitted, predicted in parts_left_out(problem):
-        noise = unknown_noise(problem, mesh, fitted)
+        noise = unknown_noise(problem, mesh, fitted, curves.moves)
         best = find_peaks(Density(curves, noise), seed)[0]
         errors[name] = _error(problem, curves.forces(best.z[None])[0], predicted)
     return errors

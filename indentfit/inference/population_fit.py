@@ -146,9 +146,8 @@ def _draws(fitted: SampleFit, group: str, seed: int) -> SampleDraws:
     """The density of a sample's curves over the parameters: noise and the sample's own inputs are integrated out."""
     whole: FitWithRuns | None = fitted.whole
     assert whole is not None  # the samples without runs are left out
-    noise = unknown_noise(whole.problem, 0.0)
     alternatives = alternatives_of(whole)
-    known = [(curves, evidence(curves, noise, seed)) for _, curves in alternatives]
+    known = [(c, evidence(c, unknown_noise(whole.problem, 0.0, moves=c.moves), seed)) for _, c in alternatives]
     logs = np.array([np.log(prior) + each.log for (prior, _), (_, each) in zip(alternatives, known, strict=True)])
     odds = np.exp(logs - logs.max()) / np.exp(logs - logs.max()).sum()
     values = np.concatenate([curves.values(each.places) for curves, each in known])

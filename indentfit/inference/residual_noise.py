@@ -13,6 +13,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from indentfit.arrays import Array, Ints
+from indentfit.curve import Curve
 from indentfit.inference.noise import correlations
 from indentfit.inverse.problem import InverseProblem
 
@@ -99,7 +100,10 @@ class UnknownNoise:
         return [(test.rows, test.whitener(force - self.measured)) for test in self.tests]
 
 
-def unknown_noise(problem: InverseProblem, mesh: float, counted: Sequence[Ints] | None = None) -> UnknownNoise:
+Moves = Sequence[Sequence[Array]]  # for each test the changes of its curve by one standard deviation of errors
+
+
+def unknown_noise(problem: InverseProblem, mesh: float, counted: Sequence[Ints] | None = None, moves: Moves = ()) -> UnknownNoise:
     """The UnknownNoise of the tests of a problem.
 
     Parameters
@@ -109,6 +113,8 @@ def unknown_noise(problem: InverseProblem, mesh: float, counted: Sequence[Ints] 
         Standard deviation of the forces' error by the mesh, relative.
     counted : sequence of arrays
         For each test the numbers of its points that count; by default all of the tests that have a weight.
+    moves : for each test a sequence of arrays (n,), mN
+        Changes of the whole curve by one standard deviation of further errors, such as that of the contact point.
 
     Returns
     -------
@@ -119,7 +125,10 @@ def unknown_noise(problem: InverseProblem, mesh: float, counted: Sequence[Ints] 
         size = test.curve.force.size
         used = np.arange(size if test.weight else 0) if counted is None else np.asarray(counted[n])
         if used.size:
-            tests.append(_test_noise(test.curve.displacement, test.curve.force, used, start, mesh))
+            shared = mesh_covar(test.curve, mesh) + sum(
+                (np.outer(row, row) for row in (moves[n] if moves else ())), np.zeros((size, size))
+            )
+            tests.append(_test_noise(test.curve.force, used, start, shared[np.ix_(used, used)]))
         start += size
     return UnknownNoise(tuple(tests), np.concatenate([test.curve.force for test in problem.tests]))
 
@@ -131,10 +140,15 @@ def smoothed(depth: Array, force: Array) -> Array:
     return np.asarray(powers @ np.linalg.lstsq(powers, force, rcond=None)[0])
 
 
-def _test_noise(depth: Array, force: Array, used: Ints, start: int, mesh: float) -> TestNoise:
+def mesh_covar(measured: Curve, sd: float) -> Array:
+    """Covariance (n, n) of the forces' error by the mesh, of a relative standard deviation."""
+    depth = measured.displacement
     smooth = np.exp(-0.5 * (np.subtract.outer(depth, depth) / (SMOOTHLY * depth[-1])) ** 2)
-    curve = smoothed(depth, force)
-    shared = (mesh**2 * np.outer(curve, curve) * smooth)[np.ix_(used, used)]
+    curve = smoothed(depth, measured.force)
+    return np.asarray(sd**2 * np.outer(curve, curve) * smooth)
+
+
+def _test_noise(force: Array, used: Ints, start: int, shared: Array) -> TestNoise:
     kinds = []
     for rho in CORRELATIONS if used.size > 3 else CORRELATIONS[:1]:
         root = np.linalg.cholesky(correlations(force.size, rho)[np.ix_(used, used)])

@@ -374,8 +374,10 @@ def total_evidence(
     fitted: FitWithRuns, alternatives: Sequence[tuple[float, LawCurves]], mesh: float, seed: int
 ) -> tuple[float, LawCurves, Evidence]:
     """The log evidence of a law over all alternatives of the case, and the best alternative's curves and Evidence."""
-    noise = unknown_noise(fitted.problem, mesh)
-    found = [(math.log(prior), curves, evidence(curves, noise, seed)) for prior, curves in alternatives if prior > 0]
+    found = []
+    for prior, curves in alternatives:
+        noise = unknown_noise(fitted.problem, mesh, moves=curves.moves)
+        found.append((math.log(max(prior, 1e-300)), curves, evidence(curves, noise, seed)))
     logs = [prior + known.log for prior, _, known in found]
     _, curves, known = found[int(np.argmax(logs))]
     return float(logsumexp(logs)), curves, known

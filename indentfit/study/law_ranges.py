@@ -15,6 +15,8 @@ from indentfit.case import Case, Range
 from indentfit.case.laws import open_law
 from indentfit.errors import CaseError, MaterialError
 from indentfit.experiment.measured import changed_case
+from indentfit.inverse.methods import SEARCHES
+from indentfit.inverse.wide import uncertain_inputs
 from indentfit.material import FUNCTIONS, INVARIANTS, STRETCHES, Material, Parameter, trial_values
 
 Usual = tuple[float, float, float]  # start, least, largest; those of moduli are multiples of the curves' shear modulus
@@ -39,7 +41,7 @@ OF_LAWS: dict[str, dict[str, Usual]] = {  # ranges that the literature on soft t
     "Yeoh": {"c10": (0.5, 0.01, 2.5), "c20": FURTHER, "c30": FURTHER},
 }  # fmt: skip
 INSTALLED = re.compile(r"[A-Za-z_][\w-]*")
-KEPT = ("fit.published={}", "fit.profiles=false", "fit.what_if=false")
+ANYWHERE = ("fit.published={}", "fit.what_if=false")
 MOST_MODULI = 6  # parameters among which moduli are looked for
 
 
@@ -80,7 +82,7 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
     """
     try:
         if is_own(case, law):
-            return changed_case(case, [*_ranges_given(ranges), *KEPT])
+            return changed_case(case, [*_ranges_given(ranges), *_of_search(case)])
         kind, names = _kind_of(law)
         found = open_law(law if kind == "model" else None, law if kind == "energy" else None, names, case.folder)
         assert modulus is not None
@@ -88,11 +90,20 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
         if unknown := set(ranges) - set(free):
             raise CaseError([f"it has no parameter {sorted(unknown)[0]!r}; it has: {', '.join(free)}"])
         table = ", ".join(f"{name} = {_as_toml(bounds)}" for name, bounds in free.items())
-        return changed_case(case, [f"material.{kind}={_quoted(law)}", f"material.parameters={{ {table} }}", *KEPT])
+        return changed_case(case, [f"material.{kind}={_quoted(law)}", f"material.parameters={{ {table} }}", *_of_search(case)])
     except CaseError as error:
         raise CaseError([f"law {law!r}: {fault}" for fault in error.faults]) from error
     except (MaterialError, OSError) as error:
         raise CaseError([f"law {law!r}: {error}"]) from error
+
+
+def _of_search(case: Case) -> tuple[str, ...]:
+    """Keys of the search. Intervals are those of the comparison, and need no profiles; but uncertain inputs are coordinates of such
+    fits alone that search on a surrogate, with profiles."""
+    if not uncertain_inputs(case) and not case.fit.uncertain.base:
+        return (*ANYWHERE, "fit.profiles=false")
+    method = case.fit.method if case.fit.method in SEARCHES else "ga"
+    return (*ANYWHERE, "fit.profiles=true", "fit.direct=false", f"fit.method={method}")
 
 
 def is_own(case: Case, law: str) -> bool:
