@@ -60,6 +60,11 @@ class Setup:
     block: tuple[Sample, DiscForBlock] | None = None
 
     @property
+    def rubs(self) -> bool:
+        """Whether points come to touch one by one under friction: the force depends a little on the steps of the depth then."""
+        return self.indenter.geometry.edge_radius is None and self.indenter.friction != 0
+
+    @property
     def remark(self) -> str:
         """What is solved in place of the sample, in words; empty where the sample itself is."""
         return "" if self.block is None else self.block[1].words(self.block[0])
