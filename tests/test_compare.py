@@ -71,7 +71,7 @@ def test_an_uncertain_input_that_is_no_coordinate_widens_the_noise():
 
 @quick
 def test_laws_with_uncertain_inputs_are_searched_on_a_surrogate_with_the_inputs_as_coordinates(tmp_path):
-    write_curve(tmp_path / "parallel.csv", Curve([0.1, 0.2, 0.3, 0.4], [1.0, 2.0, 3.1, 4.2]))
+    write_curve(tmp_path / "parallel.csv", Curve([0.05, 0.1, 0.15, 0.2, 0.25], [1.0, 2.0, 3.1, 4.2, 5.3]))
     plain = read_case(tiny_case(tmp_path))
     uncertain = read_case(tiny_case(tmp_path), ["fit.uncertain.friction={uniform=[0,1]}"])
     for law in ("neo_hookean", "ogden"):
