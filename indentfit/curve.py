@@ -1,10 +1,11 @@
 """A force-displacement curve, and its CSV file in and out.
 
 The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT` (or `Displacement (mm)`, `Load (gf)`),
-in any order; other columns are ignored, and named in the curve's notes where they hold a retraction or standard deviations. Columns
-are separated by commas or tabs, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and
-empty lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The
-force is that of the full sample, positive in compression; displacements are positive into the sample and rise from line to line.
+in any order. A column such as `force_sd_mN` or `Force SD (mN)` holds the standard deviation of each force. Other columns are
+ignored, and named in the curve's notes where they hold a retraction, or standard deviations of the displacement. Columns are
+separated by commas or tabs, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and empty
+lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The force is
+that of the full sample, positive in compression; displacements are positive into the sample and rise from line to line.
 """
 
 from __future__ import annotations
@@ -33,8 +34,9 @@ LEFT_OUT = {  # words in a header after the quantity
 }
 SAID = {
     "retraction": "the loading is read, and the retraction is left out",
-    "deviation": "standard deviations of single points are left out, so that every point counts alike",
+    "deviation": "standard deviations of displacements are left out; fit.uncertain.offset states one of all points",
 }
+SMALLEST_SD = 1e-3  # of the median: a single point with a smaller standard deviation would decide a fit
 Column = tuple[int, float]  # the column's place, and the factor that converts its numbers to mm or mN
 
 
@@ -52,20 +54,25 @@ class Curve:
         What a reader should know of the file: columns that were left out.
     contact : float or None, mm
         Standard deviation of the contact point, where the record of the curve tells it.
+    sd : array (n,), mN, or None
+        Standard deviation of each force, where it is known: points weigh by the inverse squares.
 
     Raises
     ------
     CurveError
-        The two hold other values than numbers, or different numbers of values.
+        They hold other values than numbers, or different numbers of values.
     """
 
     displacement: Array
     force: Array
     notes: tuple[str, ...] = ()
     contact: float | None = None
+    sd: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in UNITS:
+        for name in (*UNITS, "sd"):
+            if getattr(self, name) is None:
+                continue
             try:
                 values = np.array(getattr(self, name), dtype=float)
             except (TypeError, ValueError) as error:
@@ -77,6 +84,27 @@ class Curve:
                 f"a curve needs one force for each displacement; got arrays of shape "
                 f"{self.displacement.shape} and {self.force.shape}"
             )
+        if self.sd is not None and self.sd.shape != self.force.shape:
+            raise CurveError(f"a curve needs one sd for each force; got arrays of shape {self.force.shape} and {self.sd.shape}")
+
+    @property
+    def columns(self) -> list[Array]:
+        """Displacements, forces, and standard deviations where they are known."""
+        return [self.displacement, self.force, *([] if self.sd is None else [self.sd])]
+
+    @property
+    def stated_noise(self) -> float:
+        """The standard deviation, mN, of a point of mean weight; 0 where none is known."""
+        return 0.0 if self.sd is None else float(1 / np.sqrt(np.mean(1 / self.sd**2)))
+
+    @property
+    def trust(self) -> Array:
+        """Factors (n,) on the residuals: in inverse proportion to the standard deviations, with 1 as the mean of their squares."""
+        return np.ones(self.force.size) if self.sd is None else self.stated_noise / self.sd
+
+    def with_force(self, force: Array) -> Curve:
+        """Other forces with the displacements and standard deviations of this curve."""
+        return Curve(self.displacement, force, (), self.contact, self.sd)
 
     def __repr__(self) -> str:
         last = f" to {self.displacement[-1]:.4g} mm and {self.force[-1]:.4g} mN" if self.displacement.size else ""
@@ -111,10 +139,12 @@ def read_curve(path: str | Path) -> Curve:
     width, columns = _columns(f"{path}: line {number}", cells)
     points = [_point(f"{path}: line {number}", _cells(line, separator), width, columns, separator) for number, line in lines]
     _require_loading(path, [number for number, _ in lines], points)
-    displacement, force = np.array(points).T
+    displacement, force, *sd = np.array(points).T
+    for n, text_of_fault in _not_deviations(*sd):
+        raise CurveError(f"{path}: line {lines[n][0]}: {text_of_fault}")
     stated = CONTACT.search(text)
     contact = float(stated["sd"]) if stated else None
-    return Curve(np.maximum(displacement, 0.0), force, tuple(_notes(cells)), contact or None)
+    return Curve(np.maximum(displacement, 0.0), force, tuple(_notes(cells)), contact or None, *sd)
 
 
 def require_loading(curve: Curve) -> None:
@@ -136,10 +166,12 @@ def require_loading(curve: Curve) -> None:
         raise CurveError("holds numbers that are not finite; leave these points out")
     for n, text in _not_loading(displacement, force):
         raise CurveError(text if n is None else f"point {n}: {text}")
+    for n, text in _not_deviations(curve.sd):
+        raise CurveError(f"point {n}: {text}")
 
 
 def write_curve(path: str | Path, curve: Curve) -> None:
-    """Write a `Curve` as CSV with the header displacement_mm,force_mN; `read_curve` reads exactly the same numbers.
+    """Write a `Curve` as CSV with the header displacement_mm,force_mN (force_sd_mN); `read_curve` reads exactly the same numbers.
 
     Parameters
     ----------
@@ -151,10 +183,12 @@ def write_curve(path: str | Path, curve: Curve) -> None:
     CurveError
         The file cannot be written.
     """
-    rows = [f"{d!r},{f!r}\n" for d, f in zip(curve.displacement.tolist(), curve.force.tolist(), strict=True)]
+    columns = curve.columns
+    header = ",".join(("displacement_mm", "force_mN", "force_sd_mN")[: len(columns)])
+    rows = [",".join(map(repr, row)) + "\n" for row in zip(*(column.tolist() for column in columns), strict=True)]
     rows += [f"# contact point +- {float(curve.contact)!r} mm (standard deviation)\n"] if curve.contact else []
     try:
-        Path(path).write_text("displacement_mm,force_mN\n" + "".join(rows), encoding="utf-8", newline="\n")
+        Path(path).write_text(f"{header}\n{''.join(rows)}", encoding="utf-8", newline="\n")
     except OSError as error:
         raise CurveError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
 
@@ -191,7 +225,8 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _columns(where: str, header: list[str]) -> tuple[int, list[Column]]:
-    """Column and factor of the displacement and of the force, from a header such as displacement_um,force_N."""
+    """Column and factor of the displacement, of the force, and of its standard deviation where the file has one, from a header such
+    as displacement_um,force_N,force_sd_N."""
     places = []
     for quantity, target in UNITS.items():
         matching = [(place, cell) for place, cell in enumerate(header) if _named(cell)[0] == quantity]
@@ -207,7 +242,46 @@ def _columns(where: str, header: list[str]) -> tuple[int, list[Column]]:
             places.append((place, unit_factor(_named(cell)[1], target)))
         except ValueError as error:
             raise CurveError(f"{where}: column {_shown(cell)} {error}") from None
-    return len(header), places
+    return len(header), [*places, *_deviations(where, header)]
+
+
+def _deviations(where: str, header: list[str]) -> Iterator[Column]:
+    """Column and factor of the standard deviations of the forces, where there is one such column."""
+    found = [(place, cell) for place, cell in enumerate(header) if _is_deviation(cell, "force")]
+    if len(found) > 1:
+        names = ", ".join(cell for _, cell in found)
+        raise CurveError(
+            f"{where}: the header has {len(found)} columns of standard deviations of the force, {names}; keep one of them"
+        )
+    for place, cell in found:
+        words = [word for word in re.split(r"[_\s()\[\]]+", HEADER.fullmatch(cell)["rest"]) if word]  # type: ignore[index]
+        units = [word for word in words if word.lower() not in LEFT_OUT["deviation"]]
+        try:
+            yield place, unit_factor("".join(units), UNITS["force"])
+        except ValueError as error:
+            raise CurveError(f"{where}: column {_shown(cell)} {error}; write force_sd_mN") from None
+
+
+def _is_deviation(cell: str, quantity: str) -> bool:
+    match = HEADER.fullmatch(cell)
+    return match is not None and _named(cell)[0] == "deviation" and QUANTITIES[match["name"].lower()] == quantity
+
+
+def _not_deviations(sd: Array | None = None) -> Iterator[tuple[int, str]]:
+    """The first standard deviation that cannot be a weight, as (number of its point, what is wrong)."""
+    if sd is None:
+        return
+    wrong = ~(np.isfinite(sd) & (sd > 0))
+    if wrong.any():
+        n = int(np.argmax(wrong))
+        text = "must be above zero: a force without an error would have all of the weight; leave the line out, or give its error"
+        yield n, f"standard deviation {sd[n]:g} mN {text}"
+    elif sd.min() < SMALLEST_SD * np.median(sd):
+        n = int(np.argmin(sd))
+        text = (
+            f"is below {SMALLEST_SD:g} of the median, {np.median(sd):.3g} mN: this point alone would decide a fit; give its error"
+        )
+        yield n, f"standard deviation {sd[n]:.3g} mN {text}"
 
 
 def _named(cell: str) -> tuple[str, str]:
@@ -223,7 +297,7 @@ def _named(cell: str) -> tuple[str, str]:
 def _notes(header: list[str]) -> Iterator[str]:
     """What is said of columns that are left out."""
     for kind in LEFT_OUT:
-        cells = [cell for cell in header if _named(cell)[0] == kind]
+        cells = [cell for cell in header if _named(cell)[0] == kind and not (kind == "deviation" and _is_deviation(cell, "force"))]
         if cells:
             yield f"{SAID[kind]}: {', '.join(cells)}"
 
@@ -252,7 +326,7 @@ def _require_loading(path: Path, numbers: list[int], points: list[list[float]]) 
     """Refuse points that are not the loading part of one indentation; the error names the first wrong line."""
     if len(points) < MIN_POINTS:
         raise CurveError(f"{path}: {len(points)} points; a curve needs at least {MIN_POINTS}")
-    displacement, force = np.array(points).T
+    displacement, force = np.array(points).T[:2]
     for n, text in _not_loading(displacement, force):
         raise CurveError(f"{path}: line {numbers[n]}: {text}" if n is not None else f"{path}: {text}")
 

@@ -191,7 +191,10 @@ def test_headers_of_other_programs_are_read(tmp_path, header, displacement, forc
             "displacement_retract_mm,force_retract_mN",
             "the loading is read, and the retraction is left out: displacement_retract_mm, force_retract_mN",
         ),
-        ("force_sd_mN,Load std (mN)", "every point counts alike: force_sd_mN, Load std (mN)"),
+        (
+            "displacement_sd_mm,force_sd_mN",
+            "standard deviations of displacements are left out; fit.uncertain.offset states one of all points: displacement_sd_mm",
+        ),
     ],
 )
 def test_columns_that_are_left_out_are_named(tmp_path, more, note):

@@ -222,7 +222,7 @@ class Case(BaseModel):
                 if test[own] is None:
                     del test[own]
             contact = [curve.contact] if curve is not None and curve.contact else []
-            test["curve"] = curve and [curve.displacement.tolist(), curve.force.tolist(), *contact]
+            test["curve"] = curve and [*(column.tolist() for column in curve.columns), *contact]
         if plugin := plugin_file(self.material.model, self.folder):  # the content of the file, not its place
             code = hashlib.sha256(plugin.read_bytes()).hexdigest()
             facts["material"]["model"] = facts["material"]["model"].rpartition(":")[2] + " " + code

@@ -40,7 +40,7 @@ def bootstrap(
     for _ in range(draws):
         targets = list(there)
         for n, noise in zip(heavy, known.noise, strict=True):
-            targets[n] = targets[n] + draw(noise, rng)
+            targets[n] = targets[n] + draw(noise, rng) / problem.tests[n].curve.trust
         estimates.append(estimate(problem, surrogate, known.weights, x, targets=targets)[0])
     values = np.array([problem.values(problem.parameters(row)) for row in estimates])
     low, high = np.percentile(values, [2.5, 97.5], axis=0)

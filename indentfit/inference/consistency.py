@@ -89,10 +89,12 @@ class _Whitened:
         """The root of the covariance of one test's errors, and the degrees of freedom of its size, from a fit to the test alone."""
         alone, _ = self.best((n,), [x, np.full(x.size, 0.5)])
         force, slopes = self.curves(alone)[n], self.slopes(alone)[n]
-        (noise,), known = errors([slopes], [force - self.measured[n]], [1.0])
+        curve = self.problem.tests[n].curve
+        scaled, residuals = curve.trust[:, None] * slopes, curve.trust * (force - self.measured[n])
+        (noise,), known = errors([scaled], [residuals], [1.0], [curve.stated_noise])
         finest = FINEST * float(np.sqrt(np.mean(self.measured[n] ** 2)))
         size = max(noise.sigma if noise.sigma is not None and np.isfinite(noise.sigma) else 0.0, finest) ** 2
-        own = size * correlations(force.size, noise.autocorrelation)
+        own = size * correlations(force.size, noise.autocorrelation) / np.outer(curve.trust, curve.trust)
         covariance = own + sum((np.outer(row, row) for row in common), np.zeros_like(own))
         return np.asarray(np.linalg.cholesky(covariance)), max(float(known.freedom.max()), 1.0)
 

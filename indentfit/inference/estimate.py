@@ -75,7 +75,7 @@ def estimate(
     """
     moving = [n for n in range(len(x)) if n != fixed]
     wanted = targets if targets is not None else [test.curve.force for test in problem.tests]
-    roots = [np.full(test.curve.force.size, np.sqrt(w)) for test, w in zip(problem.tests, weights, strict=True)]
+    roots = [np.sqrt(w) * test.curve.trust for test, w in zip(problem.tests, weights, strict=True)]
     residuals = _Residuals(problem, surrogate, np.concatenate(roots), np.concatenate(wanted))
 
     def whole(part: Array) -> Array:

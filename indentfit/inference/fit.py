@@ -197,7 +197,8 @@ class _Work:
 
     def notes(self, case: Case) -> tuple[str, ...]:
         mesh = () if case.fit.uncertain.mesh else (MESH_NOTE,)
-        return (*mesh, *_of_records(case), *said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False)))
+        tries = said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False))
+        return (*_weights_of_points(case), *mesh, *_of_records(case), *tries)
 
 
 def _of_records(case: Case) -> Iterator[str]:
@@ -205,6 +206,17 @@ def _of_records(case: Case) -> Iterator[str]:
     known = [(test.name, found) for test, found in zip(case.tests, of_records(case), strict=True) if found]
     if known:
         yield CONTACT.format(of=", ".join(f"{name} {found:.2g} mm" for name, found in known))
+
+
+def _weights_of_points(case: Case) -> Iterator[str]:
+    """What weighs the points of each curve that states standard deviations."""
+    for test, curve in zip(case.tests, case.curves, strict=True):
+        if curve is not None and curve.sd is not None:
+            low, high = curve.sd.min(), curve.sd.max()
+            yield (
+                f"{test.name}: its points count by the inverse squares of their stated standard deviations, {low:.3g} to "
+                f"{high:.3g} mN; RMSE and misfit are so weighted, and the noise counts as at least that large"
+            )
 
 
 def _facts_at(pool: RunPool, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:

@@ -17,7 +17,7 @@ from indentfit.inference.noise import Errors, errors
 from indentfit.inference.result import CurveNoise
 from indentfit.inference.verdicts import verdict
 from indentfit.inverse.local import stacked
-from indentfit.inverse.objective import rmse, sum_of_squares
+from indentfit.inverse.objective import Target, rmse, sum_of_squares
 from indentfit.inverse.problem import Candidate, InverseProblem
 
 NOTE = "errors and intervals take the residuals for noise; where the model cannot follow the curves, the residuals are no noise"
@@ -95,8 +95,7 @@ def identifiability(
     values = problem.values(candidate.parameters)
     weights = weights_of(problem, candidate, equation_one)
     heavy = [n for n, weight in enumerate(weights) if weight]
-    residuals = [candidate.forces[n] - tests[n].curve.force for n in heavy]
-    noise, errors_of_all = errors([slopes[n] / ranges for n in heavy], residuals, [weights[n] for n in heavy])
+    noise, errors_of_all = _errors([tests[n] for n in heavy], [slopes[n] / ranges for n in heavy], candidate, heavy, weights)
     stderr = np.sqrt(np.diag(errors_of_all.covar))
     quantile = quantiles(errors_of_all.freedom)
     with np.errstate(invalid="ignore"):
@@ -124,6 +123,17 @@ def identifiability(
         weights=tuple(weights),
         errors=errors_of_all,
     )
+
+
+def _errors(
+    tests: Sequence[Target], slopes: Sequence[Array], candidate: Candidate, heavy: Sequence[int], weights: Sequence[float]
+) -> tuple[tuple[CurveNoise, ...], Errors]:
+    """Noise and errors, by residuals that are as trustworthy as each other; the estimator is that of changes of the curves."""
+    trust = [test.curve.trust for test in tests]
+    residuals = [t * (candidate.forces[n] - test.curve.force) for t, n, test in zip(trust, heavy, tests, strict=True)]
+    scaled = [t[:, None] * s for t, s in zip(trust, slopes, strict=True)]
+    noise, known = errors(scaled, residuals, [weights[n] for n in heavy], [test.curve.stated_noise for test in tests])
+    return noise, replace(known, estimator=tuple(B * t for B, t in zip(known.estimator, trust, strict=True)))
 
 
 def limit_of(noise: Sequence[CurveNoise]) -> Limit:

@@ -140,8 +140,8 @@ def _of_base(solution: Solution, spread: float) -> Moves:
     base = solution.case.sample.base
     slopes, forces = derivatives_at(problem, solution.model, {**best.parameters, "sample.base": OTHER_BASE[base]})
     heavy = [n for n, weight in enumerate(known.weights) if weight]
-    roots = [np.sqrt(known.weights[n]) for n in heavy]
-    A = np.concatenate([root * slopes[n] for root, n in zip(roots, heavy, strict=True)])
+    roots = [np.sqrt(known.weights[n]) * problem.tests[n].curve.trust for n in heavy]
+    A = np.concatenate([root[:, None] * slopes[n] for root, n in zip(roots, heavy, strict=True)])
     b = np.concatenate([root * (best.forces[n] - forces[n]) for root, n in zip(roots, heavy, strict=True)])
     x = problem.units(best.parameters)
     effect = problem.ranges * scipy.optimize.lsq_linear(A, b, (-x - 1e-12, 1 - x + 1e-12), tol=1e-14).x

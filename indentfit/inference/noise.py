@@ -44,7 +44,9 @@ class Errors:
     estimator: tuple[Array, ...]
 
 
-def errors(slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequence[float]) -> tuple[tuple[CurveNoise, ...], Errors]:
+def errors(
+    slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequence[float], stated: Sequence[float] | None = None
+) -> tuple[tuple[CurveNoise, ...], Errors]:
     """Noise of the curves, and errors of the estimate that minimises sum w |r|^2 over the tests.
 
     The covariance is that of this estimator under the noise that the residuals show (a "sandwich"), not that of the best estimator.
@@ -54,6 +56,8 @@ def errors(slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequenc
     slopes : sequence of arrays (n, p), mN per unit of each parameter
     residuals : sequence of arrays (n,), mN
     weights : sequence of float, above 0
+    stated : sequence of float, mN
+        Standard deviation of a point that the curve itself states: noise is at least as large. 0 where none is stated.
 
     Returns
     -------
@@ -70,6 +74,8 @@ def errors(slopes: Sequence[Array], residuals: Sequence[Array], weights: Sequenc
     rho = [autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]
     R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
+    if stated is not None:
+        variance = np.fmax(variance, np.square(stated))
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
     covar = sum((v * b @ r @ b.T for v, b, r in zip(variance, B, R, strict=True)), np.zeros_like(plain))
     typical = np.linalg.matrix_rank(A) / max(np.trace(J.T @ J @ covar), 1e-300)

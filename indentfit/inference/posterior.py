@@ -171,17 +171,24 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What makes the residuals: white or correlated noise of each test, and errors of the model (N, N), mN^2."""
+    """What makes the residuals: white or correlated noise of each test, and errors of the model (N, N), mN^2; `trust` holds the
+    factors (n,) of each test that make points equally noisy (`Curve.trust`)."""
 
     sigma: Array
     rho: Array
     model: Array
+    trust: tuple[Array, ...]
+
+    def shape(self, test: int) -> Array:
+        """Covariance of the noise of a test whose sigma is 1, (n, n)."""
+        trust = self.trust[test]
+        return correlations(trust.size, self.rho[test]) / np.outer(trust, trust)
 
     def covar(self, slices: Sequence[slice]) -> Array:
         """Covariance of the residuals, (N, N)."""
         covar = self.model.copy()
-        for rows, sigma, rho in zip(slices, self.sigma, self.rho, strict=True):
-            covar[rows, rows] += sigma**2 * correlations(rows.stop - rows.start, rho)
+        for n, (rows, sigma) in enumerate(zip(slices, self.sigma, strict=True)):
+            covar[rows, rows] += sigma**2 * self.shape(n)
         return covar
 
 
@@ -287,7 +294,7 @@ def noise_at(posterior: Posterior, z: Array) -> NoiseModel:
     curves, noise = posterior.curves, posterior.noise
     force, J = curves.at(z)
     P = posterior.prior_rows()[0]
-    floors = np.array([FINEST * np.abs(test.curve.force).max() for test in curves.problem.tests])
+    floors = np.array([FINEST * np.abs(t.curve.force).max() for t in curves.problem.tests])
     left = force - curves.measured()
 
     def sized(noise: NoiseModel) -> NoiseModel:
@@ -322,7 +329,7 @@ def _step(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: Array,
         if not used:
             continue
         here = slice(done, done + n)
-        R, done = correlations(n, noise.rho[k]), done + n
+        R, done = noise.shape(k), done + n
         variance = noise.sigma[k] ** 2
         squares = variance**2 * weighted[here] @ R @ weighted[here]
         spread = n * variance - variance**2 * np.trace(R @ left[here, here])
@@ -339,7 +346,7 @@ def _correlated(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: 
         n = part.stop - part.start
         if used:
             here = slice(done, done + n)
-            R = noise.sigma[k] ** 2 * correlations(n, noise.rho[k])
-            rho[k] = autocorrelation(R @ left[here, here], R @ weighted[here])
+            R, trust = noise.sigma[k] ** 2 * correlations(n, noise.rho[k]), noise.trust[k]
+            rho[k] = autocorrelation(R @ (left[here, here] / np.outer(trust, trust)), R @ (weighted[here] / trust))
             done += n
     return rho

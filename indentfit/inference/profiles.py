@@ -138,7 +138,7 @@ class Proving:
 
     def _squares(self, forces: tuple[Array, ...]) -> float:
         rows = zip(self.problem.tests, forces, self.known.weights, strict=True)
-        return sum(weight * float(np.sum((force - test.curve.force) ** 2)) for test, force, weight in rows)
+        return sum(weight * float(np.sum((test.curve.trust * (force - test.curve.force)) ** 2)) for test, force, weight in rows)
 
 
 def _apart(ends: Array, widths: Array) -> list[Array]:

@@ -128,7 +128,7 @@ def unknown_noise(problem: InverseProblem, mesh: float, counted: Sequence[Ints] 
             shared = mesh_covar(test.curve, mesh) + sum(
                 (np.outer(row, row) for row in (moves[n] if moves else ())), np.zeros((size, size))
             )
-            tests.append(_test_noise(test.curve.force, used, start, shared[np.ix_(used, used)]))
+            tests.append(_test_noise(test.curve, used, start, shared[np.ix_(used, used)]))
         start += size
     return UnknownNoise(tuple(tests), np.concatenate([test.curve.force for test in problem.tests]))
 
@@ -148,10 +148,11 @@ def mesh_covar(measured: Curve, sd: float) -> Array:
     return np.asarray(sd**2 * np.outer(curve, curve) * smooth)
 
 
-def _test_noise(force: Array, used: Ints, start: int, shared: Array) -> TestNoise:
+def _test_noise(measured: Curve, used: Ints, start: int, shared: Array) -> TestNoise:
+    force, shape = measured.force, 1 / np.outer(measured.trust, measured.trust)
     kinds = []
     for rho in CORRELATIONS if used.size > 3 else CORRELATIONS[:1]:
-        root = np.linalg.cholesky(correlations(force.size, rho)[np.ix_(used, used)])
+        root = np.linalg.cholesky((correlations(force.size, rho) * shape)[np.ix_(used, used)])
         half = solve_triangular(root, shared, lower=True)
         values, vectors = np.linalg.eigh(solve_triangular(root, half.T, lower=True))
         turn = vectors.T @ solve_triangular(root, np.eye(used.size), lower=True)

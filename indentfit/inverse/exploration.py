@@ -157,7 +157,7 @@ def scanned(problem: InverseProblem, surrogate: Surrogate, seed: int = 0) -> tup
     places = qmc.Sobol(len(problem.searched), seed=seed).random(SCANNED)
     places = places[~surrogate.near_failure(places)]
     curves = surrogate.curves(places)
-    weights = np.concatenate([np.full(t.curve.force.size, t.weight / t.curve.force.size) for t in problem.tests])
+    weights = np.concatenate([t.curve.trust**2 * t.weight / t.curve.force.size for t in problem.tests])
     target = np.concatenate([test.curve.force for test in problem.tests])
     scale = np.ones(len(places))
     if problem.scale:

@@ -126,8 +126,10 @@ def _with_best_scale(problem: InverseProblem, candidate: Candidate) -> Candidate
     """The Candidate at the scale that minimises the sum of squares, within the scale's bounds."""
     if not problem.scale:
         return candidate
-    triples = [(t.weight / len(f), f, t.curve.force) for t, f in zip(problem.tests, candidate.forces, strict=True)]
-    factor = sum(w * (f @ target) for w, f, target in triples) / sum(w * (f @ f) for w, f, target in triples)
+    triples = [
+        (t.weight / len(f) * t.curve.trust**2, f, t.curve.force) for t, f in zip(problem.tests, candidate.forces, strict=True)
+    ]
+    factor = sum((w * f) @ target for w, f, target in triples) / sum((w * f) @ f for w, f, target in triples)
     bounds, value = problem.free[problem.scale], candidate.parameters[problem.scale]
     scaled = float(np.clip(factor * value, bounds.min, bounds.max))
     forces = [force * problem.reference / value for force in candidate.forces]

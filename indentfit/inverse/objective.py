@@ -1,5 +1,8 @@
 """The misfit of simulated curves to measured curves, and the best scale of simulated forces.
 
+Where a curve states the standard deviations of its forces, each residual counts by `Curve.trust`: the mean of the squared factors
+is 1, so that RMSEs stay forces of the usual size.
+
 Equation (1) of the source paper (J Mech Behav Biomed Mater 65:490) is the weighted SUM of the tests' root mean
 square errors; least squares minimises the weighted sum of their squares. Both are reported, each under its name.
 """
@@ -26,7 +29,7 @@ class Target:
 
 def misfit(test: Target, force: Array) -> Array:
     """Force residuals of one test, mN, (n,), scaled so that their squares sum to w RMSE^2."""
-    return np.sqrt(test.weight / test.curve.force.size) * (force - test.curve.force)
+    return np.sqrt(test.weight / test.curve.force.size) * test.curve.trust * (force - test.curve.force)
 
 
 def rmse(test: Target, force: Array) -> float:
@@ -42,7 +45,7 @@ def rmse(test: Target, force: Array) -> float:
     -------
     float, mN
     """
-    return float(np.sqrt(np.mean((force - test.curve.force) ** 2)))
+    return float(np.sqrt(np.mean((test.curve.trust * (force - test.curve.force)) ** 2)))
 
 
 def equation_one(tests: Sequence[Target], forces: Sequence[Array]) -> float:
@@ -115,6 +118,7 @@ class _Part:
 
 
 def _part(test: Target, force: Array) -> _Part:
-    target, size = test.curve.force, float(np.linalg.norm(force))
+    force, target = test.curve.trust * force, test.curve.trust * test.curve.force
+    size = float(np.linalg.norm(force))
     best = float(force @ target) / size**2 if size else 0.0
     return _Part(test.weight / np.sqrt(len(force)), size, best, float(np.linalg.norm(best * force - target)))

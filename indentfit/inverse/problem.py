@@ -8,7 +8,6 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case, Range
-from indentfit.curve import Curve
 from indentfit.inverse.objective import Target, best_scale, equation_one, sum_of_squares
 from indentfit.inverse.polynomials import USUAL_BETA
 
@@ -146,7 +145,7 @@ class InverseProblem:
     def measured(self, forces: Sequence[Array]) -> "InverseProblem":
         """The same problem with other measured forces, mN, at the same displacements."""
         pairs = zip(self.tests, forces, strict=True)
-        return replace(self, tests=tuple(replace(test, curve=Curve(test.curve.displacement, force)) for test, force in pairs))
+        return replace(self, tests=tuple(replace(test, curve=test.curve.with_force(force)) for test, force in pairs))
 
     def judge(self, parameters: Values, forces: Sequence[Array]) -> Candidate:
         """The Candidate of `parameters`, given the curves of their `at_reference`."""

@@ -33,6 +33,8 @@ def case_lines(case: Case) -> Iterator[str]:
         displacements = case.outputs(test)
         angle = "" if test.angle is None else f"{test.angle} degrees, "
         source = test.curve or test.record or "no curve"
+        if (curve := case.curves[case.tests.index(test)]) is not None and curve.sd is not None:
+            source = f"{source}, points weighed by their standard deviations"
         yield (
             f"  test      {test.name}: {angle}{len(displacements)} points to "
             f"{displacements[-1]:g} mm, weight {test.weight:g}, {source}"
