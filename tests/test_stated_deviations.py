@@ -78,6 +78,9 @@ def test_the_scale_and_its_error_are_those_of_weighted_least_squares():
     assert best_scale([Target("a", curve, 1.0)], [x]) == pytest.approx(exact, rel=1e-12)
     noise, known = errors([curve.trust[:, None] * x[:, None]], [curve.trust * (exact * x - y)], [1.0], [curve.stated_noise])
     assert known.covar[0, 0] == pytest.approx(variance, rel=0.15) and known.covar[0, 0] >= variance * (1 - 1e-9)
+    smooth = 0.003 * np.sin(x)  # a small misfit whose smoothness says nothing of the stated noise
+    _, quiet = errors([curve.trust[:, None] * x[:, None]], [curve.stated_noise * smooth], [1.0], [curve.stated_noise])
+    assert quiet.covar[0, 0] == pytest.approx(variance, rel=0.02) and quiet.freedom[0] > 100
     (loud,), doubled = errors([curve.trust[:, None] * x[:, None]], [3 * curve.trust * (exact * x - y)], [1.0], [curve.stated_noise])
     assert doubled.covar[0, 0] == pytest.approx(9 * variance, rel=0.3)  # residuals louder than stated count
     assert loud.sigma > 2 * noise[0].sigma

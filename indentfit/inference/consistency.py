@@ -94,7 +94,8 @@ class _Whitened:
         (noise,), known = errors([scaled], [residuals], [1.0], [curve.stated_noise])
         finest = FINEST * float(np.sqrt(np.mean(self.measured[n] ** 2)))
         size = max(noise.sigma if noise.sigma is not None and np.isfinite(noise.sigma) else 0.0, finest) ** 2
-        own = size * correlations(force.size, noise.autocorrelation) / np.outer(curve.trust, curve.trust)
+        own = size * correlations(force.size, noise.autocorrelation)
+        own = (own + noise.stated**2 * np.eye(force.size)) / np.outer(curve.trust, curve.trust)
         covariance = own + sum((np.outer(row, row) for row in common), np.zeros_like(own))
         return np.asarray(np.linalg.cholesky(covariance)), max(float(known.freedom.max()), 1.0)
 

@@ -234,8 +234,9 @@ def fitted(
     sizes = np.array([np.abs(force[rows]).max() for rows in curves.slices])
     of_surrogate = left_out_covar(curves) if error.surrogate is None else error.surrogate
     model = (error.mesh + of_surrogate) * np.outer(force, force)
-    trust = tuple(test.curve.trust for test in curves.problem.tests)
-    posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model, trust), counted)
+    trust = tuple(test.curve.trust for test in problem.tests)
+    stated = np.array([test.curve.stated_noise for test in problem.tests])
+    posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model, trust, stated), counted)
     modes = _modes(posterior, seed)
     for _ in range(2):
         posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))

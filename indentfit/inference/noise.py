@@ -57,7 +57,8 @@ def errors(
     residuals : sequence of arrays (n,), mN
     weights : sequence of float, above 0
     stated : sequence of float, mN
-        Standard deviation of a point that the curve itself states: noise is at least as large. 0 where none is stated.
+        Standard deviation of a point that the curve itself states, 0 where none is: what exceeds the noise of the residuals is
+        independent noise beside it.
 
     Returns
     -------
@@ -74,18 +75,20 @@ def errors(
     rho = [autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]
     R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
-    if stated is not None:
-        variance = np.fmax(variance, np.square(stated))
+    more = np.fmax(np.square(np.zeros(len(R)) if stated is None else stated) - np.nan_to_num(variance), 0.0)
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
-    covar = sum((v * b @ r @ b.T for v, b, r in zip(variance, B, R, strict=True)), np.zeros_like(plain))
+    of_stated = np.array([m * np.sum(b**2, axis=1) for m, b in zip(more, B, strict=True)])
+    covar = sum((v * b @ r @ b.T + m * b @ b.T for v, m, b, r in zip(variance, more, B, R, strict=True)), np.zeros_like(plain))
     typical = np.linalg.matrix_rank(A) / max(np.trace(J.T @ J @ covar), 1e-300)
     covar = np.where(np.isfinite(plain), covar, plain)
     with np.errstate(invalid="ignore", divide="ignore"):
-        welch = parts.sum(axis=0) ** 2 / (parts**2 / np.array(freedom)[:, None]).sum(axis=0)
-    total = sum(freedom)
+        welch = (parts + of_stated).sum(axis=0) ** 2 / (parts**2 / np.array(freedom)[:, None]).sum(axis=0)
+    total = np.inf if more.any() else sum(freedom)
     welch = np.where(np.isfinite(welch), np.minimum(welch, total), total)
     noise = tuple(
-        CurveNoise(sigma, coefficient, len(r) / _inflation(len(r), coefficient), len(r), whiteness(M[k][k], r))
+        CurveNoise(
+            sigma, coefficient, len(r) / _inflation(len(r), coefficient), len(r), whiteness(M[k][k], r), float(np.sqrt(more[k]))
+        )
         for k, (sigma, coefficient, r) in enumerate(zip(np.sqrt(variance).tolist(), rho, residuals, strict=True))
     )
     return noise, Errors(covar, plain, float(typical), welch, tuple(B))
@@ -114,7 +117,8 @@ def whiteness(M: Array, residuals: Array) -> float:
 def draw(noise: CurveNoise, rng: np.random.Generator) -> Array:
     """One draw of the noise of one curve, mN, (n,)."""
     root = np.linalg.cholesky(correlations(noise.points, noise.autocorrelation) + 1e-12 * np.eye(noise.points))
-    return (noise.sigma or 0.0) * root @ rng.standard_normal(noise.points)
+    drawn = (noise.sigma or 0.0) * root @ rng.standard_normal(noise.points)
+    return drawn + noise.stated * rng.standard_normal(noise.points) if noise.stated else drawn
 
 
 def correlations(n: int, rho: float) -> Array:

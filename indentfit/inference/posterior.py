@@ -172,12 +172,14 @@ class Curves:
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
     """What makes the residuals: white or correlated noise of each test, and errors of the model (N, N), mN^2; `trust` holds the
-    factors (n,) of each test that make points equally noisy (`Curve.trust`)."""
+    factors (n,) of each test that make points equally noisy (`Curve.trust`), `stated` the standard deviation of a point that its
+    curve states: what exceeds sigma is independent noise."""
 
     sigma: Array
     rho: Array
     model: Array
     trust: tuple[Array, ...]
+    stated: Array
 
     def shape(self, test: int) -> Array:
         """Covariance of the noise of a test whose sigma is 1, (n, n)."""
@@ -189,6 +191,7 @@ class NoiseModel:
         covar = self.model.copy()
         for n, (rows, sigma) in enumerate(zip(slices, self.sigma, strict=True)):
             covar[rows, rows] += sigma**2 * self.shape(n)
+            covar[rows, rows] += np.diag(max(self.stated[n] ** 2 - sigma**2, 0.0) / self.trust[n] ** 2)
         return covar
 
 

@@ -102,6 +102,8 @@ class CurveNoise:
         Number of independent points with the same information, and number of points.
     white : float
         Probability that residuals of independent noise are as smooth as these.
+    stated : float, mN
+        Independent noise beside it, by which the standard deviations that the curve states exceed `sigma`.
     """
 
     sigma: float | None
@@ -109,6 +111,7 @@ class CurveNoise:
     effective_points: float
     points: int
     white: float = 1.0
+    stated: float = 0.0
 
     @property
     def systematic(self) -> bool:
