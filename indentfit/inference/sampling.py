@@ -14,7 +14,6 @@ from indentfit.arrays import Array, Bools, Ints
 from indentfit.case import Case
 from indentfit.errors import CaseError
 from indentfit.inference.joint import JointFit, ModelError, fitted
-from indentfit.inference.noise import correlations
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import FINEST, Curves, Shift, basis
 from indentfit.inference.shares import PosteriorFacts
@@ -261,10 +260,8 @@ class Density:
         patterns, done = np.zeros((len(self.used), self.rows.size, self.rows.size)), 0
         for k, n in enumerate(self.used):
             part = self.curves.slices[n]
-            size = part.stop - part.start
-            here = slice(done, done + size)
-            patterns[k, here, here] = correlations(size, float(self.posterior.noise.rho[n]))
-            done += size
+            here = slice(done, done + part.stop - part.start)
+            patterns[k, here, here], done = self.posterior.noise.shape(n), here.stop
         return patterns
 
     def starts(self, walkers: int, rng: np.random.Generator) -> Array:
@@ -292,6 +289,9 @@ class Density:
     def _within(self, z: Array, noises: Array) -> Array:
         forces, failed = self.forces(z)
         covar = self.model + np.einsum("mk,kij->mij", np.exp(2 * noises), self.patterns)
+        beside = np.maximum(self.posterior.noise.stated[self.used] ** 2 - np.exp(2 * noises), 0.0)  # stated, and not in residuals
+        if beside.any():
+            covar += np.einsum("mk,kii,ij->mij", beside, self.patterns, np.eye(self.rows.size))
         L = np.linalg.cholesky(covar)
         white = np.linalg.solve(L, (forces[:, self.rows] - self.y)[..., None])[..., 0]
         volume = 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
