@@ -234,21 +234,34 @@ def test_a_friction_that_nobody_knows_is_inside_and_so_are_the_parameters(fricti
 # Tests against each other
 
 
-def predicted(forces):
-    """What `joint_predictions` says of the two curves of `Press`, whose friction nobody knows."""
-    inputs = (friction_input(), of_test("offset", 0, 0.005), of_test("offset", 1, 0.005))
-    whole = widened_problem(problem(forces), inputs)
-    found = joint.joint_fit(whole, inputs, Watched(Press()), ModelError.none(sum(force.size for force in forces)), 0)
+class Pair(Press):
+    """Two tests of one sample, a d + b d^2 each."""
+
+    @staticmethod
+    def forces(a, b, **_):
+        return (a * DEPTH + b * DEPTH**2,) * 2
+
+
+def predicted(share):
+    """What `joint_predictions` says of two curves with gains of 3 %, the second of which is stiffer by a share."""
+    rng = np.random.default_rng(5)
+    forces = [factor * Pair.forces(90, 60)[0] + 0.3 * rng.standard_normal(25) for factor in (1, 1 + share)]
+    tests = tuple(Target(name, Curve(DEPTH, force), 0.5) for name, force in zip("st", forces, strict=True))
+    inputs = (of_test("force", 0, 0.03), of_test("force", 1, 0.03))
+    free = {name: Range(start=50, min=0, max=200) for name in "ab"}
+    whole = widened_problem(InverseProblem(tests, {"a": 50.0, "b": 50.0}, free, None), inputs)
+    found = joint.joint_fit(whole, inputs, Watched(Pair()), ModelError.none(50), 0)
     alone = [joint.fitted(whole, inputs, found.surrogate, found.error, 0, [k == n for k in range(2)]) for n in range(2)]
     return joint_predictions(found, alone, 0)
 
 
-def test_tests_of_one_sample_agree_and_those_of_samples_three_times_as_stiff_do_not():
-    along, across = noisy(Press.forces(**TRUTH, friction=0.2), 0.01, 0)
-    assert not any(known.contradicts for known in predicted((along, across)).values())
-    found = predicted((3 * along, across))  # no law with stiffening fibres is stiffer along the bar than across it
+def test_tests_contradict_each_other_beyond_their_own_gains():
+    """Two gains of 3 % differ by 4.2 %: a second curve may be 6 % stiffer, and cannot be 30 % stiffer."""
+    assert not any(known.contradicts for known in predicted(0.06).values())
+    found = predicted(0.3)
     assert all(known.contradicts for known in found.values())
-    assert found["parallel"].off > 0.5
+    assert found["t"].off == pytest.approx(0.3, abs=0.06)
+    assert found["s"].off == pytest.approx(1 / 1.3 - 1, abs=0.06)
 
 
 # Mixtures
