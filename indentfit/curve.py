@@ -247,13 +247,13 @@ def _columns(where: str, header: list[str]) -> tuple[int, list[Column]]:
 
 def _deviations(where: str, header: list[str]) -> Iterator[Column]:
     """Column and factor of the standard deviations of the forces, where there is one such column."""
-    found = [(place, cell) for place, cell in enumerate(header) if _is_deviation(cell, "force")]
-    if len(found) > 1:
-        names = ", ".join(cell for _, cell in found)
+    columns = [(place, cell) for place, cell in enumerate(header) if _is_deviation(cell, "force")]
+    if len(columns) > 1:
+        names = ", ".join(cell for _, cell in columns)
         raise CurveError(
-            f"{where}: the header has {len(found)} columns of standard deviations of the force, {names}; keep one of them"
+            f"{where}: the header has {len(columns)} columns of standard deviations of the force, {names}; keep one of them"
         )
-    for place, cell in found:
+    for place, cell in columns:
         words = [word for word in re.split(r"[_\s()\[\]]+", HEADER.fullmatch(cell)["rest"]) if word]  # type: ignore[index]
         units = [word for word in words if word.lower() not in LEFT_OUT["deviation"]]
         try:

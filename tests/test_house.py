@@ -149,6 +149,15 @@ def test_names_say_what_things_are(path):
 
 
 @pytest.mark.parametrize("path", MODULES + MATERIALS, ids=lambda path: path.name)
+def test_a_variable_has_the_name_of_what_it_holds(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} | {
+        node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)
+    }
+    assert not names & {"one", "found"}
+
+
+@pytest.mark.parametrize("path", MODULES + MATERIALS, ids=lambda path: path.name)
 def test_a_module_says_what_it_is(path):
     text = path.read_text(encoding="utf-8")
     assert not text.strip() or ast.get_docstring(ast.parse(text))

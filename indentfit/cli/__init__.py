@@ -24,7 +24,7 @@ COMMANDS = {
     "compare": "Say which of several laws the curves prefer.",
     "design": "Say which test to do next.",
     "sweep": "Vary keys of a case: curves and ranked sensitivities.",
-    "mesh-check": "How exact a mesh is, and what that costs.",
+    "mesh-check": "Say how exact a mesh is, and what exactness costs.",
     "report": "Draw the report of a result folder again.",
     "materials": "List, describe or check materials.",
 }
@@ -64,7 +64,7 @@ class Commands(click.Group):
             ctx.exit(3)
         except OSError as error:
             if error.errno == errno.EPIPE:
-                raise  # the reader of our output has gone: click ends quietly
+                raise  # the reader of the output has gone: click ends quietly
             _say(_of_system(error), ctx.params["debug"])
             ctx.exit(2)
         except ImportError as error:
@@ -103,9 +103,9 @@ def _announced() -> Callable[[str], None]:
 
 
 def _of_system(error: OSError) -> InputError:
-    """What the system refused, where nothing nearer to it could say so."""
+    """The error of the system in words, where no other part of indentfit has put it into words."""
     place = error.filename or "the working folder"
-    return InputError(f"{place}: {error.strerror or error}; see that it is there and has room, then give the command again")
+    return InputError(f"{place}: {error.strerror or error}; see that this place exists and has room, then give the command again")
 
 
 def _say(error: IndentfitError, debug: bool) -> None:

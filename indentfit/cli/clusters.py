@@ -19,9 +19,9 @@ def options(command: Decorated) -> Decorated:
 
 
 def chosen(cluster: str | None, scheduler: str | None) -> str | None:
-    """The word "local", the address of a scheduler, or None. Raises click.UsageError where the options are no choice."""
+    """The word "local", the address of a scheduler, or None. Raises click.UsageError where both are given, or no address is."""
     if cluster and scheduler:
         raise click.UsageError("--cluster starts a cluster, --scheduler uses one: give one of them")
-    if scheduler == "":  # a variable of a script that was not set: not to be taken for none
+    if scheduler == "":  # an empty text is a variable that a script has not set: it must not pass for the absent option
         raise click.UsageError("--scheduler needs an address, as tcp://HOST:PORT")
     return cluster or scheduler

@@ -9,7 +9,7 @@ class Command(click.Command):
     """A click command that runs with the permission that the group has left in its context: `--no-plugins`, or a note."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        from indentfit.material import foreign_code  # NumPy is slow to import, for --help
+        from indentfit.material import foreign_code  # imported here, because --help shall not wait for NumPy
 
         with foreign_code(ctx.obj):
             return super().invoke(ctx)

@@ -10,7 +10,7 @@ from indentfit.cli.speech import say
 @click.argument("folder", metavar="DIR", type=click.Path())
 def command(folder: str) -> None:
     """Write case.toml and example curves into DIR, which must be new or empty."""
-    from indentfit.report.template_folder import write_template  # NumPy is slow to import, for --help
+    from indentfit.report.template_folder import write_template  # imported here, because --help shall not wait for NumPy
 
     click.echo(write_template(folder))
     say("the curves are straight lines, an example only: put yours in their place")

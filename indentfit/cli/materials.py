@@ -32,7 +32,7 @@ def command(words: tuple[str, ...], as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from indentfit.material import installed  # NumPy is slow to import, for --help
+    from indentfit.material import installed  # imported here, because --help shall not wait for NumPy
 
     laws = installed()
     if as_json:

@@ -10,7 +10,7 @@ from indentfit.cli.speech import say, warn
 from indentfit.errors import CaseError, ConvergenceError
 
 
-@click.command("mesh-check", cls=Command, short_help="How exact a mesh is, and what that costs.")
+@click.command("mesh-check", cls=Command, short_help="Say how exact a mesh is, and what exactness costs.")
 @click.argument("case", type=click.Path())
 @click.option("--sizes", metavar="LIST", help="Element sizes, mm, such as 0.8,0.6,0.5,0.4 (as mesh.size).")
 @click.option("--elements", metavar="LIST", help="Numbers of elements, such as 60,100,180,300 (as mesh.elements).")
@@ -35,9 +35,9 @@ def command(
 ) -> None:
     """Compute the case file CASE on a family of meshes: errors of its forces, and what each mesh costs.
 
-    Without --sizes and --elements, six meshes from a fifth to three and a half times the case's number of elements. A parameter
-    that the case leaves free has its start value. A check that was killed goes on where it stopped when the same command is given
-    again.
+    Without --sizes and --elements, the family has six meshes, from a fifth to three and a half times the case's number of
+    elements. A parameter that the case leaves free has its start value. A check that was killed goes on where it stopped when the
+    same command is given again.
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import require_fittable

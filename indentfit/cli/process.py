@@ -134,7 +134,7 @@ def _target(text: str) -> tuple[int, str]:
 
 
 def _processed(raw: tuple[str, ...], manifest: str | None, thickness: float | None, settings: Record) -> ProcessResult:
-    """The processed records. Says on stderr which are left out and what deserves a look."""
+    """The processed records. The function says on stderr which records are left out, and which deserve a look."""
     from indentfit.experiment.manifest import read_manifest
     from indentfit.experiment.process import process
 

@@ -41,7 +41,7 @@ def _bar(title: str, total: float) -> Iterator[Step]:
         parts.TimeRemainingColumn(),
         parts.TextColumn("{task.fields[note]}", markup=False),
     ]
-    # stdout is the result: rich must leave it alone
+    # stdout holds the result: rich must not write there
     with parts.Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
         task = bar.add_task(title, total=total, note="")
 
@@ -52,7 +52,7 @@ def _bar(title: str, total: float) -> Iterator[Step]:
 
 
 class _Lines:
-    """Says where the work is, but not more often than every INTERVAL seconds."""
+    """A function that prints the progress of the work, at most once in INTERVAL seconds."""
 
     def __init__(self, title: str, total: float) -> None:
         self.title, self.total = title, total

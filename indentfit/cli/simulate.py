@@ -72,7 +72,7 @@ def _simulated(case: "Case") -> "tuple[SimulatedCase | None, IndentfitError | No
 
         def report(note: str, share: float) -> None:
             if stop():
-                raise Stopped("stopped as asked; the part of the curves that there is was kept", stop())
+                raise Stopped("stopped as asked; the computed part of the curves was kept", stop())
             step(share, note)
 
         try:

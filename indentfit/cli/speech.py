@@ -6,11 +6,11 @@ import click
 
 
 def say(line: str) -> None:
-    """A note or a warning, as it is."""
+    """Print a note or a warning unchanged."""
     click.echo(line, err=True)
 
 
 def warn(warnings: Iterable[str]) -> None:
-    """Each warning of a case."""
+    """Print each warning of a case."""
     for warning in warnings:
         say(f"warning: {warning}")

@@ -21,7 +21,7 @@ def stopping() -> Iterator[Callable[[], int]]:
         if len(asked) > 1:
             raise KeyboardInterrupt
         with contextlib.suppress(OSError):
-            os.write(2, ASKED)  # nothing that holds a lock: the signal comes between any two steps
+            os.write(2, ASKED)  # the handler takes no lock, because a signal may come between any two steps
 
     try:
         before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}

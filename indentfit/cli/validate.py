@@ -15,7 +15,7 @@ from indentfit.errors import CaseError
 def command(case: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check the case file CASE and the curves it names.
 
-    Prints what it says; with errors, prints each of them on a line and ends with 2.
+    The command prints the case in words. A case with faults ends with 2: the command prints each fault on a line.
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.experiment.measured import read_case

@@ -70,15 +70,15 @@ def contents(path: str | Path, settings: Record | None = None) -> list[Content]:
     path, settings = Path(path), settings or Record()
     every = {"block": "all", "sheets": "all"} if WORKBOOK.reads(path) else {"block": "all"}
     tables, settings, _ = tables_of(path, settings.model_copy(update=every))
-    found: list[Content] = []
+    listed: list[Content] = []
     for n, table in enumerate(tables, start=1):
         try:
             tests = records(path, table, settings)
         except RecordError as error:
-            found.append(Content(n, table.name, len(table.values), problem=str(error).removeprefix(f"{path}: ")))
+            listed.append(Content(n, table.name, len(table.values), problem=str(error).removeprefix(f"{path}: ")))
             continue
-        found += [_content(n, table.name, test) for test in tests]
-    return found
+        listed += [_content(n, table.name, test) for test in tests]
+    return listed
 
 
 def _content(number: int, name: str, record: RawRecord) -> Content:

@@ -19,7 +19,9 @@ from indentfit.material import Material, load
 from indentfit.samples import Rectangle
 
 SMALL = 1e-3  # depth of the punch over its radius
-STIFFEST = 1e3  # bulk over shear modulus: a sample that keeps its volume feels its sides most, and runs must not differ in it
+STIFFEST = (
+    1e3  # bulk over shear modulus: the sides matter most to a sample that keeps its volume, and all runs need the same choice
+)
 WIDEST = 0.9  # of the inscribed disc: a wider contact is that of a block
 
 

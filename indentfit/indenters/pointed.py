@@ -74,9 +74,49 @@ class Sphere:
         yield from other_sizes("diameter", self.diameter, min(extent))
 
 
+class _OnFlank:
+    """What a cone and a wedge share: the contact ends on the flank, not at an edge, so that no point lies on an edge."""
+
+    half_angle: float
+    tip_radius: float
+
+    @property
+    def across(self) -> float | None:
+        """Width between the flank's ends, mm; None where the flank has no end."""
+        raise NotImplementedError
+
+    @property
+    def flank(self) -> Flank:
+        """The outline."""
+        return Flank(math.radians(self.half_angle), self.tip_radius, self.across / 2 if self.across else math.inf)
+
+    @property
+    def half_width(self) -> float:
+        """Half of the width between the flank's ends, or the tip's radius where the flank has no end, mm."""
+        return self.across / 2 if self.across else self.tip_radius
+
+    @property
+    def edge_radius(self) -> None:
+        """There is no edge."""
+        return None
+
+    @property
+    def curvature(self) -> float:
+        """Curvature of the tip, 1/mm; the straight flank has none, and material cannot roll off a sharp tip."""
+        return 1 / self.tip_radius if self.tip_radius else 0.0
+
+    def motion_off_edge(self, x: Array, u: Array) -> Array:
+        """No point lies on an edge."""
+        return np.zeros(0)
+
+    def variants(self, extent: tuple[float, float]) -> Iterator[tuple[str, float]]:
+        """A blunter and a sharper indenter."""
+        yield from _other_angles(self.half_angle)
+
+
 @SHAPES.register
 @dataclass(frozen=True)
-class Cone:
+class Cone(_OnFlank):
     """A cone with a rounded tip.
 
     half_angle is the angle between the axis and the flank in degrees, tip_radius the radius of a ball that blends tangentially into
@@ -90,24 +130,9 @@ class Cone:
     diameter: float | None = None
 
     @property
-    def flank(self) -> Flank:
-        """The outline."""
-        return Flank(math.radians(self.half_angle), self.tip_radius, self.diameter / 2 if self.diameter else math.inf)
-
-    @property
-    def half_width(self) -> float:
-        """Radius at the flank's end, or of the tip where the flank has no end, mm."""
-        return self.diameter / 2 if self.diameter else self.tip_radius
-
-    @property
-    def edge_radius(self) -> None:
-        """The contact with a cone ends on its flank, not at an edge."""
-        return None
-
-    @property
-    def curvature(self) -> float:
-        """Curvature of the tip, 1/mm; the straight flank has none, and material cannot roll off a sharp tip."""
-        return 1 / self.tip_radius if self.tip_radius else 0.0
+    def across(self) -> float | None:
+        """The diameter."""
+        return self.diameter
 
     def faults(self) -> Iterator[tuple[str, str]]:
         """A tip that is wider than the shaft."""
@@ -138,22 +163,14 @@ class Cone:
         """Distance from the nearest of tip, flank and shaft."""
         return from_revolved(self.flank, x, bottom)
 
-    def motion_off_edge(self, x: Array, u: Array) -> Array:
-        """The contact ends on the flank: no point lies on an edge."""
-        return np.zeros(0)
-
     def words(self) -> str:
         """The shape, its angle and tip, and where its flank ends."""
         return f"cone, {_words_of_flank(self.flank)}" + (f", diameter {self.diameter:g} mm" if self.diameter else "")
 
-    def variants(self, extent: tuple[float, float]) -> Iterator[tuple[str, float]]:
-        """A blunter and a sharper cone."""
-        yield from _other_angles(self.half_angle)
-
 
 @SHAPES.register
 @dataclass(frozen=True)
-class Wedge:
+class Wedge(_OnFlank):
     """A bar with a wedge's point, whose line lies along x: a strip with a flank. It must overhang the sample along x.
 
     half_angle is the angle between the plane of symmetry and the flank in degrees, tip_radius the radius of a cylinder that blends
@@ -169,24 +186,9 @@ class Wedge:
     width: float | None = None
 
     @property
-    def flank(self) -> Flank:
-        """The outline."""
-        return Flank(math.radians(self.half_angle), self.tip_radius, self.width / 2 if self.width else math.inf)
-
-    @property
-    def half_width(self) -> float:
-        """Half of the width at the flank's end, or the tip's radius where the flank has no end, mm."""
-        return self.width / 2 if self.width else self.tip_radius
-
-    @property
-    def edge_radius(self) -> None:
-        """The contact with a wedge ends on its flank, not at an edge."""
-        return None
-
-    @property
-    def curvature(self) -> float:
-        """Curvature of the tip, 1/mm; the straight flank has none, and material cannot roll off a sharp tip."""
-        return 1 / self.tip_radius if self.tip_radius else 0.0
+    def across(self) -> float | None:
+        """The width."""
+        return self.width
 
     def faults(self) -> Iterator[tuple[str, str]]:
         """A tip that is wider than the bar."""
@@ -214,18 +216,10 @@ class Wedge:
         """Distance from the nearest of tip, flank and side."""
         return from_drawn_out(self.flank, x, bottom)
 
-    def motion_off_edge(self, x: Array, u: Array) -> Array:
-        """The contact ends on the flank: no point lies on an edge."""
-        return np.zeros(0)
-
     def words(self) -> str:
         """The shape, its length, its angle and tip, and where its flank ends."""
         width = f", width {self.width:g} mm (z)" if self.width else ""
         return f"wedge, {self.length:g} mm long (x), {_words_of_flank(self.flank)}{width}"
-
-    def variants(self, extent: tuple[float, float]) -> Iterator[tuple[str, float]]:
-        """A blunter and a sharper wedge."""
-        yield from _other_angles(self.half_angle)
 
 
 # What several shapes have in common

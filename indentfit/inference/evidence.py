@@ -17,7 +17,7 @@ from indentfit.arrays import Array, Ints
 from indentfit.inference.law_curves import LawCurves
 from indentfit.inference.residual_noise import UnknownNoise
 
-STARTS, APART = 6, 0.1  # climbs from the best places of a scan; distance of these places, of the ranges
+STARTS, APART = 6, 0.1  # number of climbs from the best places of a scan; least distance of these places, in units of the ranges
 ROUNDS = 3  # of climbs, each under the noise that the last one has left
 STEP = 1e-4  # of the ranges, for derivatives of the curves
 WIDEST = 12.0  # precision of a uniform density over a range of 1
@@ -154,12 +154,12 @@ def find_peaks(density: Density, seed: int) -> list[Peak]:
         if len(chosen) <= STARTS and all(np.abs(places[n] - other).max() > APART for other in chosen):
             chosen.append(places[n])
     peaks = sorted((density.peak(climb(density, z)) for z in chosen), key=lambda peak: -peak.log)
-    found: list[Peak] = []
+    distinct: list[Peak] = []
     for peak in peaks:
-        apart = all(np.abs(peak.z - other.z).max() > 0.02 for other in found)
-        if apart and (not found or peak.log > found[0].log - WORTH):
-            found.append(peak)
-    return found
+        apart = all(np.abs(peak.z - other.z).max() > 0.02 for other in distinct)
+        if apart and (not distinct or peak.log > distinct[0].log - WORTH):
+            distinct.append(peak)
+    return distinct
 
 
 def climb(density: Density, z: Array) -> Array:

@@ -203,9 +203,9 @@ class _Work:
 
 def _of_records(case: Case) -> Iterator[str]:
     """A note where the error of the contact point is that of the records."""
-    known = [(test.name, found) for test, found in zip(case.tests, of_records(case), strict=True) if found]
+    known = [(test.name, size) for test, size in zip(case.tests, of_records(case), strict=True) if size]
     if known:
-        yield CONTACT.format(of=", ".join(f"{name} {found:.2g} mm" for name, found in known))
+        yield CONTACT.format(of=", ".join(f"{name} {size:.2g} mm" for name, size in known))
 
 
 def _weights_of_points(case: Case) -> Iterator[str]:

@@ -46,9 +46,9 @@ class ModelError:
     Parameters
     ----------
     correction : array (N,)
-        What another mesh tells about the error of the forces.
+        The error of the forces that another mesh shows.
     mesh : array (N, N)
-        Covariance of what the correction leaves.
+        Covariance of the error that the correction leaves.
     surrogate : array (N, N) or None
         Covariance of the surrogate's errors, from runs that it predicted; None before there are any.
     """

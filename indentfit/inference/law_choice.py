@@ -11,7 +11,7 @@ GROSS = 0.2  # RMSE over the largest force above which no law is preferred
 
 @dataclass(frozen=True)
 class Weighed:
-    """What the choice needs to know of one law.
+    """The facts about one law on which the choice rests.
 
     Parameters
     ----------

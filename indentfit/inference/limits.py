@@ -8,7 +8,7 @@ import numpy as np
 from indentfit.inference.result import CurveNoise
 from indentfit.inference.shares import UncertainInputs
 
-MAINLY = 0.5  # share of the variance from which the residuals limit a parameter
+MAINLY = 0.5  # least share of the variance with which the residuals limit a parameter
 WORDS = {
     "noise": "the noise",
     "misfit": "the misfit of the law",

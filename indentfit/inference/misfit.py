@@ -16,7 +16,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.runs.forward import Evaluation
 
 GROSS = 0.2  # RMSE of a test over its largest force
-UNITS = {  # factor by which measured forces would have to be multiplied -> what they may be
+UNITS = {  # factor between the measured forces and mN -> the unit that the forces may have
     1e3: "newtons",
     1e6: "kilonewtons",
     9.80665: "grams-force",

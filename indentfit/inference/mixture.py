@@ -9,7 +9,7 @@ from indentfit.arrays import Array
 from indentfit.inference.joint import CONFIDENCE, JointPath
 from indentfit.inference.plain import Interval
 
-CERTAIN = 0.99  # an alternative of this probability stands alone
+CERTAIN = 0.99  # an alternative of at least this probability counts as certain
 GRID = 4001
 
 

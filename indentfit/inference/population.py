@@ -217,12 +217,12 @@ class _Model:
     def shrunken(self, places: Array, names: Sequence[str]) -> dict[str, dict[str, Known]]:
         """Each sample's parameters given all samples."""
         means, sds = self.split(places)
-        found = {}
+        known = {}
         for sample in self.samples:
             terms = self._terms(sample, means, sds)
             weights = np.exp(terms - logsumexp(terms, axis=0)).mean(axis=1)
-            found[sample.name] = {name: _weighted(sample.logs[:, k], weights) for k, name in enumerate(names)}
-        return found
+            known[sample.name] = {name: _weighted(sample.logs[:, k], weights) for k, name in enumerate(names)}
+        return known
 
 
 def _weighted(logs: Array, weights: Array) -> Known:

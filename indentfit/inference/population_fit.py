@@ -65,9 +65,9 @@ class Population:
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "Population":
         """The population that result.json holds."""
-        found = None if value["population"] is None else TypeAdapter(Hierarchy).validate_python(value["population"])
+        fitted = None if value["population"] is None else TypeAdapter(Hierarchy).validate_python(value["population"])
         singles = PerSample.from_json(value["per_sample"])
-        return cls(singles, dict(value["groups"]), value["reference"], found, dict(value["plain_sd"]), dict(value["left_out"]))
+        return cls(singles, dict(value["groups"]), value["reference"], fitted, dict(value["plain_sd"]), dict(value["left_out"]))
 
     def summary(self) -> str:
         """The population in words, as the command prints it."""
@@ -112,16 +112,16 @@ def population(fits: Sequence[SampleFit], singles: PerSample, groups: Mapping[st
     left_out = {fitted.sample: why for fitted in fits if (why := _unusable(fitted))}
     used = [fitted for fitted in fits if fitted.sample not in left_out]
     reference = _reference(list(member.values()))
-    found, plain = None, {}
+    joint, plain = None, {}
     if len(used) >= FEWEST:
         names = list(singles.free)
         samples = [_draws(fitted, member[fitted.sample], seed) for fitted in used]
         values = np.array([[_result(fitted).parameters[name].value for name in names] for fitted in used])
         units = {name: _result(used[0]).parameters[name].unit for name in names}
-        found = hierarchy(samples, units, {name: _shared(used, name) for name in names}, reference, seed)
+        joint = hierarchy(samples, units, {name: _shared(used, name) for name in names}, reference, seed)
         pooled = {name: pooled_sd(values[:, k], [member[fitted.sample] for fitted in used]) for k, name in enumerate(names)}
         plain = {name: sd for name, sd in pooled.items() if sd is not None}
-    return Population(singles, member, reference, found, plain, left_out)
+    return Population(singles, member, reference, joint, plain, left_out)
 
 
 def _reference(groups: Sequence[str]) -> str:

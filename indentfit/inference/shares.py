@@ -1,4 +1,4 @@
-"""What uncertain inputs make of a result: their shares in the errors, and the alternatives that were fitted."""
+"""The effect of uncertain inputs on a result: their shares in the errors, and the alternatives that were fitted."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -50,17 +50,17 @@ def what_ifs(solution: Solution, surrogate: Surrogate) -> tuple[WhatIf, ...]:
     problem, best = solution.problem, solution.best
     points = [{**best.parameters, **_change(case, tried)} for tried in known if tried.input != "offset"]
     runs = iter(evaluate_at_reference(problem, solution.model, points)) if case.fit.what_if else iter(())
-    found = []
+    answers = []
     for tried in known:
         if tried.input == "offset":
             moved = _moved(solution, LATE * max(float(test.curve.displacement[-1]) for test in problem.tests))
         elif (run := next(runs, None)) is not None and run.forces is not None:
             moved = [there / here for there, here in zip(problem.scaled(best.parameters, run.forces), best.forces, strict=True)]
         else:
-            found.append(tried)
+            answers.append(tried)
             continue
-        found.append(replace(tried, parameters=_again(solution, surrogate, moved)))
-    return tuple(found)
+        answers.append(replace(tried, parameters=_again(solution, surrogate, moved)))
+    return tuple(answers)
 
 
 def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEstimate]) -> Iterator[str]:
@@ -114,5 +114,5 @@ def _again(solution: Solution, surrogate: Surrogate, moved: list[Array]) -> dict
     """The free parameters that fit best where all curves carry a relative change."""
     problem, start = solution.problem, solution.problem.units(solution.best.parameters)
     targets = [test.curve.force / np.maximum(change, 1e-3) for test, change in zip(problem.tests, moved, strict=True)]
-    found = problem.parameters(estimate(problem, surrogate, solution.known.weights, start, targets=targets)[0])
-    return {name: found[name] for name in problem.free}
+    values = problem.parameters(estimate(problem, surrogate, solution.known.weights, start, targets=targets)[0])
+    return {name: values[name] for name in problem.free}

@@ -107,10 +107,10 @@ def _profile(fit: WideFit, n: int) -> Profile:
 
 def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: UncertainInputs, limit: Limit) -> ParameterEstimate:
     name = list(fit.problem.free)[n]
-    bounds, found = fit.problem.free[name], fit.pieces(n)
+    bounds, pieces = fit.problem.free[name], fit.pieces(n)
     value = _values(fit.best.fit, n, fit.best.fit.mode.z[[n]])[0]
     error, total = float(known.stderr[n]), uncertain.stderr_total[name]
-    interval: Interval = (found[0][0], found[-1][1])
+    interval: Interval = (pieces[0][0], pieces[-1][1])
     half = fit.best.fit.quantile * (total or np.inf)
     return ParameterEstimate(
         value=value,
@@ -125,7 +125,7 @@ def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: Uncertain
         verdict=verdict(value, interval, bounds, known.at_bound[n], limit),
         limited_by="bound" if known.at_bound[n] else limit.cause,
         stderr_total=total,
-        pieces=found if len(found) > 1 else None,
+        pieces=pieces if len(pieces) > 1 else None,
     )
 
 
@@ -209,16 +209,16 @@ def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
 
 def _noise(fit: WideFit) -> dict[str, CurveNoise]:
     joint = fit.best.fit
-    curves, found = joint.posterior.curves, {}
+    curves, noises = joint.posterior.curves, {}
     left = curves.at(joint.mode.z)[0] - curves.measured()
     for n, test in enumerate(fit.problem.tests):
         size, rho = test.curve.force.size, float(joint.posterior.noise.rho[n])
         if joint.posterior.used[n]:
             sigma = float(joint.posterior.noise.sigma[n])
-            found[test.name] = CurveNoise(
+            noises[test.name] = CurveNoise(
                 sigma, rho, size * (1 - rho) / (1 + rho), size, whiteness(np.eye(size), left[curves.slices[n]])
             )
-    return found
+    return noises
 
 
 def _singles(case: Case, fit: WideFit) -> list[JointFit | None]:
@@ -237,7 +237,7 @@ def _singles(case: Case, fit: WideFit) -> list[JointFit | None]:
 def _alone(fit: WideFit, singles: Sequence[JointFit | None]) -> dict[str, TestAlone]:
     """The parameters that each test determines alone."""
     limit = limit_of(tuple(_noise(fit).values()))
-    found = {}
+    alone = {}
     for n, (test, single) in enumerate(zip(fit.problem.tests, singles, strict=True)):
         if single is None:
             continue
@@ -248,8 +248,8 @@ def _alone(fit: WideFit, singles: Sequence[JointFit | None]) -> dict[str, TestAl
             name = curves.free[k]
             value, span = _values(single, k, single.mode.z[[k]])[0], _span(single, k, path.interval)
             rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))
-        found[test.name] = TestAlone(rmse(test, force), None, rows)
-    return found
+        alone[test.name] = TestAlone(rmse(test, force), None, rows)
+    return alone
 
 
 def _preferred(fit: WideFit) -> Iterator[str]:

@@ -99,10 +99,10 @@ class WideFit:
     def pieces(self, n: int) -> tuple[Interval, ...]:
         """The 95 % set of free parameter n, in its unit."""
         shares = np.array([known.probability for known in self.alternatives])
-        found = mixture.pieces([known.paths[n] for known in self.alternatives], shares)
+        joined = mixture.pieces([known.paths[n] for known in self.alternatives], shares)
         name = list(self.problem.free)[n]
         low, width = self.problem.free[name].min, self.problem.range(name)
-        return tuple((float(low + a * width), float(low + b * width)) for a, b in found)
+        return tuple((float(low + a * width), float(low + b * width)) for a, b in joined)
 
 
 def widens(case: Case, problem: InverseProblem) -> bool:
@@ -137,7 +137,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     size = sum(test.curve.force.size for test in problem.tests)
     stated = _alternatives(case)
     parts = [progress.part(0.8 * n / len(stated), 0.8 * (n + 1) / len(stated)) for n in range(len(stated))]
-    found: list[WideAlternative] = []
+    alternatives: list[WideAlternative] = []
     mesh, elements = ModelError.none(size), None
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
@@ -147,10 +147,10 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
         if elements is None and case.fit.uncertain.mesh:
             mesh, elements = mesh_error(case, fit, model)
             fit = _again(fit, replace(mesh, surrogate=fit.error.surrogate), case.fit.seed)
-        found.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
-    if not found:
+        alternatives.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
+    if not alternatives:
         return None
-    weighed = _weighed(found)
+    weighed = _weighed(alternatives)
     ends = _telling_ends(weighed)
     shares = [progress.part(0.8 + 0.2 * n / len(weighed), 0.8 + 0.2 * (n + 1) / len(weighed)) for n in range(len(weighed))]
     pairs = zip(weighed, ends, shares, strict=True)
@@ -166,10 +166,10 @@ def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
     return [own, (f"base = {other}", {"sample.base": other}, odds)] if odds else [own]
 
 
-def _weighed(found: Sequence[WideAlternative]) -> list[WideAlternative]:
+def _weighed(alternatives: Sequence[WideAlternative]) -> list[WideAlternative]:
     """The alternatives with their probabilities, the most probable first."""
-    shares = mixture.probabilities([known.prior for known in found], [known.fit.log_evidence() for known in found])
-    weighed = [replace(known, probability=float(share)) for known, share in zip(found, shares, strict=True)]
+    shares = mixture.probabilities([known.prior for known in alternatives], [known.fit.log_evidence() for known in alternatives])
+    weighed = [replace(known, probability=float(share)) for known, share in zip(alternatives, shares, strict=True)]
     return sorted(weighed, key=_improbable)
 
 

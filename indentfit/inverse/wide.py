@@ -15,7 +15,7 @@ from indentfit.inverse.problem import InverseProblem
 from indentfit.runs.points import KEYS, UNITS
 
 SIZES = ("width", "diameter", "radius")  # keys of an indenter that are its size
-OF_CURVES = ("offset", "force")  # inputs of each test that need no run
+OF_CURVES = ("offset", "force")  # inputs of a single test; they need no run
 SOLVED = ("friction", "bulk_ratio", "thickness", "size")  # inputs that change the solution
 DIFFERENTIABLE = ("friction", "bulk_ratio")  # inputs by which the mechanics can differentiate
 STICKS = 0.4  # friction coefficient from which most of a contact sticks, and the force grows no more
@@ -113,7 +113,7 @@ def of_records(case: Case) -> tuple[float | None, ...]:
 
 def with_offset_of_records(case: Case) -> Case:
     """The case that states the largest of these as fit.uncertain.offset."""
-    known = [found for found in of_records(case) if found]
+    known = [offset for offset in of_records(case) if offset]
     if not known:
         return case
     uncertain = case.fit.uncertain.model_copy(update={"offset": max(known)})
@@ -133,8 +133,8 @@ def _solved(case: Case) -> Iterator[UncertainInput]:
 def _of_curves(case: Case) -> Iterator[UncertainInput]:
     for name in OF_CURVES:
         stated = prior_of(case, name, 0.0)
-        for n, found in enumerate(of_records(case)):
-            prior = Prior.about(0.0, found) if stated is None and name == "offset" and found else stated
+        for n, offset in enumerate(of_records(case)):
+            prior = Prior.about(0.0, offset) if stated is None and name == "offset" and offset else stated
             if prior is None:
                 continue
             yield UncertainInput(name, "", n, prior, 0.0, *prior.bounds(), "mm" if name == "offset" else "1")

@@ -86,7 +86,7 @@ def parameter_words(known: LawParameter) -> str:
 
 def comparison_figure(result: Comparison, path: Any = None) -> Any:
     """The matplotlib Figure of a comparison: what each law leaves of each curve, and the log evidences."""
-    from indentfit.report import comparison_plot  # matplotlib is slow to import, and the words above do without
+    from indentfit.report import comparison_plot  # imported here, because matplotlib is slow and the functions above do not need it
 
     fitted = [law for law in result.laws if law.log_evidence is not None]
     left = {name: {law.law: _left(result, law, name) for law in fitted} for name in result.measured}

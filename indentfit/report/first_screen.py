@@ -1,4 +1,4 @@
-"""The first screen of a fit: estimates in the field's words, what is to be doubted, and one sentence on what to do next."""
+"""The first screen of a fit: estimates in the field's words, the doubts about the result, and one sentence on the next step."""
 
 import re
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from indentfit.inference.what_if import warnings_of
 
 SYSTEMATIC = 0.02  # RMSE over the largest force from which systematic residuals are worth another law
 CURE = re.compile(r"about ([\d,]+) elements")
-INPUTS = {  # limited_by -> what to do
+INPUTS = {  # limited_by -> the next step
     "force": "calibrate the load cell better, and state its error as fit.uncertain.force",
     "friction": "measure the friction, or lubricate or glue the contact, and state what is known as fit.uncertain.friction",
     "bulk_ratio": "find out how compressible the sample is, and state what is known as fit.uncertain.bulk_ratio",
@@ -36,8 +36,7 @@ class Doubt:
 
 
 def value_words(known: ParameterEstimate, digits: int = 5) -> str:
-    """The value of an estimate; one at its bound is not the curves' but the bound's, so that only what the interval says is
-    given."""
+    """The value of an estimate. An estimate at its bound has no value of its own, so the words then give the interval."""
     if known.at_bound is None or known.fixed:
         return f"{known.value:.{digits}g}"
     if known.interval is None or _whole_range(known):

@@ -59,7 +59,7 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
 
 
 def _write_stresses(folder: Path, case: Case, result: FitResult, warn: Callable[[str], object]) -> None:
-    """The stresses at the optimum, by one more run; a fit does not fail for want of them."""
+    """The stresses at the optimum, by one more run; a fit whose stresses cannot be computed does not fail."""
     point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
     there, material = case_at(case, point), case.law(**split_point(case.law, point).parameters)
     pieces = pieces_of(there)

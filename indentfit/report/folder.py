@@ -21,7 +21,7 @@ from indentfit.errors import OutputError
 
 PathLike = str | Path
 
-# what tells a result folder from any other
+# names by which a result folder is recognised
 RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json", "design.json")
 LEDGER = "ledger.sqlite"
 FILES = (*RESULTS, LEDGER, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
@@ -193,7 +193,7 @@ def _places(names: Sequence[str]) -> dict[str, str]:
 
 
 def _inside(name: str) -> str | None:
-    """A path as it is written inside of a folder; None where it leads out of it or to one of the result's own files."""
+    """A path relative to a folder; None where the path leads out of the folder or to one of the result's own files."""
     path = PurePath(name)
     if path.is_absolute() or ".." in path.parts or path.parts[0].lower() in FILES:
         return None

@@ -57,7 +57,7 @@ def again_section(stored: Stored, command: str) -> Section:
     copy = stored.folder / "case.toml"
     if copy.is_file():
         parts.append(Code("The case file", copy.read_text(encoding="utf-8-sig")))
-    return Section("again", "The case, and how to get this again", tuple(parts))
+    return Section("again", "The case, and how to get this result again", tuple(parts))
 
 
 def number(value: float | str | None, digits: int = 4) -> str:
@@ -68,7 +68,7 @@ def number(value: float | str | None, digits: int = 4) -> str:
 
 
 def computed(value: float | None, digits: int = 4) -> str:
-    """A number in words with all of its digits, zeros too, so that those of a column can be compared."""
+    """A number with all of its digits, zeros too, so that the numbers of a column can be compared."""
     if value is None:
         return "–"
     return f"{value:,.0f}" if abs(value) >= 10**digits else f"{value:#.{digits}g}".rstrip(".")

@@ -16,7 +16,7 @@ STRESSES = (
 CLOSED = ("Test", "Layer: E (kPa)", "Layer: mu (kPa)", "Half-space: E (kPa)", "Half-space: mu (kPa)", "Half-space by", "To (mm)")
 PEAKS = (
     "Component", "Largest (kPa)", "Smallest (kPa)", "Largest magnitude (kPa)", "Exceeded at 1 % of nodes (kPa)",
-    "Where, undeformed x, y, z (mm)",
+    "Place, undeformed x, y, z (mm)",
 )  # fmt: skip
 SHARES = ("penalty_error", "edge_slip", "residual_error")
 FACTS = {

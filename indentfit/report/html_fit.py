@@ -44,7 +44,7 @@ def fit_page(stored: Stored, result: FitResult) -> Page:
 
 
 def _first(stored: Stored, result: FitResult) -> Section:
-    """The first screen: estimates beside a small plot of the fit, what is to be doubted, and what to do next."""
+    """The first screen: estimates beside a small plot of the fit, the doubts, and the next step."""
     free = {name: result.parameters[name] for name in result.free}
     free |= {name: known for name, known in result.moduli.items() if name not in free}
     rows = tuple((name, value_words(known), _unit(known.unit) or "–", pieces_words(known)) for name, known in free.items())
@@ -81,7 +81,7 @@ def _lead(result: FitResult) -> str:
 
 
 def _estimate(name: str, known: ParameterEstimate) -> str:
-    """A parameter with its value; a value at a bound is the bound's, not the curves'."""
+    """A parameter with its value; at a bound, the value follows from the bound and not from the curves."""
     value = f"{value_words(known, 4)}{_unit(known.unit, ' ')}"
     return f"{name} {value} (at its {known.at_bound} bound)" if known.at_bound else f"{name} = {value}"
 
@@ -102,7 +102,7 @@ def _what(stored: Stored, result: FitResult) -> Section:
 def _parameters(result: FitResult) -> Section:
     known = {**result.parameters, **{name: value for name, value in result.moduli.items() if name not in result.parameters}}
     rows = tuple(_parameter_row(name, value) for name, value in known.items())
-    table = Table("Parameters, their errors, and what these say", PARAMETERS, rows)
+    table = Table("Parameters, their errors, and how well they are determined", PARAMETERS, rows)
     return Section(
         "parameters",
         "Parameters",

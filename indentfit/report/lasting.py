@@ -215,7 +215,7 @@ def _part(conduct: Conduct, n: int, number: int, sample: str) -> Conduct:
 
 
 def _fit_sample(folder: Path, earlier: Path, sample: str, case: Case, place: Place, conduct: Conduct) -> SampleFit:
-    """The fit of one sample, written into its own folder; one that was finished before a stop costs no run, and is the same."""
+    """The fit of one sample, written into its own folder; a fit that was finished before a stop is taken over."""
     folder.mkdir(exist_ok=True)
     reuse = place.reuse
     if reuse and (Path(reuse) / folder.name).is_dir():
@@ -281,7 +281,7 @@ def opened(
 
 @contextlib.contextmanager
 def saying_what_is_kept(ledger: Ledger, what: str = "fit", remedy: str = "--resume") -> Iterator[None]:
-    """Context in which an error that ends a command early says what the command leaves, and what goes on from there."""
+    """Context that adds to the error of a stopped command how many runs are kept, and which option continues the command."""
     try:
         yield
     except Stopped as error:
@@ -293,8 +293,10 @@ def saying_what_is_kept(ledger: Ledger, what: str = "fit", remedy: str = "--resu
 
 
 def _take_over(ledger: Ledger, source: Path, needed: bool, say: Say) -> None:
-    """Take over the runs of another ledger, and say how many. A result that is only replaced does not end the command if its ledger
-    cannot be read."""
+    """Take over the runs of another ledger, and say their number.
+
+    A result that is only replaced may have a ledger that cannot be read: the command then goes on without its runs.
+    """
     try:
         taken = ledger.take_over(source)
     except LedgerError as error:

@@ -112,7 +112,7 @@ Part = Text | Lines | Table | Figures | Code | Beside
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands below it."""
+    """A heading with the parts below it."""
 
     id: str
     title: str
@@ -132,7 +132,7 @@ class Page:
 
 
 def marked(text: str) -> Markup:
-    """A sentence of ours, escaped, with what stands between backticks as code, and no line's end before a percent sign."""
+    """An escaped sentence of indentfit, with the text between backticks as code, and no line break before a percent sign."""
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", str(escape(text)))))
 
 
@@ -149,7 +149,7 @@ def render(page: Page) -> str:
     style = (HERE / "page.css").read_text(encoding="utf-8")
     return environment.get_template("page.html").render(
         page=page,
-        style=Markup(style),  # our own file, not of anybody's input
+        style=Markup(style),  # a file of the package, not an input
         style_hash=base64.b64encode(hashlib.sha256(style.encode()).digest()).decode(),
         version=importlib.metadata.version("indentfit"),
     )

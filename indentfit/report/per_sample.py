@@ -44,7 +44,7 @@ def _short(cell: Any) -> str:
 def samples_figure(result: PerSample, path: str | Path | None = None) -> Any:
     """The matplotlib Figure of each free parameter: a mark with its standard error for each sample, and the mean over the fits that
     converged as a line. Saves path.svg and path.png where a path is given."""
-    from indentfit.report import sample_plots  # matplotlib is slow to import, and the words above do without
+    from indentfit.report import sample_plots  # imported here, because matplotlib is slow and the functions above do not need it
 
     fitted = [summary for summary in result.samples if summary.problem is None]
     panels = [_panel(name, fitted, result) for name in result.free]

@@ -28,7 +28,7 @@ Looks = dict[str, Look]
 
 TICKS = (1, 2, 2.5, 5, 10)
 SHORT = 24  # letters of a name that leave room for another column of the legend
-MARKED = 30  # about that many markers on a curve: more would run together
+MARKED = 30  # approximate number of markers on a curve: more would touch each other
 WIDEST_LABEL = 52  # letters
 SMALL = {"markersize": 2.4, "markeredgewidth": 0.6}
 
@@ -42,7 +42,7 @@ def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure
     scale = CurveScale.of(curve for _, curve in (*simulated, *measured))
     simulated, measured = ([(name, scale.scaled(curve)) for name, curve in curves] for curves in (simulated, measured))
     names = list(dict.fromkeys(name for name, _ in [*simulated, *measured]))
-    dashes = ("-",) * len(COLOURS) if measured else DASHES  # where markers tell the tests apart, dashes only disturb
+    dashes = ("-",) * len(COLOURS) if measured else DASHES  # markers distinguish the tests, so that dashes are not needed
     looks = dict(zip(names, itertools.cycle(zip(COLOURS, MARKERS, dashes, strict=True)), strict=False))
     pairs = [(name, dict(measured)[name], curve) for name, curve in simulated if name in dict(measured)]
     with matplotlib.rc_context(STYLE):
@@ -208,7 +208,7 @@ def _label_units(upper: Axes, lower: Axes | None, scale: CurveScale) -> None:
 
 
 def _legend(figure: Figure, names: Sequence[str], looks: Looks, drawn: Sequence[str]) -> None:
-    """Above the axes: each test in its look, and beside them, or below long names, what markers and lines mean."""
+    """Legend above the axes: the look of each test, and beside the tests, or below long names, the meaning of markers and lines."""
     tests = [(_example(looks[name], drawn), _label(name)) for name in names]
     kinds = {"measured": {"linestyle": "none", **_markers(("0.3", "o", ""))}, "simulated": {"color": "0.3"}}
     meanings = [(Line2D([], [], **kinds[kind]), kind) for kind in drawn if len(drawn) > 1]

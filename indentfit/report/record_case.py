@@ -54,7 +54,7 @@ def write_case(folder: Path, result: ProcessResult, case: MeanCase) -> list[str]
 
 
 def _take_lengths(tree: Tree, good: list[Usable]) -> Iterator[str]:
-    """Put the samples' mean thickness and diameter into the tree; yields a warning for each length that is not known of all."""
+    """Put the samples' mean thickness and diameter into the tree; yields a warning for each length that some samples lack."""
     sample = tree.setdefault("sample", {})
     for key in ("thickness", "diameter"):
         lengths = [getattr(outcome.entry, key) for outcome in good if getattr(outcome.entry, key)]

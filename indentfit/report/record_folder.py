@@ -87,7 +87,7 @@ def _write_tables(folder: Path, result: ProcessResult) -> None:
 
 def _draw(folder: Path, result: ProcessResult, listener: Listener) -> None:
     """Draw a figure of each record, and one of the replicates."""
-    from indentfit.report.plots import save  # matplotlib is slow to import, and --no-figures does without it
+    from indentfit.report.plots import save  # imported here, because matplotlib is slow and --no-figures does not need it
     from indentfit.report.record_figures import record_figure, replicate_figure
 
     (folder / "figures").mkdir()

@@ -37,7 +37,7 @@ RESULT_FILES = ("result.json", "simulation.json", "design.json", "per_sample.jso
 
 @dataclass(frozen=True)
 class TestFacts:
-    """One test of a case, as a report tells it: curve or record is the file's name, depth in mm."""
+    """The facts about one test of a case in a report: `curve` or `record` is the file's name, `depth` is in mm."""
 
     __test__ = False  # not a test of pytest's
 
@@ -52,7 +52,7 @@ class TestFacts:
 
 @dataclass(frozen=True)
 class CaseFacts:
-    """What a report says of a case.
+    """The facts about a case in a report.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ WIDE = 2 * COLUMN  # both columns of a journal
 LINES = (DASHES[1], DASHES[3], DASHES[4], DASHES[5])  # dots look pale
 WIDE_RANGE = 10  # ratio of a quantity's largest to its least value from which its axis is logarithmic
 MOST_CURVES = 14  # largest number of curves in one panel that can be distinguished
-RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; not paler than can be seen
+RAMP, DARKEST, LIGHTEST = "plasma", 0.0, 0.65  # rises in lightness, for the colour-blind too; never too pale to be seen
 
 
 def curves_by_value(key: str, tests: Tests, own: AtValue, points: Sequence[AtValue], path: Place) -> Figure:

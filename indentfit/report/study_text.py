@@ -124,7 +124,7 @@ def _change_rows(check: MeshCheck) -> list[Row]:
 
 
 def order_words(approach: Approach) -> str:
-    """The observed order, or what was taken in its place."""
+    """The observed order, or the exponents that replace it."""
     if approach.order is not None:
         return f"{approach.order:.2f}"
     taken = " and ".join(f"{p:g}" for p in approach.exponents)

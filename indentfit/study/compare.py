@@ -299,8 +299,8 @@ def run_comparison(plan: ComparisonPlan, execution: Execution) -> Comparison:
 
 def mesh_of(fits: Sequence[FitWithRuns]) -> float:
     """The relative standard deviation of the forces by the mesh, for all laws: the median of what their fits have found."""
-    found = [share.sd for fitted in fits if (share := fitted.result.uncertain.inputs.get("mesh")) and share.sd is not None]
-    return float(median(found)) if found else 0.0
+    deviations = [share.sd for fitted in fits if (share := fitted.result.uncertain.inputs.get("mesh")) and share.sd is not None]
+    return float(median(deviations)) if deviations else 0.0
 
 
 def ranked(laws: Sequence[LawFit]) -> tuple[LawFit, ...]:
@@ -374,12 +374,12 @@ def total_evidence(
     fitted: FitWithRuns, alternatives: Sequence[tuple[float, LawCurves]], mesh: float, seed: int
 ) -> tuple[float, LawCurves, Evidence]:
     """The log evidence of a law over all alternatives of the case, and the best alternative's curves and Evidence."""
-    found = []
+    weighed = []
     for prior, curves in alternatives:
         noise = unknown_noise(fitted.problem, mesh, moves=curves.moves)
-        found.append((math.log(max(prior, 1e-300)), curves, evidence(curves, noise, seed)))
-    logs = [prior + known.log for prior, _, known in found]
-    _, curves, known = found[int(np.argmax(logs))]
+        weighed.append((math.log(max(prior, 1e-300)), curves, evidence(curves, noise, seed)))
+    logs = [prior + known.log for prior, _, known in weighed]
+    _, curves, known = weighed[int(np.argmax(logs))]
     return float(logsumexp(logs)), curves, known
 
 

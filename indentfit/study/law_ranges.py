@@ -1,4 +1,4 @@
-"""The laws that a comparison is asked for as cases, with ranges for their parameters where the case gives none.
+"""The laws of a comparison as cases, with automatic ranges for the parameters to which the case gives none.
 
 Automatic ranges follow the stiffness of the curves: moduli are ranges of multiples of the shear modulus with which an isotropic
 neo-Hookean sample of the same size would follow the curves. In a comparison these ranges are priors: each parameter is uniform over
@@ -84,9 +84,9 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
         if is_own(case, law):
             return changed_case(case, [*_ranges_given(ranges), *_of_search(case)])
         kind, names = _kind_of(law)
-        found = open_law(law if kind == "model" else None, law if kind == "energy" else None, names, case.folder)
+        opened = open_law(law if kind == "model" else None, law if kind == "energy" else None, names, case.folder)
         assert modulus is not None
-        free = {name: ranges.get(name) or usual_range(found, name, modulus) for name in found.parameters}
+        free = {name: ranges.get(name) or usual_range(opened, name, modulus) for name in opened.parameters}
         if unknown := set(ranges) - set(free):
             raise CaseError([f"it has no parameter {sorted(unknown)[0]!r}; it has: {', '.join(free)}"])
         table = ", ".join(f"{name} = {_as_toml(bounds)}" for name, bounds in free.items())
@@ -142,8 +142,8 @@ def _proportional(law: type[Material], names: Sequence[str]) -> bool:
     values = trial_values(law.parameters, rng)
     I = np.array([3.2, 3.3, 1.2, 1.5])
     doubled = {**values, **{name: 2 * values[name] for name in names}}
-    one, two = float(law(**values).psi(I)), float(law(**doubled).psi(I))
-    return abs(two - 2 * one) <= 1e-9 * abs(two)
+    single, double = float(law(**values).psi(I)), float(law(**doubled).psi(I))
+    return abs(double - 2 * single) <= 1e-9 * abs(double)
 
 
 def _by_kind(parameter: Parameter, modulus: bool, scale: bool) -> Usual:

@@ -22,7 +22,9 @@ from indentfit.study.isolated import DIED, Died, isolated, peak_memory
 from indentfit.study.mesh_family import estimate
 from indentfit.study.runs import Execution
 
-MEASURED = "measured"  # among a run's parameters: done in a process of its own, with what that process needed among its facts
+MEASURED = (
+    "measured"  # mark among a run's parameters: the run had a process of its own, whose time and memory are among the run's facts
+)
 
 
 @dataclass(frozen=True)

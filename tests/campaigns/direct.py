@@ -57,8 +57,8 @@ def fitted(case, path):
 def claims(ours, direct):
     """Whether each claim holds, told as it is found."""
     for name, share in WITHIN.items():
-        one, other = (result.parameters[name].value for result in (ours, direct))
-        apart = abs(one - other) / abs(other)
+        surrogate, itself = (result.parameters[name].value for result in (ours, direct))
+        apart = abs(surrogate - itself) / abs(itself)
         yield told(f"{name}: {apart:.3%} apart, at most {share:.1%}", apart <= share)
     excess = ours.objective / direct.objective - 1
     yield told(f"objective: {excess:+.4%} against --direct, at most +{AS_LOW:.2%}", excess <= AS_LOW)
