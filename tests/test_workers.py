@@ -389,7 +389,7 @@ from indentfit.experiment.measured import read_case
 from indentfit.runs.pool import RunPool
 
 if __name__ == "__main__":
-    case = read_case(sys.argv[1], ["fit.time_limit=1"])
+    case = read_case(sys.argv[1], ["fit.time_limit=3"])
     points = [{"mu": 1.0, "zeta": zeta} for zeta in json.loads(sys.argv[3])]
     with RunPool(case, int(sys.argv[2]), cluster="local") as pool:
         evaluations = pool.evaluate(points)
@@ -420,7 +420,7 @@ def test_a_run_that_never_comes_back_is_ended_on_a_cluster_too_and_no_other_is_b
         here = pool.evaluate([{"mu": 1.0, "zeta": zeta} for zeta in zetas])
     for zeta, evaluation, (cause, lost, forces) in zip(zetas, here, json.loads(done.stdout), strict=True):
         if zeta > 4:
-            assert lost and cause.count("not solved within 1 s") == 2 and "worker" not in cause
+            assert lost and cause.count("not solved within 3 s") == 2 and "worker" not in cause
         else:
             assert cause is None and forces == [force.tolist() for force in evaluation.forces]
     assert len((tmp_path / "tries").read_text()) == 2 * sum(zeta > 4 for zeta in zetas)
