@@ -1,7 +1,9 @@
 """Files of instruments: what is recognised without a table, and records that begin in contact, in stages or on a cantilever."""
 
+import importlib.util
 import sys
 import time
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -236,3 +238,17 @@ def test_a_force_map_of_686_curves_takes_less_than_a_minute(afmformats, tmp_path
         for one, contact in zip(done, contacts, strict=True)
     ]
     assert np.mean(held) > 0.8 and outcomes[1].name.endswith("curve 2")
+
+
+_spec = importlib.util.spec_from_file_location("records_campaign", Path(__file__).parent / "campaigns" / "records.py")
+campaign = importlib.util.module_from_spec(_spec)
+sys.modules["records_campaign"] = campaign  # its dataclasses look themselves up
+_spec.loader.exec_module(campaign)
+
+
+@pytest.mark.parametrize("kind", ["approach", "end_not_known", "ringing", "wavy", "preload", "clipped"])
+def test_intervals_of_contact_hold_the_truth_in_kinds_of_records(kind):
+    """The campaign in short: 20 records of a kind; those without a flag hold the truth, and no peak without a flag is off."""
+    counts = campaign.tally(kind, 20, seed=3)
+    assert counts.passes() and counts.plain + counts.flagged + counts.refused == 20
+    assert counts.refused == 20 if kind == "clipped" else counts.refused <= 4

@@ -22,7 +22,7 @@ STAYS = 0.005  # share of the travel within which the stage stays
 PROGRESS = 0.05  # share of the travel before and after a pause
 PRELOAD = 0.01  # share of the peak at the first sample from which a missing approach is worth a note
 FEWEST_INDEPENDENT = 40  # samples; with fewer the noise itself is hardly known
-PULLED = 0.02  # share of the peak from which a pull at contact is worth a note
+PULLED = 0.01  # share of the peak from which a pull at contact is worth a note
 
 
 @dataclass(frozen=True)

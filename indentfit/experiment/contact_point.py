@@ -62,6 +62,8 @@ class ContactPoint:
         Of the decay at time 0; of cosine and sine of the waves.
     zero_error : float, mN
         Half of the 95 % interval of the force without contact at the end of loading.
+    stretch : tuple of float, mm
+        First and last displacement of the record that baseline and polynomial were fitted to; empty without a fit.
     """
 
     displacement: float
@@ -75,6 +77,7 @@ class ContactPoint:
     scale: float = 0.0
     amplitudes: tuple[float, ...] = ()
     zero_error: float = 0.0
+    stretch: tuple[float, ...] = ()
 
     def free(self, time: Array, displacement: Array) -> Array:
         """Force without contact (n,), mN, at times, s, and displacements of the record, mm."""
@@ -172,6 +175,12 @@ def fitted_approach(ramp: Ramp, indenter: str | None = "flat") -> Approach:
     return Approach(ramp, stretch, model, rivals)
 
 
+def places_by_rules(ramp: Ramp) -> dict[str, float]:
+    """Method -> displacement at contact, mm, of the methods that are rules, to compare with the fit."""
+    stretch = stretch_of(ramp)
+    return {method: float(rule(stretch, stretch.force)) for method, rule in METHODS.items() if rule is not None}
+
+
 def _point(approach: Approach, method: str) -> ContactPoint:
     ramp, model, rule = approach.ramp, approach.model, METHODS[method]
     place = model.contact if rule is None else rule(approach.stretch, approach.stretch.force)
@@ -185,6 +194,7 @@ def _point(approach: Approach, method: str) -> ContactPoint:
         noise=float(np.std(model.residual)),
         method=method,
         zero_error=float(np.hypot(_quantile(model) * model.free_error(), ON_TRUST * _changes(model))),
+        stretch=(float(model.stretch.displacement.min()), float(model.stretch.displacement.max())),
         **_free_force(model),
     )
 

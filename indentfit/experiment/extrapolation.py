@@ -51,7 +51,10 @@ def extrapolated_contact(ramp: Ramp, zero: float, indenter: str | None) -> Conta
     statistic = float(norm.ppf((1 + CONFIDENCE) / 2)) * best.stderr
     inside = np.flatnonzero(ramp.displacement[: ramp.high] < best.place)
     index = int(inside[-1]) + 1 if inside.size else 0
-    return ContactPoint(best.place, float(np.hypot(statistic, spread)), index, zero, 0.0, best.noise, "extrapolated")
+    stretch = (float(displacement.min()), float(displacement.max()))
+    return ContactPoint(
+        best.place, float(np.hypot(statistic, spread)), index, zero, 0.0, best.noise, "extrapolated", stretch=stretch
+    )
 
 
 def _stretch(ramp: Ramp, zero: float) -> tuple[Array, Array]:

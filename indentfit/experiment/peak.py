@@ -19,6 +19,9 @@ CLEARLY_SHORTER = 2.0  # a filter that is not, lets the same noise pass
 STEADY = 0.0025  # share of the peak: the scatter of the filtered force that is allowed
 OTHER = 0.01  # share of the peak by which a larger force of the record is worth a note
 FITTED = 0.35  # of the duration of the ramp: the end of the loading, whose fit gives the peak of a noisy record
+CORNER = 11  # samples of the filter that tells noise in a ramp of few samples
+QUIET = 0.0005  # share of the peak: forces that scatter by less have no noise
+BY_NOISE = 8.0  # standard deviations within which the largest filtered force may lie above the fit
 FEWEST = 8  # samples of the fit
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
 SURE = 3.0  # standard errors
@@ -56,20 +59,37 @@ def peak_of(ramp: Ramp, start: int, force: Array) -> Peak:
     longest = LONGEST * ramp.samples
     smooth = filtered(force[:stop], longest)
     length = float(SHORTEST)
-    rough = float(np.std((force[:stop] - filtered(force[:stop], length))[ramp.low : ramp.high]))
-    if 2 * rough < STEADY * smooth[start:].max():  # hardly any noise: no filter is needed, and a corner of few samples is kept
-        return Peak(float(force[start:stop].max()), rough)
+    fit, record_end = _fitted(ramp, start, force), ramp.record.time.size
+    if longest < CLEARLY_SHORTER * SHORTEST:
+        rough = float(np.std((force[:stop] - filtered(force[:stop], CORNER))[ramp.low : ramp.high]))
+        if 2 * rough < STEADY * smooth[start:].max():  # hardly any noise, and a corner of few samples that no filter would keep
+            return Peak(float(force[start:stop].max()), rough)
     while length < longest / CLEARLY_SHORTER:
         shorter = filtered(force[:stop], length)
         # both filters let a part of the same noise pass
         scatter = float(np.std((shorter - smooth)[ramp.low : ramp.high]) / np.sqrt(1 - length / longest))
         if scatter < STEADY * smooth[start:].max():
-            return Peak(float(shorter[start:].max()), scatter)
+            largest = float(shorter[start:].max())
+            scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
+            ends = ramp.stop > record_end - length  # at the end of a record the filter scatters most
+            if ends and scatter > QUIET * largest and abs(largest - fit.force) < BY_NOISE * scatter:
+                return Peak(fit.force, max(fit.stderr, 0.5 * scatter))
+            return Peak(largest, scatter)
         length *= 1.6
-    return _fitted(ramp, start, force)
+    return Peak(fit.force, fit.stderr)
 
 
-def _fitted(ramp: Ramp, start: int, force: Array) -> Peak:
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The end of a loading by a parabola over time: its force, mN, the standard error, the samples, and the parabola there."""
+
+    force: float
+    stderr: float
+    part: slice
+    values: Array
+
+
+def _fitted(ramp: Ramp, start: int, force: Array) -> _End:
     """The force at the end of loading by a parabola over time."""
     stop = max(ramp.stop - round(ROUNDED * ramp.length), start + FEWEST)
     begin = max(start, stop - max(15, round(FITTED * ramp.samples)))
@@ -77,13 +97,15 @@ def _fitted(ramp: Ramp, start: int, force: Array) -> Peak:
     terms = np.column_stack([np.ones_like(age), age, age**2])
     values = np.linalg.lstsq(terms, force[begin:stop], rcond=None)[0]
     spread = covariance(terms, noise_in(force[begin:stop] - terms @ values))
-    return Peak(float(values[0]), float(np.sqrt(max(spread[0, 0], 0.0))))
+    return _End(float(values[0]), float(np.sqrt(max(spread[0, 0], 0.0))), slice(begin, stop), terms @ values)
 
 
 def _turn(ramp: Ramp, begin: int, stop: int) -> float:
     """Time of the end of loading, s: where the stage, at the velocity that it has before, reaches its deepest place."""
     record, near = ramp.record, max(3, round(0.5 * ramp.length))
-    deepest = float(filtered(record.displacement, SHORTEST)[max(0, stop - near) : ramp.stop + near].max())
+    deepest = float(
+        filtered(record.displacement, max(SHORTEST, ROUNDED * ramp.length))[max(0, stop - near) : ramp.stop + near].max()
+    )
     half = slice((begin + stop) // 2, stop)
     velocity, last = np.polyfit(record.time[half] - record.time[stop - 1], record.displacement[half], 1)
     ahead = (deepest - last) / velocity if velocity > 0 else 0.0

@@ -1,5 +1,7 @@
 """Figures of processed records: each with its contact point and window, and the three panels of Feng et al. 2017, figure 4."""
 
+import textwrap
+
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,6 +10,7 @@ from matplotlib.figure import Figure
 
 from indentfit.arrays import Array
 from indentfit.errors import RecordError
+from indentfit.experiment.contact_point import METHODS, places_by_rules
 from indentfit.experiment.outcomes import usable
 from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
@@ -119,8 +122,25 @@ def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
     reach = processed.contact.uncertainty
     words = quantity(reach, "mm", 2).replace("um", "µm")
     axes.axvspan(-long * reach, long * reach, color=COLOURS[1], alpha=0.3, linewidth=0, label=f"contact ± {words}")
+    _judged(axes, processed, long)
     _label_curve(axes, scale)
     axes.legend()
+
+
+def _judged(axes: Axes, processed: ProcessedRecord, long: float) -> None:
+    """The force's zero, the stretch that the contact point was fitted to, where other methods put it, and the rating in words."""
+    contact, last = processed.contact, axes.get_xlim()
+    axes.axhline(0, color="black", linewidth=0.6, linestyle=":", label="zero of the force")
+    if contact.stretch:
+        begin, end = (long * (place - contact.displacement) for place in contact.stretch)
+        axes.axvspan(max(begin, last[0]), end, ymax=0.03, color=COLOURS[2], alpha=0.5, linewidth=0, label="fitted stretch")
+    rules = places_by_rules(processed.ramp) if contact.method in METHODS else {}  # the rules need an approach
+    for dashes, (method, place) in zip(("--", "-."), rules.items(), strict=False):
+        where = long * (place - contact.displacement)
+        if last[0] < where < last[1]:
+            axes.axvline(where, color="0.4", linestyle=dashes, linewidth=0.7, label=method.replace("_", " "))
+    axes.set_xlim(*last)
+    axes.set_title("\n".join(textwrap.wrap(str(processed.judgement), 60)), fontsize=6)
 
 
 def _hold(axes: Axes, processed: ProcessedRecord, series: Prony) -> None:
