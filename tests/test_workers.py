@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -323,6 +324,19 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, in_proc
 
 
 # Order
+
+
+def test_a_single_run_in_the_plane_starts_no_process_and_several_do(tmp_path):
+    straight_curve(tmp_path / "parallel.csv", 3.0)
+    ball = {"shape": "sphere", "width": None, "length": None, "diameter": 2.0, "friction": 0.0}
+    case = read_case(tiny_case(tmp_path, indenter=ball, solver={"element": "q2p1"}))
+    before = set(active_children())
+    with RunPool(case, 2) as pool:
+        (alone,) = pool.evaluate([{"mu": 1.0}])
+        assert set(active_children()) <= before
+        (beside, _) = pool.evaluate([{"mu": 2.0}, {"mu": 3.0}])
+        assert set(active_children()) - before
+    np.testing.assert_allclose(beside.forces[0], 2 * alone.forces[0], rtol=1e-6)
 
 
 def test_the_longest_runs_are_begun_first(case):

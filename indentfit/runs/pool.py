@@ -103,6 +103,7 @@ class RunPool:
         self.failures: list[Evaluation] = []
         self._known: dict[tuple, list[Run]] = {}
         self._workers: Pool | None = None
+        self._here: InProcess | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -173,8 +174,7 @@ class RunPool:
                 self.reused += 1
                 self._learn(request, run)
         if left and not self.stop():
-            self._workers = self._workers or self._hired()
-            for request, run in self._workers.solve(self._longest_first(left), self.stop):
+            for request, run in self._pool_for(len(left)).solve(self._longest_first(left), self.stop):
                 if self.ledger is not None:
                     self.ledger.add(request.parameters, self.case.tests[request.test], run)
                 del left[request]
@@ -188,6 +188,16 @@ class RunPool:
         if self.ledger is None:
             return None
         return self.ledger.find(request.parameters, self.case.tests[request.test], request.sensitivities)
+
+    def _pool_for(self, requests: int) -> Pool:
+        """The workers, or this process for a single run in the meridian plane: such a run costs less than the start of a worker."""
+        if self._workers is None and requests == 1 and not self.cluster and not is_foreign(self.case.law):
+            mechanics = mechanics_of(self.case)
+            if mechanics.setup.symmetry == "axisymmetric":
+                self._here = self._here or InProcess(mechanics, self.case.fit.time_limit)
+                return self._here
+        self._workers = self._workers or self._hired()
+        return self._workers
 
     def _hired(self) -> Pool:
         mechanics, limit = mechanics_of(self.case), self.case.fit.time_limit

@@ -7,6 +7,9 @@ bases; with and without friction. The two solutions share the energy and the law
 contact, nor linear algebra of the same size. Each line states both forces at the full depth, their difference, which should be at
 most 0.5 %, the stated error of the bricks' mesh where it is asked for (--band), and the processor time of each. Exit code 1 where a
 difference is larger.
+
+Measured, of the first three: -0.03 % (1,440 bricks, 67 s of processor time, against 1.3 s), +0.01 % (1,600 bricks, 73 s, against
+0.6 s) and +0.02 % (1,600 bricks, 33 s, against 0.6 s). The others have not been run.
 """
 
 import argparse
