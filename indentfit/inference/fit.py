@@ -145,6 +145,8 @@ def _with_samples(result: FitResult, samples: PosteriorSamples | None) -> FitRes
         asked = result.case is not None and result.case.fit.posterior
         return replace(result, notes=(*result.notes, NO_SAMPLES)) if asked else result
     intervals = {name: result.parameters[name].interval for name in result.free}
+    units = [result.parameters[n].unit if n in result.free else unit for n, unit in zip(samples.names, samples.units, strict=True)]
+    samples = replace(samples, units=tuple(units))
     return replace(result, posterior=facts_of_samples(samples, intervals), samples=samples)
 
 

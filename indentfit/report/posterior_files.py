@@ -26,7 +26,7 @@ def write_netcdf(samples: PosteriorSamples, measured: dict[str, Curve], path: Pa
     samples : PosteriorSamples
     measured : dict of test -> Curve
     path : Path
-        Read it with `arviz.from_netcdf(path)`.
+        Read it with `xarray.open_datatree(path)`, which ArviZ 1 works on, or with `from_netcdf` of ArviZ 0.
     """
     import h5netcdf  # with the extra that brings emcee too
 
