@@ -100,7 +100,9 @@ def test_a_later_try_is_a_mesh_of_half_the_elements_and_the_result_says_so(monke
     monkeypatch.setattr(Model, "_run", fails_but_on_coarser_meshes)
     material = case.law(mu=1.49, zeta=4.68, phi=0.68)
     press = Press(material, 1490.0, 0, np.array([0.1]))
-    found = model.run(press)
+    announced = []
+    found = model.run(press, lambda share, tries=1: announced.append((share, tries)))
+    assert announced[:2] == [(0.0, 2), (0.0, 3)] and announced[-1] == (1.0, 3)  # when a try begins, not when it ends
     assert len(set(tried)) == len(tried) == found.facts.tries == 3
     assert found.facts.elements == found.model.mesh.nelements < 0.7 * model.mesh.nelements
     (said,) = said_of_tries([("parallel", found.facts), ("perpendicular", SolveFacts())])

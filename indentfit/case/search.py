@@ -79,7 +79,7 @@ class Uncertain(Section):
     )
     mesh: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
         default=1.0,
-        description="error of the forces by the mesh: standard deviation over the change by halving the elements; 0 leaves it out",
+        description="error of the forces by the mesh: factor on its standard deviation; 0 leaves it and its correction out",
     )
     force: Share | None = Field(
         default=None,

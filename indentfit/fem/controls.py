@@ -2,10 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from indentfit.fem.deadline import NEVER, Deadline
+
+
+class Report(Protocol):
+    """A function that is told how far a path has come."""
+
+    def __call__(self, share: float, tries: int = 1) -> None:
+        """The share of the last depth that is done, by the first try or by a later one."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -20,14 +29,14 @@ class Controls:
         Largest step of the depth.
     deadline : Deadline
         Checked once in every iteration.
-    progress : function
-        Called after each step with the share of the last depth that is done.
+    progress : Report, or function of the share alone
+        Called after each step, and when a second try begins.
     """
 
     tolerance: float
     max_step: float = np.inf
     deadline: Deadline = NEVER
-    progress: Callable[[float], None] | None = None
+    progress: Callable[..., None] | None = None
 
 
 @dataclass

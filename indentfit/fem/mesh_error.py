@@ -20,15 +20,16 @@ proportion to the size.
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case.tables import Mesh
 from indentfit.errors import ConvergenceError
+from indentfit.fem.controls import Report
 from indentfit.fem.mesh import edge_width
-from indentfit.fem.meshing import count, size
+from indentfit.fem.meshing import count, resized, size
 from indentfit.fem.path import FIRST_STEPS
 from indentfit.fem.result import ForceError, Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
@@ -39,6 +40,9 @@ RATIO = {"axisymmetric": 2.0, "quarter": 1.4}
 FACTOR = {("axisymmetric", "q2p1"): 1.0, ("quarter", "q2p1"): 1.0, ("quarter", "q1p0"): 2.5}
 STRIP = 2.0  # more under strips and wedges, whose change falls short of the error: long strips on layers in plane strain
 ORDER = {"q2p1": 1.5, "q1p0": 1.0}
+REMAINS = 0.5  # standard deviation of what the correction of a curve leaves, over the correction
+LEAST = 1e-3  # its least value, of the force
+SMOOTHLY = 0.3  # of the depth: length over which what remains keeps its sign
 FEWER = 0.75  # share of the elements that a coarser mesh may have at most
 FLOOR = {("axisymmetric", "q2p1"): 2e-3, ("quarter", "q2p1"): 5e-3, ("quarter", "q1p0"): 1e-2}  # of the force
 NODES = {Rings: 0.15, Band: 0.9}  # spheres and wedges on bricks, against the meridian plane and against finer bricks
@@ -49,7 +53,7 @@ FOLDING = "elements fold up at the sharp edge at this depth; state the edge's ra
 
 
 def with_mesh_errors(
-    simulation: Simulation, setup: Setup, presses: Sequence[Press], progress: Callable[[str, float], None] | None = None
+    simulation: Simulation, setup: Setup, presses: Sequence[Press], progress: Callable[..., None] | None = None
 ) -> Simulation:
     """A simulation whose tests state the error of their forces by the mesh.
 
@@ -58,7 +62,7 @@ def with_mesh_errors(
     simulation : Simulation
     setup, presses
         Those of the simulation.
-    progress : called with (name of a test, share of the second solution that is done)
+    progress : called with (name of a test, share of the second solution that is done), and `tries` as `Model.simulate` does
 
     Returns
     -------
@@ -70,8 +74,8 @@ def with_mesh_errors(
     for press, test in zip(presses, simulation.tests, strict=True):
         if test.facts.elements not in models:
             own = _as_solved(setup, test.facts.elements)
-            other, factor = second(own)
-            models[test.facts.elements] = own, Model(other), factor
+            other = second(own)
+            models[test.facts.elements] = own, Model(other.setup), other.factor
         own, model, factor = models[test.facts.elements]
         report = functools.partial(progress, press.name) if progress else None
         tests.append(replace(test, mesh_error=_error_by(model, factor, press, test, own, report)))
@@ -86,7 +90,7 @@ def _as_solved(setup: Setup, elements: int) -> Setup:
 
 
 def _error_by(
-    model: Model, factor: float, press: Press, test: TestResult, setup: Setup, progress: Callable[[float], None] | None
+    model: Model, factor: float, press: Press, test: TestResult, setup: Setup, progress: Report | None
 ) -> ForceError | str:
     """The stated error of a test by the model of a second mesh, or why it cannot be stated."""
     try:
@@ -98,17 +102,57 @@ def _error_by(
     return force_error(test, other, factor, setup)
 
 
-def second(setup: Setup) -> tuple[Setup, float]:
-    """The setup with the second mesh of the estimate, and the factor from the change of the force to the band."""
-    ratio, element = RATIO[setup.symmetry], setup.solver.element
+@dataclass(frozen=True)
+class SecondMesh:
+    """A second mesh of a setup, and what its forces G tell of the forces F of the setup's own mesh.
+
+    Parameters
+    ----------
+    setup : Setup
+        The setup with the second mesh.
+    factor : float
+        The band of F over the largest |F - G|.
+    growth : float
+        The error of G over that of F.
+    """
+
+    setup: Setup
+    factor: float
+    growth: float
+
+    @property
+    def gain(self) -> float:
+        """F + gain (G - F) is the force that both meshes approach."""
+        return 1 / (1 - self.growth)
+
+    @property
+    def finer(self) -> bool:
+        """Whether the second mesh is the finer one."""
+        return self.growth < 1
+
+    @property
+    def beyond(self) -> float:
+        """The part of `gain` that is extrapolated beyond the finer mesh."""
+        return self.gain - 1 if self.finer else self.gain
+
+
+def second(setup: Setup) -> SecondMesh:
+    """The second mesh of the estimate: coarser, or finer where no mesh with clearly fewer elements can be had."""
+    longer = _with_longer_steps(setup)
+    coarse = resized(longer, RATIO[setup.symmetry])
+    if count(coarse) <= FEWER * count(setup):
+        return compared(setup, coarse)
+    return compared(setup, resized(longer, 1 / RATIO[setup.symmetry]))
+
+
+def compared(setup: Setup, other: Setup) -> SecondMesh:
+    """Another mesh of a setup as its second mesh."""
+    element = setup.solver.element
+    growth = (size(other) / size(setup)) ** ORDER[element]
     factor = FACTOR[setup.symmetry, element]
     if element == "q2p1" and isinstance(setup.indenter.geometry.partition(setup.depth), Band):
         factor *= STRIP
-    setup = _with_longer_steps(setup)
-    coarse = _resized(setup, ratio)
-    if count(coarse) <= FEWER * count(setup):
-        return coarse, factor
-    return _resized(setup, 1 / ratio), factor * ratio ** ORDER[element]
+    return SecondMesh(other, factor if growth > 1 else factor / growth, growth)
 
 
 def _with_longer_steps(setup: Setup) -> Setup:
@@ -117,10 +161,6 @@ def _with_longer_steps(setup: Setup) -> Setup:
         return setup
     longest = COARSER_STEPS * setup.solver.max_step if setup.solver.max_step else setup.depth / FIRST_STEPS
     return replace(setup, solver=setup.solver.model_copy(update={"max_step": longest}))
-
-
-def _resized(setup: Setup, factor: float) -> Setup:
-    return replace(setup, mesh=Mesh(symmetry=setup.mesh.symmetry, size=factor * size(setup)))
 
 
 def force_error(test: TestResult, other: TestResult, factor: float, setup: Setup) -> ForceError:
@@ -134,6 +174,25 @@ def force_error(test: TestResult, other: TestResult, factor: float, setup: Setup
     return ForceError(
         np.maximum.accumulate(np.maximum(change, np.maximum(least, folds) * np.abs(test.force))), other.facts.elements, remark
     )
+
+
+def left_by_correction(depths: Sequence[Array], changes: Sequence[Array], other: SecondMesh) -> list[Array]:
+    """Covariance of what the correction F + gain (G - F) leaves of the errors of curves, relative to their forces.
+
+    Parameters
+    ----------
+    depths : sequence of arrays (n,), mm
+    changes : sequence of arrays (n,)
+        (G - F) / F of each curve.
+    other : SecondMesh
+
+    Returns
+    -------
+    list of arrays (n, n)
+    """
+    worst = max(float(np.sqrt(np.mean((other.beyond * change) ** 2))) for change in changes)
+    sd = max(REMAINS * worst, LEAST * min(other.growth, 1.0))
+    return [sd**2 * np.exp(-0.5 * (np.subtract.outer(depth, depth) / (SMOOTHLY * depth[-1])) ** 2) for depth in depths]
 
 
 def _few_nodes(setup: Setup, depths: Array) -> Array:

@@ -1,5 +1,8 @@
 """The mesh of a Setup, whatever its symmetry: its number of elements and its size before it is made."""
 
+from dataclasses import replace
+
+from indentfit.case.tables import Mesh
 from indentfit.fem import mesh as bricks
 from indentfit.fem.meridian_mesh import count_meridian, size_of_meridian
 from indentfit.fem.setup import Setup
@@ -19,3 +22,8 @@ def size(setup: Setup) -> float:
     if setup.symmetry == "axisymmetric":
         return size_of_meridian(setup.sample, setup.indenter, setup.mesh, setup.depth)
     return bricks.size(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
+
+
+def resized(setup: Setup, factor: float) -> Setup:
+    """The setup with a mesh whose elements are `factor` times as wide."""
+    return replace(setup, mesh=Mesh(symmetry=setup.mesh.symmetry, size=factor * size(setup)))

@@ -15,7 +15,7 @@ from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
-from indentfit.fem.controls import Controls, Work
+from indentfit.fem.controls import Controls, Report, Work
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import OFFSET, Direction, directions
 from indentfit.fem.element import Solid
@@ -102,14 +102,14 @@ class Model:
         self.equations = Equations(self.body, self.contact, self.fixed)
         self.setup_seconds = time.perf_counter() - started
 
-    def simulate(self, presses: Sequence[Press], progress: Callable[[str, float], None] | None = None) -> Simulation:
+    def simulate(self, presses: Sequence[Press], progress: Callable[..., None] | None = None) -> Simulation:
         """The Simulation of several presses.
 
         Parameters
         ----------
         presses : sequence of Press
         progress : function
-            Called with the name of the press and the share of its depth that is done.
+            Called with the name of the press, the share of its depth that is done, and from a second try on `tries`, its number.
 
         Returns
         -------
@@ -133,14 +133,13 @@ class Model:
     def _together(self, tests: Sequence[TestResult]) -> Simulation | None:
         return Simulation(tuple(tests), self.mesh_facts(), self._solver_facts(tests)) if tests else None
 
-    def run(self, press: Press, progress: Callable[[float], None] | None = None, deadline: Deadline | None = None) -> TestResult:
+    def run(self, press: Press, progress: Report | None = None, deadline: Deadline | None = None) -> TestResult:
         """The TestResult of one press.
 
         Parameters
         ----------
         press : Press
-        progress : function
-            Called with the share of the depth that is done.
+        progress : Report
         deadline : Deadline
 
         Returns
@@ -217,6 +216,9 @@ class Model:
         """The TestResult of a second try. Raises the first try's error, with the longest curve, where all fail or time runs out."""
         within = replace(controls, deadline=controls.deadline.sooner(max(AGAIN_SECONDS, AGAIN_SHARE * seconds)))
         for number, attempt in enumerate(self._second_tries(), start=2):
+            if controls.progress is not None:
+                controls.progress(0.0, number)
+                within = replace(within, progress=functools.partial(controls.progress, tries=number))
             try:
                 result = self._coarser(attempt)._run(attempt, press, within)
                 return replace(result, facts=replace(result.facts, tries=number, first_failure=str(first)))

@@ -7,6 +7,8 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools
 from indentfit.case import Case
+from indentfit.fem.mesh_error import ORDER
+from indentfit.fem.meshing import DIMENSIONS, count
 from indentfit.inference import profiles
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.alone import alone, scan_weights
@@ -14,7 +16,7 @@ from indentfit.inference.bootstrap import bootstrap
 from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, noise_of, widened
-from indentfit.inference.inputs import MOVES, ORDER, Solution, dimensions_of, elements_of, input_derivatives, shares
+from indentfit.inference.inputs import CORRECTED, MOVES, Solution, input_derivatives, shares
 from indentfit.inference.limits import MeshSize, limits
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import (
@@ -34,10 +36,13 @@ from indentfit.inference.what_if import taken_as_known, warnings_of, what_ifs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
 from indentfit.inverse.exploration import MANY, Exploration, Watched, facts_of
+from indentfit.inverse.mesh_correction import Corrected
 from indentfit.inverse.methods import Solved
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import Surrogate, learn, linearised
+from indentfit.runs.forward import ForwardModel
+from indentfit.runs.points import setup_of
 
 TRUSTED = 0.1  # largest error of a surrogate, over the misfit, with which conclusions are drawn from the surrogate
 RIGHT = 0.15  # largest difference between a run and its prediction, over a profile's limit
@@ -112,7 +117,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         return Certainty()
     alone_known = identifiability(problem, optimum.best, optimum.derivatives, exploration.equation_one)
     solution = Solution(case, problem, model, optimum.best, alone_known)
-    notes, uncertain = _notes(alone_known), UncertainInputs()
+    notes, uncertain = [*_notes(alone_known), *_of_mesh(model)], UncertainInputs()
     if case.fit.uncertain.given:
         progress(0.0, "uncertain inputs")
         solution, uncertain, missing = with_inputs(solution)
@@ -308,6 +313,13 @@ def _notes(known: Identifiability) -> list[str]:
     return [NOTE, *([MISFIT] if any(noise.systematic for noise in known.noise) else [])]
 
 
+def _of_mesh(model: ForwardModel) -> list[str]:
+    if not isinstance(model, Corrected):
+        return []
+    error = model.error
+    return [CORRECTED.format(most=error.most, elements=error.elements, sd=error.sd)]
+
+
 def _free(problem: InverseProblem, candidate: Candidate) -> dict[str, float]:
     return {name: candidate.parameters[name] for name in problem.free}
 
@@ -317,7 +329,7 @@ def _estimates(
 ) -> dict[str, ParameterEstimate]:
     """Each free parameter with its interval, by its profile if it has one, widened by uncertain inputs."""
     problem, best, known = solution.problem, solution.best, solution.known
-    mesh = mesh_size(solution.case) if "mesh" in uncertain.inputs else None
+    mesh = mesh_size(solution.case, solution.model) if "mesh" in uncertain.inputs else None
     limited = limits(uncertain, noise_of(problem, alone_known), problem.free, mesh)
     estimates = {}
     for n, (name, bounds) in enumerate(problem.free.items()):
@@ -341,9 +353,13 @@ def _estimates(
     return estimates
 
 
-def mesh_size(case: Case) -> MeshSize:
-    """The number of elements of a case's mesh, and the power of it with which the force's error falls."""
-    return MeshSize(elements_of(case, case.mesh), ORDER / dimensions_of(case))
+def mesh_size(case: Case, model: ForwardModel) -> MeshSize:
+    """The number of elements of the finest mesh behind the curves, and the power of it with which the force's error falls."""
+    setups = [setup_of(piece) for piece in case.pieces]
+    own = round(sum(count(setup) for setup in setups) / len(setups))
+    dimensions = max(DIMENSIONS[setup.symmetry] for setup in setups)
+    elements = model.error.finest if isinstance(model, Corrected) else own
+    return MeshSize(elements, ORDER[case.solver.element] / dimensions)
 
 
 def published_comparison(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:

@@ -11,16 +11,20 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case, require_fittable
 from indentfit.curve import Curve
-from indentfit.fem.facts import SolveFacts, said_of_tries
+from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
+from indentfit.fem.meshing import resized
+from indentfit.fem.simulate import Model
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.moduli import moduli
+from indentfit.inference.refinement import Refined, refined
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, require_emcee, samples_of
 from indentfit.inference.wide_certainty import wide_certainty
 from indentfit.inference.wide_fit import WideFit, wide_fit, widens
 from indentfit.inverse.exploration import Watched
+from indentfit.inverse.mesh_correction import MeshCorrection
 from indentfit.inverse.methods import Solved, solve
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
@@ -122,16 +126,21 @@ def fit_with_runs(
     with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
         watched = Watched(pool)
         wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
-        solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, whole.part(0, SHARE_OF_FIT))
+        correction = MeshCorrection(case if case.fit.uncertain.mesh else None)
+        part = whole.part(0, SHARE_OF_FIT)
+        solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
         samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
+        watched, finer = solved.model or watched, Refined(solved)
         gross = _no_fit(problem, solved.optimum.best, watched)
         if gross is not None:
             known = Certainty()
         elif wide is not None:
             known = wide_certainty(stated, problem, watched, solved, wide)
         else:
+            finer = refined(case, problem, watched, solved, correction, whole.part(SHARE_OF_FIT, SHARE_OF_FIT))
+            solved, watched = finer.solved, finer.solved.model or watched
             known = certainty(stated, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
-        work = _Work(pieces, pool, _facts_at(pool, problem, solved.optimum.best))
+        work = _Work(pieces, pool, _facts_at(pool, problem, solved.optimum.best), finer)
     result = _with_samples(_result(case, problem, solved, known, work), samples)
     if gross is not None:
         result = without_meaning(result, gross)
@@ -177,11 +186,12 @@ def _no_fit(problem: InverseProblem, best: Candidate | None, watched: Watched) -
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """The pieces and pool of a fit, and the facts of its runs at the optimum, one for each test."""
+    """The pieces and pool of a fit, the facts of its runs at the optimum, one for each test, and its finest mesh."""
 
     pieces: list[Piece]
     pool: RunPool
     facts: tuple[SolveFacts, ...]
+    finer: Refined
 
     def solver(self, case: Case) -> FitSolver:
         return FitSolver(
@@ -194,13 +204,20 @@ class _Work:
             edge_slip=max((abs(test.edge_slip) for test in self.facts), default=None),
         )
 
+    def mesh(self) -> MeshFacts:
+        """The facts of the finest meshes behind the result."""
+        if self.finer.factor is None:
+            return mesh_of(self.pieces)
+        setups = [resized(piece.setup, 1 / self.finer.factor) for piece in self.pieces]
+        return mesh_of([replace(piece, setup=s, model=Model(s)) for piece, s in zip(self.pieces, setups, strict=True)])
+
     def failures(self) -> tuple[FitFailure, ...]:
         return tuple(FitFailure(failure.parameters, failure.cause or "") for failure in self.pool.failures)
 
     def notes(self, case: Case) -> tuple[str, ...]:
         mesh = () if case.fit.uncertain.mesh else (MESH_NOTE,)
         tries = said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False))
-        return (*_weights_of_points(case), *mesh, *_of_records(case), *tries)
+        return (*_weights_of_points(case), *mesh, *self.finer.notes, *_of_records(case), *tries)
 
 
 def _of_records(case: Case) -> Iterator[str]:
@@ -250,7 +267,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         failures=work.failures(),
         notes=(*known.notes, *work.notes(case), *(of_relaxation(case, best.parameters) if best else ())),
         solver=work.solver(case),
-        mesh=mesh_of(work.pieces),
+        mesh=work.mesh(),
         case_hash=case.hash,
         title=case.title,
         versions={name: importlib.metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},

@@ -164,7 +164,8 @@ def widened(problem: InverseProblem, candidate: Candidate, known: Identifiabilit
     half = np.where(np.isfinite(half), half, np.inf)
     values = problem.values(candidate.parameters)
     interval = clipped(np.column_stack([values - half, values + half]), problem)
-    return replace(known, errors=replace(known.errors, covar=whole, freedom=freedom), quantile=quantile, interval=interval)
+    errors = replace(known.errors, covar=whole, freedom=freedom, added=known.errors.added + covar)
+    return replace(known, errors=errors, quantile=quantile, interval=interval)
 
 
 def quantiles(freedom: Array) -> Array:

@@ -3,8 +3,8 @@
 Friction, bulk ratio, thickness and the contact point (`offset`: the depth by which contact begins later, F(d - offset)) change
 the curves. An estimate follows such a change as it follows noise, linearly: d theta = - estimator . dF/d input. The derivatives
 are those of the mechanics where it has them, otherwise differences of runs with the input changed. `force` is an error common to
-all forces of a test; `mesh` is such an error too, with Richardson's estimate of its size from a mesh of about half as many
-elements. `base` has two values only: its effect is the change of the parameters on the other base, whose probability the case
+all forces of a test; `mesh` is what the correction for the mesh (inverse.mesh_correction) leaves of its error, a smooth function of
+the depth. `base` has two values only: its effect is the change of the parameters on the other base, whose probability the case
 states.
 """
 
@@ -16,21 +16,21 @@ import numpy as np
 import scipy.optimize
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Mesh
-from indentfit.fem.meshing import DIMENSIONS, count
+from indentfit.case import Case
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.shares import InputShare
 from indentfit.inverse.derivatives import Underivable, derivatives_at, last_cause
+from indentfit.inverse.mesh_correction import Corrected, mesh_error_at
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.runs.forward import ForwardModel
-from indentfit.runs.points import KEYS, case_at, setup_of
+from indentfit.runs.points import KEYS, case_at
 
 EXACT = ("friction", "bulk_ratio", "offset")  # inputs by which the mechanics can differentiate
 STEP = 0.05  # relative step of an input, for differences
 LEAST_FRICTION = 0.02  # step of a small friction coefficient
-FEWEST = 20  # elements of a mesh
-ORDER = 1.0  # order of the force in the size of the elements: at the indenter's edge the traction is singular
-ANOTHER = 0.75  # a mesh with more than this share of the elements counts as the same mesh
+CORRECTED = (
+    "the curves are corrected for the mesh by up to {most:.1%}, by a mesh of about {elements} elements; +- {sd:.2%} stays uncertain"
+)
 OTHER_BASE = {"sliding": "bonded", "bonded": "sliding"}
 
 
@@ -123,15 +123,16 @@ def _of_force(solution: Solution, spread: float) -> Moves:
 
 
 def _of_mesh(solution: Solution, spread: float) -> Moves:
-    """An error common to all forces of a test, with Richardson's estimate of the error by the mesh: from the largest change of any
-    test's curve on another mesh (the change of a single curve may be small by chance) and the order ORDER."""
-    case, forces = solution.case, solution.best.forces
-    elements = another_mesh(case)
-    changed = _forces(solution, [{"mesh.elements": elements}])[0]
-    coarser = (elements_of(case, case.mesh) / elements_of(case, Mesh(elements=elements))) ** (ORDER / dimensions_of(case))
-    change = max(np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(forces, changed, strict=True))
-    sd = spread * change / abs(coarser - 1)
-    return Moves(_of_force(solution, sd).rows, InputShare(0.0, float(sd), elements=elements))
+    """What the correction for the mesh leaves: independent smooth errors of each test; where the curves are not corrected, the
+    correction is an error too."""
+    model, best = solution.model, solution.best
+    corrected = isinstance(model, Corrected)
+    error = model.error if isinstance(model, Corrected) else mesh_error_at(solution.case, solution.problem, model, best.parameters)
+    rows = []
+    for n, B in solution.estimators():
+        errors = error.independent(n) if corrected else np.vstack([error.independent(n), error.correction[n]])
+        rows.append(spread * (errors * best.forces[n]) @ B.T)
+    return Moves(np.concatenate(rows), InputShare(0.0, spread * error.sd, elements=error.elements))
 
 
 def _of_base(solution: Solution, spread: float) -> Moves:
@@ -155,25 +156,6 @@ def _of_input(solution: Solution, name: str, spread: float) -> Moves:
 
 
 MOVES: dict[str, Callable[[Solution, float], Moves]] = {"force": _of_force, "mesh": _of_mesh, "base": _of_base}
-
-
-def another_mesh(case: Case) -> int:
-    """Value of mesh.elements for a mesh of about half as many elements; for the coarsest mesh, of twice as many."""
-    own = elements_of(case, case.mesh)
-    half = max(own // 2, FEWEST)
-    return half if elements_of(case, Mesh(elements=half)) <= ANOTHER * own else 2 * own
-
-
-def elements_of(case: Case, mesh: Mesh) -> int:
-    """The number of elements that a Mesh table gives a case; of a case with several meshes, their mean."""
-    setups = [setup_of(piece) for piece in case.pieces]
-    counts = [count(replace(setup, mesh=mesh.model_copy(update={"symmetry": setup.symmetry}))) for setup in setups]
-    return round(sum(counts) / len(counts))
-
-
-def dimensions_of(case: Case) -> int:
-    """Number of dimensions of a case's mesh; the largest, where it has several meshes."""
-    return max(DIMENSIONS[setup_of(piece).symmetry] for piece in case.pieces)
 
 
 def value_of(case: Case, best: Candidate, name: str) -> float:
@@ -219,10 +201,6 @@ def _exact(case: Case, problem: InverseProblem, model: ForwardModel, best: Candi
     if not run.sensitivities or not all(name in given for given in run.sensitivities):
         return None
     return problem.scaled(best.parameters, [given[name] for given in run.sensitivities])
-
-
-def _forces(solution: Solution, changes: Sequence[Mapping[str, Any]]) -> list[tuple[Array, ...]]:
-    return _changed(solution.problem, solution.model, solution.best, changes)
 
 
 def _changed(

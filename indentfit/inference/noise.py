@@ -35,6 +35,8 @@ class Errors:
         Degrees of freedom by Welch and Satterthwaite.
     estimator : tuple of arrays (p, n)
         The map from small changes of each curve to changes of the estimates.
+    added : array (p, p)
+        The part of covar that is not of the noise.
     """
 
     covar: Array
@@ -42,6 +44,7 @@ class Errors:
     typical: float
     freedom: Array
     estimator: tuple[Array, ...]
+    added: Array
 
 
 def errors(
@@ -91,7 +94,7 @@ def errors(
         )
         for k, (sigma, coefficient, r) in enumerate(zip(np.sqrt(variance).tolist(), rho, residuals, strict=True))
     )
-    return noise, Errors(covar, plain, float(typical), welch, tuple(B))
+    return noise, Errors(covar, plain, float(typical), welch, tuple(B), np.zeros_like(plain))
 
 
 def whiteness(M: Array, residuals: Array) -> float:

@@ -216,7 +216,28 @@ def end_of_profile(chi2: Callable[[float], float], value: float, bound: float, l
 
 
 def _factor(known: Identifiability, n: int) -> float:
-    """The factor from a growth of sum w |r|^2 along a parameter to squared standard errors."""
+    """The factor from a growth of sum w |r|^2 along a parameter to squared standard errors.
+
+    Where other parameters sit at a bound, errors of mesh and inputs that these would take up move this parameter instead. The
+    factor is then the smaller of two: with these parameters free, and with them held.
+    """
+    plain, added = known.errors.plain, known.errors.added
     with np.errstate(invalid="ignore", divide="ignore"):
-        factor = known.errors.plain[n, n] / known.errors.covar[n, n]
+        noise = plain[n, n] / (known.errors.covar[n, n] - added[n, n])
+    noise = float(noise if np.isfinite(noise) else known.errors.typical)
+    row = np.eye(len(plain))[n]
+    maps, held = [row], [k for k, bound in enumerate(known.at_bound) if bound and k != n]
+    if held and np.isfinite(plain).all():
+        row = row.copy()
+        row[held] = -plain[n, held] @ np.linalg.pinv(plain[np.ix_(held, held)])  # least squares with these parameters held
+        maps.append(row)
+    return min(_with_added(noise, row, known) for row in maps)
+
+
+def _with_added(noise: float, row: Array, known: Identifiability) -> float:
+    """The factor of the noise, made smaller by the errors of another kind, for the estimate `row` of the free parameters."""
+    seen = np.flatnonzero(row)
+    part = np.ix_(seen, seen)
+    plain, added = (row[seen] @ matrix[part] @ row[seen] for matrix in (known.errors.plain, known.errors.added))
+    factor = plain / (plain / noise + added) if added > 0 else noise
     return float(factor if np.isfinite(factor) else known.errors.typical)

@@ -9,7 +9,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
-from indentfit.inference.inputs import Solution
+from indentfit.inference.inputs import CORRECTED, Solution
 from indentfit.inference.joint import JointFit, fitted, joint_profiles
 from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.limits import Limit, limits
@@ -29,9 +29,6 @@ from indentfit.inverse.wide import UncertainInput
 
 COORDINATES = (
     "uncertain inputs are coordinates of the fit: intervals are profiles over parameters and inputs, under the inputs' priors"
-)
-MESH = (
-    "the curves are corrected for the mesh by up to {most:.1%}, by one of about {elements} elements; half of that stays uncertain"
 )
 UNPROVED = (
     "the surrogate's prediction at the optimum was not proved by a run to a fifth of a standard error: intervals are doubtful"
@@ -59,7 +56,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     profiles = {name: _profile(fit, n) for n, name in enumerate(problem.free)}
     uncertain = _uncertain(case, fit)
     noise = _noise(fit)
-    limited = limits(uncertain, noise, problem.free, mesh_size(case))
+    limited = limits(uncertain, noise, problem.free, mesh_size(case, model))
     singles = _singles(case, fit)
     alone = _alone(fit, singles)
     predicted = joint_predictions(fit.best.fit, singles, case.fit.seed)
@@ -263,7 +260,8 @@ def _notes(fit: WideFit) -> Iterator[str]:
     yield NOTE
     yield COORDINATES
     if fit.elements is not None:
-        yield MESH.format(most=np.abs(fit.mesh.correction).max(), elements=fit.elements)
+        sd = float(np.sqrt(np.max(np.diag(fit.mesh.mesh))))
+        yield CORRECTED.format(most=np.abs(fit.mesh.correction).max(), elements=fit.elements, sd=sd)
     if not fit.best.fit.reached:
         yield UNPROVED
     if any(known.systematic for known in _noise(fit).values()):

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Mesh
+from indentfit.case import Case
 from indentfit.case.search import Fit
 from indentfit.inference import mixture
-from indentfit.inference.inputs import ORDER, OTHER_BASE, another_mesh, dimensions_of, elements_of
+from indentfit.inference.inputs import OTHER_BASE
 from indentfit.inference.joint import (
     JointFit,
     JointPath,
@@ -28,19 +29,17 @@ from indentfit.inference.joint import (
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
 from indentfit.inference.result import ConfirmedPoint
-from indentfit.inverse.derivatives import evaluate_at_reference
+from indentfit.inverse.derivatives import Underivable, evaluate_at_reference
 from indentfit.inverse.exploration import Exploration, Watched
 from indentfit.inverse.generations import Search
 from indentfit.inverse.local import Optimum
+from indentfit.inverse.mesh_correction import mesh_error_at
 from indentfit.inverse.methods import SEARCHES, Solved
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, uncertain_inputs, widened_problem
 from indentfit.runs.forward import Evaluation
-
-REMAINS = 0.5  # standard deviation of what a correction for the mesh leaves, over the correction
-SMOOTHLY = 0.5  # of the depth: length over which what remains of the mesh's error keeps its sign
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,30 +196,15 @@ def _again(fit: JointFit, error: ModelError, seed: int) -> JointFit:
 
 
 def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, int | None]:
-    """The error of the forces by the mesh, from a run on another mesh at the optimum; none where that run fails.
-
-    The error falls with the size of the elements like its ORDER-th power (the traction is singular at a sharp edge), so two meshes
-    tell a correction of the curve (Richardson). REMAINS of it stays uncertain, in one piece and in a smooth part of its size.
-    """
+    """The error of the forces by the mesh, and the number of elements of the second mesh; none where a run for it fails."""
     curves = fit.posterior.curves
-    problem, point = curves.problem, curves.point(fit.mode.z)
-    elements = another_mesh(case)
-    here, there = evaluate_at_reference(problem, model, [point, {**point, "mesh.elements": elements}])
     size = curves.measured().size
-    if here.forces is None or there.forces is None:
+    try:
+        error = mesh_error_at(case, curves.problem, model, curves.point(fit.mode.z))
+    except Underivable:
         return ModelError.none(size), None
-    own = elements_of(case, case.mesh)
-    other = elements_of(case, Mesh(elements=elements))
-    coarser = (own / other) ** (ORDER / dimensions_of(case))
-    own_forces, other_forces = np.concatenate(here.forces), np.concatenate(there.forces)
-    correction = -(other_forces - own_forces) / own_forces / (coarser - 1)
-    covar = np.zeros((size, size))
-    worst = max(float(np.sqrt(np.mean(correction[rows] ** 2))) for rows in curves.slices)
-    for rows, test in zip(curves.slices, problem.tests, strict=True):
-        depth = test.curve.displacement
-        smooth = np.exp(-0.5 * (np.subtract.outer(depth, depth) / (SMOOTHLY * depth[-1])) ** 2)
-        covar[rows, rows] = (case.fit.uncertain.mesh * REMAINS * worst) ** 2 * smooth
-    return ModelError(correction, covar), elements
+    covar = block_diag(*error.covar) * case.fit.uncertain.mesh**2
+    return ModelError(np.concatenate(error.correction), np.asarray(covar, dtype=float)), error.elements
 
 
 def _ends_proved(

@@ -194,14 +194,15 @@ class _Parts:
     first: float  # share of the work that the curves are, with those over time
     elastic: float  # share of it without those over time
 
-    def curve(self, name: str, share: float) -> None:
-        self._report(name, self.first * self.elastic * self._share(name, share))
+    def curve(self, name: str, share: float, tries: int = 1) -> None:
+        self._report(f"{name}{_again(tries)}", self.first * self.elastic * self._share(name, share))
 
     def in_time(self, name: str, share: float) -> None:
         self._report(f"{name}, over time", self.first * (self.elastic + (1 - self.elastic) * self._share(name, share)))
 
-    def mesh_error(self, name: str, share: float) -> None:
-        self._report(f"{name}, error of the mesh", self.first + (1 - self.first) * self._share(name, share))
+    def mesh_error(self, name: str, share: float, tries: int = 1) -> None:
+        note = f"{name}, error of the mesh{_again(tries)}"
+        self._report(note, self.first + (1 - self.first) * self._share(name, share))
 
     def _share(self, name: str, share: float) -> float:
         return (self.names.index(name) + share) / len(self.names)
@@ -209,6 +210,10 @@ class _Parts:
     def _report(self, note: str, share: float) -> None:
         if self.progress is not None:
             self.progress(note, share)
+
+
+def _again(tries: int) -> str:
+    return f", try {tries} after a failure" if tries > 1 else ""
 
 
 def presses_of(case: Case, material: Material) -> list[Press]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from indentfit.arrays import Array
 from indentfit.case.laws import open_law
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
+from indentfit.fem.meshing import resized
 from indentfit.fem.setup import InTime, Setup
 from indentfit.fem.wide_block import setup_for
 from indentfit.material import Material
@@ -14,6 +15,7 @@ from indentfit.material import Material
 if TYPE_CHECKING:
     from indentfit.case import Case, Test
 
+WIDER = "mesh.wider"  # key of a point: the factor by which all elements are wider than those of the case's mesh
 OF_SIZE = ("size", "elements")  # keys of a mesh that exclude each other
 
 
@@ -55,6 +57,8 @@ class Mechanics:
     folder : path
         The folder to which the name of a law's file is relative.
     tests : tuple of Indentation
+    wider : float
+        The factor by which elements are wider than `mesh` says.
     """
 
     sample: Sample
@@ -64,6 +68,7 @@ class Mechanics:
     material: MaterialChoice
     folder: Path
     tests: tuple[Indentation, ...]
+    wider: float = 1.0
 
     @property
     def law(self) -> type[Material]:
@@ -91,13 +96,17 @@ class Mechanics:
     @property
     def setup(self) -> Setup:
         """The Setup of the mesh, for the deepest of the tests. Raises MeshError."""
-        return setup_for(self.sample, self.indenter, self.mesh, self.solver, self.law, self.depth)
+        setup = setup_for(self.sample, self.indenter, self.mesh, self.solver, self.law, self.depth)
+        return setup if self.wider == 1 else resized(setup, self.wider)
 
     def changed(self, changes: dict[str, Any]) -> "Mechanics":
         """The mechanics with other values of keys ("table.key" -> value)."""
         mechanics = self
-        for key, value in changes.items():
-            name, key = key.split(".")
+        for whole, value in changes.items():
+            if whole == WIDER:
+                mechanics = replace(mechanics, wider=value)
+                continue
+            name, key = whole.split(".")
             mechanics = replace(mechanics, **{name: with_key(getattr(mechanics, name), key, value)})
         return mechanics
 

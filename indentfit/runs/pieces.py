@@ -16,7 +16,7 @@ from indentfit.fem.simulate import Model
 from indentfit.material import Material
 from indentfit.runs.points import press_of, setup_of
 
-Curve = Callable[[str, float], None]  # called with (name of a test, share of it that is done)
+Curve = Callable[..., None]  # called with (name of a test, share of it that is done), and `tries` as `Model.simulate` does
 
 
 @dataclass
