@@ -6,6 +6,26 @@ Each kind draws records with their own law (flat punch, sphere, cone), stiffness
 `held` where the interval holds the truth, `flagged` where a note of `process` speaks of contact, zero, baseline or peak, `refused`
 where it cannot be used. A kind passes where the held share of the records without a flag lies in the binomial 99 % band about
 95 %, and no peak without a flag is off by more than 1 %. tests/test_instruments.py reruns it in short.
+
+Measured with 200 records of each kind (plain: records without a flag, held of them, binomial 99 % band; flagged, held of them;
+refused; median half width over depth):
+
+    approach          155  143  140-153   45   42    0  0.27 %      slow_noise         12   11    9-12   180  159    8  2.30 %
+    end_not_known     154  141  139-152   46   42    0  0.30 %      ringing           122  115  109-121   78   72    0  0.45 %
+    short_approach     71   69   62-71   117  107   12  0.35 %      adhesion            3    1    1-3    164  163   33  6.25 %
+    in_contact          0                199  199    1  3.39 %      uneven            150  144  135-148   50   50    0  0.36 %
+    hold              160  154  144-158   39   38    1  0.30 %      coarse_approach   168  166  152-166   32   32    0  0.44 %
+    rest_first        166  162  150-164   34   33    0  0.31 %      doubled_times     163  153  147-161   36   36    1  0.29 %
+    two_speeds        167  156  151-165   33   31    0  0.28 %      blocks            139  132  125-138   61   60    0  0.42 %
+    retract           154  144  139-152   46   45    0  0.32 %      noisy_travel      153  144  138-151   47   43    0  0.35 %
+    retract_chosen      0                200  190    0  0.26 %      steps             121  119  108-120   79   76    0  1.42 %
+    reversed_rows       0                200  194    0  0.28 %      clipped             0                  0    0  200
+    preload             7    7    5-7    193  179    0  0.88 %      clipped_hold        0                 10    9  190  0.89 %
+                                                                    clipped_travel     45   44   38-45    12    9  143  0.19 %
+
+With 40 to 60 records: drift 2 of 2 plain held and 53 of 58 flagged, slope 4 of 4 and 46 of 46, curved_drift 9 of 10 and 25 of 30,
+stages 38 of 40 flagged, wavy 30 of 35 flagged (5 refused), small_waves 37 of 40 flagged, cycles 32 of 34 and 16 of 16. Up to 3 in
+150 plain records of a kind had a peak off by 1.0 to 1.5 % (noise of 1 % of the peak, ringing) before the last changes of `peak.py`.
 """
 
 import argparse
