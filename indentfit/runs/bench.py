@@ -23,7 +23,7 @@ from indentfit.runs.mechanics import Mechanics
 from indentfit.runs.points import split_point
 from indentfit.runs.run import Run, RunRequest, out_of_time
 
-FIRST = "mu / 2 * (I1 - 3)"  # the energy of the run that comes before all others
+FIRST = "mu / 2 * (I1 - 3)"  # the energy of the solution that comes before all runs
 MEMORY = "out of memory, twice"
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 
@@ -96,11 +96,11 @@ def _keep_memory() -> None:
 
 
 def ready_model(mechanics: Mechanics) -> Model:
-    """The Model of mechanics, after one run.
+    """The Model of mechanics, after one linear solution.
 
-    The first run fixes the order of elimination of the linear solver, which depends on the numbers in the matrix: with the same
-    first run in every process, later runs agree in every process. The first run is a small indentation of a gel, so that it does
-    not depend on the start of a search.
+    The first solution fixes the order of elimination of the linear solver, which depends on the numbers in the matrix: with the
+    same first solution in every process, later runs agree in every process. It is that of a gel under the untouched indenter, so
+    that it does not depend on the start of a search.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def ready_model(mechanics: Mechanics) -> Model:
     setup = mechanics.setup
     model, gel = Model(setup), typed(FIRST, ["mu"])(mu=1.0)
     with contextlib.suppress(ConvergenceError, MaterialError):
-        model.run(Press(gel, mechanics.material.bulk_modulus(1.0), 0, np.array([setup.depth * 1e-3])))
+        model.stiffness(gel, mechanics.material.bulk_modulus(1.0), 0)
     return model
 
 
