@@ -203,7 +203,6 @@ def test_a_case_that_names_raw_records_has_their_curves():
 def test_a_case_with_a_sphere_looks_for_contact_as_hertz_has_it():
     keys = ["indenter={shape='sphere',diameter=20,friction=0.5}"]
     sphere = read_case(CASE / "case.toml", keys)
-    assert sphere.record.indenter == "sphere"
     as_told = read_case(CASE / "case.toml", ["record.indenter=sphere"])
     assert np.array_equal(sphere.curves[0].force, as_told.curves[0].force)
     assert not np.array_equal(sphere.curves[0].force, read_case(CASE / "case.toml").curves[0].force)

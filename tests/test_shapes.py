@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from indentfit import indenters, samples
 from indentfit.case import Indenter, Sample
 from indentfit.case.keys import choices
+from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.indenters import Distance, Rings
@@ -185,9 +186,18 @@ def test_a_new_shape_says_what_does_not_fit_and_replaces_another(case):
     assert (bar.indenter.diameter, again.indenter) == (None, case.indenter)
 
 
-def test_raw_records_are_read_as_under_a_sphere_where_the_shape_says_so(case):
-    assert case.record.indenter == "sphere"
-    assert read_case(case.path, ["indenter.shape=cylinder", "indenter.diameter=2"]).record.indenter is None
+def test_raw_records_are_read_as_under_a_sphere_where_the_shape_says_so(case, monkeypatch):
+    ends = []
+
+    def curve(self, file, record):
+        ends.append(record.indenter)
+        return Curve([0.01, 0.02, 0.03, 0.04, 0.05], [1.0, 2.0, 3.0, 4.0, 5.0])
+
+    monkeypatch.setattr("indentfit.experiment.measured.Opened.curve", curve)
+    raw = 'test=[{name="run",angle=0,record="run.csv"}]'
+    read_case(case.path, [raw])
+    read_case(case.path, [raw, "indenter.shape=cylinder", "indenter.diameter=2"])
+    assert ends == ["sphere", None]
 
 
 def test_the_key_of_a_run_knows_the_code_of_a_shape_from_elsewhere(case):
