@@ -15,7 +15,7 @@ from indentfit.experiment.measured import read_case
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.reading import read_record
 
-CURVE = Curve([0.1, 1 / 3, 0.5], [0.0, np.pi, 1e-300], ("a note",))
+CURVE = Curve([0.1, 1 / 3, 0.5], [0.0, np.pi, 1e-300], ("a note",), 1 / 7, [0.1, 0.2, 1 / 3])
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ class Bench:
         before = self.calls
         curve = kept_curve(self.record, settings or Record(rate=10.0), self.process)
         assert np.array_equal(curve.displacement, CURVE.displacement) and np.array_equal(curve.force, CURVE.force)
-        assert curve.notes == CURVE.notes
+        assert (curve.notes, curve.contact) == (CURVE.notes, CURVE.contact) and np.array_equal(curve.sd, CURVE.sd)
         return self.calls > before
 
     def files(self):

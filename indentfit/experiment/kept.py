@@ -14,9 +14,11 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from pathlib import Path
 
+import numpy as np
 from pydantic import BaseModel
 
 from indentfit.case import Record
@@ -134,14 +136,14 @@ def _read(place: Path) -> Curve | None:
         body = json.dumps(tree["curve"])
         if hashlib.sha256(body.encode()).hexdigest() != tree["hash"]:
             return None
-        return Curve(tree["curve"]["displacement"], tree["curve"]["force"], tuple(tree["curve"]["notes"]))
+        return Curve(**{**tree["curve"], "notes": tuple(tree["curve"]["notes"])})
     except (OSError, ValueError, TypeError, KeyError, CurveError):
         return None
 
 
 def _write(place: Path, curve: Curve) -> None:
     """Write a curve, in one step; without a word where the folder cannot be written."""
-    body = {"displacement": curve.displacement.tolist(), "force": curve.force.tolist(), "notes": list(curve.notes)}
+    body = {field.name: _plain(getattr(curve, field.name)) for field in fields(curve)}
     tree = {"curve": body, "hash": hashlib.sha256(json.dumps(body).encode()).hexdigest()}
     part = place.with_suffix(f".{os.getpid()}")
     with contextlib.suppress(OSError):
@@ -149,6 +151,11 @@ def _write(place: Path, curve: Curve) -> None:
         part.write_text(json.dumps(tree), encoding="utf-8")
         os.replace(part, place)
         _remove_oldest(place.parent)
+
+
+def _plain(value: object) -> object:
+    """The value of a curve's field as JSON takes it."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _remove_oldest(folder: Path) -> None:
