@@ -100,14 +100,14 @@ def test_the_folder_holds_numbers_curves_figure_fields_and_the_case(folder):
 
 def test_an_existing_folder_is_refused_before_anything_is_computed(folder, monkeypatch):
     path, _ = folder
-    monkeypatch.setattr("indentfit.runs.forward.Model", never)
+    monkeypatch.setattr("indentfit.runs.pieces.Model", never)
     done = run(CASE, "-o", path)
     assert done.exit_code == 2 and "--overwrite" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("option", ["--vtu", "--series", "--whole", "--overwrite"])
 def test_what_needs_a_folder_asks_for_one(option, monkeypatch):
-    monkeypatch.setattr("indentfit.runs.forward.Model", never)
+    monkeypatch.setattr("indentfit.runs.pieces.Model", never)
     done = run(CASE, option)
     assert done.exit_code == 2 and "-o DIR" in done.stderr
 

@@ -89,9 +89,12 @@ def test_the_scale_and_its_error_are_those_of_weighted_least_squares():
 
 @pytest.mark.parametrize("uncertain", [{}, {"friction": {"uniform": [0.0, 0.5]}}], ids=["known", "unknown friction"])
 def test_a_fit_follows_the_points_that_it_can_trust(tmp_path, uncertain):
-    """The deeper half of a curve is 20 % too high, and states 50 times the uncertainty: the fit has the other's modulus."""
+    """The deeper half of a curve is 20 % too high, and states 50 times the uncertainty: the fit has the other's modulus. The curve
+    is one of the case's own mesh, so that the mesh has no error."""
     write_curve(tmp_path / "parallel.csv", Curve(DEPTH, 10 * DEPTH))
-    path = tiny_case(tmp_path, fit={"method": "least_squares", "workers": 1, "what_if": False, "uncertain": uncertain})
+    path = tiny_case(
+        tmp_path, fit={"method": "least_squares", "workers": 1, "what_if": False, "uncertain": {**uncertain, "mesh": 0.0}}
+    )
     exact = simulate(read_case(path), {"mu": 2.0}, mesh_error=False).curves["parallel"].force
     wrong = np.where(DEPTH > 0.1, 1.2, 1.0) * exact
     sd = np.where(DEPTH > 0.1, 0.5, 0.01) * exact[-1]

@@ -8,6 +8,7 @@ from indentfit.case.laws import isotropic_moduli
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
 
+SMALL = 1e-6  # relative change of a parameter, for a derivative
 UNITS = {"mu": "kPa", "E": "kPa", "nu": "1"}
 
 
@@ -44,7 +45,10 @@ def _estimate(case: Case, result: FitResult, values: dict[str, float], modulus: 
         return _moduli(case, {**values, changing[0]: number})[modulus]
 
     low, high = sorted(at(number) for number in known.interval)
-    slope = abs(high - low) / (known.interval[1] - known.interval[0])
+    first, last = known.interval
+    if first == last:  # a fit without any error
+        first, last = known.value * (1 - SMALL), known.value * (1 + SMALL)
+    slope = abs(at(last) - at(first)) / (last - first) if last > first else 0.0
     errors: dict[str, Any] = {name: _scaled(getattr(known, name), slope) for name in ("stderr", "stderr_total")}
     estimate = ParameterEstimate(value, unit, interval=(low, high), verdict=verdict, **errors)
     return replace(estimate, interval_linear=_carried(known.interval_linear, slope, value, known.value))
