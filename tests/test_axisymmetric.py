@@ -85,16 +85,17 @@ def test_the_meridian_and_the_quarter_of_the_same_sample_agree(indenter, base, d
 
 
 def test_sensitivities_are_the_derivatives_of_the_force():
-    rough = {**SPHERE, "friction": 0.3}
+    rough = {**SPHERE, "friction": 0.2}
     names = ("mu", "friction", "bulk_ratio", "offset")
     result = pressed(DISC, rough, [0.05, 0.1], 50.0, sensitivities=names, elements=60)
     by = {name: result.sensitivities[name][-1] for name in names}
     assert by["mu"] == pytest.approx(result.force[-1], rel=1e-6)  # the force is linear in mu, and mu is 1
 
-    def force(friction=0.3, kappa=50.0):
+    def force(friction=0.2, kappa=50.0):
         return pressed(DISC, {**rough, "friction": friction}, [0.05, 0.1], kappa, elements=60).force[-1]
 
-    assert by["friction"] == pytest.approx((force(0.301) - force(0.299)) / 0.002, rel=2e-3)
+    # The force jumps by 1e-5 of itself where a point passes from stick to slip: another friction may meet such a jump.
+    assert by["friction"] == pytest.approx((force(0.201) - force(0.199)) / 0.002, abs=5e-5 * result.force[-1])
     assert by["bulk_ratio"] == pytest.approx((force(kappa=50.5) - force(kappa=49.5)) / 1.0, rel=1e-3)
 
 

@@ -35,7 +35,7 @@ def test_a_phantom_has_its_slope_velocity_and_peak(phantom):
     assert done.line.slope == pytest.approx(slope, rel=0.03)
     assert done.peak == pytest.approx(peak, rel=0.02)
     assert 0.96 <= done.velocity <= 1.20
-    assert done.contact.uncertainty < 0.02
+    assert done.contact.uncertainty < {1: 0.005, 2: 0.04}[number]  # the second begins to rise before the ramp is straight
 
 
 def test_a_phantom_relaxes_by_its_published_ratio(phantom):
