@@ -18,6 +18,7 @@ from indentfit.experiment.measured import read_case  # noqa: E402
 from indentfit.inference import joint, sampling  # noqa: E402
 from indentfit.inference.fit import fit  # noqa: E402
 from indentfit.inference.joint import ModelError  # noqa: E402
+from indentfit.inference.joint_profiles import joint_profiles  # noqa: E402
 from indentfit.inverse.exploration import Watched  # noqa: E402
 from indentfit.inverse.objective import Target  # noqa: E402
 from indentfit.inverse.problem import InverseProblem  # noqa: E402
@@ -78,7 +79,7 @@ def test_the_samples_are_those_of_linear_regression(force, plain):
 def test_profiles_agree_with_the_samples(plain):
     """Their ends lie close together, and no profile is more than 1.3 times as wide, here and where a gain is uncertain."""
     fit, samples = plain
-    paths = joint.joint_profiles(fit)
+    paths = joint_profiles(fit)
     facts = sampling.facts_of_samples(samples, {name: tuple(200 * np.array(paths[n].interval)) for n, name in enumerate("ab")})
     assert all(0.9 < ratio < 1.3 for ratio in facts.wider.values())
 

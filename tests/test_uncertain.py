@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fixtures.cases import tiny_case, white_matter
+from fixtures.cases import SHARED, straight_curve, tiny_case, white_matter
 from fixtures.formulas import FREE, TRUTH, formula, problem
 from scipy.optimize import brentq
 from scipy.stats import norm
@@ -18,7 +18,8 @@ from indentfit.experiment.measured import read_case
 from indentfit.inference import joint, mixture
 from indentfit.inference.fit import fit
 from indentfit.inference.inputs import Solution
-from indentfit.inference.joint import JointPath, ModelError
+from indentfit.inference.joint import ModelError
+from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
 from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
@@ -180,7 +181,7 @@ def test_without_inputs_the_intervals_are_those_of_linear_regression():
     found = straight(forces)
     theta, squares, *_ = np.linalg.lstsq(design, forces, rcond=None)
     covar = np.linalg.inv(design.T @ design) * squares[0] / 23
-    paths = joint.joint_profiles(found)
+    paths = joint_profiles(found)
     for n in range(2):
         assert 200 * found.mode.z[n] == pytest.approx(theta[n], rel=1e-4)
         half = np.sqrt(covar[n, n]) * 2.0687  # Student's t of 23 degrees of freedom
@@ -206,8 +207,8 @@ def test_a_gain_widens_a_parameter_by_its_own_share():
     plain, wide = straight(forces), straight(forces, (of_test("force", 0, 0.03),))
     noise = 200 * np.sqrt(plain.mode.covar[0, 0])
     assert 200 * np.sqrt(wide.mode.covar[0, 0]) == pytest.approx(np.hypot(noise, 0.03 * 90), rel=0.03)
-    low, high = 200 * np.array(joint.joint_profiles(wide)[0].interval)
-    assert high - low == pytest.approx(2 * wide.quantile * np.hypot(noise, 2.7), rel=0.06)
+    low, high = 200 * np.array(joint_profiles(wide)[0].interval)
+    assert high - low == pytest.approx(2 * wide.quantiles[0] * np.hypot(noise, 2.7), rel=0.06)
 
 
 def pressed(friction, inputs, noise=0.01, seed=0):
@@ -226,8 +227,8 @@ def test_a_friction_that_nobody_knows_is_inside_and_so_are_the_parameters(fricti
     found = pressed(friction, inputs)
     truth = [(TRUTH[name] - FREE[name].min) / (FREE[name].max - FREE[name].min) for name in TRUTH] + [friction]
     for n, unit in enumerate(truth):
-        assert joint.JointWalk(found, n).chi2(unit) < 10.83
-    low, high = 20 * np.array(joint.JointWalk(found, 1).profile().interval)
+        assert JointWalk(found, n).chi2(unit) < 10.83
+    low, high = 20 * np.array(JointWalk(found, 1).profile().interval)
     assert high - low < 9  # not merely the whole range of 20
 
 
@@ -337,6 +338,48 @@ def test_the_result_of_uncertain_inputs_is_written_and_read_back(unknown_base):
     text = unknown_base.summary()
     assert "base = bonded, probability" in text
     assert "friction (prior 0 to 1; fitted" in text
+
+
+def unproved(tmp_path, monkeypatch, **fitted):
+    """The result of a fit to one curve whose optimum no run proves: a prediction never counts as right, a search always moves."""
+    monkeypatch.setattr(joint, "RIGHT", 0.0)
+    monkeypatch.setattr("indentfit.inference.wide_fit.LIMIT", 1)
+    monkeypatch.setattr("indentfit.inverse.polish.STEPS", 0)
+    monkeypatch.setattr("indentfit.inverse.least_squares.EVALUATIONS", 0)
+    straight_curve(tmp_path / "parallel.csv", 30)
+    return fit(read_case(tiny_case(tmp_path, fit=fitted)))
+
+
+@pytest.mark.parametrize(
+    "fitted",
+    [
+        {"method": "least_squares"},
+        {"method": "ga"},
+        {"method": "ga", "uncertain": {"friction": {"uniform": [0, 1]}, "mesh": 0.0}},
+        {"method": "ga", "uncertain": {"base": 0.5, "mesh": 0.0}},
+        {"method": "ga", "uncertain": {"offset": 0.01}},
+    ],
+)
+def test_no_parameter_is_determined_where_no_run_proves_the_optimum(fitted, tmp_path, monkeypatch):
+    found = unproved(tmp_path, monkeypatch, **fitted)
+    mu = found.parameters["mu"]
+    assert not found.success
+    assert mu.verdict is not None and mu.verdict.startswith("not determined: the search did not end at a proved optimum")
+    assert mu.limited_by == "search"
+    assert not [said for said in found.conclusions if said.startswith(("determined", "weakly"))]
+    assert not [line for line in found.summary().splitlines() if "mu" in line and " determined (" in line]
+
+
+@pytest.mark.skipif(not (SHARED / "strangers").exists(), reason="the strangers' cases are not here")
+def test_a_curve_without_noise_does_not_tell_a_friction_by_the_waves_of_the_computed_curves(tmp_path):
+    """The curve is Hayes' exact one (bonded layer, no friction, nu = 0.3) for mu = 200 kPa, and friction 1 would give 194."""
+    case = SHARED / "strangers" / "cartilage_punch" / "case.toml"
+    found = fit(read_case(case, ["indenter.friction=unknown", "fit.workers=1"]))
+    low, high = found.parameters["mu"].interval
+    assert found.success
+    assert 193 < low < 195.5 and 199.5 < high < 203
+    assert found.parameters["mu"].limited_by == "friction"
+    assert found.uncertain.inputs["friction"].interval == pytest.approx((0, 1))
 
 
 # What a case takes as known

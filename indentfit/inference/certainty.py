@@ -31,7 +31,14 @@ from indentfit.inference.result import (
     WeightsFit,
 )
 from indentfit.inference.shares import NoiseShare, UncertainInputs, WhatIf
-from indentfit.inference.verdicts import against_each_other, conclusions, contradictions, verdict
+from indentfit.inference.verdicts import (
+    against_each_other,
+    alone_unless_proved,
+    conclusions,
+    contradictions,
+    unless_proved,
+    verdict,
+)
 from indentfit.inference.what_if import taken_as_known, warnings_of, what_ifs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
@@ -128,6 +135,8 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         findings, facts = _profiled(solution, model, solved, uncertain, progress)
     predicted = _predicted(solution, model, solved, uncertain)
     estimates = against_each_other(_estimates(solution, alone_known, findings, uncertain), predicted, findings.tests_alone)
+    estimates = unless_proved(estimates, optimum.success)
+    findings = replace(findings, tests_alone=alone_unless_proved(findings.tests_alone, optimum.success))
     published = published_comparison(solution, estimates)
     last = _learned(problem, model, exploration) if problem.searched and case.fit.profiles else None
     exact = what_ifs(solution, last) if last is not None else taken_as_known(case)

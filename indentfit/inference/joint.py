@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
-from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber, Curves, Mode, NoiseModel, Posterior, Shift, noise_at
-from indentfit.inference.profiles import BEYOND, SHOWN, end_of_profile
 from indentfit.inverse.course import HistoryStep, Proof
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.exploration import Watched
@@ -32,11 +30,11 @@ STARTS = 8  # searches from the best places of the scan
 APART = 0.15  # of the ranges: distance of these places
 DRAWN, ALLOWED = 400, 10.0  # places drawn about the optimum; those whose chi2 has grown by less are allowed by the curves
 TELLING = 2  # runs of a round beside that of the optimum
-ROUNDS = 3  # largest number of rounds of prediction and proof
-RIGHT = 0.3  # largest shift of a coordinate, over its standard deviation, by the error of a prediction that counts as right
+ROUNDS = 3  # of prediction and proof; no more follow once the optimum is proved
+LIMIT = 6  # largest number of rounds
+RIGHT = 0.3  # largest shift of a coordinate, over its standard error, by the error of a prediction that counts as right
 FIRST_NOISE = 0.02  # of a curve's largest force: where the search for the noise begins
 CONFIDENCE = 0.95
-OTHERS = 2  # other maxima from which each value of a profile is tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,34 +62,6 @@ class ModelError:
 
 
 @dataclass(frozen=True, eq=False)
-class JointPath:
-    """The profile of one coordinate.
-
-    Parameters
-    ----------
-    units : array (m,)
-        Values in units of the range.
-    chi2 : array (m,)
-        Growth of chi2.
-    limit : float
-        Largest chi2 within the interval.
-    interval : (low, high), units of the range
-    places : array (m, n)
-        All coordinates along the profile.
-    """
-
-    units: Array
-    chi2: Array
-    limit: float
-    interval: Interval
-    places: Array
-
-    def ends(self) -> Array:
-        """The places at both ends of the interval, (2, n)."""
-        return np.array([self.places[int(np.argmin(np.abs(self.units - end)))] for end in self.interval])
-
-
-@dataclass(frozen=True, eq=False)
 class JointFit:
     """The end of a joint fit under one alternative.
 
@@ -116,13 +86,30 @@ class JointFit:
 
     @property
     def reached(self) -> bool:
-        """Whether a run proved the surrogate's prediction at the optimum."""
-        return any(proof.right for proof in self.proofs)
+        """Whether the last run at the optimum proved the surrogate's prediction there."""
+        return bool(self.proofs) and self.proofs[-1].right
 
     @property
-    def quantile(self) -> float:
-        """97.5 % quantile of Student's t."""
-        return float(student.ppf((1 + CONFIDENCE) / 2, max(self.freedom, 1.0)))
+    def quantiles(self) -> Array:
+        """97.5 % quantiles of Student's t, one for each coordinate: the degrees of freedom are those of Welch and Satterthwaite,
+        because only the part of a variance that is noise has a size which few points tell; priors and errors of the mesh are
+        stated."""
+        return np.asarray(student.ppf((1 + CONFIDENCE) / 2, max(self.freedom, 1.0) / np.maximum(self.of_noise, 1e-6) ** 2))
+
+    @property
+    def of_noise(self) -> Array:
+        """The part of each coordinate's variance that is noise, by linear theory, (n,)."""
+        climber, covar = Climber(self.posterior), self.mode.covar
+        J = climber.residuals(self.mode.z)[1][: climber.rows.size]
+        rows = np.ix_(climber.rows, climber.rows)
+        noise = self.posterior.noise.covar(self.posterior.curves.slices)[rows] - self.posterior.noise.model[rows]
+        effect = covar @ J.T @ climber.W
+        return np.asarray(np.clip(np.einsum("ni,ij,nj->n", effect, noise, effect) / np.diag(covar), 0.0, 1.0))
+
+    @property
+    def doubt(self) -> Array:
+        """How much longer standard errors are than standard deviations, because few points tell how large the noise is, (n,)."""
+        return self.quantiles / float(norm.ppf((1 + CONFIDENCE) / 2))
 
     def log_evidence(self) -> float:
         """Logarithm of the density of the curves by Laplace's method, with free parameters uniform over their ranges."""
@@ -152,8 +139,12 @@ def joint_fit(
     error: ModelError,
     seed: int,
     progress: Progress = SILENT,
+    rounds: int = LIMIT,
+    earlier: JointFit | None = None,
 ) -> JointFit | None:
     """The optimum of parameters and inputs together, proved by runs; None where too few runs succeed.
+
+    Rounds of prediction and proof go on while the optimum is not proved.
 
     Parameters
     ----------
@@ -164,27 +155,31 @@ def joint_fit(
     error : ModelError
     seed : int
     progress : Progress
+    rounds : int
+        The largest number of rounds.
+    earlier : JointFit or None
+        A fit of the same problem that was not proved under other errors of the model; its rounds count.
 
     Returns
     -------
     JointFit or None
     """
     first_runs(problem, model, seed, progress.part(0, 0.6))
-    proofs: list[Proof] = []
-    history: list[HistoryStep] = []
-    error = replace(error, surrogate=None)
-    for number in range(ROUNDS):
+    proofs: list[Proof] = list(earlier.proofs) if earlier else []
+    history: list[HistoryStep] = list(earlier.history) if earlier else []
+    error = replace(error, surrogate=earlier.error.surrogate if earlier else None)
+    for number in range(len(proofs), rounds):
         surrogate = learn(problem, model.known)
         if surrogate is None:
             return None
-        progress(0.6 + 0.4 * number / ROUNDS, f"surrogate of {len(surrogate.training)} runs")
+        progress(0.6 + 0.4 * min(number / ROUNDS, 1.0), f"surrogate of {len(surrogate.training)} runs")
         fit = fitted(problem, inputs, surrogate, error, seed)
         enough = settled(fit)
         proof, errors = proved(fit, model, () if enough else telling(fit, seed))
         proofs.append(proof)
         error = held_out(error, errors)
         history.append(HistoryStep("joint", number + 1, _objective(fit), model.runs))
-        if proof.right and enough:
+        if proof.right and (enough or number >= ROUNDS - 1):
             break
     surrogate = learn(problem, model.known)
     if surrogate is None:
@@ -365,7 +360,7 @@ def proved(fit: JointFit, model: Watched, others: Sequence[dict[str, float]] = (
     climber = Climber(without_surrogate(fit))
     J, covar = climber.residuals(z)[1][: climber.rows.size], climber.covar(z)
     shift = covar @ J.T @ climber.W @ error[climber.rows]
-    worst = float(np.max(np.abs(shift) / np.sqrt(np.diag(covar))))
+    worst = float(np.max(np.abs(shift) / np.sqrt(np.diag(covar)) / fit.doubt))
     size = float(np.sqrt(np.mean(error**2)))
     return Proof(dict(points[0]), size, size * RIGHT / worst if worst > 0 else size), errors
 
@@ -414,47 +409,3 @@ def _objective(fit: JointFit) -> float:
     force = curves.at(fit.mode.z)[0]
     parts = [force[rows] for rows in curves.slices]
     return equation_one(curves.problem.tests, parts)
-
-
-class JointWalk:
-    """A walk along the profile of one coordinate; visited places are remembered, and other maxima are tried on the way."""
-
-    def __init__(self, fit: JointFit, n: int) -> None:
-        self.climber, self.n = Climber(fit.posterior), n
-        self.least, self.limit = fit.mode.chi2, fit.quantile**2
-        self.walked: dict[float, tuple[float, Array]] = {float(fit.mode.z[n]): (fit.mode.chi2, fit.mode.z)}
-        self.others = [mode.z for mode in fit.others if mode.chi2 < fit.mode.chi2 + 25][:OTHERS]
-        self.value = float(fit.mode.z[n])
-
-    def profile(self) -> JointPath:
-        """The JointPath of the coordinate."""
-        for other in self.others:
-            self.chi2(float(other[self.n]))
-        ends = [end_of_profile(self.chi2, self.value, bound, self.limit) for bound in (0.0, 1.0)]
-        reach = BEYOND * max(ends[1] - ends[0], 1e-6)
-        for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), SHOWN):
-            self.chi2(float(unit))
-        units = np.array([u for u in sorted(self.walked) if ends[0] - 1.01 * reach <= u <= ends[1] + 1.01 * reach])
-        chi2 = np.array([max(self.chi2(float(unit)), 0.0) for unit in units])
-        places = np.array([self.walked[float(unit)][1] for unit in units])
-        return JointPath(units, chi2, self.limit, (ends[0], ends[1]), places)
-
-    def chi2(self, unit: float) -> float:
-        """Growth of chi2 at a value of the coordinate, from the nearest visited place and the other maxima."""
-        if unit not in self.walked:
-            nearest = self.walked[min(self.walked, key=lambda known: abs(known - unit))][1]
-            ends = [self._climbed(start, unit) for start in (nearest, *self.others)]
-            z, chi2 = min(ends, key=_chi2)
-            self.walked[unit] = (chi2, z)
-        return self.walked[unit][0] - self.least
-
-    def _climbed(self, start: Array, unit: float) -> tuple[Array, float]:
-        z = start.copy()
-        z[self.n] = unit
-        return self.climber.climb(z, self.n)
-
-
-def joint_profiles(fit: JointFit, numbers: Sequence[int] | None = None) -> dict[int, JointPath]:
-    """The profiles of coordinates, by their numbers; by default of the free parameters."""
-    wanted = range(len(fit.posterior.curves.free)) if numbers is None else numbers
-    return {n: JointWalk(fit, n).profile() for n in wanted}

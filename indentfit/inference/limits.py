@@ -94,7 +94,8 @@ def limits(
 def _limit(name: str, uncertain: UncertainInputs, residuals: str, mesh: MeshSize | None) -> Limit:
     shares = {cause: known.share.get(name) or 0.0 for cause, known in uncertain.inputs.items()}
     largest = max(shares, key=lambda cause: shares[cause], default=None)
-    own = 1 - sum(shares.values())
-    if largest is None or own >= MAINLY or (own >= shares[largest] and residuals == "misfit") or not shares[largest]:
+    noise = uncertain.noise.share.get(name) if uncertain.noise else None
+    own = 1 - sum(shares.values()) if noise is None else noise
+    if largest is None or not shares[largest] or (own >= shares[largest] and (own >= MAINLY or residuals == "misfit")):
         return Limit(residuals, own)
     return Limit(largest, shares[largest], mesh if largest == "mesh" else None)

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.stats import chi2 as chi_squared
 
 from indentfit.arrays import Array
-from indentfit.inference.joint import CONFIDENCE, JointPath
+from indentfit.inference.joint import CONFIDENCE
+from indentfit.inference.joint_profiles import JointPath
 from indentfit.inference.plain import Interval
 
 CERTAIN = 0.99  # an alternative of at least this probability counts as certain

@@ -8,7 +8,7 @@ and chi2 is that of their residuals, under noise that is correlated along each c
 surrogate, and that of the inputs under their priors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -23,7 +23,7 @@ from indentfit.inverse.surrogate import Surrogate
 from indentfit.inverse.wide import UncertainInput
 
 ROUNDS = 12  # of the estimate of the noise
-FINEST = 3e-5  # of a curve's largest force: the least noise
+FINEST = 3e-4  # of a curve's largest force: the least noise, since computed curves wave by as much from step to step
 POWERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # of the depth: what a curve is made of between its points
 EDGE = 1e-7
 
@@ -257,9 +257,12 @@ class Climber:
         residuals = np.concatenate([self.W @ (force[self.rows] - self.y), self.P @ z - self.centre])
         return residuals, np.concatenate([self.W @ J[self.rows], self.P])
 
-    def climb(self, z: Array, fixed: int | None = None) -> tuple[Array, float]:
-        """The place of least chi2 near z, and its chi2; coordinate `fixed` keeps its value."""
-        moving = np.array([n for n in range(z.size) if n != fixed])
+    def climb(self, z: Array, fixed: Collection[int] = ()) -> tuple[Array, float]:
+        """The place of least chi2 near z, and its chi2; the coordinates `fixed` keep their values."""
+        moving = np.array([n for n in range(z.size) if n not in fixed], dtype=int)
+        if not moving.size:
+            left = self.residuals(z)[0]
+            return z.copy(), float(left @ left)
         last: list[tuple[Array, tuple[Array, Array]]] = []
 
         def whole(part: Array) -> Array:

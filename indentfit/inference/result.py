@@ -51,8 +51,8 @@ class ParameterEstimate:
     verdict : str
         How well the curves determine the parameter, in words.
     limited_by : str
-        What limits the parameter: "noise", "misfit" (of the law), "mesh", the name of an uncertain input, "bound", or "tests"
-        (which contradict each other).
+        What limits the parameter: "noise", "misfit" (of the law), "mesh", the name of an uncertain input, "bound", "tests" (which
+        contradict each other), or "search" (which did not end at a proved optimum).
     """
 
     value: float

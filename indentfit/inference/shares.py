@@ -26,9 +26,9 @@ class InputShare:
     prior : str or None
         What the case states about an input that was a coordinate of the fit, in words.
     fitted, interval : float and (low, high), or None
-        For such an input: its value at the optimum, and its 95 % interval after the fit. The shares are then those of the
-        parameter's variance that would vanish if the input were known, and the effects are those of its standard deviation after
-        the fit.
+        For such an input: its value at the optimum, and its 95 % interval after the fit. The shares are then the parts of the
+        squared width of the parameter's interval that would vanish if the input were known, and the effects are those of its
+        standard deviation after the fit.
     unit : str or None
     """
 

@@ -13,6 +13,7 @@ from indentfit.inference.result import ParameterEstimate, PublishedComparison, T
 
 DETERMINED = 0.2  # half an interval over the value
 WEAKLY = 2 / 3  # half an interval over its middle: a factor of five between its ends
+UNPROVED = "not determined: the search did not end at a proved optimum"
 KINDS = ("determined", "weakly determined", "at a bound", "not determined")
 
 
@@ -94,6 +95,29 @@ def against_each_other(
     if not any(known.contradicts for known in predicted.values()):
         return dict(estimates)
     return {name: _of_compromise(name, known, alone) for name, known in estimates.items()}
+
+
+def unless_proved(estimates: Mapping[str, ParameterEstimate], proved: bool) -> dict[str, ParameterEstimate]:
+    """Estimates with the verdicts that follow where the search did not end at a proved optimum: then no parameter is determined,
+    because the interval lies about a place that may be no optimum."""
+    return {name: known if proved else _unproved(known) for name, known in estimates.items()}
+
+
+def alone_unless_proved(alone: Mapping[str, TestAlone], proved: bool) -> dict[str, TestAlone]:
+    """Fits to single tests with such verdicts."""
+    if proved:
+        return dict(alone)
+    return {
+        test: replace(known, parameters={name: replace(row, verdict=UNPROVED) for name, row in known.parameters.items()})
+        for test, known in alone.items()
+    }
+
+
+def _unproved(known: ParameterEstimate) -> ParameterEstimate:
+    if known.interval is None:
+        return known
+    low, high = known.interval
+    return replace(known, verdict=f"{UNPROVED} (about the best place so far: {low:.3g} to {high:.3g})", limited_by="search")
 
 
 def _of_compromise(name: str, known: ParameterEstimate, alone: Mapping[str, TestAlone]) -> ParameterEstimate:

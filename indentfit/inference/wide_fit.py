@@ -17,15 +17,16 @@ from indentfit.case.search import Fit
 from indentfit.inference import mixture
 from indentfit.inference.inputs import OTHER_BASE
 from indentfit.inference.joint import (
+    LIMIT,
+    ROUNDS,
     JointFit,
-    JointPath,
     ModelError,
     fitted,
     held_out,
     joint_fit,
-    joint_profiles,
     prediction_errors,
 )
+from indentfit.inference.joint_profiles import JointPath, joint_profiles
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
 from indentfit.inference.result import ConfirmedPoint
@@ -40,6 +41,8 @@ from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, uncertain_inputs, widened_problem
 from indentfit.runs.forward import Evaluation
+
+UNPROVED = "the optimum was not proved by a run"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +88,16 @@ class WideFit:
         J = curves.at(self.best.fit.mode.z)[1][:, : len(curves.free)]
         return tuple(J[rows] for rows in curves.slices)
 
+    @property
+    def reached(self) -> bool:
+        """Whether runs proved the optimum of every alternative that is not improbable, since intervals are those of all these."""
+        return all(known.fit.reached for known in self.alternatives if known.probability > 1 - mixture.CERTAIN)
+
     def solved(self) -> Solved:
         """The end of the fit as that of a method."""
         fit = self.best.fit
-        message = "the surrogate's prediction at the optimum was proved" if fit.reached else "the optimum was not proved by a run"
-        optimum = Optimum(self.candidate(), self.derivatives(), fit.reached, message, fit.history)
+        message = "the surrogate's prediction at the optimum was proved" if self.reached else UNPROVED
+        optimum = Optimum(self.candidate(), self.derivatives(), self.reached, message, fit.history)
         coordinates = ", ".join(known.point or known.name for known in fit.posterior.curves.inputs)
         said = f"joint search on a surrogate of {len(fit.surrogate.training)} runs over the parameters"
         said += f" and {coordinates}" if coordinates else ""
@@ -140,12 +148,13 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     mesh, elements = ModelError.none(size), None
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
-        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part)
+        unknown = elements is None and bool(case.fit.uncertain.mesh)
+        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part, ROUNDS if unknown else LIMIT)
+        if fit is not None and unknown:
+            mesh, elements = mesh_error(case, fit, model)
+            fit = _with_mesh(fit, mesh, model, case.fit.seed, part)
         if fit is None:
             continue
-        if elements is None and case.fit.uncertain.mesh:
-            mesh, elements = mesh_error(case, fit, model)
-            fit = _again(fit, replace(mesh, surrogate=fit.error.surrogate), case.fit.seed)
         alternatives.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
     if not alternatives:
         return None
@@ -186,6 +195,14 @@ def _telling_ends(weighed: Sequence[WideAlternative]) -> list[list[tuple[int, Ar
 
 def _improbable(alternative: WideAlternative) -> float:
     return -alternative.probability
+
+
+def _with_mesh(fit: JointFit, mesh: ModelError, model: Watched, seed: int, progress: Progress) -> JointFit | None:
+    """The fit with the error of the mesh; an optimum that was not proved without this error may be proved beside it."""
+    if fit.reached:
+        return _again(fit, replace(mesh, surrogate=fit.error.surrogate), seed)
+    curves = fit.posterior.curves
+    return joint_fit(curves.problem, curves.inputs, model, mesh, seed, progress.part(0.8, 1), LIMIT, fit)
 
 
 def _again(fit: JointFit, error: ModelError, seed: int) -> JointFit:

@@ -94,7 +94,7 @@ def _by_cause(result: FitResult) -> dict[str, list[str]]:
     for name in result.free:
         known = result.parameters[name]
         cause = known.limited_by or "noise"
-        if cause not in ("noise", "misfit", "bound", "tests") and kind_of(known) != "determined":
+        if cause not in ("noise", "misfit", "bound", "tests", "search") and kind_of(known) != "determined":
             causes.setdefault(cause, []).append(name)
     return causes
 
@@ -103,6 +103,8 @@ def next_step(result: FitResult) -> str:
     """One sentence on what to do next."""
     if result.no_fit:
         return "check the curves, their units and the law before anything else; no parameter has a meaning yet"
+    if not result.success and result.uncertain.at:
+        return f"fit again with narrower ranges of the parameters, or state more exactly what is known of {_and([*result.uncertain.at])}"
     if not result.success:
         return "fit again with other start values or wider ranges, or with --method ga"
     wrong = [name for name, known in result.predicted.items() if known.contradicts]

@@ -1,0 +1,131 @@
+"""The inputs of a WideFit after the fit, and the part of each parameter's interval that each of them makes.
+
+The share of an input is the part of the squared width of a parameter's interval that would vanish if the input were known to have
+its value at the optimum: both intervals are profiles, so a share holds where an input acts far from the optimum only, or in one
+direction, such as a friction that matters where little is left of it.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.case import Case
+from indentfit.inference.joint import JointFit
+from indentfit.inference.joint_profiles import JointWalk, joint_profiles
+from indentfit.inference.plain import Interval
+from indentfit.inference.posterior import Climber, Mode
+from indentfit.inference.shares import AlternativeFit, InputShare, NoiseShare, UncertainInputs
+from indentfit.inference.wide_fit import WideFit
+from indentfit.inverse.objective import rmse
+from indentfit.inverse.wide import UncertainInput
+
+
+def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
+    """The inputs with their values after the fit, and their shares in the parameters' variances under the best alternative."""
+    joint, names = fit.best.fit, list(fit.problem.free)
+    curves, covar = joint.posterior.curves, joint.mode.covar
+    p = len(names)
+    ranges = fit.problem.ranges
+    sd = np.sqrt(np.diag(covar))
+    rows: dict[str, InputShare] = {}
+    paths = joint_profiles(joint, range(p, curves.size))
+    whole = [float(np.ptp(fit.best.paths[k].interval)) for k in range(p)]
+    for n, known in enumerate(curves.inputs, start=p):
+        effect = ranges * covar[:p, n] / sd[n]
+        share = _vanishing(joint, whole, [n])
+        span = span_of(joint, n, paths[n].interval)
+        rows[_label(case, known)] = InputShare(
+            value=known.value,
+            sd=known.prior.sd,
+            effect=_named(names, effect),
+            share=_named(names, share),
+            prior=known.prior.words(known.unit),
+            fitted=known.value_at(float(joint.mode.z[n])),
+            interval=span,
+            unit=known.unit,
+        )
+    rows |= _of_mesh(fit, whole)
+    rows |= _of_base(case, fit, names)
+    at = {known.point: known.value_at(float(joint.mode.z[n])) for n, known in enumerate(curves.inputs, start=p) if known.point}
+    total = {name: float(error) for name, error in zip(names, ranges * sd[:p], strict=True)}
+    noise = NoiseShare(_named(names, 1 - _vanishing(_without_mesh(fit), whole, range(p, curves.size))))
+    return UncertainInputs(rows, noise, dict(total), {**at, **fit.best.changes}, tuple(_alternatives(fit)))
+
+
+def _label(case: Case, known: UncertainInput) -> str:
+    return known.name if known.test is None else f"{known.name} ({case.tests[known.test].name})"
+
+
+def _vanishing(joint: JointFit, whole: Sequence[float], held: Collection[int]) -> Array:
+    """The part of the squared width of each free parameter's interval that is missing where coordinates are held."""
+    widths = np.array([float(np.ptp(JointWalk(joint, k, held).ends())) for k in range(len(whole))])
+    return np.asarray(1 - np.minimum(widths / np.maximum(whole, 1e-300), 1.0) ** 2)
+
+
+def _without_mesh(fit: WideFit) -> JointFit:
+    """The best alternative as if the correction for the mesh left no error, at the same optimum."""
+    joint = fit.best.fit
+    noise, force = joint.posterior.noise, joint.posterior.curves.measured()
+    left = fit.mesh.mesh * np.outer(force, force)
+    without = replace(joint.posterior, noise=replace(noise, model=noise.model - left))
+    climber = Climber(without)
+    z, chi2 = climber.climb(joint.mode.z)
+    return replace(joint, posterior=without, mode=Mode(z, chi2, climber.covar(z)), others=())
+
+
+def _of_mesh(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
+    """The share of what the correction for the mesh leaves."""
+    if fit.elements is None:
+        return {}
+    names, covar = list(fit.problem.free), np.diag(fit.best.fit.mode.covar)
+    without = _without_mesh(fit)
+    p, share = len(names), _vanishing(without, whole, [])
+    sd = float(np.sqrt(np.max(np.diag(fit.mesh.mesh))))
+    spread = np.sqrt(np.maximum(covar - np.diag(without.mode.covar), 0.0))[:p] * fit.problem.ranges
+    return {"mesh": InputShare(0.0, sd, _named(names, spread), _named(names, share), fit.elements)}
+
+
+def _of_base(case: Case, fit: WideFit, names: Sequence[str]) -> dict[str, InputShare]:
+    """The parameters' changes on the other base, by the fit there."""
+    own = [known for known in fit.alternatives if not known.changes]
+    other = [known for known in fit.alternatives if known.changes]
+    if not own or not other:
+        return {}
+    change = (other[0].fit.mode.z - own[0].fit.mode.z)[: len(names)] * fit.problem.ranges
+    odds = own[0].probability * other[0].probability
+    variance = np.diag(fit.best.fit.mode.covar)[: len(names)] * fit.problem.ranges**2
+    share = odds * change**2 / (variance + odds * change**2)
+    base = case.sample.base
+    return {"base": InputShare(base, None, _named(names, change), _named(names, share), probability=case.fit.uncertain.base)}
+
+
+def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
+    """What each alternative found, where there are several."""
+    for known in fit.alternatives if len(fit.alternatives) > 1 else ():
+        joint = known.fit
+        curves = joint.posterior.curves
+        point, force = curves.point(joint.mode.z), curves.at(joint.mode.z)[0]
+        sizes = {t.name: rmse(t, force[rows]) for t, rows in zip(curves.problem.tests, curves.slices, strict=True)}
+        intervals = {name: span_of(joint, n, known.paths[n].interval) for n, name in enumerate(curves.free)}
+        values = {name: point[name] for name in curves.free}
+        yield AlternativeFit(known.name, known.prior, known.probability, values, intervals, sizes)
+
+
+def values_of(fit: JointFit, n: int, units: Array) -> list[float]:
+    """Values of coordinate n, in its unit."""
+    curves = fit.posterior.curves
+    if n >= len(curves.free):
+        return [curves.inputs[n - len(curves.free)].value_at(float(unit)) for unit in units]
+    bounds = curves.problem.free[curves.free[n]]
+    return [float(bounds.min + unit * (bounds.max - bounds.min)) for unit in units]
+
+
+def span_of(fit: JointFit, n: int, interval: Interval) -> Interval:
+    low, high = values_of(fit, n, np.array(interval))
+    return low, high
+
+
+def _named(names: Sequence[str], values: Array) -> dict[str, float | None]:
+    return {name: (float(value) if np.isfinite(value) else None) for name, value in zip(names, values, strict=True)}
