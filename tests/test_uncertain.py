@@ -19,8 +19,8 @@ from indentfit.inference import joint, mixture
 from indentfit.inference.fit import fit
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import ModelError
-from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
 from indentfit.inference.joint_consistency import joint_predictions
+from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.inference.what_if import warnings_of, what_ifs

@@ -104,7 +104,8 @@ def next_step(result: FitResult) -> str:
     if result.no_fit:
         return "check the curves, their units and the law before anything else; no parameter has a meaning yet"
     if not result.success and result.uncertain.at:
-        return f"fit again with narrower ranges of the parameters, or state more exactly what is known of {_and([*result.uncertain.at])}"
+        inputs = _and([*result.uncertain.at])
+        return f"fit again with narrower ranges of the parameters, or state more exactly what is known of {inputs}"
     if not result.success:
         return "fit again with other start values or wider ranges, or with --method ga"
     wrong = [name for name, known in result.predicted.items() if known.contradicts]
