@@ -1,15 +1,14 @@
-"""The package as it is used from a notebook: the public names, and the README's example."""
+"""The package as it is used from a notebook: the public names, and the example of the guide."""
 
 import os
 import re
 import subprocess
 import sys
-import textwrap
 from pathlib import Path
 
 import indentfit
 
-README = Path(__file__).parent.parent / "README.md"
+PAGE = Path(indentfit.__file__).parent / "guide" / "python.md"
 STUB = Path(indentfit.__file__).with_name("__init__.pyi")
 HAYES = 2.232  # k of a bonded layer, nu = 0.5, a/h = 2 / 3.3: Hayes et al. 1972, between 2.213 at 0.6 and 2.860 at 0.8
 
@@ -37,10 +36,10 @@ def test_importing_the_package_imports_none_of_the_libraries(tmp_path):
     assert said.strip() == "[]"
 
 
-def test_the_example_of_the_readme_finds_the_modulus_of_the_elastic_layer(tmp_path):
+def test_the_example_of_the_guide_finds_the_modulus_of_the_elastic_layer(tmp_path):
     """A frictionless flat punch on a bonded layer: F = 4 G a w k / (1 - nu); the example's force belongs to G = 0.60 kPa."""
-    example = re.search(r"## In Python\n\n.*\n\n((?:    .*\n|\n)+)", README.read_text(encoding="utf-8"))[1]
-    said = in_a_new_process(textwrap.dedent(example) + "\nprint('END', mu.value, *mu.interval)", tmp_path)
+    example = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    said = in_a_new_process(example + "\nprint('END', mu.value, *mu.interval)", tmp_path)
     value, low, high = map(float, said.rsplit("END", 1)[1].split())
     G = 21.4 * 0.5 / (4 * 2 * HAYES)
     assert low < G < high

@@ -367,7 +367,7 @@ def test_the_choices_of_a_method_are_completed_from_the_case():
 
 def test_every_command_is_a_module_of_its_own_with_the_same_help():
     folder = Path(cli.__file__).parent
-    shared = {"--init--", "clusters", "command", "progress", "speech", "stopping"}
+    shared = {"--init--", "clusters", "command", "completion", "progress", "reference", "speech", "stopping"}
     modules = {path.stem.replace("_", "-") for path in folder.glob("*.py")} - shared
     assert modules <= set(cli.COMMANDS)
     for name in modules:

@@ -1,4 +1,4 @@
-"""The tutorial of cases/own_material does what it says: its blocks are run in their order."""
+"""The tutorial of a law of one's own does what it says: its blocks are run in their order."""
 
 import json
 import re
@@ -13,6 +13,7 @@ from indentfit.cli import main
 from indentfit.curve import read_curve
 
 FOLDER = CASES / "own_material"
+PAGE = CASES.parent / "indentfit" / "guide" / "own_law.md"
 BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)
 
 
@@ -24,7 +25,7 @@ def after(tmp_path_factory):
         shutil.copyfile(FOLDER / name, folder / name)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for language, text in BLOCK.findall((FOLDER / "README.md").read_text(encoding="utf-8")):
+        for language, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
             if language == "python":
                 (folder / "demiray.py").write_text(text, encoding="utf-8")
                 continue

@@ -11,6 +11,7 @@ from indentfit.case.doubts import doubts
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.experiment.measured import read_case
+from indentfit.inference.identifiability import _at_bound
 from indentfit.inference.limits import Limit, MeshSize, limits
 from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.noise import correlations, whiteness
@@ -177,3 +178,19 @@ def test_validate_and_fit_warn_of_a_preload_first(gel, tmp_path):
     for command in (["validate", str(gel)], ["fit", str(gel), "-o", "r", "--no-fields"]):
         assert "preload" in CliRunner().invoke(main, command).stderr
     assert any("preload" in warning for warning in read_case(gel).warnings())
+
+
+@pytest.mark.parametrize(
+    ("value", "stderr", "least", "most", "said"),
+    [
+        (3.0, 0.04, 0.003, 3336.0, ""),  # 75 standard errors, and three decades, above the bound of a wide range
+        (3.0, 0.04, 0.0, 1e4, ""),
+        (0.004, 0.04, 0.003, 3336.0, "lower"),
+        (0.0, 1e-9, 0.0, 20.0, "lower"),
+        (0.01, 0.2, 0.0, 20.0, "lower"),
+        (20.0, 0.2, 0.0, 20.0, "upper"),
+        (0.01, np.nan, 0.0, 20.0, "lower"),
+    ],
+)
+def test_a_value_known_well_and_clear_of_the_end_of_a_wide_range_is_at_no_bound(value, stderr, least, most, said):
+    assert _at_bound(value, stderr, Range(start=(least + most) / 2, min=least, max=most)) == said

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from indentfit.case.quantities import meaning
+from indentfit.case.quantities import ASKED, meaning
 from indentfit.errors import suggestion
 
 Key = tuple[str | int, ...]
@@ -76,6 +76,9 @@ def wording(model: type[BaseModel], flaw: ErrorDetails, sections: Mapping[str, t
     """What is wrong and what to do, for one of pydantic's errors; `sections` are all tables, to one of which a key may belong."""
     kind, context, loc = flaw["type"], flaw.get("ctx", {}), flaw["loc"]
     model, key = _innermost(model, loc), str(loc[-1]) if loc else ""
+    asked = model.model_fields.get(key) if flaw["input"] == ASKED else None
+    if asked:
+        return f"put your value in: {meaning(asked)}"
     if kind in ("fault", "disagreement"):
         return context["text"]
     if kind == "extra_forbidden":

@@ -15,6 +15,8 @@ from indentfit.errors import InputError, suggestion
 from indentfit.shapes import Registry
 from indentfit.units import number_in
 
+ASKED = "?"  # stands in a template for a value that only the experimenter knows
+
 
 @dataclass(frozen=True)
 class Quantity:

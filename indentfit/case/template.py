@@ -39,39 +39,39 @@ OPTIONAL = ("record",)  # tables that are commented out as a whole
 
 def template() -> str:
     """The text of case.toml; its two curves are curves/parallel.csv and curves/perpendicular.csv."""
-    return HEAD + "\n" + "\n".join(row for model in TABLES for row in _table(model))
+    return HEAD + "\n" + "\n".join(line for model in TABLES for line in _table(model))
 
 
 def _table(model: type[Section]) -> Iterator[str]:
     """A table with all its keys, and an empty line below it."""
     behind = "# " if model.place in OPTIONAL else ""
     start, keys = START.get(model.place, {}), [key for key in facts_of_keys(model) if key.table == model.place]
-    yield from _comment((model.__doc__ or "").split("\n\n")[0])
+    yield from comment_lines((model.__doc__ or "").split("\n\n")[0])
     yield f"{behind}[[test]]" if model is Test else f"{behind}[{model.place}]"
     for key in keys:
         if not key.kind.startswith("table") and not key.inner:
             yield from _key(key, start.get(key.name), behind)
     for key in keys:
         if key.inner and behind:
-            yield from _row(f"# {key.name} = {_value(key.example)}", key.meaning)
+            yield from row(f"# {key.name} = {toml_value(key.example)}", key.meaning)
         elif key.inner:
             yield from ("", *_inner(key.inner))
         elif key.kind == "table" and model is not MaterialChoice:
             yield from (
                 "",
-                *_row(f"# [{key.key}]", key.meaning),
-                *(f"# {name} = {_value(value)}" for name, value in key.example.items()),
+                *row(f"# [{key.key}]", key.meaning),
+                *(f"# {name} = {toml_value(value)}" for name, value in key.example.items()),
             )
     if model is MaterialChoice:
         yield from ("", *_parameters())
     if model is Test:
-        yield from ("", "[[test]]", *(f"{name} = {_value(value)}" for name, value in SECOND_TEST.items()))
+        yield from ("", "[[test]]", *(f"{name} = {toml_value(value)}" for name, value in SECOND_TEST.items()))
     yield ""
 
 
 def _inner(model: type[Section]) -> Iterator[str]:
     """A table inside of another, commented out."""
-    yield from _comment((model.__doc__ or "").split("\n\n")[0])
+    yield from comment_lines((model.__doc__ or "").split("\n\n")[0])
     yield f"# [{model.place}]"
     for key in facts_of_keys(model):
         yield from _key(key, None, "# ")
@@ -79,40 +79,40 @@ def _inner(model: type[Section]) -> Iterator[str]:
 
 def _parameters() -> Iterator[str]:
     """The parameters of the material of the template, with the unit and the meaning that the material gives them."""
-    yield from _row("[material.parameters]", "a number is fixed; start, min and max make it free")
+    yield from row("[material.parameters]", "a number is fixed; start, min and max make it free")
     for name, parameter in load(START["material"]["model"]).parameters.items():
         start, low, high = RANGES[name]
         unit = f"{parameter.unit}, " if parameter.unit not in ("", "1") else ""
-        yield from _row(f"{name} = {{ start = {start}, min = {low}, max = {high} }}", f"{unit}{parameter.meaning}")
+        yield from row(f"{name} = {{ start = {start}, min = {low}, max = {high} }}", f"{unit}{parameter.meaning}")
 
 
 def _key(key: KeyFacts, value: Any, behind: str) -> Iterator[str]:
     """One key: with the value of the template, or commented out with its example."""
-    text = f"{key.name} = {_value(key.example if value is None else value)}"
+    text = f"{key.name} = {toml_value(key.example if value is None else value)}"
     unit = f"{key.unit}: " if key.unit else ""
     options = f"; one of {', '.join(map(str, key.choices))}" if key.choices else ""
-    default = f"; by default {_value(key.default)}" if key.default is not None and key.default != key.example else ""
-    yield from _row(text if value is not None else f"# {text}", f"{unit}{key.meaning}{options}{default}")
+    default = f"; by default {toml_value(key.default)}" if key.default is not None and key.default != key.example else ""
+    yield from row(text if value is not None else f"# {text}", f"{unit}{key.meaning}{options}{default}")
 
 
-def _row(text: str, comment: str) -> Iterator[str]:
+def row(text: str, comment: str) -> Iterator[str]:
     """A line with a comment beside it, continued below; the comment stands above a long line."""
     if len(text) + len(comment) > WIDTH - 3 and len(text) >= COLUMN:
-        yield from (*_comment(comment), text)
+        yield from (*comment_lines(comment), text)
         return
     first, *rest = textwrap.wrap(comment, WIDTH - COLUMN - 2)
     yield f"{text:<{COLUMN - 1}} # {first}"
-    yield from (f"{'#':<{COLUMN}}  {row}" for row in rest)
+    yield from (f"{'#':<{COLUMN}}  {line}" for line in rest)
 
 
-def _comment(text: str) -> Iterator[str]:
-    yield from (f"# {row}" for row in textwrap.wrap(" ".join(text.split()), WIDTH))
+def comment_lines(text: str) -> Iterator[str]:
+    yield from (f"# {line}" for line in textwrap.wrap(" ".join(text.split()), WIDTH))
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """A value as TOML writes it."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{name} = {_value(inner)}" for name, inner in value.items()) + " }"
+        return "{ " + ", ".join(f"{name} = {toml_value(inner)}" for name, inner in value.items()) + " }"
     if isinstance(value, float) and not isinstance(value, bool):
         return f"{value:g}"
     return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)

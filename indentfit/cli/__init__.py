@@ -27,6 +27,8 @@ COMMANDS = {
     "mesh-check": "Say how exact a mesh is, and what exactness costs.",
     "report": "Draw the report of a result folder again.",
     "materials": "List, describe or check materials.",
+    "guide": "Open the guide, or print a page of it.",
+    "schema": "Print the JSON schema of a case, for editors.",
 }
 INTERRUPTED = 130
 

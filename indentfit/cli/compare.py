@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command, short_help="Which of several laws the curves prefer.")
-@click.argument("case", type=click.Path())
+@click.argument("case", type=click.Path(), default="case.toml")
 @click.option(
     "--materials", "asked", required=True, metavar="LAW,LAW,...",
     help="Installed laws (`indentfit materials`), file.py:Class, or typed energies such as 'mu/2*(I1-3)'.",

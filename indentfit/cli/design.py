@@ -8,7 +8,7 @@ from indentfit.cli.speech import warn
 
 
 @click.command(cls=Command, short_help="Say which test to do next.")
-@click.argument("case", type=click.Path())
+@click.argument("case", type=click.Path(), default="case.toml")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--result", type=click.Path(), metavar="DIR", help="Take the parameters of this result folder.")
 @click.option("--noise", type=click.FloatRange(min=0, min_open=True), metavar="MN", help="Standard deviation of a force, mN.")

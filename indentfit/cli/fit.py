@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command, short_help="Find the parameters that its curves ask for.")
-@click.argument("case", type=click.Path())
+@click.argument("case", type=click.Path(), default="case.toml")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--method", type=click.Choice(get_args(SearchMethod)), help="The same as --set fit.method=...")
 @click.option("--direct", is_flag=True, help="Search on the forward model itself, without a surrogate.")

@@ -11,7 +11,7 @@ from indentfit.errors import CaseError, ConvergenceError
 
 
 @click.command("mesh-check", cls=Command, short_help="Say how exact a mesh is, and what exactness costs.")
-@click.argument("case", type=click.Path())
+@click.argument("case", type=click.Path(), default="case.toml")
 @click.option("--sizes", metavar="LIST", help="Element sizes, mm, such as 0.8,0.6,0.5,0.4 (as mesh.size).")
 @click.option("--elements", metavar="LIST", help="Numbers of elements, such as 60,100,180,300 (as mesh.elements).")
 @click.option("--error", "wanted", default=2.0, show_default=True, metavar="PERCENT", help="Largest error that is wanted.")

@@ -13,7 +13,7 @@ from indentfit.errors import ConvergenceError
 
 
 @click.command(cls=Command, short_help="Vary keys of a case: curves and ranked sensitivities.")
-@click.argument("case", type=click.Path())
+@click.argument("case", type=click.Path(), default="case.toml")
 @click.option(
     "--vary", "asked", multiple=True, required=True, metavar="KEY=VALUES",
     help="0.2,0.3,0.5 (a list), 0.2:0.5:4 (four values evenly spaced) or +-15% (of the case's own); may be repeated.",

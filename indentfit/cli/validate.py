@@ -9,7 +9,7 @@ from indentfit.errors import CaseError
 
 
 @click.command(cls=Command, short_help="Show every error of a case, or what it says.")
-@click.argument("case", type=click.Path())
+@click.argument("case", type=click.Path(), default="case.toml")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(case: str, overrides: tuple[str, ...], as_json: bool) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
+from indentfit.case import Range
 from indentfit.inference.limits import Limit
 from indentfit.inference.noise import Errors, errors
 from indentfit.inference.result import CurveNoise
@@ -24,6 +25,7 @@ NOTE = "errors and intervals take the residuals for noise; where the model canno
 MISFIT = "the residuals are smooth: mostly misfit of the model and not noise; few points count as independent, intervals are wide"
 CONFIDENCE = 0.95
 AT_BOUND = 1e-3  # of the range: scipy's method comes near a bound without reaching it
+CLEAR_OF_BOUND = (3.0, 0.05)  # standard errors, and shares of the value, by which a value in a wide range is clear of a bound
 EXACT = 1e-3  # over the worst test's RMSE: least RMSE of a test in the weights that follow from equation (1)
 
 
@@ -103,11 +105,11 @@ def identifiability(
         correlation = errors_of_all.covar / np.outer(stderr, stderr)
     half = np.where(np.isfinite(half), half, np.inf)
     interval = clipped(np.column_stack([values - half, values + half]), problem)
-    at_bound = tuple(_at_bound(u) for u in problem.units(candidate.parameters))
+    bounds = problem.free.values()
+    at_bound = tuple(_at_bound(v, error, b) for v, error, b in zip(values, stderr, bounds, strict=True))
     sizes = np.where(np.array(at_bound) == "", np.abs(values) / ranges, 1.0)
     _, singular_values, directions = np.linalg.svd(stacked(tests, slopes) * sizes, full_matrices=False)
     limit = limit_of(noise)
-    bounds = problem.free.values()
     return Identifiability(
         stderr=np.where(np.isfinite(stderr), stderr, np.nan),
         interval=interval,
@@ -194,8 +196,15 @@ def _redchi(problem: InverseProblem, candidate: Candidate) -> float:
     return sum_of_squares(problem.tests, candidate.forces) / freedom / mean_weight if freedom > 0 else np.nan
 
 
-def _at_bound(unit: float) -> str:
-    return "lower" if unit < AT_BOUND else "upper" if unit > 1 - AT_BOUND else ""
+def _at_bound(value: float, stderr: float, bounds: Range) -> str:
+    """The bound to which a value is nearer than a small share of the range. In a wide range, a value that is well known and far
+    from the bound by its own size is at no bound."""
+    for place, bound in (("lower", bounds.min), ("upper", bounds.max)):
+        apart = abs(value - bound)
+        clear = apart > CLEAR_OF_BOUND[0] * stderr and apart > CLEAR_OF_BOUND[1] * abs(value)
+        if apart < AT_BOUND * (bounds.max - bounds.min) and not clear:
+            return place
+    return ""
 
 
 def _signed(directions: Array) -> Array:

@@ -1,0 +1,178 @@
+"""The case that `indentfit init` writes for one indenter and a user's own files: only the keys that this user needs.
+
+Sizes that only the experimenter knows are written as "?", which every command refuses with the key, its unit and its meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from indentfit import indenters
+from indentfit.case.keys import KeyFacts, keys
+from indentfit.case.quantities import ASKED
+from indentfit.case.template import row, toml_value
+from indentfit.errors import InputError, suggestion
+from indentfit.shapes import keys_of, needed_by
+
+SCHEMA = "case.schema.json"
+HEAD = """\
+#:schema ./{schema}
+# A case for indentfit. Put your value where "?" stands, then, in this folder:
+#     indentfit validate     every error at once
+#     indentfit simulate     the curves at the start values, beside the measured ones
+#     indentfit fit          the parameters
+#
+# Plain lengths are in mm, forces in mN, moduli in kPa; a string may carry another unit: "330 um", "1490 Pa".
+# More keys: `indentfit guide`, page "Keys of a case file".
+"""
+SHORT = {  # what a beginner needs to know of a key, in place of its whole meaning
+    "sample.shape": '"disc", or "block" with length and width in place of diameter',
+    "sample.base": '"bonded" (glued, grown, cast), "sliding", or "unknown": a fit then tries both',
+    "indenter.friction": 'a coefficient (0: none), "stick", or "unknown": a fit then goes over 0 to 1, with more runs',
+    "indenter.edge_radius": "mm: radius of the edge; 0 is sharp",
+    "indenter.radius": "mm: radius of the sphere; or diameter = ...",
+    "material.model": "`indentfit materials` lists the laws; `indentfit materials NAME` describes one",
+    "material.poisson_ratio": 'Poisson\'s ratio; or bulk_ratio = "unknown", which a fit then goes over',
+    "material.bulk_ratio": 'bulk modulus over shear modulus; or "unknown": a fit then goes over 20 to 5000',
+    "test.angle": "degrees between the fibres and the indenter's long side, 0 or 90",
+    "test.curve": "displacement and force in a CSV file, relative to this file",
+    "test.record": "the instrument's own file, relative to this file, read as [record] says",
+    "test.depth": 'mm: depth to simulate; for a fit put curve = "my.csv" in its place',
+}
+ROUNDED = ("edge_radius", "tip_radius")  # sharp, until the user says otherwise
+
+
+@dataclass(frozen=True)
+class OwnTest:
+    """A test of the case: its name, and its curve or raw record, a file's name; with neither it has a depth to be told."""
+
+    name: str
+    curve: str | None = None
+    record: str | None = None
+
+
+@dataclass(frozen=True)
+class OwnCase:
+    """What a user states about the case to be written.
+
+    Attributes
+    ----------
+    indenter : str
+        Name of a shape.
+    model : str
+        Name of a law, or file.py:Class.
+    parameters : mapping of names to (text in TOML, comment)
+    fibres : bool
+        Whether the law has fibres, so that tests need an angle.
+    tests : sequence of OwnTest
+    told : mapping of keys, such as "sample.thickness", to values
+    """
+
+    indenter: str
+    model: str
+    parameters: Mapping[str, tuple[str, str]]
+    fibres: bool
+    tests: Sequence[OwnTest]
+    told: Mapping[str, Any] = field(default_factory=dict)
+
+
+def starter(own: OwnCase) -> str:
+    """The text of case.toml.
+
+    Raises
+    ------
+    InputError
+        A key that is told does not exist.
+    """
+    known = {facts.key: facts for facts in keys()}
+    for key in own.told:
+        if key not in known and not key.startswith(("material.parameters.", "fit.uncertain.", "record.")):
+            raise InputError(f"--set {key}: no key of a case{suggestion(key, known)}; `indentfit guide` lists them")
+    return HEAD.format(schema=SCHEMA) + "\n" + "\n".join(_rows(own, known)) + "\n"
+
+
+def unanswered(text: str) -> list[str]:
+    """The keys of a case's text that still hold "?"."""
+    table, asked = "", []
+    for line in text.splitlines():
+        if line.startswith("["):
+            table = line.partition("]")[0].strip("[")
+        elif line.partition("#")[0].rstrip().endswith(f'= "{ASKED}"'):
+            asked.append(f"{table}.{line.partition(' ')[0]}")
+    return asked
+
+
+def _rows(own: OwnCase, known: Mapping[str, KeyFacts]) -> Iterator[str]:
+    title = ", ".join([own.indenter, *(test.curve or test.record or "" for test in own.tests)]).strip(", ")
+    yield f"title = {toml_value(own.told.get('title', title[:200]))}"
+    for table, keys_of_table in (
+        ("sample", _of_sample(own)),
+        ("indenter", _of_indenter(own)),
+        ("material", {"model": own.model, **({"bulk_ratio": 1000} if own.fibres else {"poisson_ratio": 0.499})}),
+    ):
+        yield from ("", f"[{table}]", *_table(table, keys_of_table, own.told, known))
+    yield from ("", *row("[material.parameters]", "a number is fixed; start, min and max make a parameter free"))
+    for name, (value, comment) in own.parameters.items():
+        told = own.told.get(f"material.parameters.{name}", own.told.get(f"material.{name}"))
+        yield from row(f"{name} = {value if told is None else toml_value(told)}", comment)
+    for test in own.tests:
+        yield from ("", "[[test]]", *_table("test", _of_test(test, own.fibres), {}, known))
+    yield from _further_tables(own, known)
+
+
+def _of_sample(own: OwnCase) -> dict[str, Any]:
+    sizes = ("length", "width") if own.told.get("sample.shape") == "block" else ("diameter",)
+    return {"shape": "disc", **dict.fromkeys((*sizes, "thickness", "base"), ASKED)}
+
+
+def _of_indenter(own: OwnCase) -> dict[str, Any]:
+    """The keys that the shape needs, its edge's or tip's radius where it has one, and friction."""
+    shape: Any = indenters.SHAPES.find(own.indenter)
+    sizes = {key: ASKED for key in keys_of(shape) if key in needed_by(shape)}
+    if shape.end == "sphere" and "indenter.diameter" not in own.told:
+        sizes = {"radius": ASKED}
+    rounded = {key: 0 for key in keys_of(shape) if key in ROUNDED}
+    return {"shape": own.indenter, **sizes, **rounded, "friction": "unknown"}
+
+
+def _of_test(test: OwnTest, fibres: bool) -> dict[str, Any]:
+    source = {"curve": test.curve, "record": test.record}
+    given = {key: value for key, value in source.items() if value} or {"depth": ASKED}
+    return {"name": test.name, **({"angle": ASKED} if fibres else {}), **given}
+
+
+def _table(table: str, values: Mapping[str, Any], told: Mapping[str, Any], known: Mapping[str, KeyFacts]) -> Iterator[str]:
+    """The keys of a table with what the user has told, each with a comment."""
+    further = {key.partition(".")[2]: value for key, value in told.items() if key.startswith(f"{table}.")}
+    further = {key: value for key, value in further.items() if "." not in key and f"{table}.{key}" in known}
+    for key, value in {**values, **further}.items():
+        facts = known[f"{table}.{key}"]
+        unit = f"{facts.unit}: " if facts.unit else ""
+        yield from row(f"{key} = {toml_value(value)}", SHORT.get(facts.key, f"{unit}{facts.meaning}"))
+
+
+def _further_tables(own: OwnCase, known: Mapping[str, KeyFacts]) -> Iterator[str]:
+    """Tables of which the user has told keys, and those that a record needs."""
+    for table in ("mesh", "fit", "solver"):
+        if lines := list(_table(table, {}, own.told, known)):
+            yield from ("", f"[{table}]", *lines)
+    if any(test.record for test in own.tests):
+        yield from (
+            "",
+            *row("[record]", "how the record is read; most files need no key: `indentfit process FILE` shows what is read"),
+        )
+        told = {key.partition(".")[2]: value for key, value in own.told.items() if key.startswith("record.")}
+        yield from (f"{key} = {toml_value(value)}" for key, value in told.items())
+        if not told:
+            yield '# displacement = { column = "Depth", unit = "um" }'
+            yield '# force = { column = "Load", unit = "uN" }'
+    yield ""
+    yield "# How well are inputs known? Uncertain ones widen the intervals as they should."
+    uncertain = {key.removeprefix("fit.uncertain."): v for key, v in own.told.items() if key.startswith("fit.uncertain.")}
+    yield "[fit.uncertain]" if uncertain else "# [fit.uncertain]"
+    yield from (f"{key} = {toml_value(value)}" for key, value in uncertain.items())
+    for key, value in (("thickness", 0.1), ("offset", 0.01)):
+        if key not in uncertain:
+            yield from row(f"# {key} = {value}", f"mm, a standard deviation: {known[f'fit.uncertain.{key}'].meaning.split(';')[0]}")

@@ -1,0 +1,158 @@
+"""`init` for one indenter and a user's own files: a case with the keys that are needed, which asks for what only the user knows."""
+
+import json
+import shutil
+import tomllib
+
+import pytest
+from click.testing import CliRunner
+from fixtures.cases import CASES
+
+from indentfit import indenters
+from indentfit.case.keys import keys
+from indentfit.cli import main
+from indentfit.cli.init import SHAPES
+from indentfit.curve import Curve, write_curve
+from indentfit.experiment.measured import read_case
+from indentfit.material import load
+
+pytestmark = pytest.mark.quick
+
+SIZES = {
+    "sphere": ["indenter.radius=2"],
+    "cylinder": ["indenter.diameter=2"],
+    "cone": ["indenter.half_angle=70"],
+    "strip": ["indenter.width=2", "indenter.length=20"],
+    "wedge": ["indenter.half_angle=70", "indenter.length=20"],
+}
+SAMPLE = ["sample.diameter=14", "sample.thickness=3.3", "sample.base=bonded"]
+
+
+def run(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def sets(texts):
+    return [word for text in texts for word in ("--set", text)]
+
+
+@pytest.fixture
+def curve(tmp_path):
+    """A curve of a flat punch of radius 1 mm on a half-space of shear modulus 2 kPa: F = 8 G a d."""
+    depth = [0.02 * n for n in range(1, 11)]
+    write_curve(tmp_path / "my.csv", Curve(depth, [16.0 * d for d in depth]))
+    return tmp_path / "my.csv"
+
+
+def test_every_shape_has_its_option():
+    assert set(SHAPES) == set(indenters.SHAPES.names())
+
+
+@pytest.mark.parametrize("shape", SIZES)
+def test_a_case_with_its_sizes_is_valid_and_has_few_keys(shape, curve, tmp_path):
+    told = [*SIZES[shape], *SAMPLE]
+    done = run("init", tmp_path / "own", f"--{shape}", "--curve", curve, *sets(told))
+    path = tmp_path / "own" / "case.toml"
+    assert done.exit_code == 0 and done.stdout == f"{path}\n", done.output
+    text = path.read_text()
+    if shape in ("strip", "wedge"):
+        assert "test.my.angle" in run("validate", path).stderr
+        text = text.replace('angle = "?"', "angle = 0")
+        path.write_text(text)
+    case = read_case(path)
+    assert case.indenter.geometry == indenters.SHAPES.make({"shape": shape, **numbers(SIZES[shape])})
+    assert case.curves[0].force[-1] == pytest.approx(3.2)
+    assert case.fit.uncertain.friction is not None  # it is called unknown
+    assert len([line for line in text.splitlines() if " = " in line.partition("#")[0]]) < 25
+    assert all("# " in line for line in text.splitlines() if " = " in line and not line.startswith("title"))
+
+
+def numbers(texts):
+    given = {text.partition("=")[0].partition(".")[2]: float(text.partition("=")[2]) for text in texts}
+    return {"diameter": 2 * given.pop("radius"), **given} if "radius" in given else given
+
+
+def test_what_only_the_user_knows_is_asked_for(curve, tmp_path):
+    done = run("init", tmp_path / "own", "--sphere", "--curve", curve)
+    assert done.exit_code == 0
+    asked = ["sample.diameter", "sample.thickness", "sample.base", "indenter.radius"]
+    assert ", ".join(asked) in done.stderr
+    done = run("validate", tmp_path / "own" / "case.toml")
+    assert done.exit_code == 2
+    assert [line.partition(" = ")[0].rpartition(" ")[2] for line in done.stderr.splitlines()] == asked
+    assert all('= "?": put your value in: ' in line for line in done.stderr.splitlines())
+    assert "radius, instead of the diameter, mm" in done.stderr
+
+
+def test_the_search_starts_near_the_curve_s_stiffness(curve, tmp_path):
+    run("init", tmp_path / "own", "--cylinder", "--curve", curve, *sets([*SIZES["cylinder"], *SAMPLE]))
+    bounds = read_case(tmp_path / "own" / "case.toml").free["mu"]
+    assert bounds.start == pytest.approx(2.0, rel=0.05)
+    assert bounds.min < 0.1 and bounds.max > 50
+
+
+def test_a_law_by_name_has_its_parameters_with_their_meaning(curve, tmp_path):
+    done = run("init", tmp_path / "own", "--sphere", "--curve", curve, "--material", "ogden", *sets([*SIZES["sphere"], *SAMPLE]))
+    assert done.exit_code == 0
+    assert list(read_case(tmp_path / "own" / "case.toml").free) == ["mu", "alpha"]
+    assert f"# kPa: {load('ogden').parameters['mu'].meaning}" in (tmp_path / "own" / "case.toml").read_text()
+    done = run("init", tmp_path / "other", "--sphere", "--material", "ogdn")
+    assert done.exit_code == 2 and "did you mean ogden" in done.stderr
+    assert not (tmp_path / "other").exists()
+
+
+def test_two_curves_along_and_across(curve, tmp_path):
+    shutil.copy(curve, tmp_path / "other.csv")
+    done = run("init", tmp_path / "own", "--strip", "--curve", curve, "--curve", tmp_path / "other.csv")
+    assert done.exit_code == 0 and "test.angle" in done.stderr
+    tree = tomllib.loads((tmp_path / "own" / "case.toml").read_text())
+    assert [test["curve"] for test in tree["test"]] == ["my.csv", "other.csv"]
+    assert tree["material"]["model"] == "transversely_isotropic"
+
+
+def test_a_raw_record_is_named_as_such(tmp_path):
+    record = CASES / "rig_records" / "records" / "S1_parallel.csv"
+    done = run("init", tmp_path / "own", "--strip", "--record", record, *sets([*SIZES["strip"], *SAMPLE]))
+    assert done.exit_code == 0
+    text = (tmp_path / "own" / "case.toml").read_text()
+    assert 'record = "S1_parallel.csv"' in text and "\n[record]" in text
+    assert (tmp_path / "own" / "S1_parallel.csv").is_file()
+
+
+def test_words_that_init_does_not_understand(curve, tmp_path):
+    for words, said in (
+        (["--curve", curve], "name the indenter too: --sphere"),
+        (["--sphere", "--curve", tmp_path / "none.csv"], "no such file"),
+        (["--sphere", "--record", tmp_path / "none.csv"], "no such file"),
+        (["--sphere", "--curve", curve, "--record", curve], "another file is called my.csv too"),
+        (["--sphere", "--set", "indenter.radus=2"], "did you mean indenter.radius?"),
+        (["--sphere", "--set", "indenter.radius"], "write KEY=VALUE"),
+    ):
+        done = run("init", tmp_path / "own", *words)
+        assert done.exit_code == 2 and said in done.stderr, done.output
+        assert not (tmp_path / "own").exists()
+
+
+def test_the_schema_beside_the_case_is_that_of_the_command(curve, tmp_path):
+    run("init", tmp_path / "own", "--sphere", "--curve", curve)
+    assert (tmp_path / "own" / "case.toml").read_text().startswith("#:schema ./case.schema.json\n")
+    known = json.loads((tmp_path / "own" / "case.schema.json").read_text())
+    assert known == json.loads(run("schema").stdout)
+    assert {"sample", "indenter", "material", "test"} <= set(known["properties"])
+
+
+def test_commands_take_the_case_of_the_working_folder(curve, tmp_path, monkeypatch):
+    run("init", tmp_path / "own", "--sphere", "--curve", curve, *sets([*SIZES["sphere"], *SAMPLE]))
+    monkeypatch.chdir(tmp_path / "own")
+    assert run("validate").stdout.startswith("case.toml: valid")
+    monkeypatch.chdir(tmp_path)
+    done = run("validate")
+    assert done.exit_code == 2 and "case.toml: no such file; `indentfit init DIR` writes a case to start from" in done.stderr
+
+
+@pytest.mark.parametrize("key", [facts.key for facts in keys() if facts.table in ("sample", "indenter", "mesh", "solver")])
+def test_every_plain_key_can_be_told(key, tmp_path):
+    done = run("init", tmp_path / "own", "--sphere", "--set", f"{key}=3")
+    assert done.exit_code == 0
+    table, _, name = key.partition(".")
+    assert tomllib.loads((tmp_path / "own" / "case.toml").read_text())[table][name] == 3
