@@ -1,7 +1,8 @@
 """A force-displacement curve, and its CSV file in and out.
 
 The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT` (or `Displacement (mm)`, `Load (gf)`),
-in any order. A column such as `force_sd_mN` or `Force SD (mN)` holds the standard deviation of each force. Other columns are
+in any order. A column such as `force_sd_mN` or `Force SD (mN)` holds the standard deviation of each force, and a column such as
+`time_s` or `Time (ms)` the time of each point: a curve with times may go on over a hold and a retraction. Other columns are
 ignored, and named in the curve's notes where they hold a retraction, or standard deviations of the displacement. Columns are
 separated by commas or tabs, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and empty
 lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The force is
@@ -27,6 +28,7 @@ MIN_POINTS = 5
 UNITS = {"displacement": "mm", "force": "mN"}
 QUANTITIES = dict.fromkeys(("displacement", "indentation", "depth"), "displacement") | dict.fromkeys(("force", "load"), "force")
 HEADER = re.compile(rf"(?P<name>{'|'.join(QUANTITIES)})[_\s]*(?P<rest>[_(\[\s].*)", re.IGNORECASE)
+TIME = re.compile(r"(?:time|t)(?P<rest>|[_(\[\s].*)", re.IGNORECASE)
 CONTACT = re.compile(r"^# contact point \+- (?P<sd>\d[\d.]*(?:e-?\d+)?) mm \(standard deviation\)\s*$", re.MULTILINE)
 LEFT_OUT = {  # words in a header after the quantity
     "retraction": {"retract", "retraction", "unload", "unloading", "return"},
@@ -56,6 +58,8 @@ class Curve:
         Standard deviation of the contact point, where the record of the curve tells it.
     sd : array (n,), mN, or None
         Standard deviation of each force, where it is known: points weigh by the inverse squares.
+    time : array (n,), s, or None
+        Rising times of the points, from any moment on; only a material that relaxes takes notice of them.
 
     Raises
     ------
@@ -68,9 +72,10 @@ class Curve:
     notes: tuple[str, ...] = ()
     contact: float | None = None
     sd: Array | None = None
+    time: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in (*UNITS, "sd"):
+        for name in (*UNITS, "sd", "time"):
             if getattr(self, name) is None:
                 continue
             try:
@@ -84,8 +89,10 @@ class Curve:
                 f"a curve needs one force for each displacement; got arrays of shape "
                 f"{self.displacement.shape} and {self.force.shape}"
             )
-        if self.sd is not None and self.sd.shape != self.force.shape:
-            raise CurveError(f"a curve needs one sd for each force; got arrays of shape {self.force.shape} and {self.sd.shape}")
+        for name, own in (("sd", self.sd), ("time", self.time)):
+            if own is not None and own.shape != self.force.shape:
+                shapes = f"{self.force.shape} and {own.shape}"
+                raise CurveError(f"a curve needs one {name} for each force; got arrays of shape {shapes}")
 
     @property
     def columns(self) -> list[Array]:
@@ -103,8 +110,25 @@ class Curve:
         return np.ones(self.force.size) if self.sd is None else self.stated_noise / self.sd
 
     def with_force(self, force: Array) -> Curve:
-        """Other forces with the displacements and standard deviations of this curve."""
-        return Curve(self.displacement, force, (), self.contact, self.sd)
+        """Other forces with the displacements, standard deviations and times of this curve."""
+        return Curve(self.displacement, force, (), self.contact, self.sd, self.time)
+
+    @property
+    def loading(self) -> Curve:
+        """The part of the curve in which each point is deeper than all before it; the curve itself where it has no times."""
+        if self.time is None:
+            return self
+        before = np.maximum.accumulate(np.concatenate([[-1.0], self.displacement[:-1]]))
+        deeper = self.displacement > before
+        if deeper.all():
+            return self
+        sd = None if self.sd is None else self.sd[deeper]
+        return Curve(self.displacement[deeper], self.force[deeper], self.notes, self.contact, sd, self.time[deeper])
+
+    @property
+    def deepest(self) -> float:
+        """The largest displacement, mm."""
+        return float(self.displacement.max())
 
     def __repr__(self) -> str:
         last = f" to {self.displacement[-1]:.4g} mm and {self.force[-1]:.4g} mN" if self.displacement.size else ""
@@ -138,17 +162,20 @@ def read_curve(path: str | Path) -> Curve:
     cells = _cells(header, separator)
     width, columns = _columns(f"{path}: line {number}", cells)
     points = [_point(f"{path}: line {number}", _cells(line, separator), width, columns, separator) for number, line in lines]
-    _require_loading(path, [number for number, _ in lines], points)
+    numbers = [number for number, _ in lines]
+    time, missing = _times(path, cells, lines, separator)
+    _require_loading(path, numbers, points, time)
     displacement, force, *sd = np.array(points).T
     for n, text_of_fault in _not_deviations(*sd):
         raise CurveError(f"{path}: line {lines[n][0]}: {text_of_fault}")
     stated = CONTACT.search(text)
     contact = float(stated["sd"]) if stated else None
-    return Curve(np.maximum(displacement, 0.0), force, tuple(_notes(cells)), contact or None, *sd)
+    deviations = sd[0] if sd else None
+    return Curve(np.maximum(displacement, 0.0), force, (*_notes(cells), *missing), contact or None, deviations, time)
 
 
 def require_loading(curve: Curve) -> None:
-    """Refuse a curve in memory that is not the loading part of one indentation.
+    """Refuse a curve in memory that is not the loading part of one indentation, or with times an indentation with its hold.
 
     Parameters
     ----------
@@ -164,14 +191,22 @@ def require_loading(curve: Curve) -> None:
         raise CurveError(f"{len(displacement)} points; a curve needs at least {MIN_POINTS}")
     if not (np.isfinite(displacement).all() and np.isfinite(force).all()):
         raise CurveError("holds numbers that are not finite; leave these points out")
-    for n, text in _not_loading(displacement, force):
+    for n, text in _not_loading(displacement, force, curve.time):
         raise CurveError(text if n is None else f"point {n}: {text}")
     for n, text in _not_deviations(curve.sd):
         raise CurveError(f"point {n}: {text}")
 
 
+def not_loading_only(curve: Curve) -> str:
+    """Why a curve is not the loading part of an indentation alone: its first point that is not deeper than the one before it; empty
+    where each is."""
+    texts = _not_rising(curve.displacement)
+    return next((text if curve.time is None else f"at {curve.time[n]:g} s {text}" for n, text in texts), "")
+
+
 def write_curve(path: str | Path, curve: Curve) -> None:
-    """Write a `Curve` as CSV with the header displacement_mm,force_mN (force_sd_mN); `read_curve` reads exactly the same numbers.
+    """Write a `Curve` as CSV with the header displacement_mm,force_mN (force_sd_mN, time_s); `read_curve` reads exactly the same
+    numbers.
 
     Parameters
     ----------
@@ -185,6 +220,8 @@ def write_curve(path: str | Path, curve: Curve) -> None:
     """
     columns = curve.columns
     header = ",".join(("displacement_mm", "force_mN", "force_sd_mN")[: len(columns)])
+    if curve.time is not None:
+        columns, header = [*columns, curve.time], f"{header},time_s"
     rows = [",".join(map(repr, row)) + "\n" for row in zip(*(column.tolist() for column in columns), strict=True)]
     rows += [f"# contact point +- {float(curve.contact)!r} mm (standard deviation)\n"] if curve.contact else []
     try:
@@ -322,17 +359,40 @@ def _number(where: str, text: str, separator: str, factor: float) -> float:
     return value
 
 
-def _require_loading(path: Path, numbers: list[int], points: list[list[float]]) -> None:
-    """Refuse points that are not the loading part of one indentation; the error names the first wrong line."""
+def _times(path: Path, header: list[str], lines: list[tuple[int, str]], separator: str) -> tuple[Array | None, list[str]]:
+    """Times of the points in s, where a column tells them; and a note where the column cannot be used."""
+    places = [(place, match["rest"].strip("()[] _")) for place, cell in enumerate(header) if (match := TIME.fullmatch(cell))]
+    if len(places) != 1:
+        return None, [f"{len(places)} columns of time are left out; keep one of them"] if places else []
+    (place, unit), where = places[0], f"the column {_shown(header[places[0][0]])} is left out"
+    try:
+        factor = unit_factor(unit or "s", "s")
+    except ValueError as error:
+        return None, [f"{where}: it {error}"]
+    values = []
+    for number, line in lines:
+        try:
+            values.append(_number(f"{path}: line {number}", _cells(line, separator)[place], separator, factor))
+        except CurveError:
+            return None, [f"{where}: line {number} has no number"]
+    for n in np.flatnonzero(np.diff(values) <= 0)[:1] + 1:
+        return None, [f"{where}: line {lines[n][0]} is not later than the line before it"]
+    return np.array(values), []
+
+
+def _require_loading(path: Path, numbers: list[int], points: list[list[float]], time: Array | None) -> None:
+    """Refuse points that are not the loading part of one indentation, or with times not an indentation with its hold; the error
+    names the first wrong line."""
     if len(points) < MIN_POINTS:
         raise CurveError(f"{path}: {len(points)} points; a curve needs at least {MIN_POINTS}")
     displacement, force = np.array(points).T[:2]
-    for n, text in _not_loading(displacement, force):
+    for n, text in _not_loading(displacement, force, time):
         raise CurveError(f"{path}: line {numbers[n]}: {text}" if n is not None else f"{path}: {text}")
 
 
-def _not_loading(displacement: Array, force: Array) -> Iterator[tuple[int | None, str]]:
-    """What is wrong with the loading part of an indentation, with the point's index where one is at fault."""
+def _not_loading(displacement: Array, force: Array, time: Array | None = None) -> Iterator[tuple[int | None, str]]:
+    """What is wrong with the loading part of an indentation, or with times of an indentation with its hold and retraction, with the
+    point's index where one is at fault."""
     if not (displacement > 0).any():
         text = (
             f"displacement {displacement[-1]:g} mm: none is positive; displacements are positive into the sample, change the sign"
@@ -343,16 +403,28 @@ def _not_loading(displacement: Array, force: Array) -> Iterator[tuple[int | None
             0,
             f"displacement {displacement[0]:g} mm is negative; start at the contact point, displacements positive into the sample",
         )
+    if time is None:
+        yield from _not_rising(displacement)
+    elif not np.isfinite(time).all():
+        yield int(np.argmin(np.isfinite(time))), "the time is not a finite number; leave the point out"
+    elif (np.diff(time) <= 0).any():
+        n = int(np.argmax(np.diff(time) <= 0)) + 1
+        yield n, f"time {time[n]:g} s comes after {time[n - 1]:g} s; times must rise"
+    if not force.any():
+        yield None, "every force is zero; check the force column"
+    deepest = len(force) - 1 if time is None else int(np.argmax(displacement))
+    if force[deepest] <= 0:
+        text = f"force {force[deepest]:g} mN at the deepest point is not positive; compression is positive, "
+        yield deepest, text + "change the sign if your load cell counts otherwise"
+
+
+def _not_rising(displacement: Array) -> Iterator[tuple[int, str]]:
+    """The first point of a loading that is not deeper than the one before it."""
     for n in map(int, np.flatnonzero(np.diff(np.maximum(displacement, 0.0)) <= 0)[:1] + 1):
         wrong = f"comes after {displacement[n - 1]:g} mm; sort the lines and keep the loading only"
         if displacement[n] == displacement[n - 1]:
             wrong = "is given twice; keep one of the two lines"
         yield n, f"displacement {displacement[n]:g} mm {wrong}"
-    if not force.any():
-        yield None, "every force is zero; check the force column"
-    if force[-1] <= 0:
-        text = f"force {force[-1]:g} mN at the deepest point is not positive; compression is positive, "
-        yield len(force) - 1, text + "change the sign if your load cell counts otherwise"
 
 
 def _shown(text: str) -> str:

@@ -75,7 +75,9 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         "test.points": ["test.parallel.depth=0.3"],
     }
     relaxes = ["material.relaxation={ g = [0.3], tau = [2] }", "test.perpendicular.rate=0.1"]
-    beside |= {f"material.relaxation.{name}": [*relaxes, "test.parallel.rate=0.1"] for name in ("base", "order", "g", "tau")}
+    beside |= {
+        f"material.relaxation.{name}": [*relaxes, "test.parallel.rate=0.1"] for name in ("base", "terms", "order", "g", "tau")
+    }
     beside |= {"test.rate": relaxes, "test.ramp": relaxes, "test.hold": [*relaxes, "test.parallel.rate=0.1"]}
     if key in ("material.relaxation.g", "material.relaxation.tau"):
         sets = ["material.relaxation.g=[0.8, 0.5]", "material.relaxation.tau=[0.5, 5]"]

@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from indentfit.case.in_time import motion_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
 from indentfit.case.messages import MISSING, Fault, Key, key_of, unknown, wording
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
 from indentfit.case.section import known
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnTable, Range, Sample, Solver, Table, Test
-from indentfit.curve import Curve
+from indentfit.curve import Curve, not_loading_only
 from indentfit.errors import MaterialError
+from indentfit.indenters import IndenterShape, Rings
 from indentfit.material import Material, blamed, require_derivable, shipped
+from indentfit.motion import Motion
 
 DEEPEST_INDENTATION = 0.5  # of the thickness
 
@@ -55,6 +58,10 @@ def faults_of_parameters(choice: MaterialChoice | None, law: type[Material] | No
         yield from faults
         return
     given = own_parameters(choice, law)
+    relaxing = choice.relaxation.parameters if choice.relaxation is not None else {}
+    for name in set(relaxing) & set(law.parameters):
+        text = f"the relaxation has a parameter {name} too; rename that of the law"
+        yield Fault((*place, name), plain(given.get(name, MISSING)), text)
     for name in given:
         if name not in law.parameters:
             yield Fault((*place, name), plain(given[name]), unknown(name, _words_of(law), "parameter"))
@@ -204,20 +211,69 @@ def _faults_of_place(place: _Place, mesh: Mesh | None) -> Iterator[Fault]:
 
 
 def _faults_of_time(parts: Parts) -> Iterator[Fault]:
-    """Faults where a material relaxes in a test without a rate, or a test has a rate that no material asks for."""
+    """Faults where a material relaxes in a test without times, or a test has times that no material asks for."""
     if parts.material is None:
         return
     relaxes = parts.material.relaxation is not None
-    for label, test in zip(labels([test and test.name for test in parts.tests]), parts.tests, strict=True):
+    names = labels([test and test.name for test in parts.tests])
+    for label, test, curve in zip(names, parts.tests, parts.curves, strict=True):
         if test is None:
             continue
         given = [key for key in ("rate", "ramp", "hold") if getattr(test, key) is not None]
-        if relaxes and not {"rate", "ramp"} & {*given, *(test.model_fields_set & {"rate", "ramp"})}:
+        if not relaxes:
+            yield from _faults_of_no_time(label, test, curve, given)
+        elif curve is not None and curve.time is not None:
+            yield from _faults_of_motion(parts, label, test, curve, given)
+        elif not {"rate", "ramp"} & {*given, *(test.model_fields_set & {"rate", "ramp"})} and (curve is not None or test.depth):
             text = "missing; the material relaxes: give the velocity in the ramp (rate, mm/s) or the duration of the ramp (ramp, s)"
+            if curve is not None:
+                text += ", or a column time_s in the file of the curve"
             yield Fault(("test", label, "rate"), MISSING, text)
-        if not relaxes and given:
-            text = "has no effect without a table [material.relaxation]; add the table, or remove this key"
-            yield Fault(("test", label, given[0]), getattr(test, given[0]), text)
+
+
+def _faults_of_no_time(label: str, test: Test, curve: Curve | None, given: list[str]) -> Iterator[Fault]:
+    """Faults of a test that has times, where the material is elastic."""
+    if given:
+        text = "has no effect without a table [material.relaxation]; add the table, or remove this key"
+        yield Fault(("test", label, given[0]), getattr(test, given[0]), text)
+    if curve is not None and (wrong := not_loading_only(curve)):
+        key = "record" if test.record else "curve"
+        text = f"{wrong}; or add a table [material.relaxation], with which the hold is fitted too"
+        yield Fault(("test", label, key), getattr(test, key), text)
+
+
+def _faults_of_motion(parts: Parts, label: str, test: Test, curve: Curve, given: list[str]) -> Iterator[Fault]:
+    """Faults of a test whose curve has times, where the material relaxes."""
+    key = "record" if test.record else "curve"
+    known = motion_of(test, curve)
+    assert known is not None  # the curve has times
+    motion, _ = known
+    if given:
+        yield Fault(("test", label, given[0]), getattr(test, given[0]), f"the times of the {key} tell it; remove this key")
+    if motion.reverses:
+        text = "the indenter goes back and ahead again; only one ramp with its hold and retraction can be fitted: cut the record"
+        yield Fault(("test", label, key), getattr(test, key), text)
+    indenter = own_table(parts.indenter, test.indenter)
+    shape = indenter.geometry_if_right() if indenter is not None else None
+    if motion.retracts and indenter is not None and shape is not None and (why := _not_in_retraction(indenter, shape)):
+        yield Fault(("test", label, key), getattr(test, key), f"{why}; end the curve at {_turning(motion, curve):.4g} s")
+
+
+def _not_in_retraction(indenter: Indenter, shape: IndenterShape) -> str:
+    """Why the force in a retraction of an indenter is not known; empty where it is."""
+    if shape.edge_radius is None and not isinstance(shape.partition(0.0), Rings):
+        return f"the indenter goes back, and under a {shape.name} the contact shrinks in a way for which no rule is known here"
+    if shape.edge_radius is None and indenter.friction != 0:
+        return f"the indenter goes back, and Ting's rule for a {shape.name} needs indenter.friction = 0"
+    if indenter.friction not in (0, "stick"):
+        return "the indenter goes back, and slip under friction reverses then; indenter.friction may be 0 or stick"
+    return ""
+
+
+def _turning(motion: Motion, curve: Curve) -> float:
+    """The time of a curve at which its indenter begins to go back, s."""
+    assert curve.time is not None
+    return float(motion.time[motion.turn] - motion.time[-1] + curve.time[-1])
 
 
 def labels(names: Sequence[object]) -> list[str]:
@@ -228,7 +284,7 @@ def labels(names: Sequence[object]) -> list[str]:
 def depth_of(test: Test | None, curve: Curve | None) -> float | None:
     """The largest displacement of a test, mm; None where it is not known."""
     if curve is not None:
-        return float(curve.displacement[-1])
+        return curve.deepest
     return test.depth if test is not None else None
 
 

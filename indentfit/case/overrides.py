@@ -9,13 +9,15 @@ from typing import Any
 
 from indentfit import indenters, samples
 from indentfit.case.messages import Fault, Key
+from indentfit.case.relaxation import Relaxation
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Test
 from indentfit.errors import suggestion
 from indentfit.shapes import Registry, keys_of
 
 Tree = dict[str, Any]
 
-RIVALS = {model.place: model.rivals for model in (Indenter, Mesh, MaterialChoice, Test)}  # setting a key removes its rivals
+WITH_RIVALS = Indenter, Mesh, MaterialChoice, Relaxation, Test
+RIVALS = {model.place: model.rivals for model in WITH_RIVALS}  # setting a key removes its rivals
 
 
 def override(tree: Tree, overrides: Sequence[str]) -> tuple[set[Key], list[Fault]]:
@@ -127,6 +129,8 @@ def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
 
 def _section_of(tables: Sequence[str | int]) -> str:
     """The table whose keys a table has: [test.sample] has those of [sample]."""
+    if tables == ["material", "relaxation"]:
+        return Relaxation.place
     own = tables[2:3] if tables[:1] == ["test"] and len(tables) > 2 else tables[:1]
     return str(own[0]) if own else ""
 

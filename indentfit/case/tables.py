@@ -17,7 +17,6 @@ from indentfit import elastic, indenters, samples
 from indentfit.case.quantities import (
     Angle,
     BulkRatio,
-    Finite,
     Friction,
     HalfAngle,
     Length,
@@ -27,9 +26,9 @@ from indentfit.case.quantities import (
     Pressure,
     Radius,
     Shape,
-    is_number,
     refusal,
 )
+from indentfit.case.ranges import Range, fixed_or_range
 from indentfit.case.relaxation import Relaxation, Seconds, Velocity
 from indentfit.case.section import Section, either, known
 from indentfit.curve import Curve
@@ -257,32 +256,6 @@ class Mesh(Section):
             yield key, f"mesh.{given[0]} is given too; keep one of them"
 
 
-class Range(Section):
-    """A free parameter of the material: where a search starts, and its bounds, in the parameter's unit."""
-
-    start: Finite = Field(description="value to start from")
-    min: Finite = Field(description="lower bound")
-    max: Finite = Field(description="upper bound")
-
-    def disagreements(self) -> Iterator[tuple[str, str]]:
-        if known(self.min, self.max) and self.min >= self.max:
-            yield "min", f"must be below max = {self.max:g}; for a fixed parameter give just the number"
-        elif known(self.start, self.min) and self.start < self.min:
-            yield "start", f"is below min = {self.min:g}; start between the bounds"
-        elif known(self.start, self.max) and self.start > self.max:
-            yield "start", f"is above max = {self.max:g}; start between the bounds"
-
-
-def _fixed_or_range(value: Any, _: Any) -> float | Range:
-    if isinstance(value, Range):
-        return value
-    if isinstance(value, dict):
-        return Range.model_validate(value)
-    if not is_number(value):
-        raise refusal("must be a finite number, or {start = ..., min = ..., max = ...} to be fitted")
-    return float(value)
-
-
 class MaterialChoice(Section):
     """The material: an installed model, `file.py:Class`, or a typed energy, with its parameters."""
 
@@ -299,7 +272,7 @@ class MaterialChoice(Section):
         examples=["mu/2*(I1 - 3)"],
         description="energy instead of a model, a formula in I1, I2, I4, I5, the principal stretches l1, l2, l3 and the parameters",
     )
-    parameters: dict[str, Annotated[float | Range, WrapValidator(_fixed_or_range)]] = Field(
+    parameters: dict[str, Annotated[float | Range, WrapValidator(fixed_or_range)]] = Field(
         default_factory=dict,
         description="parameters of the material, each a number, or {start, min, max} to be fitted; young (kPa) may stand for the "
         "shear modulus of an isotropic law",

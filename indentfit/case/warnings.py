@@ -37,7 +37,7 @@ def warnings_of(case: Case) -> Iterator[str]:
             share = depth / thickness
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
         if curve is not None:
-            yield from doubts(test.name, curve)
+            yield from doubts(test.name, curve.loading)
     if len(case.free) > 1 and has_fibres(case.law) and len({test.angle for test in case.tests}) == 1:
         yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
 

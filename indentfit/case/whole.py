@@ -24,10 +24,12 @@ from indentfit.case.faults import (
     labels,
     start_values,
 )
+from indentfit.case.in_time import GRID, relaxation_of
 from indentfit.case.laws import open_law, own_parameters, plugin_file
 from indentfit.case.messages import MISSING, Fault, line, lines
 from indentfit.case.quantities import Title
 from indentfit.case.recording import Record
+from indentfit.case.relaxation import Relaxation
 from indentfit.case.search import Fit
 from indentfit.case.section import raise_disagreements
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
@@ -194,16 +196,25 @@ class Case(BaseModel):
 
     @property
     def fitted(self) -> dict[str, Range]:
-        """The parameters of a fit: the free parameters, then the uncertain inputs that are to be fitted."""
-        return {**self.free, **self.fit.uncertain.fitted}
+        """The parameters of a fit: the free parameters, the uncertain inputs that are to be fitted, and the free parameters of the
+        relaxation."""
+        return {**self.free, **self.fit.uncertain.fitted, **(self.relaxation.free if self.relaxation else {})}
+
+    @property
+    def relaxation(self) -> Relaxation | None:
+        """The relaxation of the material, with the terms that the tool places; None where the material does not relax."""
+        return relaxation_of(self)
 
     def start_values(self) -> dict[str, float]:
         """Every parameter in the order of the law: its fixed number, or the start of its search."""
         return start_values(self.material, self.law)
 
     def outputs(self, test: Test) -> Array:
-        """Displacements at which the force of `test` is asked for, mm, shape (n,)."""
+        """Displacements at which the force of `test` is asked for, mm, shape (n,), rising: those of a measured curve, or where its
+        times count a grid up to the deepest."""
         curve = self.curves[self.tests.index(test)]
+        if curve is not None and curve.time is not None and self.material.relaxation is not None:
+            return curve.deepest * np.arange(1, GRID + 1) / GRID
         if curve is not None:
             return curve.displacement
         assert test.depth is not None  # a test without a curve has a depth
@@ -222,7 +233,8 @@ class Case(BaseModel):
                 if test[own] is None:
                     del test[own]
             contact = [curve.contact] if curve is not None and curve.contact else []
-            test["curve"] = curve and [*(column.tolist() for column in curve.columns), *contact]
+            times = [curve.time.tolist()] if curve is not None and curve.time is not None and self.material.relaxation else []
+            test["curve"] = curve and [*(column.tolist() for column in curve.columns), *times, *contact]
         if plugin := plugin_file(self.material.model, self.folder):  # the content of the file, not its place
             code = hashlib.sha256(plugin.read_bytes()).hexdigest()
             facts["material"]["model"] = facts["material"]["model"].rpartition(":")[2] + " " + code
@@ -235,7 +247,8 @@ class Case(BaseModel):
 
 def require_fittable(case: Case) -> None:
     """Raise CaseError unless the case has a free parameter, every test has a curve, and at least one test has a weight."""
-    faults = list(faults_of_fit(case.free, case.tests, case.curves))
+    relaxing = case.relaxation.free if case.relaxation is not None else {}
+    faults = list(faults_of_fit(case.free | relaxing, case.tests, case.curves))
     if faults:
         raise CaseError([line(case.path, fault) for fault in faults])
 

@@ -249,9 +249,9 @@ def _profiled(
         most = max(SOLVES - model.evaluations - bool(options.published), 0)
         return _findings(solution, model, surrogate, most, progress), facts
     spent = model.evaluations
-    fits = alone(
-        problem, model, surrogate, options.seed, _of_forces(uncertain)
-    )  # also for a single test, because its run improves the surrogate
+    fits = {}
+    if problem.solved or len(problem.tests) > 1:  # also for a single test, because its run improves the surrogate
+        fits = alone(problem, model, surrogate, options.seed, _of_forces(uncertain))
     findings = _findings(solution, model, surrogate, None, progress)
     findings = replace(findings, tests_alone=fits if len(problem.tests) > 1 else {})
     last = learn(problem, model.known) or surrogate
@@ -264,7 +264,7 @@ def _profiled(
 
 def _learned(problem: InverseProblem, model: Watched, exploration: Exploration) -> Surrogate | None:
     """The surrogate of all runs so far; None where it cannot be trusted, or where the parameters are too many for a surrogate."""
-    surrogate = learn(problem, model.known) if len(problem.free) <= MANY else None
+    surrogate = learn(problem, model.known) if len(problem.elastic.free) <= MANY else None
     trusted = surrogate is not None and (exploration.reached or surrogate.error <= TRUSTED)
     return surrogate if trusted else None
 
@@ -296,7 +296,7 @@ def _findings(solution: Solution, model: Watched, surrogate: Surrogate, most: in
     proving = profiles.Proving(problem, model, surrogate, best, known, most)
     confirmed = proving.prove(first, progress.part(0, 0.9).of_runs("runs at the ends of profiles"))
     surrogate = learn(problem, model.known) or surrogate
-    last = profiles.profiles(problem, surrogate, best, known)
+    last = profiles.profiles(problem, surrogate, best, known) if problem.solved or problem.kernel is None else first
     notes = []
     wrong = [name for name, points in confirmed.items() if not all(_right(point, last[name].limit) for point in points)]
     if wrong:

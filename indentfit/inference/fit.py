@@ -31,11 +31,12 @@ from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
 from indentfit.inverse.wide import of_records, with_offset_of_records
 from indentfit.runs.closed_form import closed_forms
-from indentfit.runs.forward import Evaluation, of_relaxation
+from indentfit.runs.forward import Evaluation, ForwardModel, of_relaxation
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.pieces import Piece, mesh_of, pieces_of
 from indentfit.runs.points import UNITS
 from indentfit.runs.pool import RunPool
+from indentfit.runs.relaxing import Relaxing, elastic_case
 
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
@@ -123,8 +124,12 @@ def fit_with_runs(
     started, problem = time.perf_counter(), inverse_problem(case)
     pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
     whole, stated = Progress(progress), with_offset_of_records(case)
-    with RunPool(case, ledger=ledger, cluster=cluster, stop=stop) as pool:
-        watched = Watched(pool)
+    elastic = elastic_case(case)
+    if ledger is not None and elastic is not case:
+        ledger = ledger.of(elastic)
+    with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool:
+        model = pool if problem.kernel is None else Relaxing(pool, problem.kernel)
+        watched = Watched(model)
         wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
         correction = MeshCorrection(case if case.fit.uncertain.mesh else None)
         part = whole.part(0, SHARE_OF_FIT)
@@ -140,7 +145,7 @@ def fit_with_runs(
             finer = refined(case, problem, watched, solved, correction, whole.part(SHARE_OF_FIT, SHARE_OF_FIT))
             solved, watched = finer.solved, finer.solved.model or watched
             known = certainty(stated, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
-        work = _Work(pieces, pool, _facts_at(pool, problem, solved.optimum.best), finer)
+        work = _Work(pieces, pool, _facts_at(model, problem, solved.optimum.best), finer)
     result = _with_samples(_result(case, problem, solved, known, work), samples)
     if gross is not None:
         result = without_meaning(result, gross)
@@ -238,11 +243,11 @@ def _weights_of_points(case: Case) -> Iterator[str]:
             )
 
 
-def _facts_at(pool: RunPool, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:
-    """The facts of the runs at the optimum, one for each test; the pool knows these runs already."""
+def _facts_at(model: ForwardModel, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:
+    """The facts of the runs at the optimum, one for each test; the model knows these runs already."""
     if best is None:
         return ()
-    evaluation = pool.evaluate([problem.at_reference(best.parameters)])[0]
+    evaluation = model.evaluate([problem.at_reference(best.parameters)])[0]
     return tuple(SolveFacts.from_json(facts) for facts in evaluation.facts)
 
 
@@ -312,6 +317,8 @@ def _parameters(case: Case, values: dict[str, float], estimates: dict[str, Param
     """Name -> estimate, first the parameters in the order of the model, then fitted inputs."""
     units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
     units |= {name: UNITS[name] for name in case.fit.uncertain.fitted}
+    if case.relaxation is not None and case.relaxation.free:
+        units |= {name: "s" if name.startswith("tau") else "1" for name in case.relaxation.parameters}
     parameters = {}
     for name, unit in units.items():
         if name in estimates:
@@ -336,7 +343,8 @@ def _curves(problem: InverseProblem, best: Candidate | None) -> dict[str, Curve]
     if best is None:
         return {}
     pairs = zip(problem.tests, best.forces, strict=True)
-    return {test.name: Curve(test.curve.displacement, force) for test, force in pairs}
+    relaxes = problem.kernel is not None
+    return {test.name: Curve(test.curve.displacement, force, time=test.curve.time if relaxes else None) for test, force in pairs}
 
 
 def _number(value: float) -> float | None:

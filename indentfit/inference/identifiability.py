@@ -92,8 +92,8 @@ def identifiability(
     -------
     Identifiability
     """
-    tests, names = problem.tests, list(problem.free)
-    ranges = np.array([problem.range(name) for name in names])
+    tests = problem.tests
+    ranges = problem.per_units(candidate.parameters)
     values = problem.values(candidate.parameters)
     weights = weights_of(problem, candidate, equation_one)
     heavy = [n for n, weight in enumerate(weights) if weight]

@@ -145,7 +145,7 @@ def _of_base(solution: Solution, spread: float) -> Moves:
     A = np.concatenate([root[:, None] * slopes[n] for root, n in zip(roots, heavy, strict=True)])
     b = np.concatenate([root * (best.forces[n] - forces[n]) for root, n in zip(roots, heavy, strict=True)])
     x = problem.units(best.parameters)
-    effect = problem.ranges * scipy.optimize.lsq_linear(A, b, (-x - 1e-12, 1 - x + 1e-12), tol=1e-14).x
+    effect = problem.per_units(best.parameters) * scipy.optimize.lsq_linear(A, b, (-x - 1e-12, 1 - x + 1e-12), tol=1e-14).x
     return Moves(np.sqrt(spread) * effect[None], InputShare(base, None, probability=spread), effect)
 
 

@@ -121,7 +121,7 @@ def _inverse_sizes(pairs: Sequence[tuple[Target, Array]]) -> Array:
 
 def _recording(problem: InverseProblem) -> Iterator[str]:
     for test in problem.tests:
-        yield from doubts(test.name, test.curve)
+        yield from doubts(test.name, test.curve.loading)
 
 
 def _bend(problem: InverseProblem, best: Candidate) -> Iterator[str]:

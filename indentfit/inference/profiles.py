@@ -69,7 +69,7 @@ def chi2_at(
     n = problem.number(name)
     x, least = estimate(problem, surrogate, known.weights, problem.units(candidate.parameters))
     there = np.array(x)
-    there[n] = (value - problem.free[name].min) / problem.range(name)
+    there[n] = problem.unit(name, value)
     return (estimate(problem, surrogate, known.weights, there, fixed=n)[1] - least) * _factor(known, n)
 
 
@@ -99,7 +99,7 @@ class Proving:
     def prove(self, paths: Mapping[str, ProfilePath], report: Report | None = None) -> dict[str, tuple[ConfirmedPoint, ...]]:
         """Run the ends of profiles; ends that are near each other share a run, and ends that are not run have no ConfirmedPoint."""
         problem = self.problem
-        widths = np.array([np.ptp(path.interval) / problem.range(name) for name, path in paths.items()])
+        widths = np.array([np.ptp([problem.unit(name, end) for end in path.interval]) for name, path in paths.items()])
         ends = {name: path.ends() for name, path in paths.items()}
         points = self._farthest(_apart(np.concatenate([*ends.values()]), widths))[: self.most]
         runs = evaluate_at_reference(problem, self.model, [problem.parameters(x) for x in points], report)
@@ -117,7 +117,7 @@ class Proving:
         known, columns = self.surrogate.known_places(), self.problem.searched_numbers
 
         def nearness(x: Array) -> float:
-            return -np.abs(known - x[columns]).max(axis=1).min()
+            return -self.surrogate.distance(x[columns], known)
 
         return sorted(points, key=nearness)
 
@@ -172,12 +172,11 @@ class _Walk:
         value = float(self.x[self.n])
         ends = [end_of_profile(self.chi2, value, bound, self.limit) for bound in (0.0, 1.0)]
         shown = self._shown(ends)
-        low, width = self.problem.free[self.name].min, self.problem.range(self.name)
         return ProfilePath(
-            np.array([low + unit * width for unit in shown]),
+            np.array([self.problem.value(self.name, unit) for unit in shown]),
             np.array([max(self.chi2(unit), 0.0) for unit in shown]),
             self.limit,
-            (float(low + ends[0] * width), float(low + ends[1] * width)),
+            (float(self.problem.value(self.name, ends[0])), float(self.problem.value(self.name, ends[1]))),
             np.array([self.walked[unit][1] for unit in shown]),
         )
 

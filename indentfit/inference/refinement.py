@@ -112,7 +112,7 @@ def _with_finer(fit: _Fitted, correction: MeshCorrection, finer: float, worst: t
             break
         step = np.abs(problem.units(after.optimum.best.parameters) - problem.units(best.parameters))
         solved = replace(after, said=solved.said)
-        sizes = fit.known.stderr / problem.ranges
+        sizes = fit.known.stderr / problem.per_units(best.parameters)
         if not np.any(step > MOVED * np.where(np.isfinite(sizes), sizes, np.inf)):
             break
     points = "the optimum" if number == 1 else f"{number} sets of parameters"

@@ -113,9 +113,10 @@ class WideFit:
 
 
 def widens(case: Case, problem: InverseProblem) -> bool:
-    """Whether the uncertain inputs of a case can be coordinates of a fit: there are some, and a surrogate is possible."""
+    """Whether the uncertain inputs of a case can be coordinates of a fit: there are some, a surrogate is
+    possible, and the material does not relax."""
     inputs = uncertain_inputs(case)
-    if not inputs and not case.fit.uncertain.base:
+    if problem.kernel is not None or (not inputs and not case.fit.uncertain.base):
         return False
     coordinates = len(widened_problem(problem, inputs).searched)
     return _learnable(case.fit) and 0 < coordinates <= MOST

@@ -127,7 +127,7 @@ def _of_scale(problem: InverseProblem, forces: Sequence[Array]) -> Columns:
 
 def _of_sensitivities(problem: InverseProblem, point: Mapping[str, Any], here: Evaluation) -> Columns:
     return {
-        name: problem.scaled(point, [np.asarray(given[name]) * problem.range(name) for given in here.sensitivities or ()])
+        name: problem.scaled(point, [np.asarray(given[name]) * problem.per_unit(name, point) for given in here.sensitivities or ()])
         for name in given_by(problem, here)
     }
 

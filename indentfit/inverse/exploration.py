@@ -89,7 +89,7 @@ class Watched:
     @property
     def evaluations(self) -> int:
         """The number of different sets of parameters that were evaluated."""
-        return len({tuple(known.parameters.items()) for known in self.known})
+        return len({tuple(known.run.parameters.items()) for known in self.known})
 
     def differentiable(self) -> frozenset[str]:
         """Names whose sensitivities the model can give."""
@@ -176,7 +176,9 @@ def _first_runs(problem: InverseProblem, model: Watched, options: Fit, progress:
 
 
 def _designed(problem: InverseProblem, slopes: bool, options: Fit) -> list[dict[str, float]]:
-    return [parameters_of(problem, place) for place in design_points(len(problem.searched), slopes, options.seed)]
+    d, start = len(problem.solved), problem.place(problem.start)
+    places = design_points(d, slopes, options.seed) if d else np.zeros((0, 0))
+    return [parameters_of(problem, np.concatenate([place, start[d:]])) for place in places]
 
 
 def _proved(
@@ -200,15 +202,17 @@ def _worth_proving(problem: InverseProblem, surrogate: Surrogate, options: Fit) 
     known = surrogate.known_places()
     wanted: list[dict[str, float]] = []
     for best in _optima(problem, surrogate, _scan(problem, surrogate, options.seed)[:3]):
-        if not wanted and _distance(problem.place(best.parameters), known) > KNOWN:
+        if not wanted and surrogate.distance(problem.place(best.parameters), known) > KNOWN:
             wanted.append(best.parameters)
-            known = np.vstack([known, problem.place(best.parameters)])
+            known = np.vstack([known, surrogate.of_runs(problem.place(best.parameters))])
+    if not problem.solved:
+        return [_scan(problem, surrogate, options.seed)[0].parameters]
     places, squares = scanned(problem, surrogate, options.seed)
     places = places[squares <= 1.5**2 * squares.min()]
     while len(wanted) < 2:
-        farthest = places[int(np.argmax([_distance(place, known) for place in places]))]
+        farthest = places[int(np.argmax([surrogate.distance(place, known) for place in places]))]
         wanted.append(parameters_of(problem, farthest))
-        known = np.vstack([known, farthest])
+        known = np.vstack([known, surrogate.of_runs(farthest)])
     return wanted
 
 
@@ -258,7 +262,3 @@ def _best_known(problem: InverseProblem, model: Watched) -> Candidate:
     """The best of all runs so far, so that the result of a search is never worse than a run on its way."""
     candidates = [problem.judge_best_scale(run.parameters, run.forces) for run in model.known if run.forces is not None]
     return min(candidates, key=by_objective)
-
-
-def _distance(place: Array, others: Array) -> float:
-    return float(np.abs(others - place).max(axis=1).min())

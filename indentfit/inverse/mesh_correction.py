@@ -200,6 +200,8 @@ class Corrected(Watched):
             return evaluation
         factors = [1 + part for part in self.error.correction]
         forces = tuple(factor * force for factor, force in zip(factors, evaluation.forces, strict=True))
+        if evaluation.elastic is not None:
+            evaluation = replace(evaluation, correction=tuple(factors))
         if evaluation.sensitivities is None:
             return replace(evaluation, forces=forces)
         by_test = tuple(

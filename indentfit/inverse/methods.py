@@ -82,8 +82,8 @@ def global_search(
     """A global search, on a surrogate where the parameters are few, then Gauss-Newton on equation (1) from its best."""
     search, name = SEARCHES[options.method]
     learnable = not options.direct and bool(problem.searched)
-    if learnable and len(problem.free) > MANY:
-        many = f"{len(problem.free)} free parameters"
+    if learnable and len(problem.elastic.free) > MANY:
+        many = f"{len(problem.elastic.free)} free parameters"
         if options.method == "ga":
             solved = local_search(problem, model, options, progress, correction)
             return replace(solved, said=f"{many} are many for a surrogate: {solved.said}")
@@ -186,9 +186,9 @@ def local_search(
     correction: MeshCorrection = MeshCorrection(),  # noqa: B008
 ) -> Solved:
     """Least squares from the best of the start values and of other starts over the ranges."""
-    few = len(problem.free) <= MANY
+    few = len(problem.elastic.free) <= MANY
     searches = options.starts or (1 if few else SEARCHES_OF_MANY)
-    others = STARTS_TRIED if few else 2 * len(problem.free)
+    others = STARTS_TRIED if few else 2 * len(problem.elastic.free)
     starts = [problem.start]
     if problem.searched:
         places = qmc.LatinHypercube(len(problem.searched), seed=options.seed).random(max(others, searches - 1))
@@ -204,7 +204,7 @@ def local_search(
 
 def _explored(problem: InverseProblem, model: Watched, options: Fit, search: GlobalSearch, progress: Progress) -> Exploration:
     """The global search on a surrogate, or on the model itself where the case asks for a direct search or parameters are many."""
-    if not options.direct and problem.searched and len(problem.free) <= MANY:
+    if not options.direct and problem.searched and len(problem.elastic.free) <= MANY:
         return explore(problem, model, options, search, progress)
     return Exploration(None, search(problem, model, sized(options, PEOPLE, GENERATIONS), progress))
 

@@ -10,6 +10,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case, Range
 from indentfit.inverse.objective import Target, best_scale, equation_one, sum_of_squares
 from indentfit.inverse.polynomials import USUAL_BETA
+from indentfit.runs.relaxing import Kernel, kernel_of
 
 Values = Mapping[str, Any]  # name -> value of a parameter, or of a key of the case
 
@@ -37,8 +38,9 @@ class Candidate:
 class InverseProblem:
     """The search for the free parameters with which simulated curves are nearest to the measured curves of the tests.
 
-    Free parameters are counted in units of their range, 0 at min and 1 at max, in the order of the model. The forward
-    model is only ever run at one reference value of the scale; forces at other values follow exactly.
+    Free parameters are counted in units of their range, 0 at min and 1 at max, in the order of the model; times of relaxation in
+    units of their logarithm's range. The forward model is only ever run at one reference value of the scale; forces at other values
+    follow exactly. Parameters of the relaxation come last, and need no run.
 
     Parameters
     ----------
@@ -54,6 +56,8 @@ class InverseProblem:
         Free parameters by which the mechanics cannot be differentiated.
     warps : dict of name -> float
         The beta (see `polynomials`) of searched inputs whose effect on the force is known to have a certain form.
+    kernel : Kernel or None
+        The map from elastic forces to those at the measured times, where the material relaxes.
     """
 
     tests: tuple[Target, ...]
@@ -63,6 +67,7 @@ class InverseProblem:
     reference: float = 1.0
     differences: tuple[str, ...] = ()
     warps: Mapping[str, float] = field(default_factory=dict)
+    kernel: Kernel | None = None
 
     @property
     def searched(self) -> list[str]:
@@ -73,6 +78,22 @@ class InverseProblem:
     def searched_numbers(self) -> list[int]:
         """The numbers of the searched parameters among the free parameters."""
         return [number for number, name in enumerate(self.free) if name != self.scale]
+
+    @property
+    def solved(self) -> list[str]:
+        """The searched parameters with which the runs change: all but those of the relaxation. They are the first of them."""
+        relaxing = self.kernel.free if self.kernel is not None else ()
+        return [name for name in self.searched if name not in relaxing]
+
+    @property
+    def elastic(self) -> "InverseProblem":
+        """The problem of the runs: without the parameters of the relaxation."""
+        if self.kernel is None:
+            return self
+        names = self.kernel.names
+        start = {name: value for name, value in self.start.items() if name not in names}
+        free = {name: bounds for name, bounds in self.free.items() if name not in names}
+        return replace(self, start=start, free=free, kernel=None)
 
     @property
     def weights(self) -> list[float]:
@@ -97,24 +118,50 @@ class InverseProblem:
         """The widths of the ranges of all free parameters, (n_free,), in their units."""
         return np.array([self.range(name) for name in self.free])
 
+    def unit(self, name: str, value: float) -> float:
+        """The value of a free parameter in units of its range."""
+        bounds = self.free[name]
+        if self._by_logarithm(name):
+            return float(np.log(value / bounds.min) / np.log(bounds.max / bounds.min))
+        return (value - bounds.min) / (bounds.max - bounds.min)
+
+    def value(self, name: str, unit: float) -> float:
+        """The inverse of `unit`."""
+        bounds = self.free[name]
+        if self._by_logarithm(name):
+            return float(bounds.min * (bounds.max / bounds.min) ** unit)
+        return bounds.min + unit * (bounds.max - bounds.min)
+
+    def per_unit(self, name: str, parameters: Values) -> float:
+        """The derivative of a free parameter by its unit: the width of its range, but for logarithms."""
+        if self._by_logarithm(name):
+            return float(parameters[name] * np.log(self.free[name].max / self.free[name].min))
+        return self.range(name)
+
+    def per_units(self, parameters: Values) -> Array:
+        """The derivatives of all free parameters by their units, (n_free,)."""
+        return np.array([self.per_unit(name, parameters) for name in self.free])
+
+    def _by_logarithm(self, name: str) -> bool:
+        return self.kernel is not None and name.startswith("tau") and name in self.kernel.names
+
     def values(self, parameters: Values) -> Array:
         """The values of the free parameters, (n_free,), in their units."""
         return np.array([parameters[name] for name in self.free])
 
     def units(self, parameters: Values) -> Array:
         """The free parameters in units of their ranges, (n_free,)."""
-        return np.array([(parameters[name] - bounds.min) / (bounds.max - bounds.min) for name, bounds in self.free.items()])
+        return np.array([self.unit(name, parameters[name]) for name in self.free])
 
     def place(self, parameters: Values) -> Array:
         """The searched parameters in units of their ranges, (n_searched,)."""
-        return np.array([(parameters[name] - self.free[name].min) / self.range(name) for name in self.searched])
+        return np.array([self.unit(name, parameters[name]) for name in self.searched])
 
     def parameters(self, units: Sequence[float] | Array) -> dict[str, float]:
         """All parameters by name, from the free parameters in units of their ranges, (n_free,)."""
         values = dict(self.start)
         for unit, (name, bounds) in zip(units, self.free.items(), strict=True):
-            value = bounds.min + unit * (bounds.max - bounds.min)
-            value = float(f"{value:.12g}")  # so that a point that is converted to units and back stays the same
+            value = float(f"{self.value(name, unit):.12g}")  # so that a point that is converted to units and back stays the same
             values[name] = min(max(value, bounds.min), bounds.max)
         return values
 
@@ -167,7 +214,10 @@ def inverse_problem(case: Case) -> InverseProblem:
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
     tests = tuple(Target(test.name, curve, float(test.weight or 0.0)) for test, curve in curves)
     start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
-    return InverseProblem(tests, start, case.fitted, *scale_of(case), differences_of(case))
+    kernel = kernel_of(case)
+    if kernel is not None:
+        start |= kernel.relaxation.at({}).parameters  # type: ignore[arg-type]  # all are numbers
+    return InverseProblem(tests, start, case.fitted, *scale_of(case), differences_of(case), kernel=kernel)
 
 
 def scale_of(case: Case) -> tuple[str | None, float]:
@@ -190,4 +240,5 @@ def differences_of(case: Case) -> tuple[str, ...]:
     The mechanics assumes that kappa follows the shear modulus. Where it does not, these are all fitted parameters; otherwise only
     the thickness.
     """
-    return tuple(case.fitted) if case.material.kappa is not None else tuple({"thickness"} & set(case.fit.uncertain.fitted))
+    runs = {**case.free, **case.fit.uncertain.fitted}
+    return tuple(runs) if case.material.kappa is not None else tuple({"thickness"} & set(case.fit.uncertain.fitted))

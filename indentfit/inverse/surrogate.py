@@ -1,5 +1,8 @@
 """A surrogate of the forward model: polynomials in the searched parameters, for whole force curves at once.
 
+Where the material relaxes, the polynomials are those of the elastic forces on grids of depths, which the kernel of the problem maps
+to the measured times, exactly in the parameters of the relaxation.
+
 The polynomials are those of `polynomials`. The betas that stretch the ranges, and the degree, are those that best predict each run
 from all other runs. Runs near the optimum weigh more; sensitivities, where runs have them, are fitted too.
 """
@@ -34,9 +37,9 @@ class TrainingRun:
     Parameters
     ----------
     place : array (d,)
-        Searched parameters in units of the ranges.
+        Searched parameters with which runs change, in units of the ranges.
     curves : array (N,), mN
-        Curves of all tests in a row, at the reference scale.
+        Curves of all tests in a row, at the reference scale; elastic ones where the material relaxes.
     slopes : array (N, d), or None
         Derivatives of the curves by the place; a column of NaN for a parameter by which the run has none.
     weight : float
@@ -83,6 +86,10 @@ class Surrogate:
     failed : array (m, d)
         Places of the runs that failed, units of the ranges.
     fitted : Fitted
+    correction : array (N,) or None
+        Factors on the forces at the measured times by the correction for the mesh, where the material relaxes.
+    of_measured : bool
+        Whether the polynomials are those of the measured forces also where the material relaxes: they are linear then.
     """
 
     problem: InverseProblem
@@ -91,6 +98,8 @@ class Surrogate:
     fitted: Fitted
     runs: int = 0  # of the mechanics
     failures: tuple[Evaluation, ...] = ()
+    correction: Array | None = None
+    of_measured: bool = False
 
     @property
     def degree(self) -> int:
@@ -116,26 +125,81 @@ class Surrogate:
 
     def curves(self, places: Array) -> Array:
         """Curves of all tests in a row, (m, N) mN at the reference scale, at places (m, d) in units of the ranges."""
-        return polynomials.values(places, self.fitted.betas, self.degree) @ self.fitted.coefficients
+        if self.problem.kernel is None or self.of_measured:
+            return self._runs(places)
+        elastic, values = self._runs(self.of_runs(places)), [self._values(place) for place in places]
+        return np.array([self._relaxed(row, at) for row, at in zip(elastic, values, strict=True)]).reshape(len(places), -1)
 
     def slopes(self, places: Array) -> Array:
         """Derivatives of the curves by the units, (m, d, N)."""
+        if self.problem.kernel is None or self.of_measured:
+            return self._slopes_of_runs(places)
+        own = self.of_runs(places)
+        triples = zip(self._runs(own), self._slopes_of_runs(own), places, strict=True)
+        return np.array([self._relaxed_slopes(row, slopes, place) for row, slopes, place in triples])
+
+    def of_runs(self, places: Array) -> Array:
+        """The columns of places (..., d) by which runs differ."""
+        return places[..., : len(self.fitted.betas)]
+
+    def _runs(self, places: Array) -> Array:
+        if not self.fitted.betas.size:
+            return np.repeat(self.fitted.coefficients, len(places), axis=0)
+        return polynomials.values(places, self.fitted.betas, self.degree) @ self.fitted.coefficients
+
+    def _slopes_of_runs(self, places: Array) -> Array:
         betas, coefficients = self.fitted.betas, self.fitted.coefficients
+        if not betas.size:
+            return np.zeros((len(places), 0, coefficients.shape[1]))
         rows = np.array([A @ coefficients for A in polynomials.by_units(places, betas, self.degree)])
         return rows.reshape(len(betas), len(places), coefficients.shape[1]).swapaxes(0, 1)
+
+    def _values(self, place: Array) -> dict[str, float]:
+        """The parameters of the relaxation at a place (d,)."""
+        problem = self.problem
+        values = dict(problem.start)
+        for name, unit in zip(problem.searched, place, strict=True):
+            values[name] = problem.value(name, unit)
+        return values
+
+    def _relaxed(self, elastic: Array, values: Mapping[str, float]) -> Array:
+        """Curves (..., N) at the measured times from elastic ones (..., N_elastic)."""
+        kernel = self.problem.kernel
+        assert kernel is not None
+        parts = np.split(elastic, np.cumsum(kernel.sizes)[:-1], axis=-1)
+        forces = np.concatenate(kernel.forces(parts, values), axis=-1)
+        return forces if self.correction is None else np.asarray(self.correction * forces)
+
+    def _relaxed_slopes(self, elastic: Array, slopes: Array, place: Array) -> Array:
+        """Derivatives (d, N) at a place (d,), from elastic curves (N_elastic,) and their derivatives (d_runs, N_elastic)."""
+        kernel, problem, values = self.problem.kernel, self.problem, self._values(place)
+        assert kernel is not None
+        rows = list(self._relaxed(slopes, values)) if len(slopes) else []
+        names = problem.searched[len(rows) :]
+        by_test = kernel.slopes(np.split(elastic, np.cumsum(kernel.sizes)[:-1]), values, names)
+        for name in names:
+            row = np.concatenate([given[name] for given in by_test]) * problem.per_unit(name, values)
+            rows.append(row if self.correction is None else self.correction * row)
+        return np.array(rows)
 
     def near_failure(self, places: Array) -> Bools:
         """Whether the run nearest to each place failed, (m,)."""
         if not len(self.failed):
             return np.zeros(len(places), dtype=bool)
-        betas = self.fitted.betas
+        places, betas = self.of_runs(places), self.fitted.betas
         known = warp(self.known_places(), betas)
         here, failed = warp(places, betas), warp(self.failed, betas)
         return _nearest(here, failed) < _nearest(here, known)
 
     def known_places(self) -> Array:
-        """Places of the training runs, (m, d), units of the ranges."""
+        """Places of the training runs, (m, d_runs), units of the ranges."""
         return np.array([run.place for run in self.training])
+
+    def distance(self, place: Array, others: Array) -> float:
+        """The distance of a place (d,) to the nearest of the places of runs (m, d_runs), in units of the ranges; 0 where no
+        searched parameter changes a run."""
+        own = self.of_runs(place)
+        return float(np.abs(others - own).max(axis=1).min()) if own.size else 0.0
 
     def _evaluation(self, point: Mapping[str, Any], curves: Array, slopes: Array, close: bool) -> Evaluation:
         if close:
@@ -143,7 +207,7 @@ class Surrogate:
         problem = self.problem
         ends = np.cumsum([test.curve.force.size for test in problem.tests])[:-1]
         by_test = [
-            {name: row / problem.range(name) for name, row in zip(problem.searched, part, strict=True)}
+            {name: row / problem.per_unit(name, point) for name, row in zip(problem.searched, part, strict=True)}
             for part in np.split(slopes, ends, axis=1)
         ]
         return Evaluation(dict(point), tuple(np.split(curves, ends)), None, 0.0, (), tuple(by_test))
@@ -164,14 +228,32 @@ def learn(problem: InverseProblem, evaluations: Iterable[Evaluation]) -> Surroga
         None where too few runs succeeded.
     """
     own = [known for known in evaluations if known.parameters.keys() == problem.start.keys()]
-    good = {_key(problem, known): known for known in own if known.forces is not None}
-    failed = [problem.place(known.parameters) for known in own if known.forces is None]
-    d = len(problem.searched)
+    runs = problem.elastic
+    good = {_key(runs, known): known for known in own if known.forces is not None}
+    failed = [runs.place(known.parameters) for known in own if known.forces is None]
+    d = len(runs.searched)
+    if problem.kernel is not None and not d and good:
+        return _of_one_run(problem, next(iter(good.values())))
     if len(good) < 2 or not d:
         return None
     training = _training(problem, list(good.values()))
-    fitted = _best_fit(training, problem)
-    return None if fitted is None else Surrogate(problem, training, np.array(failed).reshape(-1, d), fitted)
+    fitted = _best_fit(training, runs)
+    if fitted is None:
+        return None
+    correction = _correction(next(iter(good.values())))
+    return Surrogate(problem, training, np.array(failed).reshape(-1, d), fitted, correction=correction)
+
+
+def _of_one_run(problem: InverseProblem, evaluation: Evaluation) -> Surrogate:
+    """The Surrogate of a problem whose searched parameters change no run: it is exact."""
+    curves = np.concatenate(evaluation.run.forces or ())
+    training = (TrainingRun(np.zeros(0), curves, None, 1.0),)
+    fitted = Fitted(np.zeros(0), 0, curves[None], 0.0)
+    return Surrogate(problem, training, np.zeros((0, 0)), fitted, correction=_correction(evaluation))
+
+
+def _correction(evaluation: Evaluation) -> Array | None:
+    return None if evaluation.correction is None else np.concatenate(evaluation.correction)
 
 
 def linearised(problem: InverseProblem, candidate: Candidate, derivatives: Sequence[Array]) -> Surrogate:
@@ -195,17 +277,18 @@ def linearised(problem: InverseProblem, candidate: Candidate, derivatives: Seque
     place = 2 * problem.place(candidate.parameters) - 1
     by_powers = [half[np.argmax(powers)] if any(powers) else whole - place @ half for powers in polynomials.powers(d, 1)]
     fitted = Fitted(np.zeros(d), 1, np.array(by_powers) / factor, np.nan)
-    return Surrogate(problem, (), np.zeros((0, d)), fitted)
+    return Surrogate(problem, (), np.zeros((0, d)), fitted, of_measured=True)
 
 
 def _training(problem: InverseProblem, evaluations: list[Evaluation]) -> tuple[TrainingRun, ...]:
+    runs = problem.elastic
     candidates = [problem.judge_best_scale(known.parameters, known.forces or ()) for known in evaluations]
     misfits = np.array([np.sqrt(candidate.sum_of_squares) for candidate in candidates])
     size = np.sqrt(np.mean(np.concatenate([test.curve.force for test in problem.tests if test.weight]) ** 2))
     floor = max((LEAST_MISFIT_WIDE if problem.warps else LEAST_MISFIT) * size, misfits.min())
     return tuple(
         TrainingRun(
-            problem.place(known.parameters), np.concatenate(known.forces or ()), _slopes(problem, known), 1 / max(misfit, floor)
+            runs.place(known.parameters), np.concatenate(known.run.forces or ()), _slopes(runs, known.run), 1 / max(misfit, floor)
         )
         for known, misfit in zip(evaluations, misfits, strict=True)
     )
@@ -215,7 +298,7 @@ def _slopes(problem: InverseProblem, evaluation: Evaluation) -> Array | None:
     by_test, known = evaluation.sensitivities, given_by(problem, evaluation)
     if by_test is None or not known:
         return None
-    unknown = np.full(sum(test.curve.force.size for test in problem.tests), np.nan)
+    unknown = np.full(sum(force.size for force in evaluation.forces or ()), np.nan)
     columns = [
         np.concatenate([given[name] for given in by_test]) * problem.range(name) if name in known else unknown
         for name in problem.searched

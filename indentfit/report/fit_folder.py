@@ -14,8 +14,9 @@ from indentfit.report.html import write_report
 from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
+from indentfit.report.time_curves import fit_over_time
 from indentfit.runs.pieces import pieces_of, together
-from indentfit.runs.points import case_at, split_point
+from indentfit.runs.points import case_at
 
 
 def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrite: bool = False) -> None:
@@ -45,6 +46,8 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
     write_json(folder / "result.json", written)
     write_curves(folder / "curves.csv", result.curves, result.measured)
     force_displacement(list(result.measured.items()), list(result.curves.items()), folder / "fit")
+    if any(curve.time is not None for curve in result.curves.values()):
+        fit_over_time(list(result.measured.items()), list(result.curves.items()), folder / "force_time")
     if result.profiles:
         profiles(result, folder / "profiles")
     if result.correlation and len(result.free) > 1:
@@ -61,7 +64,7 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
 def _write_stresses(folder: Path, case: Case, result: FitResult, warn: Callable[[str], object]) -> None:
     """The stresses at the optimum, by one more run; a fit whose stresses cannot be computed does not fail."""
     point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
-    there, material = case_at(case, point), case.law(**split_point(case.law, point).parameters)
+    there, material = case_at(case, point), case.law(**{name: point[name] for name in case.law.parameters})
     pieces = pieces_of(there)
     try:
         for piece in pieces:

@@ -132,19 +132,22 @@ def json_text(value: Any) -> str:
 
 
 def write_curves(path: PathLike, simulated: Mapping[str, Curve], measured: Mapping[str, Curve] | None = None) -> None:
-    """Write curves (name -> Curve) as one CSV with the columns test, displacement_mm, force_mN.
+    """Write curves (name -> Curve) as one CSV with the columns test, displacement_mm, force_mN, and time_s where curves have times.
 
-    measured: name -> Curve with the same displacements, or None; its forces make a fourth column, measured_force_mN.
+    measured: name -> Curve with the same displacements, or None; its forces make another column, measured_force_mN.
     """
+    timed = any(curve.time is not None for curve in simulated.values())
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         extra = ["measured_force_mN"] if measured else []
-        table.writerow(["test", "displacement_mm", "force_mN", *extra])
+        table.writerow(["test", "displacement_mm", "force_mN", *extra, *(["time_s"] if timed else [])])
         for name, curve in simulated.items():
             columns = [curve.displacement.tolist(), curve.force.tolist()]
             if measured:
                 given = measured.get(name)
                 columns.append(given.force.tolist() if given is not None else [""] * len(columns[0]))
+            if timed:
+                columns.append(curve.time.tolist() if curve.time is not None else [""] * len(columns[0]))
             table.writerows([name, *row] for row in zip(*columns, strict=True))
 
 

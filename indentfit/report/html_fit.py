@@ -17,9 +17,11 @@ from indentfit.report.html_facts import closed_table, facts_table, stress_sectio
 from indentfit.report.page import Beside, Figures, Lines, Page, Part, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
 from indentfit.report.text import effect_of_base, said_of_misfit, share_rows
+from indentfit.report.time_curves import fit_over_time
 
 PARAMETERS = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
 FITTED = "Measured (marks) and fitted (lines) force of the full sample against displacement; below, the residuals."
+OVER_TIME = "Measured (marks) and fitted (lines) force of the full sample against time since the first point of each test."
 SEEN = "What the curves see, from most to least: change of the misfit by a relative change of parameters"
 MOST_FAILURES = 50  # in the table
 
@@ -54,6 +56,8 @@ def _first(stored: Stored, result: FitResult) -> Section:
     if fitted:
         figure = plots.force_displacement(measured, fitted, None)
         parts = [Beside(table, drawn(figure, FITTED, _alt_of_fit(result, measured, fitted)))]
+        if any(curve.time is not None for _, curve in fitted):
+            parts.append(Figures((drawn(fit_over_time(measured, fitted, None), OVER_TIME, _alt_of_fit(result, measured, fitted)),)))
     if result.misfit:
         parts.append(Text(f"Misfit: {said_of_misfit(result)}."))
     for doubt in doubts_of(result):
@@ -144,11 +148,14 @@ def read_fitted(path: Path) -> tuple[Curves, Curves]:
     rows: dict[str, list[list[float]]] = {}
     with open(path, encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            cells = [float(row[key] or "nan") for key in ("displacement_mm", "force_mN", "measured_force_mN")]
+            cells = [float(row.get(key) or "nan") for key in ("displacement_mm", "force_mN", "measured_force_mN", "time_s")]
             rows.setdefault(row["test"], []).append(cells)
     columns = {name: np.array(numbers).T for name, numbers in rows.items()}
-    measured = [(name, Curve(d, given)) for name, (d, _, given) in columns.items() if not np.isnan(given).any()]
-    return measured, [(name, Curve(d, force)) for name, (d, force, _) in columns.items()]
+    times = {name: None if np.isnan(known[3]).any() else known[3] for name, known in columns.items()}
+    measured = [
+        (name, Curve(d, given, time=times[name])) for name, (d, _, given, _) in columns.items() if not np.isnan(given).any()
+    ]
+    return measured, [(name, Curve(d, force, time=times[name])) for name, (d, force, _, _) in columns.items()]
 
 
 def _identifiability(result: FitResult) -> Section:

@@ -34,11 +34,13 @@ SMALL = {"markersize": 2.4, "markeredgewidth": 0.6}
 
 
 def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure:
-    """Measured curves as markers, simulated ones as lines; below, simulated minus measured where both are given.
+    """Measured curves as markers, simulated ones as lines; below, simulated minus measured where both are given. Of curves with
+    times, the loading is shown.
 
     measured, simulated: lists of (name of the test, Curve); a test has one colour in both. Saves path.svg and
     path.png (any ending of `path` is replaced) and returns the figure.
     """
+    simulated, measured = ([(name, curve.loading) for name, curve in curves] for curves in (simulated, measured))
     scale = CurveScale.of(curve for _, curve in (*simulated, *measured))
     simulated, measured = ([(name, scale.scaled(curve)) for name, curve in curves] for curves in (simulated, measured))
     names = list(dict.fromkeys(name for name, _ in [*simulated, *measured]))

@@ -55,8 +55,8 @@ def _material(case: Case, material: Material) -> Iterator[str]:
     moduli = isotropic_moduli(case.material, case.law, material.values)
     beside = "".join(f", {name} = {value:.4g}{'' if name == 'nu' else ' kPa'}" for name, value in moduli.items())
     yield f"{case.material.model or case.material.energy}: {values}{beside}"
-    if case.material.relaxation is not None:
-        yield f"relaxes: {case.material.relaxation.words()}"
+    if case.relaxation is not None:
+        yield f"relaxes: {case.relaxation.words()}; forces over displacement are those of the ramp"
 
 
 def _start(name: str, material: Material, case: Case) -> str:

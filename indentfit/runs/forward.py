@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.case.in_time import ramps_of
 from indentfit.errors import IndentfitError
 from indentfit.fem.in_time import with_time
 from indentfit.fem.result import Simulation
@@ -46,6 +47,10 @@ class Evaluation:
         forward model could give; None where none were requested.
     lost : bool
         The cause lies with the machine (memory, time, a killed process) and not with the mechanics.
+    elastic : Evaluation or None
+        The elastic forces on grids of depths from which these follow, where the material relaxes.
+    correction : tuple of arrays (n,), or None
+        Factors for the error of the mesh that are in the forces, but not in the elastic ones.
     """
 
     parameters: dict[str, Any]
@@ -55,6 +60,13 @@ class Evaluation:
     facts: tuple[dict[str, Any], ...]
     sensitivities: tuple[dict[str, Array], ...] | None = None
     lost: bool = False
+    elastic: "Evaluation | None" = None
+    correction: tuple[Array, ...] | None = None
+
+    @property
+    def run(self) -> "Evaluation":
+        """What was run: the elastic evaluation, where the material relaxes."""
+        return self.elastic or self
 
 
 class ForwardModel(Protocol):
@@ -155,12 +167,13 @@ def of_relaxation(case: Case, parameters: Point) -> tuple[str, ...]:
     -------
     tuple of str
     """
-    if case.material.relaxation is None:
+    there = case_at(case, parameters)
+    if there.relaxation is None:
         return ()
-    words = f"the material relaxes: {case.material.relaxation.words()}"
+    words = f"the material relaxes: {there.relaxation.words()}"
     own = {name: value for name, value in parameters.items() if name in case.law.parameters}
     try:
-        tests = simulate(case_at(case, parameters), own, mesh_error=False).in_time
+        tests = simulate(there, own, mesh_error=False).in_time
     except IndentfitError as error:
         return (words, f"the viscoelastic model was not solved at the optimum: {error}")
     return (words, *(f"{name}: {curve.words()}" for name, curve in tests.items()))
@@ -171,9 +184,9 @@ def _in_time(piece: Piece, material: Material, parts: "_Parts") -> Simulation | 
     simulation, case = piece.simulation, piece.case
     if simulation is None or case.material.relaxation is None:
         return simulation
-    tests = []
+    tests, ramps = [], ramps_of(case)
     for test, press, asked in zip(simulation.tests, piece.presses(material), case.tests, strict=True):
-        tests.append(with_time(test, press, asked.hold or 0.0, functools.partial(parts.in_time, press.name)))
+        tests.append(with_time(test, press, ramps[asked.name].hold, functools.partial(parts.in_time, press.name)))
     return replace(simulation, tests=tuple(tests))
 
 

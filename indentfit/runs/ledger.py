@@ -20,6 +20,7 @@ from indentfit.case import Case, Test, Uncertain
 from indentfit.errors import LedgerError
 from indentfit.runs import rows
 from indentfit.runs.key import FORMAT, Inputs, as_json, code
+from indentfit.runs.relaxing import elastic_case
 from indentfit.runs.run import Run
 
 FILE_OF_JOURNAL = "{}-journal"  # SQLite's name for what it needs to undo a transaction
@@ -62,7 +63,9 @@ class Ledger:
 
     def __init__(self, path: str | Path, case: Case, resume: bool = False, others: Iterable[Case] = ()) -> None:
         self.path, self.case, self.inputs = Path(path), case, Inputs(case)
-        self.origins = {self.inputs.origin.encode(), *(Inputs(other).origin.encode() for other in others)}
+        whole = (case, *others)
+        elastic = (elastic_case(known) for known in whole if known.relaxation is not None)  # the runs of their fits
+        self.origins = {Inputs(known).origin.encode() for known in (*whole, *elastic)}
         self.remarks: list[str] = []
         self._file: Any = None
         try:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from indentfit.arrays import Array
+from indentfit.case.in_time import motion_of
 from indentfit.case.laws import open_law
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
 from indentfit.fem.meshing import resized
@@ -114,13 +115,27 @@ class Mechanics:
 def indentation_of(case: "Case", test: "Test") -> Indentation:
     """The Indentation of a test of a case."""
     depths = case.outputs(test)
-    return Indentation(test.name, test.direction, depths, test.rate_to(float(depths[-1])), test.sample, test.indenter)
+    return Indentation(test.name, test.direction, depths, _rate(case, test), test.sample, test.indenter)
+
+
+def _rate(case: "Case", test: "Test") -> float | None:
+    """Velocity of the indenter in the ramp of a test, mm/s; None where the material does not relax."""
+    if case.material.relaxation is None:
+        return None
+    known = motion_of(test, case.curves[case.tests.index(test)])
+    return known[0].ramp.depth / known[0].ramp.seconds if known is not None else None
 
 
 def mechanics_of(case: "Case") -> Mechanics:
     """The Mechanics of a case."""
     tests = tuple(indentation_of(case, test) for test in case.tests)
-    return Mechanics(case.sample, case.indenter, case.mesh, case.solver, case.material, case.folder, tests)
+    return Mechanics(case.sample, case.indenter, case.mesh, case.solver, material_of(case), case.folder, tests)
+
+
+def material_of(case: "Case") -> MaterialChoice:
+    """The material of a case; free parameters of its relaxation have their start values."""
+    relaxation = case.relaxation
+    return case.material if relaxation is None else case.material.model_copy(update={"relaxation": relaxation.at({})})
 
 
 def with_key(table: Any, key: str, value: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from indentfit.fem.setup import Press, Setup
 from indentfit.material import Material
-from indentfit.runs.mechanics import indentation_of, mechanics_of, with_key
+from indentfit.runs.mechanics import indentation_of, material_of, mechanics_of, with_key
 from indentfit.runs.run import Point
 
 if TYPE_CHECKING:
@@ -53,11 +53,14 @@ def split_point(law: type[Material], point: Point) -> SplitPoint:
 
 
 def case_at(case: "Case", point: Point) -> "Case":
-    """The case with the changed inputs of a point."""
+    """The case with the changed inputs of a point, and the parameters of the relaxation that the point has."""
+    relaxation = case.relaxation
     for key, value in split_point(case.law, point).changes.items():
         table, name = key.split(".")
         case = case.model_copy(update={table: with_key(getattr(case, table), name, value)})
-    return case
+    if relaxation is None:
+        return case
+    return case.model_copy(update={"material": case.material.model_copy(update={"relaxation": relaxation.at(point)})})
 
 
 def _is_input(name: str) -> bool:
@@ -79,5 +82,5 @@ def press_of(case: "Case", test: "Test", material: Material) -> Press:
     """The Press that one test of a case is, on a material."""
     kappa = case.material.bulk_modulus(material.shear_modulus)
     indentation = indentation_of(case, test)
-    in_time = indentation.in_time(case.material)
+    in_time = indentation.in_time(material_of(case))
     return Press(material, kappa, test.direction, indentation.depths, test.name, in_time=in_time)

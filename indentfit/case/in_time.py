@@ -1,0 +1,59 @@
+"""The motions of the tests of a case in time, and the relaxation that their records can tell."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from indentfit.arrays import Array
+from indentfit.case.relaxation import Relaxation, Window
+from indentfit.curve import Curve
+from indentfit.hereditary import Ramp
+from indentfit.motion import Motion
+
+if TYPE_CHECKING:
+    from indentfit.case.tables import Test
+    from indentfit.case.whole import Case
+
+GRID = 25  # depths at which the elastic force of a test is known that has times
+
+
+def timed(curve: Curve, rate: float | None) -> Curve:
+    """A curve with times: its own, or those of a ramp at a constant rate, mm/s."""
+    if curve.time is not None or rate is None:
+        return curve
+    time = curve.displacement / rate
+    return Curve(curve.displacement, curve.force, curve.notes, curve.contact, curve.sd, time)
+
+
+def motion_of(test: Test, curve: Curve | None) -> tuple[Motion, Array] | None:
+    """The motion of a test, and the times since contact at which its force is measured, (n,) s; None where neither times nor a rate
+    tell it. A test with a depth has no measured force: its times are the ends of ramp and hold."""
+    if curve is not None and curve.time is not None:
+        return Motion.measured(curve.time, curve.displacement)
+    depth = curve.deepest if curve is not None else test.depth
+    rate = test.rate_to(depth) if depth else None
+    if depth is None or rate is None:
+        return None
+    motion = Motion.ramped(Ramp(depth, depth / rate, test.hold or 0.0))
+    return motion, (curve.displacement / rate if curve is not None else motion.time[1:])
+
+
+def ramps_of(case: Case) -> dict[str, Ramp]:
+    """The ramp and the hold of each test of a case that has a motion in time."""
+    motions = ((test.name, motion_of(test, curve)) for test, curve in zip(case.tests, case.curves, strict=True))
+    return {name: known[0].ramp for name, known in motions if known is not None}
+
+
+def window_of(ramps: list[Ramp]) -> Window:
+    """The times of relaxation that records with these ramps can see."""
+    ramp, hold = min(known.seconds for known in ramps), max(known.hold for known in ramps)
+    longest = max(hold, max(known.seconds for known in ramps))
+    shortest = ramp if hold > 3 * ramp else 0.1 * ramp
+    return Window(shortest, longest, ramp, hold)
+
+
+def relaxation_of(case: Case) -> Relaxation | None:
+    """The relaxation of the material, with the terms that the tool places; None where the material does not relax."""
+    relaxation = case.material.relaxation
+    ramps = list(ramps_of(case).values()) if relaxation is not None and relaxation.terms else []
+    return relaxation.placed(window_of(ramps)) if relaxation is not None and ramps else relaxation

@@ -1,0 +1,179 @@
+"""The map from elastic forces over the depth to the forces of a relaxing material over time.
+
+For a test under displacement control whose stress relaxes by one function m, the deformation is nearly the elastic one at each
+depth, and the force is the hereditary integral of the elastic force F_e:
+
+    F(t) = integral from 0 to t of m(t - s) dF_e(d(s)).
+
+That holds while the contact does not shrink. Under a flat end the contact keeps its size in a retraction, and the integral holds
+until the force is gone. Under a round end the contact shrinks. Its size at the time t is then that of an earlier time t1 of the
+loading, for which the integral from t1 to t of m(t - s) dd(s) vanishes, and the force is the integral that ends at t1 (Ting 1966,
+J Appl Mech 33:845). Hereditary integrals are linear in F_e, which is known on a grid of depths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from indentfit.arrays import Array, Ints
+from indentfit.compiled import compiled
+from indentfit.hereditary import DENSE, RelaxationFunction
+from indentfit.motion import SHORTEST_STEP, Motion
+
+Interpolation = Callable[[Array], Array]  # depths (m,) -> weights (m, n_grid) of elastic forces on the grid
+
+
+@dataclass(frozen=True, eq=False)
+class TimeMap:
+    """The map from elastic forces on a grid of depths to the forces of a relaxing material at times.
+
+    Parameters
+    ----------
+    time : array (N,), s
+        Times from contact on, dense enough for hereditary integrals.
+    depth : array (N,), mm
+        Depths at these times.
+    basis : array (N, n_grid)
+        Elastic forces at these times from those on the grid.
+    at : array (n,)
+        The numbers of the times that are asked for.
+    turn : int
+        The number of the time after which the indenter retracts; the last where it does not.
+    shrinks : bool
+        Whether the contact shrinks in a retraction.
+    """
+
+    time: Array
+    depth: Array
+    basis: Array = field(repr=False)
+    at: Ints
+    turn: int
+    shrinks: bool
+
+    @classmethod
+    def of(cls, motion: Motion, times: Array, interpolation: Interpolation, shrinks: bool) -> TimeMap:
+        """The map of a motion.
+
+        Parameters
+        ----------
+        motion : Motion
+        times : array (n,), s
+            Times at which forces are asked for.
+        interpolation : function
+            Depths (m,) -> weights (m, n_grid).
+        shrinks : bool
+            Whether the contact shrinks in a retraction: under a round end.
+        """
+        dense = [np.array([0.0])]
+        most = motion.deepest / DENSE
+        pairs = zip(motion.time[:-1], motion.time[1:], np.abs(np.diff(motion.depth)), strict=True)
+        for start, end, change in pairs:
+            dense.append(np.linspace(start, end, max(int(np.ceil(change / most)), 1) + 1)[1:])
+        time = np.unique(np.concatenate([*dense, np.asarray(times, dtype=float)]))
+        time = time[np.append(True, np.diff(time) > SHORTEST_STEP)]
+        depth = np.interp(time, motion.time, motion.depth)
+        at = np.searchsorted(time, np.asarray(times) - SHORTEST_STEP).clip(0, time.size - 1)
+        turn = int(np.searchsorted(time, motion.time[motion.turn] - SHORTEST_STEP)) if motion.retracts else time.size - 1
+        return cls(time, depth, interpolation(depth), np.asarray(at), turn, shrinks)
+
+    @property
+    def retracts(self) -> bool:
+        """Whether the indenter retracts."""
+        return self.turn < self.time.size - 1
+
+    def forces(self, elastic: Array, function: RelaxationFunction) -> Array:
+        """Forces (..., n), mN, from elastic forces (..., n_grid), mN, and a relaxation function."""
+        rows = np.asarray(elastic, dtype=float).reshape(-1, self.basis.shape[1]) @ self.basis.T
+        if self.retracts:
+            total = self._retracting(rows, function)
+        else:
+            histories, _ = self._histories(rows, function)
+            total = function.long_term * rows[:, self.at] + np.tensordot(np.array(function.shares), histories, 1)
+        return np.asarray(total.reshape(*np.shape(elastic)[:-1], self.at.size))
+
+    def by_term(self, elastic: Array, function: RelaxationFunction) -> tuple[Array, Array]:
+        """The part of each term of a function in the force, over its share, and the derivative of this part by the term's time.
+
+        Parameters
+        ----------
+        elastic : array (n_grid,), mN
+        function : RelaxationFunction
+
+        Returns
+        -------
+        array (n_terms, n), mN; array (n_terms, n), mN/s
+        """
+        histories, slopes = self._histories((self.basis @ elastic)[None], function)
+        return histories[:, 0], slopes[:, 0]
+
+    def elastic(self, elastic: Array) -> Array:
+        """Elastic forces (n,) at the times that are asked for."""
+        return np.asarray((self.basis @ elastic)[self.at])
+
+    def _histories(self, rows: Array, function: RelaxationFunction) -> tuple[Array, Array]:
+        return _integrals(np.diff(self.time), np.ascontiguousarray(rows), np.array(function.times), self.at)
+
+    def _retracting(self, rows: Array, function: RelaxationFunction) -> Array:
+        """Forces (k, n) of a motion that goes back, from elastic forces (k, N)."""
+        everywhere = np.arange(self.time.size)
+        shares, steps = np.array(function.shares), np.diff(self.time)
+        both = np.concatenate([rows, self.depth[None]])
+        histories, _ = _integrals(steps, np.ascontiguousarray(both), np.array(function.times), everywhere)
+        whole = function.long_term * both + np.tensordot(shares, histories, 1)
+        total = whole[:-1, self.at]
+        late = np.flatnonzero(self.at > self.turn)
+        if not self.shrinks:
+            gone = np.minimum.accumulate(whole[-1][self.turn :]) <= 0  # contact that is lost stays lost
+            total[:, late] = np.where(gone[self.at[late] - self.turn], 0.0, total[:, late])
+            return np.asarray(total)
+        start = slice(0, self.turn + 1)
+        for n in late:
+            moment = self.at[n]
+            decays = shares[:, None] * np.exp(-(self.time[moment] - self.time[start]) / np.array(function.times)[:, None])
+            ended = function.long_term * both[:, start] + np.einsum("ij,ikj->kj", decays, histories[:, :, start])
+            sizes = np.maximum.accumulate(ended[-1])  # the integral of m(t - s) dd(s) that ends at each time of the loading
+            if whole[-1, moment] <= 0:
+                total[:, n] = 0.0
+                continue
+            k = int(np.clip(np.searchsorted(sizes, whole[-1, moment]), 1, self.turn))
+            width = sizes[k] - sizes[k - 1]
+            part = np.clip((whole[-1, moment] - sizes[k - 1]) / width, 0.0, 1.0) if width > 0 else 1.0
+            total[:, n] = ended[:-1, k - 1] + part * (ended[:-1, k] - ended[:-1, k - 1])
+        return np.asarray(total)
+
+
+@compiled()
+def _integrals(steps: Any, rows: Any, times: Any, at: Any) -> Any:  # pragma: no cover
+    """Hereditary integrals of exp(-t / tau) for each time tau (k,) and each row (m, N) at the numbers `at` (n,), (k, m, n), and
+    their derivatives by tau."""
+    k, m, n = times.size, rows.shape[0], at.size
+    values, slopes = np.zeros((k, m, n)), np.zeros((k, m, n))
+    last = at.max() if n else 0
+    order = np.argsort(at)
+    now, ahead = np.zeros(m), np.zeros(m)
+    for i in range(k):
+        tau = times[i]
+        now[:] = rows[:, 0]
+        ahead[:] = 0.0
+        taken = 0
+        for j in range(last + 1):
+            if j:
+                dt = steps[j - 1]
+                x = dt / tau
+                decay, lost = np.exp(-x), -np.expm1(-x)
+                gain = lost / x
+                d_decay, d_gain = decay * x / tau, (gain - decay) / tau
+                for row in range(m):
+                    change = rows[row, j] - rows[row, j - 1]
+                    ahead[row] = decay * ahead[row] + d_decay * now[row] + d_gain * change
+                    now[row] = decay * now[row] + gain * change
+            while taken < n and at[order[taken]] == j:
+                for row in range(m):
+                    values[i, row, order[taken]] = now[row]
+                    slopes[i, row, order[taken]] = ahead[row]
+                taken += 1
+    return values, slopes

@@ -1,0 +1,268 @@
+"""Fits of curves with times: motions, forces over time with free relaxation, and what a case says of them."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+import indentfit
+from indentfit.case.in_time import motion_of
+from indentfit.curve import Curve, read_curve, write_curve
+from indentfit.errors import CaseError
+from indentfit.fem.interpolation import Interpolant
+from indentfit.fem.time_map import TimeMap
+from indentfit.hereditary import Ramp, prony
+from indentfit.inference.certainty import holds
+from indentfit.inference.estimate import estimate
+from indentfit.inverse.derivatives import curve_derivatives
+from indentfit.inverse.problem import inverse_problem
+from indentfit.inverse.surrogate import learn
+from indentfit.motion import Motion
+from indentfit.runs.forward import Evaluation
+from indentfit.runs.pool import RunPool
+from indentfit.runs.relaxing import Relaxing, elastic_case, kernel_of
+
+SERIES = prony((0.8, 0.5), (0.5, 5.0))
+GRID = np.linspace(0, 1, 26)
+TRUTH = {"mu": 1.5, "g1": 0.8, "g2": 0.5, "tau1": 0.5, "tau2": 5.0}
+RANGES = {
+    "g": [{"start": 0.3, "min": 0.0, "max": 3.0}, {"start": 0.3, "min": 0.0, "max": 3.0}],
+    "tau": [{"start": 0.8, "min": 0.1, "max": 2.0}, {"start": 4.0, "min": 2.0, "max": 20.0}],
+}
+FREE = {"start": 2.0, "min": 0.1, "max": 20.0}
+
+
+def on_grid(depths):
+    """Weights of forces on the grid, which grow as under a sphere."""
+    return Interpolant(GRID, list(np.eye(26)[:, 1:]), 1.5)(depths)
+
+
+def case_of(curve, relaxation=None, mu=None, end="sphere", **keys):
+    indenter = {"sphere": {"shape": "sphere", "diameter": 2.0}, "flat": {"shape": "cylinder", "diameter": 2.0}}
+    wedge = {"shape": "wedge", "half_angle": 70.0, "length": 20.0}
+    return indentfit.Case(
+        sample={"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": "bonded"},
+        indenter={"friction": 0.0, **(indenter | {"wedge": wedge})[end]},
+        mesh={"elements": 60},
+        material={
+            "model": "neo_hookean", "parameters": {"mu": mu or FREE}, "bulk_ratio": 1000.0,
+            "relaxation": RANGES if relaxation is None else relaxation or None,
+        },
+        tests=[indentfit.Test("press", angle=0, curve=curve, **keys)],
+        fit={"workers": 1},
+    )  # fmt: skip
+
+
+def held(ramp=0.5, hold=10.0, depth=0.3):
+    """Times and displacements of a ramp and a hold."""
+    time = np.concatenate([np.linspace(0, ramp, 16)[1:], ramp + np.geomspace(0.02, hold, 25)])
+    return time, Ramp(depth, ramp, hold).depth_at(time)
+
+
+class Powers:
+    """A forward model in place of runs: elastic forces mu d^1.5 on the grid."""
+
+    runs, failures = 0, ()
+
+    def __init__(self, kernel):
+        self.kernel = kernel
+
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        forces = [tuple(10 * point["mu"] * GRID[1:] ** 1.5 for _ in self.kernel.maps) for point in points]
+        return [Evaluation(dict(point), force, None, 0.0, ()) for point, force in zip(points, forces, strict=True)]
+
+
+def test_force_in_ramp_and_hold_is_the_hereditary_integral():
+    motion, times = Motion.ramped(Ramp(1.0, 2.0, 6.0)), np.array([0.3, 1.0, 2.0, 2.1, 4.0, 8.0])
+    known = TimeMap.of(motion, times, on_grid, True)
+    exact = [quad(lambda s, t=t: float(SERIES(t - s)) * 0.75 * (s / 2) ** 0.5, 0, min(t, 2.0), epsabs=1e-11)[0] for t in times]
+    assert known.forces(GRID[1:] ** 1.5, SERIES) == pytest.approx(exact, rel=2e-5)
+
+
+def test_retraction_of_a_sphere_follows_ting():
+    """The contact at t has the size of that at t1, for which the integral of m(t - s) d'(s) from t1 to t vanishes."""
+    times = np.linspace(0.1, 1.95, 20)
+    known = TimeMap.of(Motion(np.array([0, 1.0, 2.0]), np.array([0, 1.0, 0.0])), times, on_grid, True)
+
+    def depths(a, b, t):
+        return quad(lambda s: float(SERIES(t - s)), a, b)[0]
+
+    exact = []
+    for t in times:
+        if t > 1 and depths(0, 1, t) < depths(1, t, t):
+            exact.append(0.0)  # out of contact
+            continue
+        end = t if t <= 1 else brentq(lambda t1, t=t: depths(t1, 1, t) - depths(1, t, t), 0, 1)
+        exact.append(quad(lambda s, t=t: float(SERIES(t - s)) * 1.5 * s**0.5, 0, end, epsabs=1e-10)[0])
+    assert exact[-1] == 0.0 and exact[-4] > 0.0
+    assert known.forces(GRID[1:] ** 1.5, SERIES) == pytest.approx(exact, abs=1e-4 * max(exact))
+
+
+def test_retraction_of_a_flat_punch_is_the_hereditary_integral_until_the_force_is_gone():
+    times = np.linspace(0.1, 2.0, 20)
+    motion = Motion(np.array([0, 1.0, 2.0]), np.array([0, 1.0, 0.0]))
+    force = TimeMap.of(motion, times, lambda d: Interpolant(GRID, list(np.eye(26)[:, 1:]), 1.0)(d), False).forces(GRID[1:], SERIES)
+    exact = [quad(lambda s, t=t: float(SERIES(t - s)) * (1 if s < 1 else -1), 0, t, points=[1.0])[0] for t in times]
+    assert force == pytest.approx(np.maximum(exact, 0.0), abs=1e-6)
+    assert exact[-1] < 0 and force[-1] == 0
+
+
+@pytest.mark.parametrize("relaxation", [RANGES, RANGES | {"base": "instantaneous"}, {"terms": 1, "order": 0.4}])
+def test_derivatives_by_the_relaxation_are_differences(relaxation):
+    time, depth = held()
+    case = case_of(Curve(depth, depth, time=time), relaxation)
+    problem = inverse_problem(case)
+    model = Relaxing(Powers(problem.kernel), problem.kernel)
+    x = np.full(len(problem.free), 0.4)
+    (slopes,) = curve_derivatives(problem, model, x)
+    for n in range(x.size):
+        points = [problem.parameters(x + step * np.eye(x.size)[n]) for step in (-1e-4, 1e-4)]
+        below, above = (problem.scaled(point, model.evaluate([problem.at_reference(point)])[0].forces)[0] for point in points)
+        assert slopes[:, n] == pytest.approx((above - below) / 2e-4, abs=2e-3 * np.abs(slopes[:, n]).max() + 1e-9)
+
+
+def test_units_of_a_time_are_those_of_its_logarithm():
+    time, depth = held()
+    problem = inverse_problem(case_of(Curve(depth, depth, time=time)))
+    assert problem.unit("tau2", np.sqrt(40.0)) == pytest.approx(0.5)
+    assert problem.value("tau2", 0.5) == pytest.approx(np.sqrt(40.0))
+    assert problem.per_unit("tau2", {"tau2": 5.0}) == pytest.approx(5.0 * np.log(10.0))
+
+
+def truths(rng):
+    return {
+        "mu": rng.uniform(0.5, 5), "g1": rng.uniform(0.3, 1.5), "g2": rng.uniform(0.3, 1.5),
+        "tau1": rng.uniform(0.4, 1.0), "tau2": rng.uniform(4, 8),
+    }  # fmt: skip
+
+
+def trial(problem, surrogate, rng):
+    """Whether the intervals of a fit to a noisy curve hold the truth, and G_inf / G_0 over the true one."""
+    truth = problem.start | truths(rng)
+    exact = problem.scaled(truth, surrogate.evaluate([problem.at_reference(truth)])[0].forces)[0]
+    noisy = problem.measured([exact + 2e-3 * exact.max() * rng.standard_normal(exact.size)])
+    found = noisy.parameters(estimate(noisy, surrogate, noisy.weights, noisy.units(truth))[0])
+    ratios = [1 / (1 + known["g1"] + known["g2"]) for known in (found, truth)]
+    return holds(noisy, surrogate, truth, noisy.units(truth)), ratios[0] / ratios[1]
+
+
+@pytest.mark.campaign
+def test_intervals_hold_the_truth():
+    """mu, g1, g2 lie in their 95 % intervals within the binomial 99 % band over 400 truths; G_inf / G_0 within 2 % in 95 %."""
+    with RunPool(elastic_case(campaign_case()), workers=1) as pool:
+        problem = inverse_problem(campaign_case())
+        model = Relaxing(pool, problem.kernel)
+        surrogate = learn(problem, model.evaluate([problem.at_reference(problem.start)]))
+    rng, rows, ratios = np.random.default_rng(0), [], []
+    for _ in range(400):
+        inside, ratio = trial(problem, surrogate, rng)
+        rows.append(inside)
+        ratios.append(ratio)
+    within = np.array(rows)[:, [list(problem.free).index(name) for name in ("mu", "g1", "g2")]].sum(axis=0)
+    assert (within >= 368).all() and (within <= 391).all()  # 99 % of a binomial of 400 and 0.95
+    assert np.mean(np.abs(np.array(ratios) - 1) < 0.02) >= 0.95
+
+
+def campaign_case():
+    time = np.concatenate([np.linspace(0, 0.5, 51)[1:], 0.5 + np.geomspace(0.02, 50, 150)])
+    depth = Ramp(0.3, 0.5, 50.0).depth_at(time)
+    return case_of(Curve(depth, depth, time=time))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """A fit to ramp and hold, whose curve is the case's own with noise."""
+    time, depth = held()
+    case = case_of(Curve(depth, depth, time=time), {"terms": 2})
+    with RunPool(elastic_case(case), workers=1) as pool:
+        force = Relaxing(pool, kernel_of(case)).evaluate([TRUTH])[0].forces[0]
+    noisy = force + 2e-3 * force.max() * np.random.default_rng(3).standard_normal(force.size)
+    return indentfit.fit(case_of(Curve(depth, noisy, time=time), {"terms": 2}))
+
+
+def test_a_fit_of_ramp_and_hold_has_the_moduli_and_the_relaxation(fitted):
+    for name, true in TRUTH.items():
+        low, high = fitted.parameters[name].interval
+        assert low < true < high
+        assert fitted.parameters[name].value == pytest.approx(true, rel=0.35 if name == "tau2" else 0.15)
+    assert [fitted.parameters[name].unit for name in ("mu", "g1", "tau1")] == ["kPa", "1", "s"]
+    assert fitted.runs <= 4  # the relaxation needs no run: the start, and the meshes
+    assert any("viscoelastic model; the hereditary integral of the elastic force differs by" in note for note in fitted.notes)
+
+
+def test_a_fit_in_time_is_written(fitted, tmp_path):
+    fitted.write(tmp_path / "result", fields=False)
+    table = np.genfromtxt(tmp_path / "result" / "curves.csv", delimiter=",", names=True, encoding="utf-8", dtype=None)
+    assert table["time_s"][-1] == 10.5 and table["displacement_mm"][-1] == 0.3
+
+
+def test_times_of_a_curve_are_read_and_written(tmp_path):
+    time, depth = held()
+    write_curve(tmp_path / "curve.csv", Curve(depth, depth + 1, time=time))
+    known = read_curve(tmp_path / "curve.csv")
+    assert np.array_equal(known.time, time) and np.array_equal(known.displacement, depth)
+    (tmp_path / "ms.csv").write_text("Time (ms),depth_um,force_uN\n" + "".join(f"{10 * n},{n},{n}\n" for n in range(6)))
+    assert read_curve(tmp_path / "ms.csv").time == pytest.approx(0.01 * np.arange(6))
+
+
+def test_a_column_of_time_that_is_none_is_left_out_with_a_note(tmp_path):
+    (tmp_path / "curve.csv").write_text("time_s,depth_um,force_uN\n" + "".join(f"0,{n},{n}\n" for n in range(6)))
+    known = read_curve(tmp_path / "curve.csv")
+    assert known.time is None and "line 3 is not later than the line before it" in known.notes[0]
+
+
+def test_contact_before_the_first_point_is_found_by_the_rate():
+    time = 100 + np.linspace(0.2, 1.0, 9)
+    motion, own = Motion.measured(time, 0.5 * (time - 100))
+    assert own == pytest.approx(time - 100) and motion.time[0] == 0.0
+    assert motion.ramp.seconds == pytest.approx(1.0, rel=1e-9) and motion.ramp.hold == 0.0
+
+
+def test_the_ramp_of_a_motion_is_that_of_its_hold():
+    time, depth = held(ramp=0.5, hold=10.0)
+    motion, _ = motion_of(indentfit.Test("press", curve="curve.csv"), Curve(depth, depth, time=time))
+    assert motion.ramp.seconds == pytest.approx(0.5, rel=0.05) and motion.ramp.end == pytest.approx(10.5)
+    assert not motion.retracts and not motion.reverses
+
+
+def test_terms_are_placed_between_the_ramp_and_the_hold():
+    time, depth = held(ramp=0.5, hold=50.0)
+    times = case_of(Curve(depth, depth, time=time), {"terms": 2}).relaxation.tau
+    assert [known.min for known in times] == pytest.approx([0.25, 5.0], rel=0.05)
+    assert [known.max for known in times] == pytest.approx([5.0, 100.0], rel=0.05)
+
+
+BACK = np.array([0.1, 0.2, 0.3, 0.3, 0.2, 0.1])
+AGAIN = np.array([0.1, 0.3, 0.1, 0.3, 0.3, 0.3])
+MOMENTS = np.arange(1.0, 7.0)
+NEGATIVE = {"start": 1, "min": -1, "max": 2}
+STEADY = np.linspace(0.05, 0.3, 6)
+
+
+@pytest.mark.parametrize(
+    ("curve", "keys", "words"),
+    [
+        (Curve(STEADY, STEADY), {}, "or a column time_s in the file of the curve"),
+        (Curve(STEADY, STEADY, time=MOMENTS), {"ramp": 1.0}, "the times of the curve tell it"),
+        (Curve(AGAIN, AGAIN, time=MOMENTS), {}, "goes back and ahead again"),
+        (Curve(BACK, BACK, time=MOMENTS), {"end": "wedge"}, "no rule is known here; end the curve at 4 s"),
+        (Curve(BACK, BACK, time=MOMENTS), {"relaxation": {}}, "with which the hold is fitted too"),
+        (Curve(STEADY, STEADY, time=MOMENTS[::-1]), {}, "times must rise"),
+        (Curve(STEADY, STEADY, time=MOMENTS), {"relaxation": {"terms": 2, "g": [0.1], "tau": [1.0]}}, "g is given too"),
+        (Curve(STEADY, STEADY, time=MOMENTS), {"relaxation": {"g": [NEGATIVE], "tau": [1.0]}}, "at least 0"),
+        (Curve(STEADY, STEADY, time=MOMENTS), {"relaxation": {"g": [1.0], "tau": [{"start": 1, "min": 0, "max": 2}]}}, "above 0"),
+        (Curve(STEADY, STEADY, time=MOMENTS), {"relaxation": {"terms": 1, "order": 0.99}}, "an order from 0.05 to 0.95"),
+    ],
+)  # fmt: skip
+def test_what_does_not_agree_is_refused(curve, keys, words):
+    with pytest.raises(CaseError) as error:
+        case_of(curve, **keys)
+    assert words in str(error.value)
+
+
+def test_times_change_nothing_for_an_elastic_material():
+    plain, timed = (case_of(Curve(STEADY, STEADY, time=time), {}) for time in (None, MOMENTS))
+    assert plain.hash == timed.hash and np.array_equal(timed.outputs(timed.tests[0]), STEADY)
