@@ -36,7 +36,7 @@ VENDORS = {  # lines above the numbers, columns, separator
         (T, D - 3.0, 0 * D, F / 9.80665),
         "\t",
     ),
-    "CellScale": (["Time (s),Displacement (um),Force (uN)"], (T, 1e3 * D, 1e3 * F), ","),
+    "CellScale": (["SetName,Cycle,Time_S,Displacement_um,Force_uN"], (1 + 0 * T, 1 + 0 * T, T, 1e3 * D, 1e3 * F), ","),
     "TA.XT": (["Force,Distance,Time", "g,mm,sec"], (F / 9.80665, D, T), ","),
     "Anton Paar Bioindenter": (
         ["Measured values", "Time (s)\tPd (µm)\tFn (µN)\tFnRef (µN)\tSegmentID", ""],

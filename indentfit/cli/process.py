@@ -95,7 +95,12 @@ def command(
     if listed:
         _list(raw, settings)
         return
-    case = None if not as_case else MeanCase.read(base, targets) if manifest else FileCase.of(told)
+    case: MeanCase | FileCase | None = None
+    if as_case and manifest:
+        case = MeanCase.read(base, targets)
+    elif as_case:
+        case = FileCase.of(told)
+        settings = case.reading(settings)
     refuse_existing(output, overwrite)
     result = _processed(raw, manifest, thickness, settings)
     with progress("draw", total=len(result.records)) as step:

@@ -22,15 +22,16 @@ from scipy.stats import t as student
 
 from indentfit.arrays import Array
 from indentfit.errors import RecordError
+from indentfit.experiment.baselines import Doubt, fitted
 from indentfit.experiment.loading import Ramp, filtered
-from indentfit.experiment.piecewise import POWERS, Piecewise, Stretch, fitted, independent, solved, stretch_of
+from indentfit.experiment.piecewise import POWERS, Piecewise, Stretch, independent, solved, stretch_of
 
 CONFIDENCE = 0.95  # a stated uncertainty is half of this interval
 SHORTEST_TRAVEL = 0.01  # of the depth: a record with less of an approach begins in contact
 SAME_SLOPE = 0.35  # of the force before and after the fitted contact point, in a record that begins in contact
 PULL = 6.0  # standard deviations of the noise by which the force falls below the baseline where the sample pulls
 TRIALS = 60  # simulated records that give the uncertainty of the methods `threshold` and `variance_ratio`
-ON_TRUST = 0.3  # share of the change of the force without contact during the loading, where it cannot be seen, that is in doubt
+ON_TRUST = 0.45  # share of the change of the force without contact during the loading, where it cannot be seen, that is in doubt
 SURELY = 3.0  # standard errors from which a drift is one
 SIGMAS = 5.0  # standard deviations of the method `threshold`
 
@@ -114,12 +115,12 @@ def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str | No
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """A ramp with the baseline and polynomial that were fitted to it; rivals: how far ends that fit as well move contact, mm."""
+    """A ramp with the baseline and polynomial that were fitted to it, and what rivals of the fit leave in doubt."""
 
     ramp: Ramp
     stretch: Stretch
     model: Piecewise
-    rivals: float
+    doubt: Doubt
 
     def point(self, method: str) -> ContactPoint:
         """The `ContactPoint` by a method; RecordError where there is no contact."""
@@ -171,8 +172,8 @@ class Approach:
 def fitted_approach(ramp: Ramp, indenter: str | None = "flat") -> Approach:
     """The `Approach` of a ramp under the end of an indenter, one of POWERS, or under that which fits best where it is not known."""
     stretch = stretch_of(ramp)
-    model, rivals = fitted(stretch, (indenter,) if indenter else tuple(POWERS))
-    return Approach(ramp, stretch, model, rivals)
+    model, doubt = fitted(stretch, (indenter,) if indenter else tuple(POWERS))
+    return Approach(ramp, stretch, model, doubt)
 
 
 def places_by_rules(ramp: Ramp) -> dict[str, float]:
@@ -189,11 +190,11 @@ def _point(approach: Approach, method: str) -> ContactPoint:
     index = int(behind[-1]) + 1 if behind.size else 0
     return ContactPoint(
         displacement=float(place),
-        uncertainty=float(np.hypot(uncertainty, approach.rivals)),
+        uncertainty=float(np.hypot(uncertainty, approach.doubt.contact)),
         index=index,
         noise=float(np.std(model.residual)),
         method=method,
-        zero_error=float(np.hypot(_quantile(model) * model.free_error(), ON_TRUST * _changes(model))),
+        zero_error=float(np.linalg.norm([_quantile(model) * model.free_error(), ON_TRUST * _changes(model), approach.doubt.zero])),
         stretch=(float(model.stretch.displacement.min()), float(model.stretch.displacement.max())),
         **_free_force(model),
     )

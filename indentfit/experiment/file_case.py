@@ -7,8 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from indentfit.case import Record
 from indentfit.errors import RecordError
 from indentfit.experiment.outcomes import Usable
+from indentfit.indenters import SHAPES
 
 TABLES = ("sample", "indenter", "material", "mesh", "fit", "solver")
 MOST_TESTS = 12  # of a case: each is a curve of its own
@@ -34,6 +36,25 @@ class FileCase:
             table, _, name = key.strip().partition(".")
             told.setdefault(table, {})[name] = _value(value.strip())
         return cls(told)
+
+    def reading(self, settings: Record) -> Record:
+        """The [record] table with the end of the indenter that is told, and the radius of its sphere, where it has none.
+
+        Parameters
+        ----------
+        settings : Record
+
+        Returns
+        -------
+        Record
+        """
+        indenter = self.told.get("indenter", {})
+        shape = SHAPES.find(str(indenter.get("shape", "")))
+        if shape is None or settings.indenter or settings.radius:
+            return settings
+        radius = indenter.get("radius") if shape.end == "sphere" else None
+        known = {"radius": float(radius)} if isinstance(radius, int | float) and radius > 0 else {}
+        return settings.model_copy(update={"indenter": shape.end, **known})
 
     def tree(self, good: Sequence[Usable], radius: float | None, curves: Mapping[str, str]) -> Tree:
         """The tables of the case.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -12,6 +12,7 @@ from indentfit.arrays import Array
 from indentfit.experiment.contact_point import ContactPoint
 from indentfit.experiment.loading import Ramp, filtered
 from indentfit.experiment.noise import covariance, noise_in
+from indentfit.experiment.piecewise import POWERS, independent, solved
 
 LONGEST = 0.05  # of the duration of the ramp: longer than a period of the rig's ringing
 SHORTEST = 5  # samples
@@ -25,6 +26,9 @@ BY_NOISE = 8.0  # standard deviations within which the largest filtered force ma
 FEWEST = 8  # samples of the fit
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
 SURE = 3.0  # standard errors
+FOLLOWS = 25.0  # excess of squares, in squares of noise, below which the indenter's law follows the end of the loading
+AGREE = 2.0  # standard errors within which the law and the parabola agree
+IN_DOUBT = 0.3  # share of their difference that stays in doubt
 SIGMA_95 = 1.96
 
 
@@ -36,30 +40,32 @@ class Peak:
     stderr: float
 
 
-def peak_of(ramp: Ramp, start: int, force: Array) -> Peak:
+def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None = None) -> Peak:
     """The `Peak` of a loading.
 
     The filter is the shortest after which the force scatters by less than 0.25 % of its peak in the ramp, so that a sharp peak is
-    kept where the record is quiet. Where none is, a parabola is fitted to the end of the loading: the largest of noisy values is
-    too large.
+    kept where the record is quiet. Where none is, a parabola is fitted to the end of the loading, or the law of the indenter to the
+    whole of it where that agrees with the parabola: the largest of noisy values is too large.
 
     Parameters
     ----------
     ramp : Ramp
-    start : int
-        First sample in contact.
+    contact : ContactPoint
     force : array (n,), mN
         The whole record, not filtered, counted from the force's zero.
+    indenter : str or None
+        One of POWERS; None where the end is not known.
 
     Returns
     -------
     Peak
     """
+    start = contact.index
     stop = ramp.stop + round(0.5 * ramp.samples)
     longest = LONGEST * ramp.samples
     smooth = filtered(force[:stop], longest)
     length = float(SHORTEST)
-    fit, record_end = _fitted(ramp, start, force), ramp.record.time.size
+    fit, record_end = _surer(_fitted(ramp, start, force), ramp, contact, force, indenter), ramp.record.time.size
     if longest < CLEARLY_SHORTER * SHORTEST:
         rough = float(np.std((force[:stop] - filtered(force[:stop], CORNER))[ramp.low : ramp.high]))
         if 2 * rough < STEADY * smooth[start:].max():  # hardly any noise, and a corner of few samples that no filter would keep
@@ -100,12 +106,59 @@ def _fitted(ramp: Ramp, start: int, force: Array) -> _End:
     return _End(float(values[0]), float(np.sqrt(max(spread[0, 0], 0.0))), slice(begin, stop), terms @ values)
 
 
+def _surer(end: _End, ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None) -> _End:
+    """The end of a loading by the law of the indenter, fitted to all of the loading, where the parabola does not contradict it."""
+    part = slice(contact.index, end.part.stop)
+    depth = _deepest(ramp, end.part.stop) - contact.displacement
+    beyond = np.maximum(ramp.displacement[part] - contact.displacement, 0.0) / depth
+    law = min((_law(beyond, force[part], POWERS[name]) for name in ([indenter] if indenter else POWERS)), key=_square_of)
+    apart = abs(law.force - end.force)
+    rest = force[end.part] - end.values
+    excess = _square(law.residual[end.part.start - part.start :]) / max(_square(rest), 1e-300) - 1
+    scatter = np.sqrt(max(end.stderr**2 - law.stderr**2, (0.5 * end.stderr) ** 2))
+    if excess * independent(noise_in(rest)) > FOLLOWS or law.stderr > end.stderr:
+        return end
+    if apart > AGREE * scatter:  # by chance, or the law does not hold
+        return replace(end, stderr=float(np.hypot(end.stderr, 0.5 * apart)))
+    return replace(end, force=law.force, stderr=float(np.hypot(law.stderr, IN_DOUBT * apart)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Law:
+    """A law of powers fitted to a loading: the force at the deepest place, mN, its standard error, and the residual (n,), mN."""
+
+    force: float
+    stderr: float
+    residual: Array
+
+
+def _law(beyond: Array, force: Array, powers: tuple[float, ...]) -> _Law:
+    """The law of powers of the depth (n,), 1 at the deepest place."""
+    terms = np.column_stack([beyond**power for power in powers])
+    values = solved(terms, force)
+    residual = force - terms @ values
+    variance = float(covariance(terms, noise_in(residual)).sum())  # of the sum of both values
+    return _Law(float(values.sum()), float(np.sqrt(max(variance, 0.0))), residual)
+
+
+def _square_of(law: _Law) -> float:
+    return _square(law.residual)
+
+
+def _square(values: Array) -> float:
+    return float(values @ values)
+
+
+def _deepest(ramp: Ramp, stop: int) -> float:
+    """The deepest place of the stage about the end of loading, mm."""
+    near = max(3, round(0.5 * ramp.length))
+    smooth = filtered(ramp.record.displacement, max(SHORTEST, ROUNDED * ramp.length))
+    return float(smooth[max(0, stop - near) : ramp.stop + near].max())
+
+
 def _turn(ramp: Ramp, begin: int, stop: int) -> float:
     """Time of the end of loading, s: where the stage, at the velocity that it has before, reaches its deepest place."""
-    record, near = ramp.record, max(3, round(0.5 * ramp.length))
-    deepest = float(
-        filtered(record.displacement, max(SHORTEST, ROUNDED * ramp.length))[max(0, stop - near) : ramp.stop + near].max()
-    )
+    record, near, deepest = ramp.record, max(3, round(0.5 * ramp.length)), _deepest(ramp, stop)
     half = slice((begin + stop) // 2, stop)
     velocity, last = np.polyfit(record.time[half] - record.time[stop - 1], record.displacement[half], 1)
     ahead = (deepest - last) / velocity if velocity > 0 else 0.0

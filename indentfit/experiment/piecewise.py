@@ -2,9 +2,7 @@
 
 The polynomial has the powers of the end of the indenter (`POWERS`). The baseline is constant, with a drift where it is long enough
 to tell drift from contact; where the force before contact shows it, it dies out in time (`decay`) or waves with the travel
-(`waves`), as interference of the laser does in liquid. A stretch up to a share of the largest force is fitted: the longest whose
-contact point agrees with those of the shorter ones, so that a law that the powers do not hold to at depth does not move contact
-(Lepski 1991, Theory Probab Appl 35:454, chooses a bandwidth in this way).
+(`waves`), as interference of the laser does in liquid; `baselines` chooses among them.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from indentfit.arrays import Array
-from indentfit.experiment.loading import Ramp, filtered, noise_of, odd
+from indentfit.experiment.loading import Ramp, noise_of, odd
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (1.5, 2.0)}  # of the displacement beyond contact, for each end
@@ -25,17 +23,6 @@ GRIDDED = 300  # samples of the grid
 BASELINE = 3.0  # length of the baseline that is used, in durations of the ramp
 DRIFTS = 0.25  # durations of the ramp that a baseline lasts whose drift is told from contact
 GRID = 50  # contact points that are tried before the search
-SHARES = (0.5, 0.25)  # of the largest force: the shorter stretches
-AGREE = 3.0  # standard errors within which the contact points of two stretches agree
-MISFIT = 40.0  # excess of squares over those of a fit to the shorter stretch alone, in squares of noise: more than five values take
-FEWEST_BEYOND = 12  # samples beyond contact of a shorter stretch
-SURE = {"drift": 8.0, "decay": 15.0, "waves": 30.0}  # F ratio from which a drift, a decay or waves (of any period) are no noise
-LEAST_WAVE = 0.004  # of the largest force: smaller waves and decays are noise
-PERIODS = 40  # periods of waves that are tried
-LONGEST_WAVE = 1.4  # of the travel before contact
-DECAYS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # time constants that are tried, of the duration of the stretch
-WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may leave to be fitted
-SCREENED = 200  # samples with which baselines are screened
 BLOCKS = (500, 120)  # numbers of block means whose noise is looked at too: slow noise under white noise
 SLIGHT = 0.03  # share of the force of a power that is nearly zero
 RIDGE = 1e-13  # keeps normal equations solvable
@@ -195,119 +182,13 @@ def _step(force: Array) -> float:
     return float(np.quantile(changes, 0.02))
 
 
-def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, float]:
-    """The fit of the end that fits best, and how far those of other ends that fit as well put the contact point, mm."""
-    coarse = stretch.thinned(SEARCHED)
-    bases = {end: _with_baseline(coarse, POWERS[end]) for end in ends}
-    best = min(ends, key=lambda end: _square(bases[end].residual))
-    fit = _chosen(stretch, POWERS[best], bases[best].baseline)
-    if len(ends) < 2:
-        return fit, 0.0
-    return fit, _beyond(fit, coarse, ends, best)
-
-
-def _beyond(fit: Piecewise, coarse: Stretch, ends: tuple[str, ...], best: str) -> float:
-    """How far the ends that the samples do not tell from the best one put the contact point from it, mm."""
-    share = fit.stretch.time.size / coarse.time.size
-    within = coarse.until(min(coarse.time.size, max(20, int(np.searchsorted(coarse.time, fit.stretch.time[-1], "right")))))
-    rivals = {end: fit_of(within, POWERS[end], fit.baseline) for end in ends}
-    least, most = _square(rivals[best].residual), 0.0
-    for end in ends:
-        excess = (_square(rivals[end].residual) / least - 1) * independent(rivals[best].noise)
-        if end != best and excess < AGREE**2 and share > 0:
-            most = max(most, abs(rivals[end].contact - rivals[best].contact))
-    return most
-
-
-def _chosen(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Piecewise:
-    """The fit of the longest stretch whose contact point agrees with those of the shorter ones."""
-    fits = [fit_of(stretch, powers, baseline)]
-    rise = fits[0].residual.size and stretch.force - fits[0].free(stretch.time, stretch.displacement)
-    smooth = filtered(np.asarray(rise), max(5, stretch.length // 2))
-    for share in SHARES:
-        above = np.flatnonzero(smooth >= share * smooth.max())
-        stop = int(above[0]) if above.size else stretch.time.size
-        beyond = np.count_nonzero(stretch.displacement[:stop] > fits[0].contact)
-        if beyond < FEWEST_BEYOND or stop < 30:
-            break
-        fits.append(fit_of(stretch.until(stop), powers, baseline))
-    for n, wide in enumerate(fits):
-        if all(_agree(wide, narrow) for narrow in fits[n + 1 :]):
-            return wide
-    return fits[-1]
-
-
-def _agree(wide: Piecewise, narrow: Piecewise) -> bool:
-    """Whether two fits differ by no more than noise explains: in the contact point, or in the misfit to the shorter stretch."""
-    scatter = np.sqrt(max(narrow.stderr**2 - wide.stderr**2, (0.3 * narrow.stderr) ** 2))
-    within = wide.residual[: narrow.residual.size]
-    excess = (_square(within) / max(_square(narrow.residual), 1e-300) - 1) * independent(narrow.noise)
-    return bool(abs(wide.contact - narrow.contact) <= AGREE * scatter or excess < MISFIT)
-
-
-# The baseline
-
-
-def _with_baseline(stretch: Stretch, powers: tuple[float, ...]) -> Piecewise:
-    """The fit with the simplest baseline that the force before contact holds to."""
-    fit = fit_of(stretch, powers, Baseline("drift" if stretch.drifts else "constant"))
-    if stretch.drifts and stretch.short:
-        still = fit_of(stretch, powers, Baseline("constant"))
-        fit = fit if _ratio(still, fit) > SURE["drift"] else still
-    if not stretch.drifts or not _uneven(fit):
-        return fit
-    span, travel = float(np.ptp(stretch.time)), float(np.ptp(stretch.displacement))
-    decays = [Baseline("decay", span * share) for share in DECAYS]
-    shortest = travel * max(12 / stretch.time.size, 0.03)
-    longest = LONGEST_WAVE * (fit.contact - float(stretch.displacement.min()))
-    waves = [Baseline("waves", period) for period in np.geomspace(min(shortest, longest), longest, PERIODS)]
-    rivals = [fit_of(stretch, powers, rival) for kind in (decays, waves) for rival in _promising(fit, kind)]
-    sure = [rival for rival in rivals if _ratio(fit, rival) > SURE[rival.baseline.kind]]
-    return min(sure, key=lambda rival: _square(rival.residual), default=fit)
-
-
-def _uneven(fit: Piecewise) -> bool:
-    """Whether the force before contact leaves the baseline by more than is worth a look."""
-    before = fit.residual[fit.stretch.displacement < fit.contact]
-    smooth = filtered(before, max(5, before.size // 20)) if before.size > 20 else before[:0]
-    return bool(smooth.size and smooth.std() > LEAST_WAVE * float(np.ptp(fit.stretch.force)))
-
-
-def _promising(fit: Piecewise, rivals: list[Baseline]) -> list[Baseline]:
-    """The two baselines, far from each other, that explain most of the residual while contact moves a little, if it is much."""
-    stretch = fit.stretch.thinned(SCREENED)
-    jacobian = _solution(fit.contact, stretch, fit.powers, fit.baseline)[2]
-    known = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
-    rest = stretch.force - known @ (known.T @ stretch.force)
-    left = np.array([_left(rest, rival.more(stretch.time, stretch.displacement), known) for rival in rivals])
-    best = int(np.argmin(left))
-    far = np.abs(np.arange(len(rivals)) - best) > len(rivals) // 8
-    second = int(np.argmin(np.where(far, left, np.inf)))
-    return [rivals[n] for n in (best, second) if left[n] < WORTH[rivals[n].kind] * _square(rest)]
-
-
-def _left(rest: Array, more: Array, known: Array) -> float:
-    """Sum of squares that more columns (n, .) leave of a residual (n,), which is orthogonal to the known directions (n, .)."""
-    columns = more - known @ (known.T @ more)
-    return _square(rest - columns @ solved(columns, rest))
-
-
-def _ratio(fit: Piecewise, rival: Piecewise) -> float:
-    """F ratio of the smaller sum of squares of a rival, with as many samples as its residual has independent ones."""
-    return (_square(fit.residual) / max(_square(rival.residual), 1e-300) - 1) * independent(rival.noise)
-
-
-def _square(values: Array) -> float:
-    return float(values @ values)
-
-
 # The fit
 
 
 def fit_of(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Piecewise:
     """The fit of least squares: the contact point by search, everything else by a linear solve."""
     place, baseline = _polished(_place(stretch, powers, baseline), stretch, powers, baseline)
-    terms, coefficients, jacobian = _solution(place, stretch, powers, baseline)
+    terms, coefficients, jacobian = solution(place, stretch, powers, baseline)
     residual = stretch.force - terms @ coefficients
     noise = noise_in(residual)
     spread = _spread(jacobian, residual, noise)
@@ -333,7 +214,7 @@ def _spread(jacobian: Array, residual: Array, noise: CorrelatedNoise) -> Array:
     return widest
 
 
-def _solution(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[Array, Array, Array]:
+def solution(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[Array, Array, Array]:
     """Terms (n, .) with the contact point at `place`, coefficients, and the Jacobian, whose last columns are scale and place."""
     terms = _terms(place, stretch, powers, baseline)
     coefficients = _coefficients(terms, stretch.force, len(powers))
@@ -354,7 +235,7 @@ def _polished(place: float, stretch: Stretch, powers: tuple[float, ...], baselin
     """Contact point and baseline after steps of Gauss and Newton for both, where the baseline has a scale."""
     square = _misfit(place, stretch, powers, baseline) if baseline.scale else 0.0
     for _ in range(POLISHING * bool(baseline.scale)):
-        terms, coefficients, jacobian = _solution(place, stretch, powers, baseline)
+        terms, coefficients, jacobian = solution(place, stretch, powers, baseline)
         step = solved(jacobian, stretch.force - terms @ coefficients)[-2:]
         scale = baseline.scale + float(np.clip(step[0], -0.2 * baseline.scale, 0.2 * baseline.scale))
         moved, rival = place + float(step[1]), replace(baseline, scale=scale)

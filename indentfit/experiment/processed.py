@@ -123,7 +123,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     displacement, force = _limited(record, zeroed.displacement[loading], zeroed.force[loading], settings)
     depth = float(displacement.max())
     _require_depth(record, depth, contact)
-    peak = peak_of(ramp, contact.index, zeroed.unfiltered)
+    peak = peak_of(ramp, contact, zeroed.unfiltered, settings.indenter)
     return ProcessedRecord(
         record=record,
         ramp=ramp,

@@ -188,6 +188,14 @@ def drift(rng):
     return _with(record, rng.uniform(-0.2, 0.2) * record.time / np.ptp(record.time) * 2)
 
 
+def slight_drift(rng):
+    """A drift that the noise nearly hides: 0.2 to 3 % of the peak during the loading."""
+    record = drawn(rng, noise=10 ** rng.uniform(-2.5, -1.7))
+    drifted = rng.choice([-1, 1]) * 10 ** rng.uniform(-2.7, -1.5)
+    loading = np.ptp(record.time) * record.depth / np.ptp(record.displacement)
+    return _with(record, drifted * record.time / loading)
+
+
 def slope(rng):
     """A baseline that slopes with the travel, as interference or viscous drag give it."""
     record = drawn(rng, travel=rng.uniform(0.5, 2))
@@ -334,7 +342,7 @@ KINDS: dict[str, Callable] = {
     kind.__name__: kind
     for kind in (
         approach, end_not_known, short_approach, in_contact, hold, rest_first, two_speeds, retract, retract_chosen, reversed_rows,
-        preload, stages, cycles, drift, slope, curved_drift, wavy, small_waves, slow_noise, ringing, adhesion, uneven,
+        preload, stages, cycles, drift, slight_drift, slope, curved_drift, wavy, small_waves, slow_noise, ringing, adhesion, uneven,
         coarse_approach, doubled_times, blocks, clipped, clipped_hold, clipped_travel, noisy_travel, steps,
     )
 }  # fmt: skip

@@ -202,8 +202,9 @@ def _travel(source: _Source) -> _Travel:
 
 def _displacement(source: _Source, travel: _Travel, force: Array) -> _Taken:
     """The displacement of the indenter into the sample: its travel less what the instrument gives way."""
-    values, bent = _unbent(source, travel, force)
-    return _Taken(values, travel.words + bent, tuple(_travel_notes(source, travel)))
+    stiffness = _stiffness(source, travel)
+    values, bent = _unbent(source, travel, force, stiffness)
+    return _Taken(values, travel.words + bent, () if stiffness else tuple(_travel_notes(source, travel)))
 
 
 def _require_apart(source: _Source, place: int) -> None:
@@ -220,12 +221,19 @@ def _facing(source: _Source, place: int) -> RecordChannel:
     return channel
 
 
-def _unbent(source: _Source, travel: _Travel, force: Array) -> tuple[Array, str]:
+def _stiffness(source: _Source, travel: _Travel) -> float | None:
+    """Stiffness, mN/mm, of the cantilever or load cell that is subtracted: that of the settings, or of the file for a travel."""
+    if travel.minus is not None:
+        return None
+    if source.settings.stiffness is None and source.settings.compliance is None and _is_travel(source, travel.place):
+        return source.stated.stiffness
+    return source.settings.stiffness
+
+
+def _unbent(source: _Source, travel: _Travel, force: Array, stiffness: float | None) -> tuple[Array, str]:
     """The travel less what cantilever, load cell and frame give way, and that in words."""
-    settings, stiffness, words, values = source.settings, source.settings.stiffness, "", travel.values
-    if stiffness is None and settings.compliance is None and travel.minus is None and _is_travel(source, travel.place):
-        stiffness = source.stated.stiffness
-    if stiffness is not None and travel.minus is None:
+    settings, words, values = source.settings, "", travel.values
+    if stiffness is not None:
         values, words = values - force / stiffness, f" minus force / {stiffness:.4g} mN/mm"
     if settings.compliance is not None:
         values, words = values - force * settings.compliance, f"{words} minus force * {settings.compliance:.4g} mm/mN"
@@ -243,7 +251,7 @@ def _travel_notes(source: _Source, travel: _Travel) -> Iterator[str]:
     place, deflection = travel.place, deflection_column(source.table)
     own = [rank[0] for label in source.table.labels(place) if (rank := rank_of(label, "displacement"))]
     indentation = bool(own) and min(own) == 0
-    if deflection is not None and travel.minus is None and not indentation and not source.settings.stiffness:
+    if deflection is not None and travel.minus is None and not indentation:
         yield (
             f"the file has a column {source.label(deflection)!r} that is not subtracted from {source.label(place)!r}: the travel "
             "is more than the indentation; give record.displacement.minus"

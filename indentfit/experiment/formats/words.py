@@ -35,6 +35,7 @@ FORCES = ("pN", "nN", "uN", "mN", "cN", "N", "kN", "gf", "kgf", "lbf", "ozf")
 TIMES = ("us", "ms", "s", "min", "h")
 ELECTRIC = ("V", "mV")
 UNITS = (*LENGTHS, *FORCES, *TIMES, *ELECTRIC)
+CAPITALS = ("um", "mm", "cm", "s")  # that some programs write in capitals, and that are no other unit then
 KIND = {unit: kind for kind, units in (("displacement", LENGTHS), ("force", FORCES), ("time", TIMES)) for unit in units}
 ALIASES = {
     "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s",
@@ -51,6 +52,8 @@ def unit_in(text: str) -> str | None:
     """The unit that a text is, in one spelling; None where it is none."""
     text = text.strip().replace("µ", "u").replace("μ", "u")
     text = text if text in UNITS else ALIASES.get(text, ALIASES.get(text.casefold(), text))
+    if text.casefold() in CAPITALS:
+        return text.casefold()
     return text if text in UNITS else None
 
 

@@ -1,0 +1,220 @@
+"""Which baseline and which stretch of a record the contact point is fitted with, and what rivals of that fit leave in doubt.
+
+The simplest baseline that the force before contact holds to is taken. A stretch up to a share of the largest force is fitted: the
+longest whose contact point agrees with those of the shorter ones, so that a law that the powers do not hold to at depth does not
+move contact (Lepski 1991, Theory Probab Appl 35:454, chooses a bandwidth in this way).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.experiment.loading import filtered
+from indentfit.experiment.piecewise import POWERS, SEARCHED, Baseline, Piecewise, Stretch, fit_of, independent, solution, solved
+
+SHARES = (0.5, 0.25)  # of the largest force: the shorter stretches
+AGREE = 3.0  # standard errors within which the contact points of two stretches agree
+MISFIT = 40.0  # excess of squares over those of a fit to the shorter stretch alone, in squares of noise: more than five values take
+FEWEST_BEYOND = 12  # samples beyond contact of a shorter stretch
+SURE = {
+    "drift": 8.0,
+    "decay": 15.0,
+    "waves": 30.0,
+    "toe": 300.0,
+}  # F ratio from which drift, decay or waves are no noise; or no toe
+LEAST_WAVE = 0.004  # of the largest force: smaller waves and decays are noise
+PERIODS = 40  # periods of waves that are tried
+HIDDEN = 0.15  # of the samples up to half of the force, before contact: fewer may be none
+SHORTEST_WAVE = 0.15  # of the travel up to half of the force, where contact is hidden
+FEW_PERIODS = 10
+LONGEST_WAVE = 1.4  # of the travel before contact
+DECAYS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # time constants that are tried, of the duration of the stretch
+WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may leave to be fitted
+SCREENED = 200  # samples with which baselines are screened
+DYING = 0.35  # of the duration of the stretch: the time constant from which that of a drift is sought that dies out
+UNSEEN = 0.15  # probability, at least, of a drift that the force does not show
+TELLING = 0.3  # of the depth: the travel before contact that tells a drift
+CERTAIN = 1.96  # standard deviations in half of a 95 % interval
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """How far rivals that fit as well, or nearly, put the contact point, mm, and the zero at the end of loading, mN, from a fit."""
+
+    contact: float = 0.0
+    zero: float = 0.0
+
+
+def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
+    """The fit of the end that fits best, and the `Doubt` because of other ends, waves and drifts that fit as well."""
+    coarse = stretch.thinned(SEARCHED)
+    bases = {end: _with_baseline(coarse, POWERS[end]) for end in ends}
+    best = min(ends, key=lambda end: _square(bases[end][0].residual))
+    base, doubt = bases[best]
+    fit = _chosen(stretch, POWERS[best], base.baseline)
+    if len(ends) < 2:
+        return fit, doubt
+    return fit, replace(doubt, contact=max(doubt.contact, _beyond(fit, coarse, ends, best)))
+
+
+def _beyond(fit: Piecewise, coarse: Stretch, ends: tuple[str, ...], best: str) -> float:
+    """How far the ends that the samples do not tell from the best one put the contact point from it, mm."""
+    share = fit.stretch.time.size / coarse.time.size
+    within = coarse.until(min(coarse.time.size, max(20, int(np.searchsorted(coarse.time, fit.stretch.time[-1], "right")))))
+    rivals = {end: fit_of(within, POWERS[end], fit.baseline) for end in ends}
+    least, most = _square(rivals[best].residual), 0.0
+    for end in ends:
+        excess = (_square(rivals[end].residual) / least - 1) * independent(rivals[best].noise)
+        if end != best and excess < AGREE**2 and share > 0:
+            most = max(most, abs(rivals[end].contact - rivals[best].contact))
+    return most
+
+
+def _chosen(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Piecewise:
+    """The fit of the longest stretch whose contact point agrees with those of the shorter ones."""
+    fits = [fit_of(stretch, powers, baseline)]
+    rise = fits[0].residual.size and stretch.force - fits[0].free(stretch.time, stretch.displacement)
+    smooth = filtered(np.asarray(rise), max(5, stretch.length // 2))
+    for share in SHARES:
+        above = np.flatnonzero(smooth >= share * smooth.max())
+        stop = int(above[0]) if above.size else stretch.time.size
+        beyond = np.count_nonzero(stretch.displacement[:stop] > fits[0].contact)
+        if beyond < FEWEST_BEYOND or stop < 30:
+            break
+        fits.append(fit_of(stretch.until(stop), powers, baseline))
+    for n, wide in enumerate(fits):
+        if all(_agree(wide, narrow) for narrow in fits[n + 1 :]):
+            return wide
+    return fits[-1]
+
+
+def _agree(wide: Piecewise, narrow: Piecewise) -> bool:
+    """Whether two fits differ by no more than noise explains: in the contact point, or in the misfit to the shorter stretch."""
+    scatter = np.sqrt(max(narrow.stderr**2 - wide.stderr**2, (0.3 * narrow.stderr) ** 2))
+    within = wide.residual[: narrow.residual.size]
+    excess = (_square(within) / max(_square(narrow.residual), 1e-300) - 1) * independent(narrow.noise)
+    return bool(abs(wide.contact - narrow.contact) <= AGREE * scatter or excess < MISFIT)
+
+
+def _with_baseline(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, Doubt]:
+    """The fit with the simplest baseline that the force before contact holds to, and what stays in doubt.
+
+    Long waves that may be a toe of the contact are not fitted: they put contact in doubt.
+    """
+    fit, doubt = _straight(stretch, powers)
+    dying, doubt = _bent(fit) if fit.baseline.kind == "drift" else (fit, doubt)
+    hidden = stretch.drifts and _is_hidden(fit)
+    if not stretch.drifts or not (hidden or _uneven(fit)):
+        return dying, doubt
+    if fit.baseline.kind == "constant" and not stretch.short:
+        fit = fit_of(stretch, powers, Baseline("drift"))
+    rivals = [fit_of(stretch, powers, rival) for rival in (_waves(stretch) if hidden else _rivals(fit))]
+    sure = [rival for rival in rivals if _ratio(fit, rival) > SURE[rival.baseline.kind]]
+    best = min(sure, key=lambda rival: _square(rival.residual), default=dying)
+    if best is dying:
+        return dying, doubt
+    if _may_be_a_toe(fit, best):
+        return fit, replace(doubt, contact=max(doubt.contact, abs(best.contact - fit.contact)))
+    return best, Doubt()
+
+
+def _is_hidden(fit: Piecewise) -> bool:
+    """Whether hardly a sample lies before the fitted contact point of a record with an approach: waves may be taken for contact."""
+    before = np.count_nonzero(fit.stretch.displacement < fit.contact)
+    return bool(before < HIDDEN * fit.stretch.half)
+
+
+def _waves(stretch: Stretch) -> list[Baseline]:
+    """Waves of the periods that the approach may show."""
+    travel = float(stretch.displacement[stretch.half] - stretch.displacement.min())
+    return [Baseline("waves", period) for period in np.geomspace(SHORTEST_WAVE * travel, travel, FEW_PERIODS)]
+
+
+def _rivals(fit: Piecewise) -> list[Baseline]:
+    """Decays and waves that promise to explain the residual of a fit."""
+    stretch = fit.stretch
+    span, travel = float(np.ptp(stretch.time)), float(np.ptp(stretch.displacement))
+    decays = [Baseline("decay", span * share) for share in DECAYS]
+    shortest = travel * max(12 / stretch.time.size, 0.03)
+    longest = LONGEST_WAVE * (fit.contact - float(stretch.displacement.min()))
+    waves = [Baseline("waves", period) for period in np.geomspace(min(shortest, longest), longest, PERIODS)]
+    return [rival for kind in (decays, waves) for rival in _promising(fit, kind)]
+
+
+def _may_be_a_toe(fit: Piecewise, best: Piecewise) -> bool:
+    """Whether waves are longer than the travel before contact tells, and do not leave noise alone."""
+    seen = best.contact - float(fit.stretch.displacement.min())
+    return best.baseline.kind == "waves" and best.baseline.scale > LONGEST_WAVE * seen and _ratio(fit, best) < SURE["toe"]
+
+
+def _straight(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, Doubt]:
+    """The fit with a drift where the force shows one, else with a constant baseline and the doubt because of an unseen drift.
+
+    The doubt is the spread of both fits under the weights of Schwarz's criterion, that of a drift no less than UNSEEN.
+    """
+    still = fit_of(stretch, powers, Baseline("constant"))
+    if not stretch.drifts:
+        return still, Doubt()
+    fit = fit_of(stretch, powers, Baseline("drift"))
+    ratio = _ratio(still, fit)
+    if ratio > SURE["drift"]:
+        return fit, Doubt()
+    first, deepest = float(stretch.displacement.min()), float(stretch.displacement.max())
+    if still.contact - first < TELLING * (deepest - still.contact):
+        return still, Doubt()
+    share = max(1 / (1 + np.sqrt(independent(fit.noise)) * np.exp(-ratio / 2)), UNSEEN)
+    last = (stretch.time[-1:], stretch.displacement[-1:])
+    apart = float(fit.free(*last)[0] - still.free(*last)[0])
+    reach = float(np.sqrt(share)) * CERTAIN
+    return still, Doubt(reach * abs(fit.contact - still.contact), reach * float(np.hypot(apart, fit.free_error())))
+
+
+def _bent(fit: Piecewise) -> tuple[Piecewise, Doubt]:
+    """The fit with a drift that dies out in place of a straight one, where the force shows it; else how far it would move both."""
+    stretch = fit.stretch
+    bent = fit_of(stretch, fit.powers, Baseline("decay", DYING * float(np.ptp(stretch.time))))
+    ratio = _ratio(fit, bent)
+    if ratio > SURE["decay"]:
+        return bent, Doubt()
+    if ratio < -AGREE:
+        return fit, Doubt()
+    last = (stretch.time[-1:], stretch.displacement[-1:])
+    return fit, Doubt(abs(bent.contact - fit.contact), abs(float(bent.free(*last)[0] - fit.free(*last)[0])))
+
+
+def _uneven(fit: Piecewise) -> bool:
+    """Whether the force before contact leaves the baseline by more than is worth a look."""
+    before = fit.residual[fit.stretch.displacement < fit.contact]
+    smooth = filtered(before, max(5, before.size // 20)) if before.size > 20 else before[:0]
+    return bool(smooth.size and smooth.std() > LEAST_WAVE * float(np.ptp(fit.stretch.force)))
+
+
+def _promising(fit: Piecewise, rivals: list[Baseline]) -> list[Baseline]:
+    """The two baselines, far from each other, that explain most of the residual while contact moves a little, if it is much."""
+    stretch = fit.stretch.thinned(SCREENED)
+    jacobian = solution(fit.contact, stretch, fit.powers, fit.baseline)[2]
+    known = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
+    rest = stretch.force - known @ (known.T @ stretch.force)
+    left = np.array([_left(rest, rival.more(stretch.time, stretch.displacement), known) for rival in rivals])
+    best = int(np.argmin(left))
+    far = np.abs(np.arange(len(rivals)) - best) > len(rivals) // 8
+    second = int(np.argmin(np.where(far, left, np.inf)))
+    return [rivals[n] for n in (best, second) if left[n] < WORTH[rivals[n].kind] * _square(rest)]
+
+
+def _left(rest: Array, more: Array, known: Array) -> float:
+    """Sum of squares that more columns (n, .) leave of a residual (n,), which is orthogonal to the known directions (n, .)."""
+    columns = more - known @ (known.T @ more)
+    return _square(rest - columns @ solved(columns, rest))
+
+
+def _ratio(fit: Piecewise, rival: Piecewise) -> float:
+    """F ratio of the smaller sum of squares of a rival, with as many samples as its residual has independent ones."""
+    return (_square(fit.residual) / max(_square(rival.residual), 1e-300) - 1) * independent(rival.noise)
+
+
+def _square(values: Array) -> float:
+    return float(values @ values)
