@@ -155,6 +155,22 @@ def test_fields_are_those_of_a_quarter_and_balance_the_force():
     assert fields.nodal_stress[near, 1] == pytest.approx(-fields.contact_pressure[near], rel=0.2)
 
 
+def test_the_mesh_round_a_sharp_edge_fills_the_plane_and_sweeps_the_sample():
+    """Rings of quadrilaterals about the corner, in a block of the graded rest: no gap, no overlap, none turned over."""
+    punch = {"shape": "cylinder", "diameter": 1.0, "friction": "stick"}
+    for error in (0.003, 0.01, 0.05):
+        mesh = meridian_mesh(Sample(**DISC), Indenter(**punch), Mesh(error=error), 0.1)
+        assert count_meridian(Sample(**DISC), Indenter(**punch), Mesh(error=error), 0.1) == mesh.nelements
+        assert Meridian(mesh).volume.sum() == pytest.approx(np.pi * 36, rel=1e-12)
+        inside = mesh.facets.shape[1] - mesh.boundary_facets().size
+        assert 2 * inside + mesh.boundary_facets().size == 4 * mesh.nelements
+        assert mesh.p[0, mesh.facets[:, mesh.boundaries["footprint"]]].max() == 0.5
+    result = pressed({**DISC, "diameter": 3.0}, punch, [0.01, 0.02], error=0.05)
+    solid = Solid(_mesh_of(recover(result.model, result, GEL, 1000.0)))
+    assert solid.volume.min() > 0
+    assert solid.volume.sum() == pytest.approx(np.pi * 1.5**2 / 4, rel=0.01)
+
+
 def _mesh_of(fields):
     from skfem import MeshHex
 

@@ -56,14 +56,17 @@ def test_a_sharp_edge_that_slides_at_large_strain_states_its_own_error_and_the_r
 
 
 @pytest.mark.skipif(not (SHARED / "oracles").is_dir(), reason="../shared/oracles is not here")
-def test_the_band_of_a_sharp_edge_that_sticks_holds_another_code_s_force():
+def test_a_sharp_edge_that_sticks_meets_another_code_within_one_percent_and_its_band_holds_that():
     oracle = json.loads((SHARED / "oracles" / "axi_punch_a0.5_stick_bonded.json").read_text())
-    depths, right = (np.array(oracle[key][:5]) for key in ("displacement_mm", "force_mN"))
+    depths, right, own = (np.array(oracle[key]) for key in ("displacement_mm", "force_mN", "error_percent_each"))
     sample = Sample(shape="disc", diameter=12.0, thickness=1.0, base="bonded")
     punch = Indenter(shape="cylinder", diameter=1.0, friction="stick")
     setup, presses = Setup(sample, punch, Mesh(), Solver(), depths[-1], "axisymmetric"), [Press(GEL, 1000.0, 0, depths)]
     test = with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
-    assert (np.abs(test.force - right) <= test.mesh_error.band + 1e-3 * right).all()
+    error, own = np.abs(test.force / right - 1), own / 100
+    assert test.facts.tries == 1 and not test.mesh_error.remark
+    assert (error <= 0.01 + own).all()
+    assert (error <= test.mesh_error.band / right + own).all()
 
 
 def test_an_incompressible_gel_is_solved_and_meets_the_exact_layer():
@@ -158,7 +161,7 @@ def test_a_force_of_a_second_try_on_a_coarser_mesh_is_judged_by_a_mesh_that_is_c
 
     monkeypatch.setattr(Model, "_run", fails_on_the_first_mesh)
     punch = {"shape": "cylinder", "diameter": 1.0, "friction": 0}
-    test = stated(punch, "sliding", [depth / 2, depth], 0.45, elements=80)
+    test = stated(punch, "sliding", [depth / 2, depth], 0.45, elements=200)
     assert test.facts.tries == 2 and test.facts.elements <= 0.6 * numbers[0]
     assert test.mesh_error.elements < 0.75 * test.facts.elements
     assert abs(test.force[-1] - exact) <= test.mesh_error.band[-1] + 1e-3 * exact

@@ -13,8 +13,8 @@ from indentfit.arrays import Array, Ints
 MIDDLE = 0.3
 
 
-def merge(patches: Sequence[Array]) -> MeshQuad:
-    """One MeshQuad of (x, z) from patches (2, m, n); points closer than 1e-6 of the mesh's extent are merged."""
+def merge(patches: Sequence[Array], same: float = 1e-6) -> MeshQuad:
+    """One MeshQuad of (x, z) from patches (2, m, n); points closer than `same` times the mesh's extent are merged."""
     points, cells, offset = [], [], 0
     for patch in patches:
         m, n = patch.shape[1:]
@@ -24,7 +24,7 @@ def merge(patches: Sequence[Array]) -> MeshQuad:
         cells.append(cell)
         offset += m * n
     p, t = np.hstack(points), np.hstack(cells)
-    keys = np.round(p / (1e-6 * np.abs(p).max())).astype(np.int64)
+    keys = np.round(p / (same * np.abs(p).max())).astype(np.int64)
     _, first, inverse = np.unique(keys, axis=1, return_index=True, return_inverse=True)
     t = inverse.reshape(-1)[t]
     p = p[:, first]

@@ -2,8 +2,9 @@
 
 Under an indenter whose contact grows, the contact's end passes every radius up to that at the largest depth: elements are there a
 CONTACT-th of that radius wide, so that the force is right along the whole path, and grow away from it. At the sharp edge of a flat
-punch the stress is singular: elements grow from EDGE times the punch's radius (or the thickness, where that is less). The constants
-were chosen by comparison with exact elastic layers and with another code's large strains (tests/test_axisymmetric.py).
+punch the stress is singular: elements lie in rings about the corner (`corner`), the innermost of EDGE times the punch's radius (or
+the thickness, where that is less). The constants were chosen by comparison with exact elastic layers and with another code's large
+strains (tests/test_axisymmetric.py).
 
 All widths are in proportion to the mesh's scale. SCALE is that of the usual error of the force, 1 %, and keeps 0.3 % on most exact
 elastic layers; the scale falls with the wanted error as its power SHRINK (measured by tests/campaigns/mesh_error.py).
@@ -18,7 +19,9 @@ from skfem import MeshQuad
 
 from indentfit.arrays import Array
 from indentfit.case.tables import USUAL_MESH_ERROR, Indenter, Mesh, Sample
-from indentfit.indenters import IndenterShape
+from indentfit.fem.bricks import merge
+from indentfit.fem.corner import Corner
+from indentfit.indenters import IndenterShape, has_sharp_edge
 
 SCALE, SHRINK = 1.0, 0.6
 CONTACT = 8.0  # elements along the contact's radius at the largest depth
@@ -26,8 +29,15 @@ BEYOND = 1.2  # of that radius, which elements of this width reach to: the sampl
 EDGE = 0.02  # width at a sharp edge, of the punch's radius or of the thickness, the less
 ROUND = 4.0  # elements along a rounded edge
 SLOPE = 0.5  # growth of the widths with the distance
-DEPTHS = 12.0  # under a sharp edge, narrower elements than the depth over DEPTHS fold up
+DIVISIONS = 2.0  # elements along half of a side of the rings about a sharp edge; in proportion to the root of 1 / scale
+# Narrower elements than the depth over DEPTHS fold up at a sharp edge: where the sample slips under it, and where it sticks.
+DEPTHS = {"free": 12.0, "stick": 48.0}
 FAR = 0.4  # largest width, of the thickness; in the radial direction far from the contact, of the radius
+COARSEST, COARSEST_SHARP = (
+    50.0,
+    10.0,
+)  # largest scales that are tried for few elements; under a sharp edge wider ones change nothing
+SAME = 1e-9  # distance of points that are the same, of the mesh's extent
 FINEST = 1e-6  # place nearest to an end, and least width, of a line's length
 
 
@@ -39,10 +49,11 @@ class _Task:
     thickness: float
     shape: IndenterShape
     depth: float
+    sticks: bool
 
     @classmethod
     def of(cls, sample: Sample, indenter: Indenter, depth: float) -> "_Task":
-        return cls(sample.geometry.outline.reach, sample.thickness, indenter.geometry, depth)
+        return cls(sample.geometry.outline.reach, sample.thickness, indenter.geometry, depth, indenter.friction == "stick")
 
     @property
     def contact(self) -> float:
@@ -65,8 +76,7 @@ def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) 
         Points (r, y), mm, with the boundaries top, base, axis and footprint (the edges of the top that may touch).
     """
     task = _Task.of(sample, indenter, depth)
-    radii, heights = _lines(task, _scale(task, mesh))
-    plane, top = MeshQuad.init_tensor(radii, heights), task.thickness * (1 - 1e-9)
+    plane, top = _plane(task, _scale(task, mesh)), task.thickness * (1 - 1e-9)
     return plane.with_boundaries(
         {
             "top": lambda x: x[1] > top,
@@ -100,7 +110,7 @@ def _scale(task: _Task, mesh: Mesh) -> float:
 @functools.lru_cache(maxsize=256)
 def _scale_for(task: _Task, elements: int) -> float:
     """The scale whose mesh has the number of elements nearest to the one that is asked for, by bisection."""
-    low, high = np.log(1e-2), np.log(50.0)
+    low, high = np.log(1e-2), np.log(COARSEST_SHARP if has_sharp_edge(task.shape) else COARSEST)
     for _ in range(40):
         middle = (low + high) / 2
         low, high = (middle, high) if _count(task, float(np.exp(middle))) > elements else (low, middle)
@@ -108,24 +118,49 @@ def _scale_for(task: _Task, elements: int) -> float:
 
 
 def _count(task: _Task, scale: float) -> int:
+    if has_sharp_edge(task.shape):
+        return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in _corner(task, scale))
     radii, heights = _lines(task, scale)
     return (radii.size - 1) * (heights.size - 1)
 
 
+def _plane(task: _Task, scale: float) -> MeshQuad:
+    if has_sharp_edge(task.shape):
+        return merge(_corner(task, scale), SAME)
+    return MeshQuad.init_tensor(*_lines(task, scale))
+
+
 def _finest(task: _Task) -> float:
     """Width at the contact's end of the mesh of scale 1, mm."""
-    if task.shape.edge_radius == 0:
+    if has_sharp_edge(task.shape):
         return EDGE * min(task.contact, task.thickness)
     finest = task.contact / CONTACT
     return min(finest, task.shape.edge_radius / ROUND) if task.shape.edge_radius else finest
 
 
+def _corner(task: _Task, scale: float) -> list[Array]:
+    """Patches of the mesh under a sharp edge. A coarser mesh is coarser at the edge too where elements may not be narrower."""
+    folds = max(scale, 1.0) * task.depth / DEPTHS["stick" if task.sticks else "free"]
+    width, divisions = max(scale * _finest(task), folds), max(1, round(DIVISIONS * scale**-0.5))
+    corner = Corner(task.contact, task.radius, task.thickness, width, divisions)
+    far_r, far_y = _far(task, scale)
+    return corner.patches(functools.partial(_grown, far_r), functools.partial(_grown, far_y))
+
+
+def _grown(far: float, width: float, end: float) -> Array:
+    """Distances from 0 to an end with a spacing that grows from a width to the width far away."""
+    return _spaced(0, end, lambda distance: np.minimum(width + SLOPE * distance, far))
+
+
+def _far(task: _Task, scale: float) -> tuple[float, float]:
+    """Largest widths along the radius and along the height, mm."""
+    return scale * FAR * max(task.thickness, task.contact), scale * FAR * task.thickness
+
+
 def _lines(task: _Task, scale: float) -> tuple[Array, Array]:
-    """Radii and heights of the mesh lines, mm; a line is on the circle of a flat punch."""
+    """Radii and heights of the mesh lines, mm; a line is on the circle of a flat punch with a rounded edge."""
     a, R, h, edge = task.contact, task.radius, task.thickness, scale * _finest(task)
-    if task.shape.edge_radius == 0:
-        edge = max(edge, task.depth / DEPTHS)
-    far_r, far_y = scale * max(FAR * h, FAR * a), scale * FAR * h
+    far_r, far_y = _far(task, scale)
     if task.shape.edge_radius is None:
         radii = _spaced(0, R, lambda r: np.minimum(edge + SLOPE * np.maximum(r - BEYOND * a, 0), far_r))
     else:

@@ -45,6 +45,7 @@ NEAR = 0.25  # difference from the number of elements that a case asks for, that
 # the contact passes many points in each element. Soft ones let a point sink in by more than the face's bend within an element, and
 # the iteration then finds no end of the contact. Under a contact of less than SMALL thicknesses they are stiffer in proportion.
 EDGE_NORMAL, EDGE_TANGENTIAL, SMALL = 3e3, 3e2, 0.1
+TIED = 3e6  # springs at the points of a sharp edge that sticks: the points are tied, and elements at the corner may be tiny
 GROWING = 5.0  # springs of bricks under a sphere, cone or wedge, in units of NORMAL and TANGENTIAL: soft ones fail at depth
 # Steps to the last depth where a contact grows with friction in the meridian plane: a point that comes to touch within a step rubs
 # from the step's start on, so that the force of a wide sphere (10 thicknesses, f = 1) is 1.5 % too large with the usual 8 steps.
@@ -293,6 +294,8 @@ class Model:
         sharp = has_sharp_edge(shape)
         modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
         stiffness = self.setup.solver.penalty * modulus / self.setup.sample.thickness
+        if self.body.copies == 1 and self.contact.tied.any():
+            return Springs(TIED * stiffness / SHARP, TIED * stiffness / SHARP)
         if self.body.copies == 1 and not sharp:
             contact = shape.partition(self.setup.depth).half_width
             stiffness *= max(1.0, SMALL * self.setup.sample.thickness / contact)
