@@ -6,14 +6,20 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import indentfit
+from indentfit.case import Record
 from indentfit.case.in_time import motion_of
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.errors import CaseError
+from indentfit.experiment.in_time import curve_in_time
+from indentfit.experiment.processed import process_record
+from indentfit.experiment.record import RawRecord
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, prony
 from indentfit.inference.certainty import holds
 from indentfit.inference.estimate import estimate
+from indentfit.inference.result import ParameterEstimate
+from indentfit.inference.seen import seen_sentences, unseen, with_seen
 from indentfit.inverse.derivatives import curve_derivatives
 from indentfit.inverse.problem import inverse_problem
 from indentfit.inverse.surrogate import learn
@@ -266,3 +272,60 @@ def test_what_does_not_agree_is_refused(curve, keys, words):
 def test_times_change_nothing_for_an_elastic_material():
     plain, timed = (case_of(Curve(STEADY, STEADY, time=time), {}) for time in (None, MOMENTS))
     assert plain.hash == timed.hash and np.array_equal(timed.outputs(timed.tests[0]), STEADY)
+
+
+def test_a_record_without_a_hold_cannot_see_a_slow_time():
+    time = np.linspace(0.02, 0.5, 25)
+    case = case_of(Curve(0.6 * time, time, time=time))
+    said = unseen(case, {"tau1": 0.1, "tau2": 4.0})
+    assert "tau1" in said and "shorter than the ramp of 0.5 s" in said["tau1"] and "a ramp of 0.033 s would show it" in said["tau1"]
+    assert "the ramp of 0.5 s, which no hold follows" in said["tau2"] and "a hold of 12 s would show it" in said["tau2"]
+    values = {"g1": 0.8, "g2": 0.5, "tau1": 0.1, "tau2": 4.0}
+    left = [*seen_sentences(case, values)][-1]  # 0.8 0.1 / 0.5 (1 - exp(-5)) + 0.5 4 / 0.5 (1 - exp(-1 / 8)) = 0.629
+    assert "the force is still 63% above its long-term value" in left
+
+
+def test_a_record_with_a_long_hold_sees_its_times():
+    time, depth = held(ramp=0.05, hold=50.0)
+    case = case_of(Curve(depth, depth, time=time))
+    assert unseen(case, {"tau1": 0.5, "tau2": 5.0}) == {}
+    assert [*seen_sentences(case, TRUTH)] == []
+
+
+def test_verdicts_name_a_time_that_is_not_seen():
+    time, depth = held(ramp=0.5, hold=10.0)
+    case = case_of(Curve(depth, depth, time=time))
+    weak = ParameterEstimate(15.0, "s", verdict="weakly determined: 12 to 18; limited by the noise", limited_by="noise")
+    clear = ParameterEstimate(0.3, "s", verdict="determined (+-5 %); limited by the noise", limited_by="noise")
+    known = with_seen(case, {"tau1": clear, "tau2": weak}, {"tau1": 0.3, "tau2": 15.0})
+    assert known["tau2"].verdict.startswith("not determined: 15 s is longer than the hold of 10 s")
+    assert known["tau1"].verdict.startswith("determined (+-5 %); limited by the noise; 0.3 s is shorter than the ramp")
+
+
+def test_the_ratio_of_the_moduli_has_an_interval(fitted):
+    known = fitted.moduli["Ginf_G0"]
+    shares = sum(fitted.parameters[name].value for name in ("g1", "g2"))
+    assert known.value == pytest.approx(1 / (1 + shares))
+    assert known.interval[0] < 1 / 2.3 < known.interval[1] and known.interval[1] - known.interval[0] < 0.05
+
+
+def record(hold=8.0):
+    """A record of a rig: a baseline, a ramp to 0.3 mm at 0.5 mm/s, a hold, and a retraction."""
+    time = np.arange(0, 2.2 + hold, 1e-3)
+    travel = np.interp(time, [0, 1.6, 1.6 + hold, 2.2 + hold], [-0.5, 0.3, 0.3, 0.0])
+    motion = Motion(np.array([0, 0.6, 0.6 + hold, 1.2 + hold]), np.array([0, 0.3, 0.3, 0.0]))
+    touching = time > 1.0
+    known = TimeMap.of(motion, time[touching] - 1.0, lambda d: on_grid(d / 0.3), True)
+    force = 0.01 * np.random.default_rng(0).standard_normal(time.size)
+    force[touching] += known.forces(50 * (0.3 * GRID[1:]) ** 1.5, SERIES)
+    return RawRecord(time, travel + 3.0, force, "record")
+
+
+def test_a_record_becomes_a_curve_of_its_ramp_and_its_hold():
+    curve = curve_in_time(process_record(record()), Record())
+    since = curve.time - 1.0
+    assert since[0] > 0 and since[-1] == pytest.approx(8.6, abs=0.4)
+    assert curve.displacement == pytest.approx(np.interp(since, [0, 0.6], [0, 0.3]), abs=0.012)
+    assert "with a motion that is left out" in curve.notes[0]
+    exact = TimeMap.of(Motion.ramped(Ramp(0.3, 0.6, 8.0)), since, lambda d: on_grid(d / 0.3), True)
+    assert curve.force == pytest.approx(exact.forces(50 * (0.3 * GRID[1:]) ** 1.5, SERIES), abs=0.35)

@@ -189,7 +189,7 @@ def test_a_new_shape_says_what_does_not_fit_and_replaces_another(case):
 def test_raw_records_are_read_as_under_a_sphere_where_the_shape_says_so(case, monkeypatch):
     ends = []
 
-    def curve(self, file, record):
+    def curve(self, file, record, timed=False):
         ends.append(record.indenter)
         return Curve([0.01, 0.02, 0.03, 0.04, 0.05], [1.0, 2.0, 3.0, 4.0, 5.0])
 

@@ -51,8 +51,9 @@ class Openers(Protocol):
     def law(self, model: str | None, energy: str | None, names: Sequence[str], folder: Path) -> type[Material]:
         """The class of a material; raises MaterialError or OSError."""
 
-    def curve(self, file: Path, record: Record) -> Curve:
-        """The loading curve of a raw record, read as the table [record] says; raises RecordError."""
+    def curve(self, file: Path, record: Record, timed: bool = False) -> Curve:
+        """The curve of a raw record, read as the table [record] says: the loading, or with times the ramp and the hold; raises
+        RecordError."""
 
 
 def read_case_file(path: str | Path, overrides: Sequence[str] = (), openers: Openers | None = None) -> Case:
@@ -372,7 +373,8 @@ def _tests_and_curves(
     for label, keys in zip(labels(_names(tables)), tables, strict=True):
         test = _section(Test, ("test", label), keys, faults)
         tests.append(test)
-        curves.append(_curve(test, label, _record_of(test, parts), sources, faults) if test else None)
+        timed = parts.material is not None and parts.material.relaxation is not None
+        curves.append(_curve(test, label, _record_of(test, parts), timed, sources, faults) if test else None)
     return tests, curves
 
 
@@ -380,11 +382,11 @@ def _names(tables: Sequence[Any]) -> list[Any]:
     return [keys.get("name") if isinstance(keys, dict) else None for keys in tables]
 
 
-def _curve(test: Test, label: str, record: Record | None, sources: Sources, faults: list[Fault]) -> Curve | None:
+def _curve(test: Test, label: str, record: Record | None, timed: bool, sources: Sources, faults: list[Fault]) -> Curve | None:
     """The curve of a test from its file or raw record; None where the test names neither, or the file cannot be read."""
     try:
         if test.record and record and not any(fault.key[0] == "record" for fault in faults):
-            return sources.openers.curve(sources.folder / test.record, record) if sources.openers else None
+            return sources.openers.curve(sources.folder / test.record, record, timed) if sources.openers else None
         return sources.curve(test.curve) if isinstance(test.curve, str) else None
     except (RecordError, CurveError) as error:
         key = "record" if isinstance(error, RecordError) else "curve"

@@ -33,7 +33,7 @@ MOST = 1000  # curves that are kept; beyond these the oldest go
 Place = Path | None
 
 
-def kept_curve(file: Path, settings: Record, process: Callable[[], Curve]) -> Curve:
+def kept_curve(file: Path, settings: Record, process: Callable[[], Curve], timed: bool = False) -> Curve:
     """The curve of a raw record: the kept one, or that of `process`, which is then kept.
 
     Parameters
@@ -42,6 +42,8 @@ def kept_curve(file: Path, settings: Record, process: Callable[[], Curve]) -> Cu
     settings : Record
     process : function without arguments
         Reads and processes the record.
+    timed : bool
+        Whether the curve has times.
 
     Returns
     -------
@@ -52,23 +54,23 @@ def kept_curve(file: Path, settings: Record, process: Callable[[], Curve]) -> Cu
     RecordError
         As `process` does; nothing is kept of a record that cannot be used.
     """
-    place = _place(file, settings)
+    place = _place(file, settings, timed)
     curve = _read(place) if place else None
     if curve is None:
         curve = process()
-        if place and place == _place(file, settings):  # the file has not changed in the meantime
+        if place and place == _place(file, settings, timed):  # the file has not changed in the meantime
             _write(place, curve)
     return curve
 
 
-def _place(file: Path, settings: Record) -> Place:
+def _place(file: Path, settings: Record, timed: bool) -> Place:
     """The file of a kept curve; None where nothing is kept, or an input cannot be read."""
     folder = _folder()
     if folder is None or entry_points(group=OTHERS_PRESETS):  # whose presets are made by code of others
         return None
     digest = hashlib.sha256()
     try:
-        for part in _inputs(file, settings):
+        for part in (*_inputs(file, settings), repr(timed).encode()):
             digest.update(hashlib.sha256(part).digest())
     except OSError:
         return None

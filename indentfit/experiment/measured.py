@@ -61,16 +61,18 @@ class Opened(Openers):
     def law(self, model: str | None, energy: str | None, names: Sequence[str], folder: Path) -> type[Material]:
         return open_law(model, energy, names, folder)
 
-    def curve(self, file: Path, record: Record) -> Curve:
+    def curve(self, file: Path, record: Record, timed: bool = False) -> Curve:
         from indentfit.experiment.kept import kept_curve  # few cases have records
 
         # a case tells the end of its indenter; [record] holds it where it is not flat
         settings = record if record.indenter else record.model_copy(update={"indenter": "flat"})
-        return kept_curve(file, settings, lambda: _processed(file, settings))
+        return kept_curve(file, settings, lambda: _processed(file, settings, timed), timed)
 
 
-def _processed(file: Path, record: Record) -> Curve:
+def _processed(file: Path, record: Record, timed: bool) -> Curve:
+    from indentfit.experiment.in_time import curve_in_time
     from indentfit.experiment.processed import process_record  # SciPy's signals take a second to import
     from indentfit.experiment.reading import read_record
 
-    return process_record(read_record(file, record), settings=record).curve
+    known = process_record(read_record(file, record), settings=record)
+    return curve_in_time(known, record) if timed else known.curve

@@ -156,17 +156,19 @@ def _integrals(steps: Any, rows: Any, times: Any, at: Any) -> Any:  # pragma: no
     order = np.argsort(at)
     now, ahead = np.zeros(m), np.zeros(m)
     for i in range(k):
-        tau = times[i]
+        tau, dt = times[i], 0.0
+        decay = gain = d_decay = d_gain = 0.0
         now[:] = rows[:, 0]
         ahead[:] = 0.0
         taken = 0
         for j in range(last + 1):
             if j:
-                dt = steps[j - 1]
-                x = dt / tau
-                decay, lost = np.exp(-x), -np.expm1(-x)
-                gain = lost / x
-                d_decay, d_gain = decay * x / tau, (gain - decay) / tau
+                if abs(steps[j - 1] - dt) > 1e-9 * dt:  # many steps are as long as the one before
+                    dt = steps[j - 1]
+                    x = dt / tau
+                    lost = -np.expm1(-x)
+                    decay, gain = 1.0 - lost, lost / x
+                    d_decay, d_gain = decay * x / tau, (gain - decay) / tau
                 for row in range(m):
                     change = rows[row, j] - rows[row, j - 1]
                     ahead[row] = decay * ahead[row] + d_decay * now[row] + d_gain * change

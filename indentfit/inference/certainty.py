@@ -30,6 +30,7 @@ from indentfit.inference.result import (
     TestAlone,
     WeightsFit,
 )
+from indentfit.inference.seen import seen_sentences, with_seen
 from indentfit.inference.shares import NoiseShare, UncertainInputs, WhatIf
 from indentfit.inference.verdicts import (
     against_each_other,
@@ -137,6 +138,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     estimates = against_each_other(_estimates(solution, alone_known, findings, uncertain), predicted, findings.tests_alone)
     estimates = unless_proved(estimates, optimum.success)
     findings = replace(findings, tests_alone=alone_unless_proved(findings.tests_alone, optimum.success))
+    estimates = with_seen(case, estimates, optimum.best.parameters)
     published = published_comparison(solution, estimates)
     last = _learned(problem, model, exploration) if problem.searched and case.fit.profiles else None
     exact = what_ifs(solution, last) if last is not None else taken_as_known(case)
@@ -153,6 +155,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         conclusions=(
             *contradictions(predicted),
             *conclusions(estimates, len(problem.tests), published),
+            *seen_sentences(case, optimum.best.parameters),
             *warnings_of(exact, estimates),
         ),
         notes=(*notes, *findings.notes),

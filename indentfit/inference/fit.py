@@ -291,8 +291,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         curves=_curves(problem, best),
         case=case,
     )
-    result = _with_moduli(case, result)
-    return result if of_noise is None else _with_covariance(result, of_noise)
+    return _with_moduli(case, result if of_noise is None else _with_covariance(result, of_noise))
 
 
 def _with_moduli(case: Case, result: FitResult) -> FitResult:

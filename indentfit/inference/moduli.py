@@ -3,6 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from scipy.special import stdtrit
+
 from indentfit.case import Case
 from indentfit.case.laws import isotropic_moduli
 from indentfit.inference.plain import Interval
@@ -10,16 +13,43 @@ from indentfit.inference.result import FitResult, ParameterEstimate
 
 SMALL = 1e-6  # relative change of a parameter, for a derivative
 UNITS = {"mu": "kPa", "E": "kPa", "nu": "1"}
+RATIO = "Ginf_G0"
 
 
 def moduli(case: Case, result: FitResult) -> dict[str, ParameterEstimate]:
-    """Name (E, nu, and mu where no parameter is the shear modulus) -> estimate; empty for a material with fibres.
+    """Name (E, nu, and mu where no parameter is the shear modulus) -> estimate; none of these for a material with fibres. Ginf_G0
+    is the long-term over the instantaneous modulus, where the fit frees the relaxation.
 
     A modulus that changes with one free parameter alone has the interval of that parameter, carried over. One that changes with
     several has no interval, because the parameters' errors are not independent.
     """
     values = {name: known.value for name, known in result.parameters.items()}
-    return {name: _estimate(case, result, values, name, value) for name, value in _moduli(case, values).items()}
+    known = {name: _estimate(case, result, values, name, value) for name, value in _moduli(case, values).items()}
+    return known | _of_relaxation(case, result, values)
+
+
+def _of_relaxation(case: Case, result: FitResult, values: dict[str, float]) -> dict[str, ParameterEstimate]:
+    """The long-term over the instantaneous modulus, where shares of the relaxation are free; its interval is that of linear theory,
+    with the other errors of the shares in proportion."""
+    relaxation = case.relaxation
+    shares = [name for name in relaxation.parameters if name.startswith("g")] if relaxation is not None else []
+    if relaxation is None or not any(name in result.free for name in shares):
+        return {}
+    total, long_term = sum(values[name] for name in shares), relaxation.base == "long_term"
+    ratio = 1 / (1 + total) if long_term else 1 - total
+    free = [name for name in shares if name in result.free]
+    said = f"long-term over instantaneous modulus, from {' and '.join(free)}"
+    numbers = [result.free.index(name) for name in free]
+    if result.covar is None or any(result.covar[a][b] is None for a in numbers for b in numbers):
+        return {RATIO: ParameterEstimate(ratio, "1", verdict=said)}
+    variance = sum(result.covar[a][b] or 0.0 for a in numbers for b in numbers)
+    stderr = float(np.sqrt(max(variance, 0.0))) * (ratio**2 if long_term else 1.0)
+    known = [result.parameters[name] for name in free]
+    wider = max((share.total or 0.0) / share.stderr if share.stderr else 1.0 for share in known)
+    freedom = max(sum(noise.effective_points for noise in result.noise.values()) - len(result.free), 1.0)
+    half = float(stdtrit(freedom, 0.975)) * stderr * wider
+    interval = max(ratio - half, 0.0), min(ratio + half, 1.0)
+    return {RATIO: ParameterEstimate(ratio, "1", stderr=stderr, stderr_total=stderr * wider, interval=interval, verdict=said)}
 
 
 def _moduli(case: Case, values: dict[str, float]) -> dict[str, float]:

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from indentfit.case import Case, MaterialChoice, Mesh, Range
+from indentfit.case.in_time import ramps_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters
-from indentfit.case.tables import Indenter, Sample
+from indentfit.case.tables import Indenter, Sample, Test
 
 SAYS_POISSON = 50.0  # bulk over shear modulus up to which Poisson's ratio, 0.49, tells more
 
@@ -14,7 +15,14 @@ def case_facts(case: Case) -> dict[str, Any]:
     """The case as JSON holds it."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests"})
     tests = [{**test.model_dump(mode="json"), "n": len(case.outputs(test))} for test in case.tests]
-    return {"hash": case.hash, **sections, "tests": tests, "free": list(case.free), "warnings": case.warnings()}
+    free = [*case.free, *(case.relaxation.free if case.relaxation else {})]
+    return {
+        "hash": case.hash,
+        **sections,
+        "tests": tests,
+        "free": free,
+        "warnings": case.warnings(),
+    }
 
 
 def case_lines(case: Case) -> Iterator[str]:
@@ -29,6 +37,10 @@ def case_lines(case: Case) -> Iterator[str]:
     for name, value in own_parameters(part, law).items():
         young = f" (young {_value(part.parameters[YOUNG], 'kPa')})" if name not in part.parameters else ""
         yield f"    {name:<8}{_value(value, law.parameters[name].unit)}{young}"
+    if case.relaxation is not None:
+        for name, value in case.relaxation.parameters.items():
+            yield f"    {name:<8}{_value(value, 's' if name.startswith('tau') else '1')}"
+    ramps = ramps_of(case) if case.relaxation is not None else {}
     for test in case.tests:
         displacements = case.outputs(test)
         angle = "" if test.angle is None else f"{test.angle} degrees, "
@@ -36,15 +48,24 @@ def case_lines(case: Case) -> Iterator[str]:
         if (curve := case.curves[case.tests.index(test)]) is not None and curve.sd is not None:
             source = f"{source}, points weighed by their standard deviations"
         yield (
-            f"  test      {test.name}: {angle}{len(displacements)} points to "
+            f"  test      {test.name}: {angle}{_points(case, test)} points to "
             f"{displacements[-1]:g} mm, weight {test.weight:g}, {source}"
         )
+        if test.name in ramps:
+            ramp = ramps[test.name]
+            yield f"    its ramp  {ramp.seconds:.4g} s, then {f'a hold of {ramp.hold:.4g} s' if ramp.hold else 'no hold'}"
         if test.sample:
             yield f"    its sample    {sample_words(case.sample_of(test))}"
         if test.indenter:
             yield f"    its indenter  {indenter_words(case.indenter_of(test))}"
-    free = ", ".join(case.free) or "none"
+    free = ", ".join([*case.free, *(case.relaxation.free if case.relaxation else {})]) or "none"
     yield f"  fit       {case.fit.method}, seed {case.fit.seed}; free parameters: {free}"
+
+
+def _points(case: Case, test: Test) -> int:
+    """Number of measured points, or of those that are simulated."""
+    curve = case.curves[case.tests.index(test)]
+    return len(case.outputs(test)) if curve is None else curve.force.size
 
 
 def sample_words(sample: Sample) -> str:

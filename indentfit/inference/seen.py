@@ -1,0 +1,90 @@
+"""What the records of a fit can see of a relaxation: times between the shortest ramp and the end of the longest hold.
+
+What relaxes much faster than the ramp has relaxed before the force is there, and acts as a viscous part of it. What relaxes much
+more slowly than the hold has not relaxed at its end, and cannot be told from the long-term modulus.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from indentfit.case import Case
+from indentfit.case.in_time import ramps_of, window_of
+from indentfit.case.relaxation import Window
+from indentfit.inference.result import ParameterEstimate
+
+LATE = 0.02  # of the force at the end of the hold: where more than that is still to relax, the long-term modulus is not seen
+MOMENTS = 201  # steps of a ramp
+DETERMINED = "determined"
+FASTER = "a ramp of {seconds:.2g} s would show it"
+LONGER = "a hold of {seconds:.3g} s would show it"
+SHOWS = 3.0  # how much faster than a time a ramp must be to show it, or how much longer a hold
+
+
+def unseen(case: Case, values: Mapping[str, float]) -> dict[str, str]:
+    """Name -> why the records of a case cannot see a time of relaxation, and what would show it.
+
+    Parameters
+    ----------
+    case : Case
+    values : mapping of name -> value
+        The parameters of the relaxation, among others.
+
+    Returns
+    -------
+    dict of str to str
+        Empty where the material is elastic, or relaxes by a fractional function, which has no single time.
+    """
+    relaxation = case.relaxation
+    if relaxation is None or relaxation.order is not None:
+        return {}
+    window, found = window_of(list(ramps_of(case).values())), {}
+    for name in relaxation.parameters:
+        if name.startswith("tau") and (why := _why(float(values[name]), window)):
+            found[name] = why
+    return found
+
+
+def _why(time: float, window: Window) -> str:
+    if time < window.ramp:
+        cure = FASTER.format(seconds=time / SHOWS)
+        return f"{time:.3g} s is shorter than the ramp of {window.ramp:.3g} s, in which it relaxes unseen; {cure}"
+    longest = max(window.hold, window.ramp)
+    if time > longest:
+        last = f"the hold of {window.hold:.3g} s" if window.hold else f"the ramp of {window.ramp:.3g} s, which no hold follows"
+        return f"{time:.3g} s is longer than {last}: its end is not seen; {LONGER.format(seconds=SHOWS * time)}"
+    return ""
+
+
+def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> dict[str, ParameterEstimate]:
+    """Estimates whose verdicts say which times of relaxation the records cannot see; a time that they cannot see is not determined,
+    unless its interval says that it is."""
+    known = dict(estimates)
+    for name, why in unseen(case, values).items():
+        if name not in known:
+            continue
+        said = known[name].verdict or ""
+        if said.startswith(DETERMINED):
+            known[name] = replace(known[name], verdict=f"{said}; {why}")
+        else:
+            known[name] = replace(known[name], verdict=f"not determined: {why}", limited_by="record")
+    return known
+
+
+def seen_sentences(case: Case, values: Mapping[str, float]) -> Iterator[str]:
+    """Sentences on the times that the records cannot see, and on a long-term modulus that they have not reached."""
+    relaxation = case.relaxation
+    if relaxation is None:
+        return
+    for name, why in unseen(case, values).items():
+        yield f"the records cannot see {name}: {why}"
+    ramps = list(ramps_of(case).values())
+    window = window_of(ramps)
+    longest = max(ramps, key=lambda ramp: ramp.hold)
+    function = relaxation.function(longest.seconds, 1e3 * longest.end, values)
+    since = np.linspace(longest.hold, longest.end, MOMENTS)  # time since each step of the ramp
+    left = float(np.mean(function(since))) / function.long_term - 1
+    if left > LATE:
+        end = f"the end of the hold of {window.hold:.3g} s" if window.hold else "the end of the ramp, which no hold follows"
+        yield f"at {end} the force is still {left:.0%} above its long-term value, so the long-term modulus is extrapolated"
