@@ -324,7 +324,7 @@ def record(hold=8.0):
 def test_a_record_becomes_a_curve_of_its_ramp_and_its_hold():
     curve = curve_in_time(process_record(record()), Record())
     since = curve.time - 1.0
-    assert since[0] > 0 and since[-1] == pytest.approx(8.6, abs=0.4)
+    assert since[0] > 0 and 7.0 < since[-1] < 8.6  # the last average goes from 6.2 s to 8.6 s
     assert curve.displacement == pytest.approx(np.interp(since, [0, 0.6], [0, 0.3]), abs=0.012)
     assert "with a motion that is left out" in curve.notes[0]
     exact = TimeMap.of(Motion.ramped(Ramp(0.3, 0.6, 8.0)), since, lambda d: on_grid(d / 0.3), True)
