@@ -39,11 +39,11 @@ def unseen(case: Case, values: Mapping[str, float]) -> dict[str, str]:
     relaxation = case.relaxation
     if relaxation is None or relaxation.order is not None:
         return {}
-    window, found = window_of(list(ramps_of(case).values())), {}
+    window, reasons = window_of(list(ramps_of(case).values())), {}
     for name in relaxation.parameters:
         if name.startswith("tau") and (why := _why(float(values[name]), window)):
-            found[name] = why
-    return found
+            reasons[name] = why
+    return reasons
 
 
 def _why(time: float, window: Window) -> str:
