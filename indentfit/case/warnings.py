@@ -17,10 +17,12 @@ from indentfit.errors import MaterialError
 from indentfit.indenters import Rings
 
 if TYPE_CHECKING:
+    from indentfit.case.tables import MaterialChoice
     from indentfit.case.whole import Case
 
 MOST_CORNERS = 5  # free parameters whose bounds are combined to look for an unstable material
 NEARLY_INCOMPRESSIBLE = 10  # bulk modulus over the largest small-strain modulus
+COMPRESSIBLE = 10.0  # bulk over shear modulus below which an isotropic sample is meant to be compressible (Poisson's ratio 0.45)
 DEEP, DEEP_ROUND = 0.2, 0.4  # of the thickness, under bars and under round indenters: beyond it equilibrium may not be found
 
 
@@ -43,10 +45,10 @@ def warnings_of(case: Case) -> Iterator[str]:
 
 
 def _compressible(case: Case) -> Iterator[str]:
-    """A warning where the bulk modulus is not far above every small-strain modulus, and Poisson's ratio does not say that this is
-    meant."""
+    """A warning where the bulk modulus is not far above every small-strain modulus, and neither Poisson's ratio nor a bulk ratio
+    that is clearly one of a compressible sample says that this is meant."""
     choice = case.material
-    if choice.poisson_ratio is not None:
+    if choice.poisson_ratio is not None or (choice.kappa is None and not has_fibres(case.law) and _compressible_ratio(choice)):
         return
     material = case.law(**case.start_values())
     stiffest = max(material.moduli().values())
@@ -60,6 +62,10 @@ def _compressible(case: Case) -> Iterator[str]:
             f"kappa = {kappa:g} kPa is below {NEARLY_INCOMPRESSIBLE} x the largest small-strain modulus ({stiffest:g} kPa) at the "
             f"start values: the tissue is not nearly incompressible; raise material.{key} {meant}"
         )
+
+
+def _compressible_ratio(choice: MaterialChoice) -> bool:
+    return choice.bulk_over_shear is not None and choice.bulk_over_shear < COMPRESSIBLE
 
 
 def _unknown(case: Case) -> Iterator[str]:

@@ -5,8 +5,9 @@ at the ends of the profiles prove its predictions. chi2 counts the residuals of 
 errors of mesh and surrogate; the intervals are profiles of chi2, and nothing is linear about them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm, qmc
@@ -33,6 +34,7 @@ TELLING = 2  # runs of a round beside that of the optimum
 ROUNDS = 3  # of prediction and proof; no more follow once the optimum is proved
 LIMIT = 6  # largest number of rounds
 RIGHT = 0.3  # largest shift of a coordinate, over its standard error, by the error of a prediction that counts as right
+AS_GOOD = 2.0  # growth of chi2 up to which a place is as good as the optimum
 FIRST_NOISE = 0.02  # of a curve's largest force: where the search for the noise begins
 CONFIDENCE = 0.95
 
@@ -86,8 +88,11 @@ class JointFit:
 
     @property
     def reached(self) -> bool:
-        """Whether the last run at the optimum proved the surrogate's prediction there."""
-        return bool(self.proofs) and self.proofs[-1].right
+        """Whether the last run at the optimum proved the surrogate's prediction there, and all runs since leave that place as good
+        as the optimum."""
+        if not self.proofs or not self.proofs[-1].right:
+            return False
+        return place_growth(self, self.proofs[-1].parameters) <= AS_GOOD
 
     @property
     def quantiles(self) -> Array:
@@ -168,23 +173,19 @@ def joint_fit(
     proofs: list[Proof] = list(earlier.proofs) if earlier else []
     history: list[HistoryStep] = list(earlier.history) if earlier else []
     error = replace(error, surrogate=earlier.error.surrogate if earlier else None)
-    for number in range(len(proofs), rounds):
+    while True:
         surrogate = learn(problem, model.known)
         if surrogate is None:
             return None
-        progress(0.6 + 0.4 * min(number / ROUNDS, 1.0), f"surrogate of {len(surrogate.training)} runs")
-        fit = fitted(problem, inputs, surrogate, error, seed)
+        progress(0.6 + 0.4 * min(len(proofs) / ROUNDS, 1.0), f"surrogate of {len(surrogate.training)} runs")
+        fit = replace(fitted(problem, inputs, surrogate, error, seed), proofs=tuple(proofs), history=tuple(history))
         enough = settled(fit)
+        if len(proofs) >= rounds or (fit.reached and (enough or len(proofs) >= ROUNDS)):
+            return fit
         proof, errors = proved(fit, model, () if enough else telling(fit, seed))
         proofs.append(proof)
         error = held_out(error, errors)
-        history.append(HistoryStep("joint", number + 1, _objective(fit), model.runs))
-        if proof.right and (enough or number >= ROUNDS - 1):
-            break
-    surrogate = learn(problem, model.known)
-    if surrogate is None:
-        return None
-    return replace(fitted(problem, inputs, surrogate, error, seed), proofs=tuple(proofs), history=tuple(history))
+        history.append(HistoryStep("joint", len(proofs), _objective(fit), model.runs))
 
 
 def first_runs(problem: InverseProblem, model: Watched, seed: int, progress: Progress = SILENT) -> None:
@@ -257,6 +258,15 @@ def left_out_covar(curves: Curves) -> Array:
 def _relative(error: Array, force: Array) -> Array:
     """Errors over forces; 0 where there is no force."""
     return np.divide(error, force, out=np.zeros_like(error), where=force != 0)
+
+
+def place_growth(fit: JointFit, point: Mapping[str, Any]) -> float:
+    """The growth of chi2, beside that of the optimum, at parameters and inputs that change the solution; inputs of single tests and
+    the scale are fitted."""
+    curves = fit.posterior.curves
+    z = fit.mode.z.copy()
+    z[curves.solved_numbers] = curves.place(point)[curves.solved_numbers]
+    return Climber(fit.posterior).climb(z, curves.solved_numbers)[1] - fit.mode.chi2
 
 
 def chi2_at(climber: Climber, places: Array) -> Array:

@@ -79,6 +79,7 @@ class _Prediction:
     def result(self, seed: int) -> TestPrediction:
         """What the others predict, and the probability of the measured curve."""
         theirs, left = _best(self.others, self.starts)
+        theirs = self._with_own_at_centres(theirs)
         statistic = self._growth([*self.starts, theirs], left)
         rows = self.fit.posterior.curves.slices[self.n]
         predicted, measured = self.fit.posterior.curves.at(theirs)[0][rows][-1], self.alone.y[-1]
@@ -87,6 +88,14 @@ class _Prediction:
         if CLEAR < p < UNCLEAR:
             p = self._by_draws(theirs, left, statistic, np.random.default_rng(seed))
         return TestPrediction(p, off)
+
+    def _with_own_at_centres(self, z: Array) -> Array:
+        """The place with the test's own offset and gain, of which the other tests tell nothing, at the centres of their priors."""
+        z, curves = z.copy(), self.fit.posterior.curves
+        for k, known in enumerate(curves.inputs, start=len(curves.free)):
+            if known.test == self.n:
+                z[k] = known.unit_of(known.prior.value(known.prior.center))
+        return z
 
     def _growth(self, starts: Sequence[Array], left: float) -> float:
         """The growth of chi2 by one place for all tests."""

@@ -4,7 +4,7 @@ The logarithm of each parameter is normal over the samples, with a mean for each
 for all groups; before the curves, means are uniform in the logarithm, and standard deviations uniform up to WIDEST. Each sample
 brings the density of its own curves (on the surrogate of its fit, the noise integrated out), as weighted draws, so that noise is
 not counted as variability, and no run is needed (Hogg, Myers, Bovy 2010, Astrophys J 725:2166). Errors that all samples share, such
-as that of the mesh, widen the interval of the mean, and not the spread.
+as those of the mesh and of the rig's friction, widen the interval of the mean, and not the spread.
 """
 
 import math

@@ -156,15 +156,16 @@ def _draws(fitted: SampleFit, group: str, seed: int) -> SampleDraws:
 
 
 def _shared(fits: Sequence[SampleFit], name: str) -> float:
-    """Relative standard deviation of a parameter by errors that all samples share: the mesh, and inputs of the rig that were not
-    coordinates of the fit."""
+    """Relative standard deviation of a parameter by errors that all samples share: the mesh, and inputs of the rig. Where these are
+    coordinates of the fits, each sample is integrated over them by itself; as the rig is the same for all samples, what stays
+    uncertain of them in one sample does not average out over the samples, and widens the interval of the mean."""
     sizes = []
     for fitted in fits:
         estimate, inputs = _result(fitted).parameters[name], _result(fitted).uncertain.inputs
         effects = [
             share.effect.get(name) or 0.0
             for cause, share in inputs.items()
-            if cause.partition(" ")[0] not in OWN and share.fitted is None and cause != "base"
+            if cause.partition(" ")[0] not in OWN and cause != "base"
         ]
         if estimate.value and not estimate.at_bound:
             sizes.append(float(np.linalg.norm(effects)) / abs(estimate.value) if effects else 0.0)

@@ -8,15 +8,16 @@ and chi2 is that of their residuals, under noise that is correlated along each c
 surrogate, and that of the inputs under their priors.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.optimize import least_squares
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Ints
 from indentfit.inference.noise import autocorrelation, correlations
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Surrogate
@@ -25,7 +26,9 @@ from indentfit.inverse.wide import UncertainInput
 ROUNDS = 12  # of the estimate of the noise
 FINEST = 3e-4  # of a curve's largest force: the least noise, since computed curves wave by as much from step to step
 POWERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # of the depth: what a curve is made of between its points
-EDGE = 1e-7
+FIRST_DAMPING, EASE = 1e-3, 5.0  # of the steps of a search, and the factor by which good and bad steps change it
+MOST_STEPS = 60
+TOLERANCE = 3e-4  # of chi2: a search ends where a step promises no more
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,7 @@ class Curves:
     shifts: tuple[Shift, ...]
     mesh: Array
 
-    @property
+    @cached_property
     def free(self) -> list[str]:
         """The free parameters, without inputs."""
         solved = {known.point for known in self.inputs}
@@ -89,7 +92,7 @@ class Curves:
         """The number of coordinates."""
         return len(self.free) + len(self.inputs)
 
-    @property
+    @cached_property
     def slices(self) -> list[slice]:
         """The part of the row that each test is."""
         ends = np.cumsum([0, *(test.curve.force.size for test in self.problem.tests)]).tolist()
@@ -100,7 +103,7 @@ class Curves:
         units = self._units(z)[0]
         return self.problem.parameters([*units])
 
-    def place(self, point: dict[str, float]) -> Array:
+    def place(self, point: Mapping[str, Any]) -> Array:
         """The place of parameters and inputs; inputs of single tests are at their centres."""
         units = dict(zip(self.problem.free, self.problem.units(point), strict=True))
         parts = [units[name] for name in self.free]
@@ -111,17 +114,23 @@ class Curves:
 
     def _units(self, z: Array) -> tuple[Array, Array]:
         """The free parameters of the widened problem in units of their ranges, (n,), and their derivatives by z."""
-        solved = {known.point: (known, z[len(self.free) + n]) for n, known in enumerate(self.inputs) if known.point}
-        units, ahead = np.zeros(len(self.problem.free)), np.ones(len(self.problem.free))
-        for n, name in enumerate(self.problem.free):
-            if name not in solved:
-                units[n] = z[self.free.index(name)]
+        units = z[self._columns].copy()
+        ahead = np.ones(units.size)
+        for n, column in enumerate(self._columns):
+            if column < len(self.free):
                 continue
-            known, unit = solved[name]
-            value, (low, high) = known.value_at(unit), known.ends
+            known = self.inputs[column - len(self.free)]
+            value, (low, high) = known.value_at(float(units[n])), known.ends
             units[n] = (value - known.low) / (known.high - known.low)
-            ahead[n] = (high - low) * (value if known.prior.logarithmic else 1.0) / (known.high - known.low)
+            ahead[n] = (high - low) * (value if known.logarithmic else 1.0) / (known.high - known.low)
         return units, ahead
+
+    @cached_property
+    def _columns(self) -> Ints:
+        """The coordinate of each free parameter of the widened problem."""
+        points = [known.point for known in self.inputs]
+        free = self.free
+        return np.array([free.index(n) if n in free else len(free) + points.index(n) for n in self.problem.free], dtype=int)
 
     def at(self, z: Array) -> tuple[Array, Array]:
         """The curves (N,) and their derivatives (N, n) at a place."""
@@ -147,22 +156,22 @@ class Curves:
         """Curves and derivatives before offset and gain, with the correction for the mesh."""
         problem, (units, ahead) = self.problem, self._units(z)
         searched = problem.searched_numbers
-        place = units[searched][None]
-        curves, slopes = self.surrogate.curves(place)[0], self.surrogate.slopes(place)[0]
-        names, columns = list(problem.free), [self._column(name) for name in problem.free]
+        curves, slopes = self.surrogate.at(units[searched])
+        columns = self._columns
         J, factor = np.zeros((curves.size, self.size)), 1.0
         if problem.scale is not None:
-            n = names.index(problem.scale)
+            n = list(problem.free).index(problem.scale)
             factor = (problem.free[problem.scale].min + units[n] * problem.range(problem.scale)) / problem.reference
             J[:, columns[n]] = curves * problem.range(problem.scale) / problem.reference
         for k, n in enumerate(searched):
             J[:, columns[n]] = factor * slopes[k] * ahead[n]
         return factor * curves * (1 + self.mesh), J * (1 + self.mesh)[:, None]
 
-    def _column(self, name: str) -> int:
-        if name in self.free:
-            return self.free.index(name)
-        return len(self.free) + [known.point for known in self.inputs].index(name)
+    @property
+    def solved_numbers(self) -> list[int]:
+        """The coordinates whose change needs a run: all but the scale, offsets and gains."""
+        points = [known.point for known in self.inputs]
+        return [n for n, name in enumerate([*self.free, *points]) if name and name != self.problem.scale]
 
     def measured(self) -> Array:
         """The measured forces, (N,)."""
@@ -263,36 +272,46 @@ class Climber:
         if not moving.size:
             left = self.residuals(z)[0]
             return z.copy(), float(left @ left)
-        last: list[tuple[Array, tuple[Array, Array]]] = []
-
-        def whole(part: Array) -> Array:
-            full = z.copy()
-            full[moving] = part
-            return full
-
-        def both(part: Array) -> tuple[Array, Array]:
-            if not last or not np.array_equal(last[-1][0], part):
-                last[:] = [(part.copy(), self.residuals(whole(part)))]
-            return last[-1][1]
-
-        start = np.clip(z[moving], EDGE, 1 - EDGE)
-        ended = least_squares(
-            lambda part: both(part)[0],
-            start,
-            lambda part: both(part)[1][:, moving],
-            bounds=(0, 1),
-            method="dogbox",
-            max_nfev=60,
-            ftol=1e-7,
-            xtol=1e-7,
-            gtol=1e-10,
-        )
-        return whole(ended.x), float(2 * ended.cost)
+        z = np.clip(z, 0, 1) if not fixed else np.where(np.isin(np.arange(z.size), moving), np.clip(z, 0, 1), z)
+        residuals, J = self.residuals(z)
+        chi2, damping = float(residuals @ residuals), FIRST_DAMPING
+        for _ in range(MOST_STEPS):
+            step = _box_step(J[:, moving], residuals, z[moving], damping)
+            trial = z.copy()
+            trial[moving] = np.clip(z[moving] + step, 0, 1)
+            promised = chi2 - float(np.sum((residuals + J @ (trial - z)) ** 2))
+            if promised <= TOLERANCE:
+                break
+            there, slopes = self.residuals(trial)
+            gain = (chi2 - float(there @ there)) / promised
+            if gain > 0:
+                z, residuals, J, chi2 = trial, there, slopes, float(there @ there)
+            damping = damping / EASE if gain > 0.5 else damping * (EASE if gain > 0.1 else 4 * EASE)
+        return z, chi2
 
     def covar(self, z: Array) -> Array:
         """Covariance of the coordinates by linear theory at z; large for coordinates that nothing determines."""
         J = self.residuals(z)[1]
         return np.asarray(np.linalg.inv(J.T @ J + 1e-6 * np.eye(z.size)), dtype=float)
+
+
+def _box_step(J: Array, residuals: Array, z: Array, damping: float) -> Array:
+    """The step of Levenberg and Marquardt from z within the box 0..1: coordinates that it would push through a bound stop there,
+    and the others make up for that."""
+    A, g = J.T @ J, J.T @ residuals
+    A.flat[:: z.size + 1] *= 1 + damping
+    A.flat[:: z.size + 1] += damping * (1e-9 * A.trace() + 1e-12)
+    step = np.linalg.solve(A, -g)
+    free = np.ones(z.size, dtype=bool)
+    for _ in range(z.size):
+        beyond = free & ((z + step < 0) | (z + step > 1))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(z[beyond] + step[beyond], 0, 1) - z[beyond]
+        free &= ~beyond
+        if free.any():
+            step[free] = np.linalg.solve(A[np.ix_(free, free)], -g[free] - A[np.ix_(free, ~free)] @ step[~free])
+    return np.asarray(step)
 
 
 def noise_at(posterior: Posterior, z: Array) -> NoiseModel:

@@ -42,6 +42,7 @@ from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, uncertain_inputs, widened_problem
 from indentfit.runs.forward import Evaluation
 
+CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
 UNPROVED = "the optimum was not proved by a run"
 
 
@@ -159,12 +160,12 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
         alternatives.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
     if not alternatives:
         return None
-    weighed = _weighed(alternatives)
+    weighed = weighed_alternatives(alternatives)
     ends = _telling_ends(weighed)
     shares = [progress.part(0.8 + 0.2 * n / len(weighed), 0.8 + 0.2 * (n + 1) / len(weighed)) for n in range(len(weighed))]
     pairs = zip(weighed, ends, shares, strict=True)
     proved = [_ends_proved(known, wanted, model, case.fit.seed, share) for known, wanted, share in pairs]
-    return WideFit(problem, tuple(_weighed(proved)), mesh, elements)
+    return WideFit(problem, tuple(weighed_alternatives(proved)), mesh, elements)
 
 
 def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
@@ -175,7 +176,7 @@ def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
     return [own, (f"base = {other}", {"sample.base": other}, odds)] if odds else [own]
 
 
-def _weighed(alternatives: Sequence[WideAlternative]) -> list[WideAlternative]:
+def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAlternative]:
     """The alternatives with their probabilities, the most probable first."""
     shares = mixture.probabilities([known.prior for known in alternatives], [known.fit.log_evidence() for known in alternatives])
     weighed = [replace(known, probability=float(share)) for known, share in zip(alternatives, shares, strict=True)]
@@ -230,17 +231,17 @@ def _ends_proved(
 ) -> WideAlternative:
     """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles."""
     fit = known.fit
-    curves, paths = fit.posterior.curves, known.paths
-    points = [curves.point(z) for _, z in ends]
-    ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles")) if ends else []
-    confirmed: dict[int, tuple[ConfirmedPoint, ...]] = {n: () for n in paths}
-    for (n, z), run in zip(ends, ran, strict=True):
-        confirmed[n] = (*confirmed[n], _confirmed(fit, n, z, run))
+    curves = fit.posterior.curves
     if not ends:
         return known
+    points = [curves.point(z) for _, z in ends]
+    ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles"))
+    pairs = [_confirmed(fit, n, z, run) for (n, z), run in zip(ends, ran, strict=True)]
+    confirmed = {k: tuple(end for (n, _), end in zip(ends, pairs, strict=True) if n == k) for k in known.paths}
     surrogate = learn(curves.problem, model.known) or fit.surrogate
-    error = held_out(fit.error, prediction_errors(fit, points, ran), earlier=len(fit.proofs))
-    last = _again(replace(fit, surrogate=surrogate), error, seed)
+    telling = [n for n, end in enumerate(pairs) if end.chi2 is not None and end.chi2 <= CONCERNS]
+    errors = prediction_errors(fit, [points[n] for n in telling], [ran[n] for n in telling])
+    last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=len(fit.proofs)), seed)
     return replace(known, fit=last, paths=joint_profiles(last), confirmed=confirmed)
 
 

@@ -7,6 +7,7 @@ for u that stops growing at c = -beta, u / (1 + (u / c)^6)^(1/6): the force grow
 """
 
 import functools
+import math
 from collections.abc import Callable
 from itertools import product
 from typing import Any
@@ -123,6 +124,43 @@ def by_units(places: Array, betas: Array, degree: int) -> list[Array]:
     """Derivatives of the polynomials by each parameter in units of its range, a list of (m, coefficients)."""
     ahead = stretch(places, betas)
     return [ahead[:, [k]] * A for k, A in enumerate(by_t(places, betas, degree))]
+
+
+def at_place(place: Array, betas: Array, degree: int) -> Array:
+    """The polynomials at one place (d,) in units of the ranges, and their derivatives by each parameter there, (1 + d,
+    coefficients): the same as `values` and `by_units`, for searches that ask place by place."""
+    degrees, d = _degrees(len(betas), degree), len(betas)
+    warped = [_warped(u, beta) for u, beta in zip(place.tolist(), betas.tolist(), strict=True)]
+    t, ahead = np.array(warped).T
+    V, slopes = np.ones((d, degree + 1)), np.zeros((d, degree + 1))
+    if degree:
+        V[:, 1], slopes[:, 1] = t, 1.0
+    for n in range(2, degree + 1):
+        V[:, n] = 2 * t * V[:, n - 1] - V[:, n - 2]
+        slopes[:, n] = 2 * V[:, n - 1] + 2 * t * slopes[:, n - 1] - slopes[:, n - 2]
+    columns = np.arange(d)
+    factors = np.broadcast_to(V[columns[:, None], degrees], (1 + d, d, degrees.shape[1])).copy()
+    factors[1 + columns, columns] = (ahead[:, None] * slopes)[columns[:, None], degrees]
+    return np.asarray(factors.prod(axis=1))
+
+
+def _warped(u: float, beta: float) -> tuple[float, float]:
+    """`warp` and `stretch` of one parameter."""
+    if beta > 0:
+        whole = math.log1p(beta)
+        return 2 * math.log1p(beta * u) / whole - 1, 2 * beta / ((1 + beta * u) * whole)
+    if beta <= -1:
+        b = -beta
+        return 2 * (1 + b) * u / (1 + b * u) - 1, 2 * (1 + b) / (1 + b * u) ** 2
+    if beta < 0:
+        bent, plateau = 1 + (-u / beta) ** SHARP, (1 + (-beta) ** -SHARP) ** (-1 / SHARP)
+        return 2 * u / bent ** (1 / SHARP) / plateau - 1, 2 * bent ** (-1 - 1 / SHARP) / plateau
+    return 2 * u - 1, 2.0
+
+
+@functools.lru_cache(maxsize=64)
+def _degrees(d: int, degree: int) -> Any:
+    return np.array(powers(d, degree)).T
 
 
 def design_points(d: int, slopes: bool | int, seed: int, degree: int | None = None, betas: Array | None = None) -> Array:

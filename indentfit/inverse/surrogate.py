@@ -22,9 +22,9 @@ from indentfit.runs.forward import Evaluation, Report
 
 BETAS = (0.0, 3.0, 10.0, 30.0)
 DEGREES = range(1, 9)
-WIDE_DEGREES = range(2, 5)  # of a problem that is widened by uncertain inputs
-ROWS = 1.4  # least number of rows for each coefficient of a widened problem
-CLIPS = (0.7, 1.0, 1.3)  # factors on the place where the effect of friction ends
+WIDEST_DEGREE, MOST_COEFFICIENTS = 6, 126  # of a problem that is widened by uncertain inputs: its degree is as high as both allow
+SMALLER = 0.3  # of such a problem: expected size of the coefficients of one degree over that of the degree below
+UNEXPLAINED = 0.003  # the same: expected error of such a polynomial, over the forces
 LEAST_MISFIT = 1e-3  # over the measured forces' root mean square: runs with a smaller misfit all weigh the same
 LEAST_MISFIT_WIDE = 0.02  # the same, of a problem that is widened by uncertain inputs
 FAILED_NEAR = "the mechanics failed at the nearest point that was run"
@@ -153,6 +153,13 @@ class Surrogate:
             return np.zeros((len(places), 0, coefficients.shape[1]))
         rows = np.array([A @ coefficients for A in polynomials.by_units(places, betas, self.degree)])
         return rows.reshape(len(betas), len(places), coefficients.shape[1]).swapaxes(0, 1)
+
+    def at(self, place: Array) -> tuple[Array, Array]:
+        """The curves (N,) and slopes (d, N) at one place (d,)."""
+        if self.problem.kernel is not None or not self.fitted.betas.size:
+            return self.curves(place[None])[0], self.slopes(place[None])[0]
+        rows = polynomials.at_place(place, self.fitted.betas, self.degree) @ self.fitted.coefficients
+        return rows[0], rows[1:]
 
     def _values(self, place: Array) -> dict[str, float]:
         """The parameters of the relaxation at a place (d,)."""
@@ -307,15 +314,21 @@ def _slopes(problem: InverseProblem, evaluation: Evaluation) -> Array | None:
 
 
 def _best_fit(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Fitted | None:
-    """The polynomial that best predicts each run from all others; betas are tried one parameter at a time."""
+    """The polynomial that best predicts each run from all others; betas are tried one parameter at a time.
+
+    The few runs of a widened problem lie at the corners of its ranges, where leaving one out says little: its betas and its degree
+    are given, and its coefficients are expected to be small.
+    """
     best: Fitted | None = None
     betas, d = problem.betas, len(problem.searched)
+    if problem.warps:
+        return fit_polynomial(training, betas, widest_degree(d), expected=True)
     for _ in range(2 if d > 1 else 1):
         for n in range(d):
-            for beta in _betas_tried(problem, n):
+            for beta in BETAS:
                 trial = betas.copy()
                 trial[n] = beta
-                for degree in _degrees_tried(training, problem):
+                for degree in DEGREES:
                     fitted = fit_polynomial(training, trial, degree)
                     if fitted and (best is None or fitted.error < best.error):
                         best = fitted
@@ -323,26 +336,17 @@ def _best_fit(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Fit
     return best
 
 
-def _degrees_tried(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Sequence[int]:
-    """The degrees among which the runs choose. The few runs of a widened problem lie at the corners of its ranges, where leaving
-    one out says little: the degree is then the largest that has ROWS rows for each coefficient."""
-    if not problem.warps:
-        return DEGREES
-    known = [0 if run.slopes is None else int(np.isfinite(run.slopes[0]).sum()) for run in training]
-    rows, d = len(training) + sum(known), len(problem.searched)
-    return [max((p for p in WIDE_DEGREES if ROWS * len(polynomials.powers(d, p)) <= rows), default=1)]
+def widest_degree(d: int) -> int:
+    """The degree of a widened problem of d searched parameters."""
+    return max((p for p in range(1, WIDEST_DEGREE + 1) if len(polynomials.powers(d, p)) <= MOST_COEFFICIENTS), default=1)
 
 
-def _betas_tried(problem: InverseProblem, n: int) -> tuple[float, ...]:
-    """The betas of searched parameter n among which the runs choose."""
-    known = problem.warps.get(problem.searched[n])
-    if known is None:
-        return BETAS
-    return tuple(known * share for share in CLIPS) if -1 < known < 0 else (known,)
+def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int, expected: bool = False) -> Fitted | None:
+    """The polynomial of a degree that fits runs best; None where the runs are too few for the degree.
 
-
-def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int) -> Fitted | None:
-    """The polynomial of a degree that fits runs best; None where the runs are too few for the degree."""
+    With `expected`, coefficients are expected to be the smaller the higher their degree (SMALLER): runs then may be few, and a
+    polynomial does not run away where there are none.
+    """
     d = len(betas)
     places = np.array([run.place for run in training])
     values, by_t = polynomials.values(places, betas, degree), polynomials.by_t(places, betas, degree)
@@ -358,9 +362,12 @@ def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int) -
             rows += [shares[k] * by_t[k][n] for k in given]  # where friction has no effect, its derivative by t is mostly chatter
             targets += [shares[k] * slopes[:, k] / ahead[n, k] for k in given]
         owners += [n] * (1 + len(given))
-    if len(rows) < polynomials.SPARE * values.shape[1] or len(training) < 2:
+    if (len(rows) < polynomials.SPARE * values.shape[1] and not expected) or len(training) < 2:
         return None
     A, b = np.array(rows), np.array(targets)
+    if expected:
+        A = np.vstack([A, np.diag(_expected(training, d, degree))])
+        b = np.vstack([b, np.zeros((values.shape[1], b.shape[1]))])
     Q, R = np.linalg.qr(A)
     if np.abs(np.diag(R)).min() < 1e-8 * np.abs(np.diag(R)).max():
         return None
@@ -368,6 +375,12 @@ def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int) -
     left_out = _left_out(Q, b - A @ coefficients, np.array(owners))
     error = np.inf if left_out is None else float(np.sqrt(np.mean(np.square(left_out))))
     return Fitted(betas, degree, coefficients, error, left_out)
+
+
+def _expected(training: Sequence[TrainingRun], d: int, degree: int) -> Array:
+    """Weights of the expectation that each coefficient is 0, (coefficients,)."""
+    totals = np.array([sum(powers) for powers in polynomials.powers(d, degree)])
+    return np.asarray(max(run.weight for run in training) * UNEXPLAINED / SMALLER**totals)
 
 
 def _left_out(Q: Array, residuals: Array, owners: Array) -> Array | None:

@@ -5,8 +5,10 @@ contact point of each test shifts its curve along the depth, and the gain of the
 no run.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from indentfit.case import Case, Range
 from indentfit.case.priors import Prior
@@ -51,7 +53,7 @@ class UncertainInput:
     high: float
     unit: str = "1"
 
-    @property
+    @cached_property
     def ends(self) -> tuple[float, float]:
         """The coordinates of `low` and `high`."""
         return self.prior.coordinate(self.low), self.prior.coordinate(self.high)
@@ -64,7 +66,13 @@ class UncertainInput:
     def value_at(self, unit: float) -> float:
         """The inverse of `unit_of`."""
         low, high = self.ends
-        return self.prior.value(low + unit * (high - low))
+        at = low + unit * (high - low)
+        return math.exp(at) if self.logarithmic else at
+
+    @cached_property
+    def logarithmic(self) -> bool:
+        """Whether the coordinate is the logarithm of the input."""
+        return self.prior.logarithmic
 
 
 def uncertain_inputs(case: Case) -> tuple[UncertainInput, ...]:
