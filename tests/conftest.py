@@ -7,7 +7,7 @@ import pytest
 for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # the numerical libraries read it when they are loaded
 
-pytest_plugins = ["fixtures.cases", "fixtures.drawing"]
+pytest_plugins = ["fixtures.cases", "fixtures.drawing", "fixtures.strips"]
 
 
 @pytest.fixture(scope="session", autouse=True)

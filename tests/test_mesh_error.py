@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fixtures.cases import SHARED, tiny_case
+from fixtures.strips import long_strip, stiffness_per_length
 
 from indentfit.case import Indenter, Mesh, Sample, Solver
 from indentfit.errors import CaseError, ConvergenceError
@@ -14,7 +15,7 @@ from indentfit.fem.mesh_error import FLOOR, second, with_mesh_errors
 from indentfit.fem.meshing import count
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
-from indentfit.material import load, typed
+from indentfit.material import typed
 
 GEL = typed("mu / 2 * (I1 - 3)", ["mu"])(mu=1.0)
 LAYER = {"shape": "disc", "diameter": 20.0, "thickness": 1.0}
@@ -191,16 +192,11 @@ def test_the_stated_error_of_a_wide_rough_sphere_holds_that_of_its_steps():
     assert abs(test.force[-1] - limit) <= test.mesh_error.band[-1] < 0.02 * limit
 
 
-@pytest.mark.parametrize(("base", "a", "exact"), [("bonded", 0.303, 6.308), ("bonded", 1.0, 24.865), ("sliding", 1.0, 9.423)])
-def test_the_stated_error_of_a_long_strip_holds_its_exact_stiffness(base, a, exact):
-    """F / (G w) of a layer in plane strain: default bricks are 7 to 8 % too stiff on a bonded base, 1.6 % on a sliding one.
-
-    A thin slice whose fibres along x, stiff beyond measure, keep it from stretching along the strip.
-    """
-    sample = Sample(shape="block", length=0.1, width=16.0, thickness=1.0, base=base)
-    strip = Indenter(shape="strip", width=2 * a, length=1.0, friction=0)
-    setup = Setup(sample, strip, Mesh(), Solver(), 2e-4, "quarter")
-    law, other = load("transversely_isotropic")(mu=1.0, zeta=1e5, phi=0.0), second(setup)
-    force, changed = (Model(of).stiffness(law, 1e4, 0) / 0.1 for of in (setup, other.setup))
+@pytest.mark.parametrize(("base", "a", "exact"), [("bonded", 0.303, 6.308), ("bonded", 1.0, 24.865), ("sliding", 0.1, 2.372)])
+def test_the_stated_error_of_a_long_strip_holds_its_exact_stiffness(plane_strain, base, a, exact):
+    """F / (G w) of a layer in plane strain on twenty bricks, which are 5 to 11 % too stiff."""
+    setup = long_strip(base, a, elements=20)
+    other = second(setup)
+    force, changed = (stiffness_per_length(of) for of in (setup, other.setup))
     error, band = abs(force - exact), max(other.factor * abs(changed - force), FLOOR["quarter", "q2p1"] * force)
-    assert 0.01 * exact < error <= band <= 4 * error
+    assert 0.04 * exact < error <= band <= 4 * error

@@ -40,7 +40,7 @@ from indentfit.indenters import Band, Rings, has_sharp_edge
 
 RATIO = {"axisymmetric": 2.0, "quarter": 1.4}
 FACTOR = {("axisymmetric", "q2p1"): 1.0, ("quarter", "q2p1"): 1.0, ("quarter", "q1p0"): 2.5}
-STRIP = 2.0  # more under strips and wedges, whose change falls short of the error: long strips on layers in plane strain
+STRIP = 2.0  # more under strips and wedges, whose change falls short of the error: narrow strips, and another code's curves
 ORDER = {"q2p1": 1.5, "q1p0": 1.0}
 REMAINS = 0.5  # standard deviation of what the correction of a curve leaves, over the correction
 LEAST = 1e-3  # its least value, of the force
