@@ -222,3 +222,17 @@ def test_closed_forms_of_an_elastic_material_are_not_shown_for_one_that_relaxes(
     simulated = indentfit.simulate(case_of(SPHERE, DISC, 0.1, rate=0.1), mesh_error=False)
     assert simulated.closed_forms == {}
     assert "relaxes: g 0.8, 0.5 of G_inf, tau 0.5, 5 s" in simulated.summary()
+
+
+def test_stiffness_against_rate_costs_one_run_and_is_drawn(tmp_path):
+    case = case_of(SPHERE, DISC, 0.1, rate=0.1, points=5).model_copy(update={"mesh": indentfit.Mesh(elements=20)})
+    swept = indentfit.sweep(case, ["test.rate=1e-6,0.02,1e4"], execution=Execution(workers=1))
+    slow, _, fast = (point.tests["press"].equivalent for point in swept.points)
+    assert (slow, fast) == (pytest.approx(1.0, abs=1e-3), pytest.approx(2.3, abs=1e-3))
+    elastic = swept.points[0].tests["press"].curve.force
+    power, ramp = np.log(elastic[-1] / elastic[1]) / np.log(2.5), 5.0  # of the depth, on a layer; 0.1 mm at 0.02 mm/s
+    exact = quad(lambda s: float(SERIES(ramp - s)) * power * (s / ramp) ** (power - 1) / ramp, 0, ramp)[0]
+    assert swept.points[1].tests["press"].equivalent == pytest.approx(exact, rel=3e-3)
+    swept.write(tmp_path / "sweep")
+    assert (tmp_path / "sweep" / "stiffness-test-rate.svg").exists()
+    assert "times the moduli has the same last force" in swept.summary()

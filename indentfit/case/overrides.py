@@ -93,6 +93,8 @@ def _path_in_test(tree: Tree, rest: str) -> Key:
         for label in (test.get("name"), str(number)):
             if isinstance(label, str) and rest.startswith(label + "."):
                 return "test", number, *rest[len(label) + 1 :].split(".")
+    if len(tests) == 1 and rest.split(".")[0] in Test.model_fields:
+        return "test", 0, *rest.split(".")
     known = [str(test.get("name", number)) for number, test in enumerate(tests)]
     raise LookupError(f"no such test; write test.NAME.KEY{suggestion(rest.split('.')[0], known)}")
 

@@ -7,7 +7,7 @@ from indentfit.report.mesh_check import convergence_figure, cost_figure
 from indentfit.report.page import Figures, Lines, Page, Part, Picture, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
 from indentfit.report.study_text import gci_words
-from indentfit.report.sweep import grid_figure, key_figure, own_words, ranking_figure, with_unit
+from indentfit.report.sweep import grid_figure, key_figure, own_words, ranking_figure, rate_figure, with_unit
 from indentfit.study.convergence import Approach
 from indentfit.study.mesh_check import MeshCheck, MeshResult, Quantity
 from indentfit.study.refit import Refit
@@ -100,7 +100,19 @@ def _key_figures(stored: Stored, sweep: Sweep, key: str) -> list[Picture]:
             own = own_words(sweep, key)
             caption = f"Force against displacement of {name} ({angle}°) at each value of {key}; the case itself has {own}."
             pictures.append(drawn(figure, caption, _alt(sweep, key, name)))
+    by_rate = rate_figure(sweep, key)
+    if by_rate is not None:
+        pictures.append(drawn(by_rate, f"Stiffness against {key}.", _alt_of_rate(sweep, key)))
     return pictures
+
+
+def _alt_of_rate(sweep: Sweep, key: str) -> str:
+    ends = [
+        f"{point.values[key]}: {', '.join(f'{name} {number(test.stiffness)} mN/mm' for name, test in point.tests.items())}"
+        for point in sweep.points
+        if key in point.values and point.tests
+    ]
+    return f"Stiffness by {key}: {'; '.join(ends)}"
 
 
 def _alt(sweep: Sweep, key: str, name: str) -> str:

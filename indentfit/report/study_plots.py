@@ -82,6 +82,29 @@ def ranked(rows: Sequence[tuple[str, str, float]], tests: Tests, path: Place) ->
     return figure
 
 
+def stiffness_by_rate(key: str, tests: Tests, rows: Sequence[tuple[float, Mapping[str, float]]], path: Place) -> Figure:
+    """Stiffness of each test against the values of a key of time (`rows`: (value, {test: stiffness in mN/mm})), which are on a
+    logarithmic axis."""
+    rows = sorted(rows, key=_first)
+    with matplotlib.rc_context(STYLE):
+        figure, (axes,) = _panels(1)
+        for n, (name, angle) in enumerate(tests.items()):
+            look: dict[str, Any] = {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
+            x, y = [value for value, _ in rows], [known[name] for _, known in rows]
+            axes.plot(x, y, label=_label(f"{name} ({angle}°)"), markerfacecolor="white", **look)
+        axes.set_xscale("log")
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel(_label(key))
+        axes.set_ylabel("Stiffness (mN/mm)")
+        figure.legend(loc="outside upper left", ncols=2)
+        save(figure, path)
+    return figure
+
+
+def _first(row: tuple[float, Mapping[str, float]]) -> float:
+    return row[0]
+
+
 def forces_on_grid(keys: Sequence[str], points: Sequence[OnGrid], tests: Tests, path: Place) -> Figure:
     """Last force of each test over the first key of a grid, a line for each combination of the others.
 

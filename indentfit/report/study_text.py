@@ -26,7 +26,17 @@ def sweep_lines(sweep: Sweep) -> Iterator[str]:
     if sweep.sensitivities:
         yield ""
         yield from aligned(_sensitivity_rows(sweep))
+    yield from _equivalent_lines(sweep)
     yield from refit_lines(sweep.refits)
+
+
+def _equivalent_lines(sweep: Sweep) -> Iterator[str]:
+    """The moduli with which an elastic material would be as stiff at each point, where the material relaxes."""
+    for point in sweep.every_point:
+        known = {name: test.equivalent for name, test in (point.tests or {}).items() if test.equivalent is not None}
+        if known:
+            words = ", ".join(f"{name} {factor:.4g}" for name, factor in known.items())
+            yield f"equivalent {point.label}: an elastic material of {words} times the moduli has the same last force"
 
 
 def sweep_rows(sweep: Sweep) -> list[Row]:

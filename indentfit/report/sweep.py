@@ -14,6 +14,7 @@ from indentfit.report.vtu import file_names
 from indentfit.study.sweep import Sweep, SweepPoint
 
 LENGTHS = ("diameter", "length", "width", "thickness", "edge_radius", "tip_radius", "size", "depth", "max_step")  # keys in mm
+UNITS_OF_TIME = {"rate": "mm/s", "ramp": "s", "hold": "s"}
 MEASURES = ("force_mN", "stiffness_mN_per_mm", "force_change", "stiffness_change", "rmse_mN")
 
 Units = Callable[[str], str]
@@ -55,6 +56,7 @@ def draw(folder: Path, sweep: Sweep) -> None:
     keys = [varied.key for varied in sweep.variations]
     for key, stem in zip(keys, file_names([key.replace(".", "-") for key in keys]), strict=True):
         key_figure(sweep, key, sweep.tests, sweep.unit, folder / f"sweep-{stem}")
+        rate_figure(sweep, key, folder / f"stiffness-{stem}")
     ranking_figure(sweep, folder / "sensitivities")
 
 
@@ -72,6 +74,24 @@ def key_figure(sweep: Sweep, key: str, tests: dict[str, int], units: Units, path
     plain = all(point.numbers[key] is not None and _is_number(point.values[key]) for point in mine)
     label = with_unit(key, units) if plain else key
     return study_plots.curves_by_value(label, tests, (own_words(sweep, key), _curves(sweep.base)), points, path)
+
+
+def rate_figure(sweep: Sweep, key: str, path: str | Path | None = None) -> Figure | None:
+    """Stiffness of each test against a rate, or the duration of a ramp; None for another key, or where fewer than two values were
+    computed."""
+    last = key.rpartition(".")[2]
+    if not key.startswith("test.") or last not in UNITS_OF_TIME:
+        return None
+    known = [(point.numbers[key], point.tests) for point in sweep.points if set(point.values) == {key} and point.tests]
+    own = sweep.own[key]
+    known += [(own, sweep.base.tests)] if isinstance(own, float) and sweep.base.tests else []
+    rows = {
+        number: {test: result.stiffness for test, result in tests.items()}
+        for number, tests in known
+        if number is not None and tests
+    }
+    label = f"{key} ({UNITS_OF_TIME[last]})"
+    return study_plots.stiffness_by_rate(label, sweep.tests, list(rows.items()), path) if len(rows) > 1 else None
 
 
 def ranking_figure(sweep: Sweep, path: str | Path | None = None) -> Figure | None:
@@ -104,6 +124,8 @@ def with_unit(key: str, units: Units) -> str:
         unit = "kPa"
     elif section != "material" and name.rpartition(".")[2] in LENGTHS:
         unit = "mm"
+    elif section == "test" and name.rpartition(".")[2] in UNITS_OF_TIME:
+        unit = UNITS_OF_TIME[name.rpartition(".")[2]]
     return key if unit in ("", "1") else f"{key} ({unit})"
 
 

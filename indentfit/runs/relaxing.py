@@ -12,12 +12,13 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case, Test
-from indentfit.case.in_time import GRID, motion_of
+from indentfit.case.in_time import GRID, motion_of, ramps_of
 from indentfit.case.relaxation import ORDERS, Relaxation
 from indentfit.curve import Curve
 from indentfit.fem.interpolation import POWERS, Interpolant
 from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, RelaxationFunction
+from indentfit.motion import Motion
 from indentfit.runs.forward import Evaluation, ForwardModel, Report
 from indentfit.runs.run import Point
 
@@ -111,8 +112,24 @@ def kernel_of(case: Case) -> Kernel | None:
     return Kernel(relaxation, tuple(maps), tuple(ramps))
 
 
+def ramp_kernel(case: Case) -> Kernel | None:
+    """The Kernel of the outputs of a case, which its indenter reaches in a ramp at constant rate; None where its material does not
+    relax."""
+    relaxation, ramps, maps, ideal = case.relaxation, ramps_of(case), [], []
+    if relaxation is None:
+        return None
+    for test in case.tests:
+        depths, known = case.outputs(test), ramps[test.name]
+        rate, shape = known.depth / known.seconds, case.indenter_of(test).geometry
+        ramp = Ramp(float(depths[-1]), float(depths[-1]) / rate)
+        grid = _Grid(ramp.depth, POWERS[shape.end])
+        maps.append(TimeMap.of(Motion.ramped(ramp), depths / rate, grid, shape.edge_radius is None))
+        ideal.append(ramp)
+    return Kernel(relaxation, tuple(maps), tuple(ideal))
+
+
 def elastic_case(case: Case) -> Case:
-    """The case whose runs are those of a fit: where the material relaxes, elastic runs on a grid of depths."""
+    """The case whose runs are those of a fit or of a sweep: where the material relaxes, elastic runs on a grid of depths."""
     if case.material.relaxation is None:
         return case
     tests = tuple(_elastic_test(test, curve) for test, curve in zip(case.tests, case.curves, strict=True))
@@ -121,9 +138,9 @@ def elastic_case(case: Case) -> Case:
 
 
 def _elastic_test(test: Test, curve: Curve | None) -> Test:
-    changes: dict[str, Any] = {"rate": None, "ramp": None, "hold": None}
+    changes: dict[str, Any] = {"rate": None, "ramp": None, "hold": None, "points": GRID}
     if curve is not None:
-        changes |= {"curve": None, "record": None, "depth": curve.deepest, "points": GRID}
+        changes |= {"curve": None, "record": None, "depth": curve.deepest}
     return test.model_copy(update=changes)
 
 

@@ -10,6 +10,7 @@ from indentfit.runs.ledger import Ledger
 from indentfit.runs.mechanics import indentation_of
 from indentfit.runs.points import case_at
 from indentfit.runs.pool import RunPool
+from indentfit.runs.relaxing import elastic_case, ramp_kernel, relaxed
 
 TABLES = ("sample", "indenter", "mesh", "solver", "material")
 NOT_OF_A_POINT = ("model", "energy", "parameters", "relaxation")  # of the material: what its class is, and a table
@@ -53,13 +54,14 @@ class Execution:
 def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluation]:
     """Evaluations of the tests of each case, at its fixed parameters and the start values of its free ones.
 
-    Failures of the mechanics are recorded in the evaluations, never raised.
+    Failures of the mechanics are recorded in the evaluations, never raised. Where a material relaxes, the runs are elastic, and
+    forces are those of the ramp: another rate needs no run.
 
     Raises
     ------
     Stopped, WorkerError, LedgerError
     """
-    groups = _groups(cases)
+    groups = _groups([elastic_case(case) for case in cases])
     evaluations: dict[int, Evaluation] = {}
     total, before = sum(len(points) * len(first.tests) for first, points in groups), 0
     for first, points in groups:
@@ -67,7 +69,13 @@ def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluati
         with RunPool(first, execution.workers, execution.ledger_of(first), execution.cluster, execution.stop) as pool:
             evaluations |= zip(points, pool.evaluate(list(points.values()), report), strict=True)
         before += len(points) * len(first.tests)
-    return [evaluations[n] for n in range(len(cases))]
+    return [_in_ramp(case, evaluations[n]) for n, case in enumerate(cases)]
+
+
+def _in_ramp(case: Case, evaluation: Evaluation) -> Evaluation:
+    """The evaluation with the forces of the ramp, where the material relaxes."""
+    kernel = ramp_kernel(case)
+    return evaluation if kernel is None else relaxed(kernel, evaluation.parameters, evaluation, ())
 
 
 def _counting(execution: Execution, before: int, total: int) -> Callable[[int, int], None]:

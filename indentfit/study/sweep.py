@@ -5,7 +5,7 @@ Biomed Mater 65:490), the slope of the straight line fitted to the curve.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -36,6 +36,9 @@ class TestPoint:
     rmse : float or None, mN
         Misfit to the measured curve; None where the test has no measured curve.
     curve : Curve
+    equivalent : float or None
+        The last force over that of an elastic material of the given moduli: the factor on these that makes an elastic material as
+        stiff at this rate. None where the material does not relax.
     """
 
     __test__: ClassVar[bool] = False  # not a test of pytest's
@@ -46,6 +49,7 @@ class TestPoint:
     stiffness_change: float | None
     rmse: float | None
     curve: Curve = field(repr=False)
+    equivalent: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -54,6 +58,7 @@ class TestPoint:
             "force_change": self.force_change,
             "stiffness_change": self.stiffness_change,
             "rmse_mN": self.rmse,
+            **({} if self.equivalent is None else {"equivalent_modulus": self.equivalent}),
             "displacement_mm": self.curve.displacement.tolist(),
             "forces_mN": self.curve.force.tolist(),
         }
@@ -62,7 +67,9 @@ class TestPoint:
     def from_json(cls, value: Mapping[str, Any]) -> "TestPoint":
         curve = Curve(value["displacement_mm"], value["forces_mN"])
         changes = value["force_change"], value["stiffness_change"]
-        return cls(value["force_mN"], value["stiffness_mN_per_mm"], *changes, value["rmse_mN"], curve)
+        return cls(
+            value["force_mN"], value["stiffness_mN_per_mm"], *changes, value["rmse_mN"], curve, value.get("equivalent_modulus")
+        )
 
 
 @dataclass(frozen=True)
@@ -297,20 +304,25 @@ def _point(values: dict[str, str], case: Case, evaluation: Evaluation, base: Swe
     if evaluation.forces is None:
         return SweepPoint(values, numbers, None, evaluation.cause, evaluation.seconds)
     tests = {}
-    for test, measured, force in zip(case.tests, case.curves, evaluation.forces, strict=True):
+    elastic = (None,) * len(case.tests) if evaluation.elastic is None else evaluation.elastic.forces or ()
+    for test, measured, force, slow in zip(case.tests, case.curves, evaluation.forces, elastic, strict=True):
         own = None if base is None or base.tests is None else base.tests.get(test.name)
-        tests[test.name] = _test_point(Curve(case.outputs(test), force), measured, own)
+        known = _test_point(Curve(case.outputs(test), force), measured, own)
+        tests[test.name] = known if slow is None else replace(known, equivalent=float(force[-1] / slow[-1]))
     return SweepPoint(values, numbers, tests, None, evaluation.seconds)
 
 
 def _test_point(curve: Curve, measured: Curve | None, own: TestPoint | None) -> TestPoint:
     last, slope = float(curve.force[-1]), stiffness(curve)
+    misfit = None
+    if measured is not None and measured.force.size == curve.force.size:  # not those over ramp and hold
+        misfit = float(np.sqrt(np.mean((curve.force - measured.force) ** 2)))
     return TestPoint(
         force=last,
         stiffness=slope,
         force_change=None if own is None else last / own.force - 1,
         stiffness_change=None if own is None else slope / own.stiffness - 1,
-        rmse=None if measured is None else float(np.sqrt(np.mean((curve.force - measured.force) ** 2))),
+        rmse=misfit,
         curve=curve,
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from indentfit.case import Case, Range
+from indentfit.case import Case, Range, Test
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import changed_case
 
@@ -109,6 +109,8 @@ def own_value(case: Case, name: str) -> float | str | None:
 
 
 def _of_test(case: Case, rest: str) -> float | str | None:
+    if len(case.tests) == 1 and rest in Test.model_fields:  # as `case.overrides` reads it
+        rest = f"0.{rest}"
     for n, test in enumerate(case.tests):
         for label in (test.name, str(n)):
             if rest.startswith(label + "."):
