@@ -1,5 +1,6 @@
 """What a fit says about its own certainty: errors under correlated noise, profiles, single tests, uncertain inputs."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability, widened
 from indentfit.inference.inputs import Solution
 from indentfit.inference.noise import correlations, errors
+from indentfit.inference.result import FitResult
 from indentfit.inverse import genetic, methods
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import least_squares
@@ -32,6 +34,7 @@ from indentfit.inverse.polish import polish
 from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.surrogate import learn, linearised
 from indentfit.layer import Layer
+from indentfit.report import fit_folder
 from indentfit.runs.forward import Evaluation, simulate
 from indentfit.runs.points import setup_of
 from indentfit.runs.pool import RunPool
@@ -472,7 +475,7 @@ def test_a_fit_is_corrected_for_its_mesh_and_its_interval_holds_the_exact_modulu
     assert whole.mesh.elements < 60  # a mesh that the case states is not refined
 
 
-def test_a_fit_refines_by_itself_where_the_mesh_would_be_most_of_its_interval():
+def test_a_fit_refines_by_itself_where_the_mesh_would_be_most_of_its_interval(tmp_path, monkeypatch):
     """0.02 % noise: the finer mesh is run at the optimum, once for the only parameter, and the exact modulus is held."""
     case = punch_on_a_layer({"error": 0.002})
     result = fit(case)
@@ -482,6 +485,11 @@ def test_a_fit_refines_by_itself_where_the_mesh_would_be_most_of_its_interval():
     assert result.nfev == 3 and result.uncertain.inputs["mesh"].elements == own
     low, high = known.interval
     assert low < 1 < high and known.value == pytest.approx(1, abs=1e-3) and high - low < 3e-3
+    assert FitResult.from_json(json.loads(json.dumps(result.as_json()))).refined == result.refined > 1
+    shown = []
+    monkeypatch.setattr(fit_folder, "write_fields", lambda folder, solved: shown.append(solved))
+    result.write(tmp_path / "result")
+    assert [solved.model.mesh.nelements for solved in shown] == [result.mesh.elements]  # stresses are of the finest mesh too
 
 
 @pytest.mark.parametrize("elements", [20, 24, 40, 180, 1500])

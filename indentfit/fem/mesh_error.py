@@ -42,6 +42,7 @@ RATIO = {"axisymmetric": 2.0, "quarter": 1.4}
 FACTOR = {("axisymmetric", "q2p1"): 1.0, ("quarter", "q2p1"): 1.0, ("quarter", "q1p0"): 2.5}
 STRIP = 2.0  # more under strips and wedges, whose change falls short of the error: narrow strips, and another code's curves
 ORDER = {"q2p1": 1.5, "q1p0": 1.0}
+SHARP_ORDER = 1.0  # of the meridian plane under a sharp edge, where the stress grows as one over the root of the distance
 REMAINS = 0.5  # standard deviation of what the correction of a curve leaves, over the correction
 LEAST = 1e-3  # its least value, of the force
 SMOOTHLY = 0.3  # of the depth: length over which what remains keeps its sign
@@ -153,7 +154,7 @@ def second(setup: Setup) -> SecondMesh:
 def compared(setup: Setup, other: Setup) -> SecondMesh:
     """Another mesh of a setup as its second mesh."""
     element = setup.solver.element
-    growth = (size(other) / size(setup)) ** ORDER[element]
+    growth = (size(other) / size(setup)) ** (SHARP_ORDER if _sharp_in_plane(setup) else ORDER[element])
     factor = FACTOR[setup.symmetry, element]
     if element == "q2p1" and isinstance(setup.indenter.geometry.partition(setup.depth), Band):
         factor *= STRIP
@@ -220,10 +221,14 @@ def _long_steps(setup: Setup, test: TestResult) -> float:
     return STEPS * friction**2 * contact / setup.sample.thickness / test.facts.steps
 
 
+def _sharp_in_plane(setup: Setup) -> bool:
+    return setup.symmetry == "axisymmetric" and has_sharp_edge(setup.indenter.geometry)
+
+
 def _folds(setup: Setup, depths: Array) -> Array:
     """The least relative error (n,) of the force by a sharp edge, at depths (n,)."""
     shape = setup.indenter.geometry
-    if setup.symmetry != "axisymmetric" or not has_sharp_edge(shape):
+    if not _sharp_in_plane(setup):
         return np.zeros(len(depths))
     factor, power, most = FOLDS["stick" if setup.indenter.friction == "stick" else "free"]
     return np.minimum(factor * (depths / min(shape.half_width, setup.sample.thickness)) ** power, most)

@@ -12,8 +12,6 @@ from indentfit.arrays import Array
 from indentfit.case import Case, require_fittable
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
-from indentfit.fem.meshing import resized
-from indentfit.fem.simulate import Model
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.misfit import misfits, no_fit
@@ -213,8 +211,7 @@ class _Work:
         """The facts of the finest meshes behind the result."""
         if self.finer.factor is None:
             return mesh_of(self.pieces)
-        setups = [resized(piece.setup, 1 / self.finer.factor) for piece in self.pieces]
-        return mesh_of([replace(piece, setup=s, model=Model(s)) for piece, s in zip(self.pieces, setups, strict=True)])
+        return mesh_of([piece.refined(self.finer.factor) for piece in self.pieces])
 
     def failures(self) -> tuple[FitFailure, ...]:
         return tuple(FitFailure(failure.parameters, failure.cause or "") for failure in self.pool.failures)
@@ -273,6 +270,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         notes=(*known.notes, *work.notes(case), *(of_relaxation(case, best.parameters) if best else ())),
         solver=work.solver(case),
         mesh=work.mesh(),
+        refined=work.finer.factor,
         case_hash=case.hash,
         title=case.title,
         versions={name: importlib.metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},

@@ -269,6 +269,8 @@ class FitResult:
         Empty or None where the case does not ask for them, or they could not be computed.
     predicted : dict of test -> TestPrediction
         Each test predicted from the others; empty for a single test.
+    refined : float or None
+        By what factor the mesh whose runs corrected the curves is finer than that of the case; None where the fit refined none.
     conclusions : tuple of sentences
         The parameters that these curves determine (the key `summary` of result.json).
     moduli : dict of name -> ParameterEstimate
@@ -314,6 +316,7 @@ class FitResult:
     notes: tuple[str, ...] = ()
     solver: FitSolver | None = None
     mesh: MeshFacts | None = None
+    refined: float | None = None
     case_hash: str = ""
     title: str = ""
     versions: dict[str, str] = field(default_factory=dict)

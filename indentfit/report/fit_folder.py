@@ -62,10 +62,11 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
 
 
 def _write_stresses(folder: Path, case: Case, result: FitResult, warn: Callable[[str], object]) -> None:
-    """The stresses at the optimum, by one more run; a fit whose stresses cannot be computed does not fail."""
+    """The stresses at the optimum, by one more run on the finest mesh of the fit; a fit whose stresses cannot be computed does not
+    fail."""
     point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
     there, material = case_at(case, point), case.law(**{name: point[name] for name in case.law.parameters})
-    pieces = pieces_of(there)
+    pieces = [piece.refined(result.refined) if result.refined else piece for piece in pieces_of(there)]
     try:
         for piece in pieces:
             piece.solve(material)
