@@ -168,6 +168,24 @@ def test_a_stated_contact_zero_and_limit_are_kept_to():
 # Atomic force microscopes: a stub stands for afmformats
 
 
+def test_a_toe_before_contact_is_not_taken_for_waves():
+    """A sample whose first touch is soft, as of skin: contact lies where the force leaves zero, and no waves are fitted."""
+    rng = np.random.default_rng(0)
+    x = np.linspace(-1.0, 1.0, 1500)  # mm
+    f = 100 * np.where(x > 0, 0.02 * np.expm1(4 * np.maximum(x, 0)), 0)  # the powers do not hold
+    record = RawRecord(np.arange(x.size) / 100, x, f + 0.01 * f.max() * rng.standard_normal(x.size))
+    done = process_record(record, settings=Record(indenter="flat"))
+    assert done.contact.form in ("constant", "drift") and abs(done.contact.displacement) <= max(done.contact.uncertainty, 0.15)
+    assert done.peak == pytest.approx(f.max(), rel=0.02)
+
+
+def test_a_deflection_that_a_stated_stiffness_takes_off_needs_no_note(tmp_path):
+    rows = (T, 1e3 * D + 50, 0.01 * F, 1e3 * F)
+    header = ["# springConstant: 0.05 N/m", "Time (s)\tHeight (um)\tDeflection (nm)\tForce (nN)"]
+    record = read_record(written(tmp_path / "r.txt", header, rows))
+    assert "minus force / 0.05 mN/mm" in record.taken and record.notes == ()
+
+
 class StubCurve(dict):
     """What afmformats gives of a curve: columns and metadata."""
 

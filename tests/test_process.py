@@ -2,19 +2,24 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib.figure
 import numpy as np
 import pytest
 
 import indentfit
+from indentfit.case import Record
 from indentfit.curve import Curve, read_curve
 from indentfit.errors import OutputError, RecordError
+from indentfit.experiment.file_case import FileCase
+from indentfit.experiment.judgement import Judgement
 from indentfit.experiment.manifest import Entry
 from indentfit.experiment.mean_case import MeanCase
 from indentfit.experiment.process import process
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.rig import Rig, SensorNoise
+from indentfit.report.record_folder import drawn_names
 
 CASE = Path(__file__).parent.parent / "cases" / "rig_records"
 SLOPES = {0: 60.0, 90: 120.0}  # mN/mm
@@ -125,3 +130,21 @@ def test_what_cannot_be_processed_at_all_is_an_error(arguments, message, tmp_pat
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RecordError, match=message):
         process(**arguments)
+
+
+def test_of_many_records_the_poorest_are_drawn():
+    """Of more than 24 records, figures are drawn of those with the poorest ratings, unless all are wanted or none."""
+    rating = dict(zip("abcdefghijklmnopqrstuvwxyz", ["good", "fair", "poor"] * 9, strict=False))
+    records = {name: SimpleNamespace(judgement=Judgement(text, ())) for name, text in rating.items()}
+    result = SimpleNamespace(records=records)
+    drawn = drawn_names(result, None)
+    assert len(drawn) == 24 == len(records) - 2 and set(records) - set(drawn) == {"v", "y"}  # the last two that are good
+    assert drawn_names(result, True) == list(records) and drawn_names(result, False) == []
+
+
+def test_a_case_tells_process_its_indenter():
+    """The contact point and Hertz's modulus go by the end that --case is told; what [record] states is kept."""
+    told = FileCase.of(["indenter.shape=sphere", "indenter.radius=0.25"]).reading(Record())
+    assert (told.indenter, told.radius) == ("sphere", 0.25)
+    assert FileCase.of(["indenter.shape=cylinder", "indenter.diameter=6"]).reading(Record()).indenter == "flat"
+    assert FileCase.of(["indenter.shape=sphere", "indenter.radius=1"]).reading(Record(radius=0.5)).radius == 0.5

@@ -48,7 +48,11 @@ FILE_CASE = ("sample", "indenter", "material", "mesh", "fit", "solver")  # table
     metavar="DIR=KIND",
     help="For --case: mean, linear or quadratic, such as 90=quadratic.",
 )
-@click.option("--figures/--no-figures", default=True, help="Draw a figure of each record.")
+@click.option(
+    "--figures/--no-figures",
+    default=None,
+    help="Draw a figure of each record; by default, of the 24 poorest where there are more.",
+)
 @click.option("--list", "listed", is_flag=True, help="List tables, tests, cycles and segments of the files RAW, and do no more.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON: what summary.json holds.")
 def command(
@@ -62,7 +66,7 @@ def command(
     as_case: bool,
     base: str | None,
     target: tuple[str, ...],
-    figures: bool,
+    figures: bool | None,
     as_json: bool,
     listed: bool,
 ) -> None:
@@ -75,7 +79,7 @@ def command(
     from indentfit.experiment.file_case import FileCase
     from indentfit.experiment.mean_case import MeanCase
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.record_folder import Listener, write_process
+    from indentfit.report.record_folder import Listener, drawn_names, write_process
 
     if listed and not raw:
         raise click.UsageError("--list needs the records RAW")
@@ -103,9 +107,12 @@ def command(
         settings = case.reading(settings)
     refuse_existing(output, overwrite)
     result = _processed(raw, manifest, thickness, settings)
-    with progress("draw", total=len(result.records)) as step:
+    drawn = len(drawn_names(result, figures))
+    with progress("draw", total=drawn) as step:
         write_process(result, output, figures, overwrite, case, Listener(_warn, step))
     click.echo(json_text(result.as_json()) if as_json else f"{result.summary()}\nwritten     {output}")
+    if figures is None and drawn < len(result.records) and not as_json:
+        click.echo(f"figures     of the {drawn} poorest of {len(result.records)} records; --figures draws all")
     if as_case and not as_json:
         click.echo(f"next        indentfit fit {output}/case.toml")
 

@@ -77,7 +77,7 @@ class ProcessResult:
         return process_figure(self, name)
 
     def write(
-        self, folder: str | Path, figures: bool = True, overwrite: bool = False, case: MeanCase | FileCase | None = None
+        self, folder: str | Path, figures: bool | None = None, overwrite: bool = False, case: MeanCase | FileCase | None = None
     ) -> None:
         """Write the result folder.
 
@@ -85,8 +85,8 @@ class ProcessResult:
         ----------
         folder : path
             The new folder.
-        figures : bool
-            Draw a figure of each record, and the page.
+        figures : bool or None
+            Draw the page, and a figure of each record; None draws those of no more than 24, with the poorest ratings.
         overwrite : bool
             Replace an earlier result folder.
         case : MeanCase or FileCase

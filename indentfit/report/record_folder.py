@@ -8,10 +8,13 @@ from pathlib import Path
 from indentfit.curve import write_curve
 from indentfit.errors import OutputError
 from indentfit.experiment.file_case import FileCase
+from indentfit.experiment.judgement import RATINGS
 from indentfit.experiment.mean_case import MeanCase
 from indentfit.experiment.process_result import ProcessResult
 from indentfit.report.folder import result_folder, write_json
 from indentfit.report.records import curve_files, write_means, write_stiffness
+
+MOST_FIGURES = 24  # of a folder, unless all are wanted: a force map has hundreds of records, and a figure takes half a second
 
 
 def _ignore(done: int, name: str) -> None:
@@ -29,7 +32,7 @@ class Listener:
 def write_process(
     result: ProcessResult,
     path: str | Path,
-    figures: bool = True,
+    figures: bool | None = None,
     overwrite: bool = False,
     case: MeanCase | FileCase | None = None,
     listener: Listener | None = None,
@@ -41,8 +44,8 @@ def write_process(
     result : ProcessResult
     path : path
         The new folder.
-    figures : bool
-        Draw a figure of each record, and the page.
+    figures : bool or None
+        Draw the page, and a figure of each record; None draws those of the MOST_FIGURES records with the poorest ratings.
     overwrite : bool
         Replace an earlier result folder.
     case : MeanCase or FileCase
@@ -69,10 +72,10 @@ def write_process(
             for warning in write_case(folder, result, case):
                 listener.warn(warning)
         write_json(folder / "summary.json", result.as_json())
-        if figures:
+        if figures is not False:
             from indentfit.report.html import write_report
 
-            _draw(folder, result, listener)
+            _draw(folder, result, drawn_names(result, figures), listener)
             write_report(folder)
 
 
@@ -85,14 +88,24 @@ def _write_tables(folder: Path, result: ProcessResult) -> None:
         write_means(folder / "mean_curves.csv", result.means)
 
 
-def _draw(folder: Path, result: ProcessResult, listener: Listener) -> None:
-    """Draw a figure of each record, and one of the replicates."""
+def drawn_names(result: ProcessResult, figures: bool | None) -> list[str]:
+    """The names of the records whose figures are drawn: of all records, of none, or of those with the poorest ratings."""
+    names = list(result.records) if figures is not False else []
+    if figures or len(names) <= MOST_FIGURES:
+        return names
+    poorest = sorted(names, key=lambda name: -RATINGS.index(result.records[name].judgement.rating))[:MOST_FIGURES]
+    return [name for name in names if name in poorest]
+
+
+def _draw(folder: Path, result: ProcessResult, names: list[str], listener: Listener) -> None:
+    """Draw a figure of each record that is named, and one of the replicates."""
     from indentfit.report.plots import save  # imported here, because matplotlib is slow and --no-figures does not need it
     from indentfit.report.record_figures import record_figure, replicate_figure
 
     (folder / "figures").mkdir()
-    for n, (name, file) in enumerate(curve_files(result).items(), start=1):
-        save(record_figure(name, result.records[name]), folder / "figures" / f"{Path(file).stem}.svg")
+    files = curve_files(result)
+    for n, name in enumerate(names, start=1):
+        save(record_figure(name, result.records[name]), folder / "figures" / f"{Path(files[name]).stem}.svg")
         listener.drawn(n, name)
     if result.means:
         save(replicate_figure(result), folder / "figures" / "replicates.svg")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -48,8 +49,9 @@ class Table:
 
     def labels(self, column: int) -> list[str]:
         """The header's texts above a column (from 0), beginning with the text nearest to the numbers: a unit, then a name."""
-        return [row[column] for row in self._nearest_rows() if column < len(row) and row[column]]
+        return [row[column] for row in self._nearest_rows if column < len(row) and row[column]]
 
+    @functools.cached_property  # asked for each column and each quantity, of hundreds of tables in a force map
     def _nearest_rows(self) -> list[list[str]]:
         """The row of names, and a row of units below or above it, of the header's rows as wide as the table."""
         rows = [row for row in reversed(self.header) if self._fits(row)]

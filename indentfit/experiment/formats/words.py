@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 
 TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
@@ -44,10 +45,12 @@ ALIASES = {
     "gram": "gf", "inch": "in", "inches": "in", "volt": "V", "volts": "V", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
     "nanometer": "nm", "millimeter": "mm", "mm.": "mm", "in.": "in", "sec.": "s",
 }  # fmt: skip
+KEPT = 2000  # texts whose meaning is kept: the tables of a force map have the same headers
 IN_BRACKETS = re.compile(r"[\[(（<]\s*([^\])）>]*?)\s*[\])）>]")
 AT_THE_END = re.compile(r"(?:_|[,;:]\s*|/\s*|\s|-)([^\W\d]+\.?)$")
 
 
+@functools.lru_cache(KEPT)
 def unit_in(text: str) -> str | None:
     """The unit that a text is, in one spelling; None where it is none."""
     text = text.strip().replace("µ", "u").replace("μ", "u")
@@ -57,6 +60,7 @@ def unit_in(text: str) -> str | None:
     return text if text in UNITS else None
 
 
+@functools.lru_cache(KEPT)
 def unit_of_label(label: str) -> str | None:
     """The unit that a header's text gives: in brackets, after an underline, comma, slash or blank, or as the whole text."""
     for text in (*IN_BRACKETS.findall(label), *AT_THE_END.findall(label), label):
@@ -80,6 +84,7 @@ def words_of(label: str) -> list[str]:
     return [word for word in re.split(r"[\W\d_]+", text.casefold()) if word]
 
 
+@functools.lru_cache(KEPT)
 def rank_of(label: str, quantity: str) -> tuple[int, int] | None:
     """How well a header's text names a quantity (the rank of its words, the place of the word); None where it does not."""
     words = words_of(label)
