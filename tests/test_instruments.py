@@ -76,6 +76,24 @@ def test_the_layout_of_a_vendor_is_read_without_a_table(vendor, tmp_path):
     assert vendor not in PRESETS or record.taken.startswith(f"{PRESETS[vendor]}: time ")
 
 
+@pytest.mark.parametrize(
+    ("header", "encoding"),
+    [
+        ("時間 (s),ストローク (mm),試験力 (mN)", "cp932"),
+        ("시간(s),변위(mm),하중(mN)", "cp949"),
+        ("Время (с),Перемещение (мм),Сила (мН)", "cp1251"),
+        ("Tijd (s),Verplaatsing (mm),Kracht (mN)", "utf-8"),
+        ("Czas [s],Przemieszczenie [mm],Siła [mN]", "utf-8"),
+        ("time_S,tip_position_mm,normal_force_mN", "utf-8"),
+    ],
+)
+def test_a_header_of_another_language_is_read_in_its_own_encoding(header, encoding, tmp_path):
+    record = read_record(written(tmp_path / "r.csv", [header], (T, D, F), ",", encoding))
+    np.testing.assert_allclose(record.displacement, D, atol=1e-9)
+    np.testing.assert_allclose(record.force, F, atol=1e-9)
+    np.testing.assert_allclose(record.time, T, atol=1e-9)
+
+
 def test_the_travel_of_a_piezo_less_the_cantilever_is_the_indentation(tmp_path):
     """Optics11: the indentation is 1.5 um behind 2 um of travel; the file states sphere and stiffness."""
     header = ["k (N/m)\t0.019", "Tip radius (um)\t27.500", "", "Time (s)\tLoad (uN)\tIndentation (nm)\tCantilever (nm)\tPiezo (nm)"]

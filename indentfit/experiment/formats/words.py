@@ -8,17 +8,17 @@ import re
 TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
 # Words of each quantity in ranks: where a header has several columns of a quantity, the first rank is taken.
 WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed t",),
+    "time": ("time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 t",),
     "displacement": (
         "indentation indent depth penetration eindringtiefe eindringweg enfoncement profondeur 压入深度 深さ 押込み深さ pd",
         "displacement disp extension compression weg standardweg verformung allongement déplacement deplacement desplazamiento "
-        "spostamento 位移 変位 travel distance deformation",
+        "spostamento verplaatsing przemieszczenie перемещение 位移 変位 변위 travel distance deformation",
         "crosshead traverse traversenweg stroke ストローク hub course position stage step steps",
         "piezo height tip z d x s h",
     ),
     "force": (
-        "force load kraft standardkraft prüfkraft normalkraft charge effort fuerza carga forza "
-        "力 载荷 荷重 試験力 负荷 试验力 fn fz gram grams",
+        "force load kraft standardkraft prüfkraft normalkraft charge effort fuerza carga forza kracht siła сила нагрузка "
+        "力 载荷 荷重 試験力 负荷 试验力 하중 fn fz gram grams",
         "f p l",
     ),
 }
@@ -43,11 +43,12 @@ ALIASES = {
     "msec": "ms",
     "micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "newton": "N", "newtons": "N", "grams": "gf",
     "gram": "gf", "inch": "in", "inches": "in", "volt": "V", "volts": "V", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
+    "초": "s", "с": "s", "мм": "mm", "мкм": "um", "Н": "N", "мН": "mN",
     "nanometer": "nm", "millimeter": "mm", "mm.": "mm", "in.": "in", "sec.": "s",
 }  # fmt: skip
 KEPT = 2000  # texts whose meaning is kept: the tables of a force map have the same headers
 IN_BRACKETS = re.compile(r"[\[(（<]\s*([^\])）>]*?)\s*[\])）>]")
-AT_THE_END = re.compile(r"(?:_|[,;:]\s*|/\s*|\s|-)([^\W\d]+\.?)$")
+AT_THE_END = re.compile(r"(?:_|[,;:]\s*|/\s*|\s|-)([^\W\d_]+\.?)$")
 
 
 @functools.lru_cache(KEPT)
