@@ -51,7 +51,7 @@ FILE_CASE = ("sample", "indenter", "material", "mesh", "fit", "solver")  # table
 @click.option(
     "--figures/--no-figures",
     default=None,
-    help="Draw a figure of each record; by default, of the 24 poorest where there are more.",
+    help="Draw a figure of each record; by default, of the 12 poorest where there are more.",
 )
 @click.option("--list", "listed", is_flag=True, help="List tables, tests, cycles and segments of the files RAW, and do no more.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON: what summary.json holds.")

@@ -41,13 +41,18 @@ def judged(ramp: Ramp, contact: ContactPoint, depth: float, peak: float) -> Judg
     """
     drifted = abs(contact.drift) * ramp.duration / peak
     aspects = [
-        (_grade(contact.noise / peak, NOISE), f"noise {contact.noise / peak:.1%} of the peak"),
-        (_grade(contact.uncertainty / depth, CONTACT), f"contact within {contact.uncertainty / depth:.1%} of the depth"),
+        (_grade(contact.noise / peak, NOISE), f"noise {_share(contact.noise / peak)} of the peak"),
+        (_grade(contact.uncertainty / depth, CONTACT), f"contact within {_share(contact.uncertainty / depth)} of the depth"),
         (int(contact.method not in METHODS), _approach(ramp, contact)),
     ]
     if drifted > DRIFT[0]:
         aspects.append((_grade(drifted, DRIFT), f"drift {drifted:.0%} of the peak during the loading"))
     return Judgement(RATINGS[max(grade for grade, _ in aspects)], tuple(words for _, words in aspects))
+
+
+def _share(share: float) -> str:
+    """A share in per cent, with one decimal."""
+    return f"{share:.1%}" if share >= 0.001 else "less than 0.1%"
 
 
 def _grade(share: float, limits: tuple[float, float]) -> int:

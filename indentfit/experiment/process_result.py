@@ -86,7 +86,7 @@ class ProcessResult:
         folder : path
             The new folder.
         figures : bool or None
-            Draw the page, and a figure of each record; None draws those of no more than 24, with the poorest ratings.
+            Draw the page, and a figure of each record; None draws those of no more than 12, with the poorest ratings.
         overwrite : bool
             Replace an earlier result folder.
         case : MeanCase or FileCase

@@ -21,6 +21,7 @@ from indentfit.report.style import COLOURS, COLUMN, STYLE
 
 MOST_POINTS = 3000  # of a line: more than a printed column resolves
 GREY = "0.6"
+READABLE = {"frameon": True, "framealpha": 0.85, "edgecolor": "none", "facecolor": "white"}  # over lines
 
 
 def process_figure(result: ProcessResult, name: str | None) -> Figure:
@@ -103,7 +104,7 @@ def _over_time(axes: Axes, processed: ProcessedRecord) -> None:
     depth = scale.displacement.factor * (ramp.displacement[part] - processed.contact.displacement)
     other.plot(*_thinned(time, depth), color=COLOURS[2], linestyle="--", linewidth=0.8)
     other.set_ylabel(f"Displacement ({scale.displacement.symbol}), dashed")
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper left", **READABLE)
 
 
 def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
@@ -124,7 +125,7 @@ def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
     axes.axvspan(-long * reach, long * reach, color=COLOURS[1], alpha=0.3, linewidth=0, label=f"contact ± {words}")
     _judged(axes, processed, long)
     _label_curve(axes, scale)
-    axes.legend()
+    axes.legend(**READABLE)
 
 
 def _judged(axes: Axes, processed: ProcessedRecord, long: float) -> None:

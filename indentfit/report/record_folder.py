@@ -14,7 +14,7 @@ from indentfit.experiment.process_result import ProcessResult
 from indentfit.report.folder import result_folder, write_json
 from indentfit.report.records import curve_files, write_means, write_stiffness
 
-MOST_FIGURES = 24  # of a folder, unless all are wanted: a force map has hundreds of records, and a figure takes half a second
+MOST_FIGURES = 12  # of a folder, unless all are wanted: a force map has hundreds of records, and a figure takes half a second
 
 
 def _ignore(done: int, name: str) -> None:
