@@ -440,7 +440,7 @@ class Solver(Section):
         default="q2p1", description="finite element: eight-node bricks (q1p0) or quadratic ones (q2p1)"
     )
     tolerance: Annotated[float, Field(gt=0, le=0.01, allow_inf_nan=False)] = Field(
-        default=1e-6, description="relative residual at equilibrium"
+        default=1e-3, description="relative residual at equilibrium; what it withholds of the force is added back"
     )
     penalty: Positive = Field(default=1.0, description="factor on the contact stiffness")
     max_step: Length | None = Field(default=None, examples=[0.05], description="largest step of the indenter")

@@ -286,8 +286,31 @@ class ContactFace:
 
         By reciprocity a motion r imposed on the contact changes the force by the integral of r . dt/d(depth).
         """
+        return float(np.sum(self.weights[..., None] * self._deflection(state, springs) * rate))
+
+    def penalty_error_change(
+        self, state: ContactState, rate: Array, springs: Springs, change: ContactChange, rate_change: Array, spring_change: Springs
+    ) -> float:
+        """Derivative of `penalty_error(state, rate, springs)`, from those of its arguments."""
+        r, dr = self._deflection(state, springs), self._deflection_change(state, springs, change, spring_change)
+        return float(np.sum(self.weights[..., None] * (dr * rate + r * rate_change)))
+
+    def _deflection(self, state: ContactState, springs: Springs) -> Array:
+        """Deflection (n_f, n_q, 3), mm, of the springs."""
+        give, slip = self._give_and_slip(state, springs)
+        return (slip - give[..., None] * state.normal) * state.touching[..., None]
+
+    def _deflection_change(self, state: ContactState, springs: Springs, change: ContactChange, spring_change: Springs) -> Array:
+        """Derivative of `_deflection`."""
+        give, slip = self._give_and_slip(state, springs)
+        dgive = (change.pressure - change.history.pressure - give * spring_change.normal) / springs.normal
+        grip, dgrip = self._grip(springs, state.history.pressure), self._grip(spring_change, change.history.pressure)
+        dslip = (change.friction - change.history.friction) * ~state.slipping[..., None] - slip * dgrip[..., None]
+        moved = dslip / grip[..., None] - dgive[..., None] * state.normal - give[..., None] * change.normal
+        return moved * state.touching[..., None]
+
+    def _give_and_slip(self, state: ContactState, springs: Springs) -> tuple[Array, Array]:
+        """Deflections of the springs against penetration (n_f, n_q) and against slip (n_f, n_q, 3), mm."""
         give = (state.pressure - state.history.pressure) / springs.normal
         grip = self._grip(springs, state.history.pressure)[..., None]
-        slip = (state.friction - state.history.friction) / grip * ~state.slipping[..., None]
-        r = (slip - give[..., None] * state.normal) * state.touching[..., None]
-        return float(np.sum(self.weights[..., None] * r * rate))
+        return give, (state.friction - state.history.friction) / grip * ~state.slipping[..., None]

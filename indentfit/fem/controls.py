@@ -9,6 +9,9 @@ import numpy as np
 from indentfit.fem.deadline import NEVER, Deadline
 
 
+FIRST_STEPS = 8  # that a growing contact needs
+
+
 class Report(Protocol):
     """A function that is told how far a path has come."""
 
@@ -27,6 +30,8 @@ class Controls:
         Residual at equilibrium, relative to the contact forces.
     max_step : float, mm
         Largest step of the depth.
+    first_steps : int
+        Steps to the last depth when nothing goes wrong.
     deadline : Deadline
         Checked once in every iteration.
     progress : Report, or function of the share alone
@@ -35,6 +40,7 @@ class Controls:
 
     tolerance: float
     max_step: float = np.inf
+    first_steps: int = FIRST_STEPS
     deadline: Deadline = NEVER
     progress: Callable[..., None] | None = None
 

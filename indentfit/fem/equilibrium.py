@@ -1,11 +1,14 @@
 """A point of the path: an equilibrium, with the direction in which the path leaves it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from indentfit.arrays import Array
 from indentfit.fem import sensitivity
-from indentfit.fem.contact_state import ContactState
+from indentfit.fem.contact import ContactFace
+from indentfit.fem.contact_state import ContactState, Springs
 from indentfit.fem.deadline import Deadline
+from indentfit.fem.directions import Direction
 from indentfit.fem.equations import Iterate, Linearisation
 from indentfit.fem.linear.solver import LinearSolver
 
@@ -22,17 +25,24 @@ class Equilibrium:
         Pressure modes.
     contact : ContactState
         State of the contact.
+    springs : Springs
+        Springs of the contact.
     force : float, mN
+        Force of the contact's tractions.
     stiffness : float, mN/mm
         dF/dd.
     penalty_error : float, mN
-        Force that is missing because of the contact springs' deflection.
+        Force that is missing because of the contact springs' deflection, by the path's tangent.
     residual_error : float, mN
-        Force that corresponds to the remaining residual.
+        Force that is missing because of the remaining residual.
+    withheld : float, mN
+        The sum of both, that of the springs by the secants of the path, whose derivatives are exact (`since`).
     motion : array (n,), mm/mm
         du/dd.
     rate : array (n_f, n_q, 3), kPa/mm
         Rate of the contact's traction since the last step (at rest: its tangent), which the next step's multipliers follow.
+    step : float, mm
+        Depth since the last step; 0 at rest.
     derivatives : PathDerivatives
         Derivatives by the loading's directions; None where the steps left the path that can be differentiated.
     """
@@ -41,12 +51,15 @@ class Equilibrium:
     u: Array
     pressure: Array
     contact: ContactState
+    springs: Springs
     force: float
     stiffness: float
     penalty_error: float
     residual_error: float
+    withheld: float
     motion: Array = field(repr=False)
     rate: Array = field(repr=False)
+    step: float = 0.0
     derivatives: sensitivity.PathDerivatives | None = field(default=None, repr=False)
 
     @property
@@ -54,22 +67,38 @@ class Equilibrium:
         """Displacements and pressure modes."""
         return Iterate(self.u, self.pressure)
 
-    def since(self, here: "Equilibrium") -> "Equilibrium":
-        """This step with the traction's rate, and its changes, since the step `here`."""
+    @property
+    def whole_force(self) -> float:
+        """The force, mN, with what is withheld: its error is of the second order in the springs' deflection and the residual."""
+        return self.force + self.withheld
+
+    def since(self, here: "Equilibrium", face: ContactFace, ways: Sequence[Direction]) -> "Equilibrium":
+        """This step with the traction's rate since the step `here`, what is withheld by that rate, and the derivatives of both by
+        the directions `ways`."""
         step = self.depth - here.depth
         rate = (self.contact.traction - here.contact.traction) / step
-        if self.derivatives is None or here.derivatives is None:
-            return replace(self, rate=rate, derivatives=None)
-        return replace(self, rate=rate, derivatives=self.derivatives.since(here.derivatives, step))
+        ahead = step / (step + here.step)  # the rate at the end of the step lies ahead of that of the step's middle
+        withheld = face.penalty_error(self.contact, rate + ahead * (rate - here.rate), self.springs) + self.residual_error
+        derivatives = None
+        if self.derivatives is not None and here.derivatives is not None:
+            springs = tuple(self.springs.scaled(way.springs) for way in ways)
+            withholding = sensitivity.Withholding(face, self.contact, self.springs, springs, rate, here.rate, ahead)
+            derivatives = self.derivatives.since(here.derivatives, step, withholding)
+        return replace(self, rate=rate, step=step, withheld=withheld, derivatives=derivatives)
 
 
-def equilibrium_of(there: Linearisation, solver: LinearSolver, deadline: Deadline, at_rest: bool = False) -> Equilibrium:
+def equilibrium_of(
+    there: Linearisation, solver: LinearSolver, exact: LinearSolver, deadline: Deadline, at_rest: bool = False
+) -> Equilibrium:
     """The Equilibrium at a converged linearisation: one solve for the motion, one for each direction of the loading.
+
+    Solves for the derivatives have a solver of their own: the path is the same, bit by bit, with and without them.
 
     Parameters
     ----------
     there : Linearisation
-    solver : LinearSolver
+    solver, exact : LinearSolver
+        For the motion, and for the derivatives.
     deadline : Deadline
     at_rest : bool
         Whether the linearisation is that of the untouched sample.
@@ -81,23 +110,27 @@ def equilibrium_of(there: Linearisation, solver: LinearSolver, deadline: Deadlin
     increment, contact = there.increment, there.contact
     face, loading = increment.equations.face, increment.loading
     by_depth = increment.equations.fixed.freed(face.by_depth(contact))
-    differentiated = bool(loading.directions and increment.changes)
-    if differentiated:
-        solver.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
-    # a low accuracy of the motion serves to predict a step; a requested stiffness and derivatives of the path need full accuracy
-    accuracy = sensitivity.ACCURACY if at_rest or differentiated else None
-    motion = solver.solve(there.tangent, -by_depth, accuracy, deadline=deadline)
+    # a low accuracy of the motion serves to predict a step; a requested stiffness needs full accuracy
+    motion = solver.solve(there.tangent, -by_depth, sensitivity.ACCURACY if at_rest else None, deadline=deadline)
     rate = face.rate(contact, motion)
+    penalty_error = face.penalty_error(contact, rate, loading.springs)
+    residual_error = float(there.residual @ motion)
+    derivatives = None
+    if loading.directions and increment.changes:
+        exact.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
+        derivatives = sensitivity.path_derivatives(there, exact, deadline, motion if at_rest else None)
     return Equilibrium(
         depth=increment.depth,
         u=there.at.u,
         pressure=there.pressure,
         contact=contact,
+        springs=loading.springs,
         force=face.force(contact),
         stiffness=face.total(rate),
-        penalty_error=face.penalty_error(contact, rate, loading.springs),
-        residual_error=float(there.residual @ motion),
+        penalty_error=penalty_error,
+        residual_error=residual_error,
+        withheld=penalty_error + residual_error,
         motion=motion,
         rate=rate,
-        derivatives=sensitivity.path_derivatives(there, solver, deadline, motion if at_rest else None) if differentiated else None,
+        derivatives=derivatives,
     )

@@ -48,7 +48,7 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
     ramp, function = press.in_time.ramp(float(press.depths[-1]), hold)
     wanted = np.append(press.depths / press.in_time.rate, ramp.seconds + _of_hold(hold, ramp.seconds))
     dense = ramp.times(wanted)
-    elastic = Interpolant([point.depth for point in test.path], [point.force for point in test.path], model.power)
+    elastic = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     integral = function.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
     try:
         moments = model.over_time(press, ramp, function, progress)
@@ -57,7 +57,7 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
     stepwise = function.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
-    ratio = np.array([moment.at.force for moment in moments])[1:] / stepwise[1:]
+    ratio = np.array([moment.at.whole_force for moment in moments])[1:] / stepwise[1:]
     between = PchipInterpolator(time[1:], ratio)(np.clip(wanted, time[1], time[-1]))
     force = between * np.interp(wanted, dense, integral)
     return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))

@@ -29,10 +29,9 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case.tables import Mesh
 from indentfit.errors import ConvergenceError
-from indentfit.fem.controls import Report
+from indentfit.fem.controls import FIRST_STEPS, Report
 from indentfit.fem.mesh import edge_width
 from indentfit.fem.meshing import count, resized, size
-from indentfit.fem.path import FIRST_STEPS
 from indentfit.fem.result import ForceError, Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model

@@ -18,9 +18,10 @@ INVERTED = "an element turned inside out"
 
 @dataclass(frozen=True)
 class Newton:
-    """Newton's iteration of one run: its linear solver, its controls, and its count of work."""
+    """Newton's iteration of one run: its linear solvers (`exact` is that of the derivatives), its controls, and its count of work."""
 
     solver: LinearSolver
+    exact: LinearSolver
     controls: Controls
     work: Work
 
@@ -54,7 +55,7 @@ class Newton:
 
     def settled(self, here: Linearisation, at_rest: bool = False) -> Equilibrium:
         """The Equilibrium at a linearisation that is converged."""
-        return equilibrium_of(here, self.solver, self.controls.deadline, at_rest)
+        return equilibrium_of(here, self.solver, self.exact, self.controls.deadline, at_rest)
 
 
 def line_search(

@@ -16,7 +16,6 @@ from indentfit.fem.relaxation import relaxed
 
 WITHHELD, MAX_AUGMENTATIONS = 2e-3, 3  # share of the force that the springs may withhold
 LEASH = 0.03  # largest motion of a point in one iteration, over the last depth
-FIRST_STEPS = 8  # steps to the last depth when nothing goes wrong
 SMALLEST_STEP = 1e-2  # over the last depth; where this is not small enough, other springs or another mesh cost less than halving
 SHORT = 0.6  # over the largest step: a shorter step follows a cutback; it may be relaxed, and its springs softened
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
@@ -56,7 +55,7 @@ def indent(equations: Equations, loading: Loading, newton: Newton, depths: Array
 
 def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, newton: Newton, last: float) -> None:
     """Add equilibria to a path up to the last depth."""
-    springs, largest = loading.springs, min(newton.controls.max_step, last / FIRST_STEPS)
+    springs, largest = loading.springs, min(newton.controls.max_step, last / newton.controls.first_steps)
     step = largest
     while path[-1].depth < last * (1 - 1e-12):
         newton.controls.deadline.check()
@@ -73,7 +72,7 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
             continue
         newton.work.steps += 1
         loading = loading.stiffened(springs)
-        path.append(_augmented(equations, loading, newton, there, LEASH * last).since(here))
+        path.append(_augmented(equations, loading, newton, there, LEASH * last).since(here, equations.face, loading.directions))
         if newton.controls.progress is not None:
             newton.controls.progress(depth / last)
         step = _next_step(step, iterations, SMALLEST_STEP * last)

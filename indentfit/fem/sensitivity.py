@@ -10,13 +10,15 @@ rules (direct differentiation of a path-dependent problem: Michaleris, Tortorell
 differentiated: with the same steps, central differences tend to these derivatives.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.fem.body import BodyState
-from indentfit.fem.contact_state import ContactChange, ContactState, History
+from indentfit.fem.contact import ContactFace
+from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.directions import Direction
 from indentfit.fem.equations import Linearisation
@@ -34,7 +36,7 @@ class PathDerivatives:
     Attributes
     ----------
     force : array (n_d,), mN
-        Derivatives of the quarter's force.
+        Derivatives of the quarter's force, from `since` on with what the contact's springs withhold.
     changes : tuple of ContactChange
         Derivatives of the contact's state.
     rates : tuple of arrays (n_f, n_q, 3)
@@ -48,14 +50,57 @@ class PathDerivatives:
     rates: tuple[Array, ...] = field(repr=False)
     stiffness: Array | None = None
 
-    def since(self, before: "PathDerivatives", step: float) -> "PathDerivatives":
-        """These derivatives with the rates of the secant from the derivatives `before`, a step of the depth (mm) earlier."""
+    def since(self, before: "PathDerivatives", step: float, withholding: "Withholding") -> "PathDerivatives":
+        """These derivatives with the rates of the secant from the derivatives `before`, a step of the depth (mm) earlier, and with
+        the force that the springs withhold."""
         pairs = zip(self.changes, before.changes, strict=True)
-        return replace(self, rates=tuple((here.traction - there.traction) / step for here, there in pairs))
+        rates = tuple((here.traction - there.traction) / step for here, there in pairs)
+        return replace(self, rates=rates, force=self.force + withholding.changes(self.changes, rates, before.rates))
 
     def advanced(self, contact: ContactState, rate: Array, step: float) -> tuple[History, ...]:
         """Derivatives of `contact.advanced(rate, step)`: a History for each Direction."""
         return tuple(change.advanced(contact, rate, rates, step) for change, rates in zip(self.changes, self.rates, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Withholding:
+    """What the springs of the contact withhold of the force at the end of a step, as `ContactFace.penalty_error` estimates it.
+
+    Attributes
+    ----------
+    face : ContactFace
+    contact : ContactState
+        The state at the end of the step.
+    springs : Springs
+    spring_changes : tuple of Springs
+        Derivatives of the springs by each Direction.
+    rate, last_rate : array (n_f, n_q, 3), kPa/mm
+        Rates of the traction in this step and in the last one.
+    ahead : float
+        The traction's rate at the end of the step is rate + ahead (rate - last_rate).
+    """
+
+    face: ContactFace
+    contact: ContactState
+    springs: Springs
+    spring_changes: tuple[Springs, ...]
+    rate: Array = field(repr=False)
+    last_rate: Array = field(repr=False)
+    ahead: float
+
+    def changes(self, changes: Sequence[ContactChange], rates: Sequence[Array], last_rates: Sequence[Array]) -> Array:
+        """Derivatives (n_d,), mN, of the withheld force, from those of the state and of both rates."""
+        at_end = self._at_end(self.rate, self.last_rate)
+        each = zip(changes, self.spring_changes, rates, last_rates, strict=True)
+        return np.array(
+            [
+                self.face.penalty_error_change(self.contact, at_end, self.springs, change, self._at_end(rate, last), springs)
+                for change, springs, rate, last in each
+            ]
+        )
+
+    def _at_end(self, rate: Array, last: Array) -> Array:
+        return rate + self.ahead * (rate - last)
 
 
 def path_derivatives(

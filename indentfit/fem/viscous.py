@@ -22,6 +22,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError
 from indentfit.fem import path as elastic
+from indentfit.fem.controls import FIRST_STEPS
 from indentfit.fem.equations import Equations, Loading, Memory
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.newton import Newton
@@ -164,7 +165,7 @@ def _shortest(ramp: Ramp, relaxation: RelaxationFunction) -> float:
 def _largest(time: float, ramp: Ramp, max_step: float, shortest: float) -> float:
     """The largest step of time at a time: it ends no later than the ramp, or the hold."""
     if time < ramp.seconds * (1 - 1e-9):
-        longest = min(ramp.seconds / elastic.FIRST_STEPS, max_step / ramp.depth * ramp.seconds)
+        longest = min(ramp.seconds / FIRST_STEPS, max_step / ramp.depth * ramp.seconds)
         return ramp.seconds - time if time + 1.01 * longest > ramp.seconds else longest
     longest = max(FIRST * shortest, GROWTH * (time - ramp.seconds))
     return ramp.end - time if time + 1.3 * longest > ramp.end else longest
@@ -189,7 +190,7 @@ def _step(here: Moment, dt: float, equations: Equations, loading: Loading, newto
     newton.solver.forget()  # the tangent is that of another stiffness
     there, _ = elastic._step(newton, elastic._increment(equations, now, here.at, depth, leash), here.at, relax)
     there = elastic._augmented(equations, now, newton, there, leash)
-    there = there.since(here.at) if depth > here.at.depth else replace(there, rate=here.at.rate)
+    there = there.since(here.at, equations.face, ()) if depth > here.at.depth else replace(there, rate=here.at.rate)
     return Moment(time, there, here.stress.after(dt, _elastic(equations, loading, there)))
 
 

@@ -22,6 +22,14 @@ class LinearWork:
     solves: int = 0
     krylov_iterations: int = 0
 
+    def plus(self, other: "LinearWork") -> "LinearWork":
+        """This work and another's."""
+        return LinearWork(
+            self.factorizations + other.factorizations,
+            self.solves + other.solves,
+            self.krylov_iterations + other.krylov_iterations,
+        )
+
     def since(self, before: "LinearWork") -> "LinearWork":
         """The work that was done since an earlier count."""
         return LinearWork(
