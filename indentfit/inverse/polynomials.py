@@ -17,7 +17,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Ints
 
 USUAL_BETA = 10.0  # beta of the first runs
 SHARP = 6.0  # how sharply a clipped range stops growing
@@ -48,10 +48,19 @@ Warp = Callable[[Array, Array], Array]
 
 def _by_kind(betas: Array, functions: tuple[Warp, Warp, Warp], x: Array, plain: Array) -> Array:
     """Each column by the function that its beta asks for; `plain` where beta is 0."""
-    logarithm, reciprocal, clip = functions
-    kinds = [betas > 0, betas <= -1, (betas > -1) & (betas < 0)]
+    warped = np.array(plain, dtype=float)
     with np.errstate(all="ignore"):
-        return np.asarray(np.select(kinds, [logarithm(x, betas), reciprocal(x, -betas), clip(x, -betas)], plain))
+        for kind, columns, b in _kinds(tuple(betas)):
+            warped[..., columns] = functions[kind](x[..., columns], b)
+    return warped
+
+
+@functools.lru_cache(maxsize=1024)
+def _kinds(betas: tuple[float, ...]) -> list[tuple[int, Ints, Array]]:
+    """Number of the function, columns, and its argument, for each kind among the betas."""
+    b = np.array(betas)
+    kinds = [(b > 0, 1), (b <= -1, -1), ((b > -1) & (b < 0), -1)]
+    return [(n, np.flatnonzero(own), sign * b[own]) for n, (own, sign) in enumerate(kinds) if own.any()]
 
 
 def _logarithm(u: Array, b: Array) -> Array:
@@ -101,23 +110,44 @@ def powers(d: int, degree: int) -> list[tuple[int, ...]]:
     return [degrees for degrees in product(range(degree + 1), repeat=d) if sum(degrees) <= degree]
 
 
+@functools.lru_cache(maxsize=64)
+def _degrees(d: int, degree: int) -> Ints:
+    return np.array(powers(d, degree))
+
+
 def values(places: Array, betas: Array, degree: int) -> Array:
     """The polynomials at places (m, d) in units of the ranges, (m, coefficients)."""
-    vanders = chebyshev.chebvander(warp(places, betas), degree)  # (m, d, degree + 1)
+    vanders = _chebyshev(warp(places, betas), degree)
     return _products(vanders, len(betas), degree)
 
 
 def by_t(places: Array, betas: Array, degree: int) -> list[Array]:
     """Derivatives of the polynomials by each t, a list of (m, coefficients)."""
-    vanders = chebyshev.chebvander(warp(places, betas), degree)
-    D = np.zeros((degree + 1, degree + 1))
-    D[:, :-1] = chebyshev.chebder(np.eye(degree + 1)).T if degree else 0
+    vanders, D = _chebyshev(warp(places, betas), degree), _derivation(degree)
     derivatives: list[Array] = []
     for k in range(len(betas)):
         derived = vanders.copy()
         derived[:, k] = vanders[:, k] @ D.T
         derivatives.append(_products(derived, len(betas), degree))
     return derivatives
+
+
+def _chebyshev(t: Array, degree: int) -> Array:
+    """Chebyshev polynomials of each variable, (m, d, degree + 1), at t (m, d)."""
+    vanders = np.ones((*t.shape, degree + 1))
+    if degree:
+        vanders[..., 1], twice = t, 2 * t
+        for n in range(2, degree + 1):
+            vanders[..., n] = vanders[..., n - 1] * twice - vanders[..., n - 2]
+    return vanders
+
+
+@functools.cache
+def _derivation(degree: int) -> Array:
+    """Matrix that differentiates Chebyshev polynomials up to a degree."""
+    D = np.zeros((degree + 1, degree + 1))
+    D[:, :-1] = chebyshev.chebder(np.eye(degree + 1)).T if degree else 0
+    return D
 
 
 def by_units(places: Array, betas: Array, degree: int) -> list[Array]:
@@ -210,7 +240,7 @@ def _most_telling(blocks: Array, n: int) -> list[int]:
 
 
 def _products(vanders: NDArray[Any], d: int, degree: int) -> Array:
-    degrees = np.array(powers(d, degree))
+    degrees = _degrees(d, degree)
     products = np.ones((len(vanders), len(degrees)))
     for k in range(d):
         products *= vanders[:, k, degrees[:, k]]
