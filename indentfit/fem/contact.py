@@ -12,9 +12,9 @@ A point sticks while the force of its tangential spring stays within the limit f
 p0 and T0 are the multipliers of an augmented Lagrangian that is advanced once with each step: they take over the last
 step's p and T and their rates, while the anchor of a sticking point stays where the point began to stick. The springs e and e_t
 therefore carry only a step's departure from the straight path, not the whole traction. Their deflection lowers the force a little:
-this is the *penalty error*, which is reported with every result (`ContactFace.penalty_error`). So the springs can be soft enough
-for few Newton iterations: under stiffer springs points *chatter*, that is, they change between stick and slip, or between touch and
-gap, from one iteration to the next.
+this is the *penalty error*, which every result reports and every force has added back (`ContactFace.penalty_error`). So the springs
+can be soft enough for few Newton iterations: under stiffer springs points *chatter*, that is, they change between stick and slip,
+or between touch and gap, from one iteration to the next.
 
 `contact_points` says where the points lie.
 

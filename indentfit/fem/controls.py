@@ -8,7 +8,6 @@ import numpy as np
 
 from indentfit.fem.deadline import NEVER, Deadline
 
-
 FIRST_STEPS = 8  # that a growing contact needs
 
 

@@ -25,9 +25,9 @@ class SolveFacts:
         Work of the linear solver.
     wall_seconds : float, s
     penalty_error : float
-        Share of the last force that is missing because of the contact springs' deflection.
+        Share of the last force that is missing because of the contact springs' deflection, and is added back.
     residual_error : float
-        Largest share of the force that corresponds to a step's remaining residual.
+        Largest share of the force that a step's remaining residual withholds, and that is added back.
     edge_slip : float
         Largest motion of the material under a sharp edge away from the edge, as a share of the indenter's half-width; 0 where
         the edge is rounded.

@@ -18,7 +18,7 @@ INVERTED = "an element turned inside out"
 
 @dataclass(frozen=True)
 class Newton:
-    """Newton's iteration of one run: its linear solvers (`exact` is that of the derivatives), its controls, and its count of work."""
+    """Newton's iteration of one run: its linear solver, that of the derivatives (`exact`), its controls, and its count of work."""
 
     solver: LinearSolver
     exact: LinearSolver

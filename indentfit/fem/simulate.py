@@ -162,9 +162,7 @@ class Model:
         The `part` of the first two, and of what `progress` raises, is the TestResult as far as it goes, or None.
         """
         press = replace(press, depths=np.asarray(press.depths, dtype=float), sensitivities=tuple(press.sensitivities))
-        controls = Controls(
-            self.setup.solver.tolerance, self._largest_step(press), self._first_steps, deadline or NEVER, progress
-        )
+        controls = Controls(self.setup.solver.tolerance, self._largest_step(press), self._first_steps, deadline or NEVER, progress)
         with _threads(self.body.n_dofs), blamed(type(press.material)):
             return self._tried(press, controls)
 

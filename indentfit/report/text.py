@@ -153,7 +153,7 @@ def _contact(simulation: Simulation) -> Iterator[str]:
         facts = test.facts
         edge = f"; edge slip {facts.edge_slip:.2%} of the half-width" if facts.edge_slip else ""
         yield (
-            f"contact   {test.name}: penalty error {facts.penalty_error:.3%} of the force; "
+            f"contact   {test.name}: penalty error {facts.penalty_error:.3%} of the force, added back; "
             f"{facts.touching:.0%} of the points touch, {facts.slipping:.0%} slide{edge}"
         )
 
@@ -250,7 +250,7 @@ def _work_lines(result: FitResult) -> Iterator[str]:
     yield f"work      {result.nfev} sets of parameters{failed}, {result.runs} runs{reused}{workers}, {result.seconds:.1f} s"
     if result.mesh:
         penalty = result.solver.penalty_error if result.solver else None
-        exact = f"; contact penalty takes {penalty:.2%} of the force" if penalty is not None else ""
+        exact = f"; contact springs withhold {penalty:.2%} of the force, added back" if penalty is not None else ""
         yield f"mesh      {result.mesh.elements:,} elements, {result.mesh.dofs:,} degrees of freedom{exact}"
         if result.mesh.remark:
             yield f"note      {result.mesh.remark}"
