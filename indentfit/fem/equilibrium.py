@@ -32,11 +32,9 @@ class Equilibrium:
     stiffness : float, mN/mm
         dF/dd.
     penalty_error : float, mN
-        Force that is missing because of the contact springs' deflection, by the path's tangent.
+        Force that is missing because of the contact springs' deflection.
     residual_error : float, mN
         Force that is missing because of the remaining residual.
-    withheld : float, mN
-        The sum of both, that of the springs by the secants of the path, whose derivatives are exact (`since`).
     motion : array (n,), mm/mm
         du/dd.
     rate : array (n_f, n_q, 3), kPa/mm
@@ -56,7 +54,6 @@ class Equilibrium:
     stiffness: float
     penalty_error: float
     residual_error: float
-    withheld: float
     motion: Array = field(repr=False)
     rate: Array = field(repr=False)
     step: float = 0.0
@@ -69,22 +66,21 @@ class Equilibrium:
 
     @property
     def whole_force(self) -> float:
-        """The force, mN, with what is withheld: its error is of the second order in the springs' deflection and the residual."""
-        return self.force + self.withheld
+        """The force, mN, with what is missing: its error is of the second order in the springs' deflection and the residual."""
+        return self.force + self.penalty_error + self.residual_error
 
     def since(self, here: "Equilibrium", face: ContactFace, ways: Sequence[Direction]) -> "Equilibrium":
-        """This step with the traction's rate since the step `here`, what is withheld by that rate, and the derivatives of both by
-        the directions `ways`."""
+        """This step with the traction's rate since the step `here`, and the derivatives of the rate and of the penalty error by the
+        directions `ways`."""
         step = self.depth - here.depth
         rate = (self.contact.traction - here.contact.traction) / step
-        ahead = step / (step + here.step)  # the rate at the end of the step lies ahead of that of the step's middle
-        withheld = face.penalty_error(self.contact, rate + ahead * (rate - here.rate), self.springs) + self.residual_error
         derivatives = None
         if self.derivatives is not None and here.derivatives is not None:
             springs = tuple(self.springs.scaled(way.springs) for way in ways)
-            withholding = sensitivity.Withholding(face, self.contact, self.springs, springs, rate, here.rate, ahead)
-            derivatives = self.derivatives.since(here.derivatives, step, withholding)
-        return replace(self, rate=rate, step=step, withheld=withheld, derivatives=derivatives)
+            ahead = step / (step + here.step)  # the rate at the end of the step lies ahead of that of the step's middle
+            secants = sensitivity.Secants(face, self.contact, self.springs, springs, rate, here.rate, ahead)
+            derivatives = self.derivatives.since(here.derivatives, step, secants, self.penalty_error)
+        return replace(self, rate=rate, step=step, derivatives=derivatives)
 
 
 def equilibrium_of(
@@ -113,8 +109,6 @@ def equilibrium_of(
     # a low accuracy of the motion serves to predict a step; a requested stiffness needs full accuracy
     motion = solver.solve(there.tangent, -by_depth, sensitivity.ACCURACY if at_rest else None, deadline=deadline)
     rate = face.rate(contact, motion)
-    penalty_error = face.penalty_error(contact, rate, loading.springs)
-    residual_error = float(there.residual @ motion)
     derivatives = None
     if loading.directions and increment.changes:
         exact.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
@@ -127,9 +121,8 @@ def equilibrium_of(
         springs=loading.springs,
         force=face.force(contact),
         stiffness=face.total(rate),
-        penalty_error=penalty_error,
-        residual_error=residual_error,
-        withheld=penalty_error + residual_error,
+        penalty_error=face.penalty_error(contact, rate, loading.springs),
+        residual_error=float(there.residual @ motion),
         motion=motion,
         rate=rate,
         derivatives=derivatives,

@@ -26,6 +26,7 @@ from indentfit.fem.linear.solver import LinearSolver
 from indentfit.indenters import UP
 
 ACCURACY = 1e-9  # relative residual of the linear solves
+AGREEMENT = 2.0  # factor between the penalty errors by the tangent and by secants, up to which they agree
 AT_REST = 1e-6  # mm per mm of depth: a motion so small that the body's forces are linear in it
 
 
@@ -36,7 +37,7 @@ class PathDerivatives:
     Attributes
     ----------
     force : array (n_d,), mN
-        Derivatives of the quarter's force, from `since` on with what the contact's springs withhold.
+        Derivatives of the quarter's force, from `since` on with those of the penalty error.
     changes : tuple of ContactChange
         Derivatives of the contact's state.
     rates : tuple of arrays (n_f, n_q, 3)
@@ -50,12 +51,12 @@ class PathDerivatives:
     rates: tuple[Array, ...] = field(repr=False)
     stiffness: Array | None = None
 
-    def since(self, before: "PathDerivatives", step: float, withholding: "Withholding") -> "PathDerivatives":
+    def since(self, before: "PathDerivatives", step: float, secants: "Secants", penalty_error: float) -> "PathDerivatives":
         """These derivatives with the rates of the secant from the derivatives `before`, a step of the depth (mm) earlier, and with
-        the force that the springs withhold."""
+        those of the penalty error."""
         pairs = zip(self.changes, before.changes, strict=True)
         rates = tuple((here.traction - there.traction) / step for here, there in pairs)
-        return replace(self, rates=rates, force=self.force + withholding.changes(self.changes, rates, before.rates))
+        return replace(self, rates=rates, force=self.force + secants.changes(penalty_error, self.changes, rates, before.rates))
 
     def advanced(self, contact: ContactState, rate: Array, step: float) -> tuple[History, ...]:
         """Derivatives of `contact.advanced(rate, step)`: a History for each Direction."""
@@ -63,8 +64,9 @@ class PathDerivatives:
 
 
 @dataclass(frozen=True, eq=False)
-class Withholding:
-    """What the springs of the contact withhold of the force at the end of a step, as `ContactFace.penalty_error` estimates it.
+class Secants:
+    """The penalty error at the end of a step with the traction's rate by secants of the path, in place of that by the tangent. Its
+    derivatives need no derivative of the tangent.
 
     Attributes
     ----------
@@ -88,11 +90,18 @@ class Withholding:
     last_rate: Array = field(repr=False)
     ahead: float
 
-    def changes(self, changes: Sequence[ContactChange], rates: Sequence[Array], last_rates: Sequence[Array]) -> Array:
-        """Derivatives (n_d,), mN, of the withheld force, from those of the state and of both rates."""
+    def changes(
+        self, by_tangent: float, changes: Sequence[ContactChange], rates: Sequence[Array], last_rates: Sequence[Array]
+    ) -> Array:
+        """Derivatives (n_d,), mN, of the penalty error `by_tangent`: those by the secants, in proportion. They are zero, and the
+        penalty error counts as constant, where both errors disagree: the surface has folded or snapped within the step."""
         at_end = self._at_end(self.rate, self.last_rate)
+        by_secants = self.face.penalty_error(self.contact, at_end, self.springs)
+        share = by_tangent / by_secants if by_secants else 0.0
+        if not 1 / AGREEMENT < share < AGREEMENT:
+            return np.zeros(len(changes))
         each = zip(changes, self.spring_changes, rates, last_rates, strict=True)
-        return np.array(
+        return share * np.array(
             [
                 self.face.penalty_error_change(self.contact, at_end, self.springs, change, self._at_end(rate, last), springs)
                 for change, springs, rate, last in each
