@@ -32,9 +32,11 @@ class Equilibrium:
     stiffness : float, mN/mm
         dF/dd.
     penalty_error : float, mN
-        Force that is missing because of the contact springs' deflection.
+        Force that is missing because of the contact springs' deflection, by the tangent of the path.
     residual_error : float, mN
         Force that is missing because of the remaining residual.
+    withheld : float, mN
+        The penalty error by the secants of the path, where these agree with its tangent; elsewhere 0 (`sensitivity.Secants`).
     motion : array (n,), mm/mm
         du/dd.
     rate : array (n_f, n_q, 3), kPa/mm
@@ -54,6 +56,7 @@ class Equilibrium:
     stiffness: float
     penalty_error: float
     residual_error: float
+    withheld: float
     motion: Array = field(repr=False)
     rate: Array = field(repr=False)
     step: float = 0.0
@@ -67,20 +70,20 @@ class Equilibrium:
     @property
     def whole_force(self) -> float:
         """The force, mN, with what is missing: its error is of the second order in the springs' deflection and the residual."""
-        return self.force + self.penalty_error + self.residual_error
+        return self.force + self.withheld + self.residual_error
 
     def since(self, here: "Equilibrium", face: ContactFace, ways: Sequence[Direction]) -> "Equilibrium":
-        """This step with the traction's rate since the step `here`, and the derivatives of the rate and of the penalty error by the
-        directions `ways`."""
+        """This step with the traction's rate since the step `here`, the penalty error by that rate, and the derivatives of both by
+        the directions `ways`."""
         step = self.depth - here.depth
         rate = (self.contact.traction - here.contact.traction) / step
-        derivatives = None
+        ahead = step / (step + here.step)  # the rate at the end of the step lies ahead of that of the step's middle
+        secants = sensitivity.Secants(face, self.contact, self.springs, rate, here.rate, ahead)
+        agree, derivatives = secants.agree(self.penalty_error), None
         if self.derivatives is not None and here.derivatives is not None:
             springs = tuple(self.springs.scaled(way.springs) for way in ways)
-            ahead = step / (step + here.step)  # the rate at the end of the step lies ahead of that of the step's middle
-            secants = sensitivity.Secants(face, self.contact, self.springs, springs, rate, here.rate, ahead)
-            derivatives = self.derivatives.since(here.derivatives, step, secants, self.penalty_error)
-        return replace(self, rate=rate, step=step, derivatives=derivatives)
+            derivatives = self.derivatives.since(here.derivatives, step, secants if agree else None, springs)
+        return replace(self, rate=rate, step=step, withheld=secants.penalty_error if agree else 0.0, derivatives=derivatives)
 
 
 def equilibrium_of(
@@ -109,6 +112,7 @@ def equilibrium_of(
     # a low accuracy of the motion serves to predict a step; a requested stiffness needs full accuracy
     motion = solver.solve(there.tangent, -by_depth, sensitivity.ACCURACY if at_rest else None, deadline=deadline)
     rate = face.rate(contact, motion)
+    penalty_error = face.penalty_error(contact, rate, loading.springs)
     derivatives = None
     if loading.directions and increment.changes:
         exact.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
@@ -121,8 +125,9 @@ def equilibrium_of(
         springs=loading.springs,
         force=face.force(contact),
         stiffness=face.total(rate),
-        penalty_error=face.penalty_error(contact, rate, loading.springs),
+        penalty_error=penalty_error,
         residual_error=float(there.residual @ motion),
+        withheld=0.0,
         motion=motion,
         rate=rate,
         derivatives=derivatives,

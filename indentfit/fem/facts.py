@@ -25,7 +25,8 @@ class SolveFacts:
         Work of the linear solver.
     wall_seconds : float, s
     penalty_error : float
-        Share of the last force that is missing because of the contact springs' deflection, and is added back.
+        Share of the last force that is missing because of the contact springs' deflection; `force` has it added back where the
+        path is smooth (sensitivity.Secants).
     residual_error : float
         Largest share of the force that a step's remaining residual withholds, and that is added back.
     edge_slip : float

@@ -10,6 +10,7 @@ rules (direct differentiation of a path-dependent problem: Michaleris, Tortorell
 differentiated: with the same steps, central differences tend to these derivatives.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -51,12 +52,15 @@ class PathDerivatives:
     rates: tuple[Array, ...] = field(repr=False)
     stiffness: Array | None = None
 
-    def since(self, before: "PathDerivatives", step: float, secants: "Secants", penalty_error: float) -> "PathDerivatives":
+    def since(
+        self, before: "PathDerivatives", step: float, secants: "Secants | None", springs: Sequence[Springs]
+    ) -> "PathDerivatives":
         """These derivatives with the rates of the secant from the derivatives `before`, a step of the depth (mm) earlier, and with
-        those of the penalty error."""
+        those of the penalty error by `secants`; `springs` are the derivatives of the contact's springs."""
         pairs = zip(self.changes, before.changes, strict=True)
         rates = tuple((here.traction - there.traction) / step for here, there in pairs)
-        return replace(self, rates=rates, force=self.force + secants.changes(penalty_error, self.changes, rates, before.rates))
+        withheld = np.zeros(len(rates)) if secants is None else secants.changes(self.changes, springs, rates, before.rates)
+        return replace(self, rates=rates, force=self.force + withheld)
 
     def advanced(self, contact: ContactState, rate: Array, step: float) -> tuple[History, ...]:
         """Derivatives of `contact.advanced(rate, step)`: a History for each Direction."""
@@ -65,8 +69,9 @@ class PathDerivatives:
 
 @dataclass(frozen=True, eq=False)
 class Secants:
-    """The penalty error at the end of a step with the traction's rate by secants of the path, in place of that by the tangent. Its
-    derivatives need no derivative of the tangent.
+    """The penalty error at the end of a step with the traction's rate by secants of the path, in place of that by the tangent: its
+    derivatives are exact, and need no derivative of the tangent. Both disagree where the surface has folded or snapped within the
+    step, and in the first step of a contact that grows; the penalty error is then left in the force.
 
     Attributes
     ----------
@@ -74,8 +79,6 @@ class Secants:
     contact : ContactState
         The state at the end of the step.
     springs : Springs
-    spring_changes : tuple of Springs
-        Derivatives of the springs by each Direction.
     rate, last_rate : array (n_f, n_q, 3), kPa/mm
         Rates of the traction in this step and in the last one.
     ahead : float
@@ -85,26 +88,30 @@ class Secants:
     face: ContactFace
     contact: ContactState
     springs: Springs
-    spring_changes: tuple[Springs, ...]
     rate: Array = field(repr=False)
     last_rate: Array = field(repr=False)
     ahead: float
 
+    @functools.cached_property
+    def penalty_error(self) -> float:
+        """The penalty error, mN."""
+        return self.face.penalty_error(self.contact, self._at_end(self.rate, self.last_rate), self.springs)
+
+    def agree(self, by_tangent: float) -> bool:
+        """Whether the penalty error by the tangent is the same within a factor of AGREEMENT."""
+        by_secants = self.penalty_error
+        return bool(by_secants and 1 / AGREEMENT < by_tangent / by_secants < AGREEMENT)
+
     def changes(
-        self, by_tangent: float, changes: Sequence[ContactChange], rates: Sequence[Array], last_rates: Sequence[Array]
+        self, changes: Sequence[ContactChange], springs: Sequence[Springs], rates: Sequence[Array], last_rates: Sequence[Array]
     ) -> Array:
-        """Derivatives (n_d,), mN, of the penalty error `by_tangent`: those by the secants, in proportion. They are zero, and the
-        penalty error counts as constant, where both errors disagree: the surface has folded or snapped within the step."""
+        """Derivatives (n_d,), mN, of the penalty error, from those of the state, of the springs and of both rates."""
         at_end = self._at_end(self.rate, self.last_rate)
-        by_secants = self.face.penalty_error(self.contact, at_end, self.springs)
-        share = by_tangent / by_secants if by_secants else 0.0
-        if not 1 / AGREEMENT < share < AGREEMENT:
-            return np.zeros(len(changes))
-        each = zip(changes, self.spring_changes, rates, last_rates, strict=True)
-        return share * np.array(
+        each = zip(changes, springs, rates, last_rates, strict=True)
+        return np.array(
             [
-                self.face.penalty_error_change(self.contact, at_end, self.springs, change, self._at_end(rate, last), springs)
-                for change, springs, rate, last in each
+                self.face.penalty_error_change(self.contact, at_end, self.springs, change, self._at_end(rate, last), stiffer)
+                for change, stiffer, rate, last in each
             ]
         )
 
