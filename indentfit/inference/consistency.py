@@ -102,15 +102,15 @@ class _Whitened:
     def curves(self, x: Array) -> list[Array]:
         """The curves of all tests at x."""
         problem = self.problem
-        return self._split(problem.factor(problem.parameters(x)) * self.surrogate.curves(x[None, problem.searched_numbers])[0])
+        return self._split(problem.factor(problem.parameters(x)) * self.surrogate.at(x[problem.searched_numbers])[0])
 
     def slopes(self, x: Array) -> list[Array]:
         """Their derivatives by the free parameters in units of the ranges, (n, n_free) for each test."""
-        problem, place = self.problem, x[None, self.problem.searched_numbers]
+        problem, (curves, slopes) = self.problem, self.surrogate.at(x[self.problem.searched_numbers])
         factor, J = problem.factor(problem.parameters(x)), np.zeros((sum(force.size for force in self.measured), x.size))
-        J[:, problem.searched_numbers] = factor * self.surrogate.slopes(place)[0].T
+        J[:, problem.searched_numbers] = factor * slopes.T
         if problem.scale is not None:
-            J[:, problem.number(problem.scale)] = problem.range(problem.scale) / problem.reference * self.surrogate.curves(place)[0]
+            J[:, problem.number(problem.scale)] = problem.range(problem.scale) / problem.reference * curves
         return self._split(J)
 
     def _split(self, rows: Array) -> list[Array]:

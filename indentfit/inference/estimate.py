@@ -1,7 +1,7 @@
 """Estimates on a surrogate: the parameters that minimise the weighted squares, some of them held."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -22,21 +22,30 @@ class _Residuals:
     surrogate: Surrogate
     roots: Array
     targets: Array
+    kept: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)
 
     def at(self, x: Array) -> Array:
         """(N,) at x, (n_free,)."""
-        curves = self.surrogate.curves(x[None, self.problem.searched_numbers])[0]
+        curves, _ = self._at(x)
         return self.roots * (self._factor(x) * curves - self.targets)
 
     def jacobian(self, x: Array) -> Array:
         """(N, n_free) at x, (n_free,)."""
         problem, searched = self.problem, self.problem.searched_numbers
-        J = np.zeros((self.targets.size, len(x)))
-        J[:, searched] = self._factor(x) * self.surrogate.slopes(x[None, searched])[0].T
+        J, (curves, slopes) = np.zeros((self.targets.size, len(x))), self._at(x)
+        J[:, searched] = self._factor(x) * slopes.T
         if problem.scale is not None:
             steepness = problem.range(problem.scale) / problem.reference
-            J[:, problem.number(problem.scale)] = steepness * self.surrogate.curves(x[None, searched])[0]
+            J[:, problem.number(problem.scale)] = steepness * curves
         return self.roots[:, None] * J
+
+    def _at(self, x: Array) -> tuple[Array, Array]:
+        """Curves and slopes of the surrogate at x; those at the last place are kept, since a step asks for both."""
+        key = x.tobytes()
+        if key not in self.kept:
+            self.kept.clear()
+            self.kept[key] = self.surrogate.at(x[self.problem.searched_numbers])
+        return self.kept[key]
 
     def _factor(self, x: Array) -> float:
         problem = self.problem

@@ -110,11 +110,6 @@ def powers(d: int, degree: int) -> list[tuple[int, ...]]:
     return [degrees for degrees in product(range(degree + 1), repeat=d) if sum(degrees) <= degree]
 
 
-@functools.lru_cache(maxsize=64)
-def _degrees(d: int, degree: int) -> Ints:
-    return np.array(powers(d, degree))
-
-
 def values(places: Array, betas: Array, degree: int) -> Array:
     """The polynomials at places (m, d) in units of the ranges, (m, coefficients)."""
     vanders = _chebyshev(warp(places, betas), degree)
@@ -189,8 +184,9 @@ def _warped(u: float, beta: float) -> tuple[float, float]:
 
 
 @functools.lru_cache(maxsize=64)
-def _degrees(d: int, degree: int) -> Any:
-    return np.array(powers(d, degree)).T
+def _degrees(d: int, degree: int) -> Ints:
+    """The degrees by each variable, (d, coefficients)."""
+    return np.array(powers(d, degree)).reshape(-1, d).T
 
 
 def design_points(d: int, slopes: bool | int, seed: int, degree: int | None = None, betas: Array | None = None) -> Array:
@@ -241,7 +237,7 @@ def _most_telling(blocks: Array, n: int) -> list[int]:
 
 def _products(vanders: NDArray[Any], d: int, degree: int) -> Array:
     degrees = _degrees(d, degree)
-    products = np.ones((len(vanders), len(degrees)))
+    products = np.ones((len(vanders), degrees.shape[1]))
     for k in range(d):
-        products *= vanders[:, k, degrees[:, k]]
+        products *= vanders[:, k, degrees[k]]
     return products
