@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Ints
 from indentfit.errors import CurveError
 from indentfit.units import unit_factor
 
@@ -120,10 +120,12 @@ class Curve:
             return self
         before = np.maximum.accumulate(np.concatenate([[-1.0], self.displacement[:-1]]))
         deeper = self.displacement > before
-        if deeper.all():
-            return self
-        sd = None if self.sd is None else self.sd[deeper]
-        return Curve(self.displacement[deeper], self.force[deeper], self.notes, self.contact, sd, self.time[deeper])
+        return self if deeper.all() else self.part(np.flatnonzero(deeper))
+
+    def part(self, numbers: Ints) -> Curve:
+        """The curve of some of the points, by their numbers."""
+        sd, time = (None if values is None else values[numbers] for values in (self.sd, self.time))
+        return Curve(self.displacement[numbers], self.force[numbers], self.notes, self.contact, sd, time)
 
     @property
     def deepest(self) -> float:

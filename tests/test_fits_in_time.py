@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 import indentfit
 from indentfit.case import Record
-from indentfit.case.in_time import motion_of
+from indentfit.case.in_time import motion_of, segments_of
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.errors import CaseError
 from indentfit.experiment.in_time import curve_in_time
@@ -18,11 +19,15 @@ from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, prony
 from indentfit.inference.certainty import holds
 from indentfit.inference.estimate import estimate
+from indentfit.inference.inputs import Solution
+from indentfit.inference.noise import errors
 from indentfit.inference.result import ParameterEstimate
 from indentfit.inference.seen import seen_sentences, unseen, with_seen
+from indentfit.inference.what_if import _moved
 from indentfit.inverse.derivatives import curve_derivatives
 from indentfit.inverse.problem import inverse_problem
 from indentfit.inverse.surrogate import learn
+from indentfit.layer import Layer
 from indentfit.motion import Motion
 from indentfit.runs.forward import Evaluation
 from indentfit.runs.pool import RunPool
@@ -77,7 +82,7 @@ class Powers:
         return frozenset()
 
     def evaluate(self, points, report=None, sensitivities=()):
-        forces = [tuple(10 * point["mu"] * GRID[1:] ** 1.5 for _ in self.kernel.maps) for point in points]
+        forces = [tuple(10 * point["mu"] * GRID[1:] ** 1.5 for _ in self.kernel.depths) for point in points]
         return [Evaluation(dict(point), force, None, 0.0, ()) for point, force in zip(points, forces, strict=True)]
 
 
@@ -123,10 +128,11 @@ def test_derivatives_by_the_relaxation_are_differences(relaxation):
     problem = inverse_problem(case)
     model = Relaxing(Powers(problem.kernel), problem.kernel)
     x = np.full(len(problem.free), 0.4)
-    (slopes,) = curve_derivatives(problem, model, x)
+    slopes = np.concatenate(curve_derivatives(problem, model, x))
     for n in range(x.size):
         points = [problem.parameters(x + step * np.eye(x.size)[n]) for step in (-1e-4, 1e-4)]
-        below, above = (problem.scaled(point, model.evaluate([problem.at_reference(point)])[0].forces)[0] for point in points)
+        runs = [model.evaluate([problem.at_reference(point)])[0].forces for point in points]
+        below, above = (np.concatenate(problem.scaled(point, forces)) for point, forces in zip(points, runs, strict=True))
         assert slopes[:, n] == pytest.approx((above - below) / 2e-4, abs=2e-3 * np.abs(slopes[:, n]).max() + 1e-9)
 
 
@@ -148,8 +154,9 @@ def truths(rng):
 def trial(problem, surrogate, rng):
     """Whether the intervals of a fit to a noisy curve hold the truth, and G_inf / G_0 over the true one."""
     truth = problem.start | truths(rng)
-    exact = problem.scaled(truth, surrogate.evaluate([problem.at_reference(truth)])[0].forces)[0]
-    noisy = problem.measured([exact + 2e-3 * exact.max() * rng.standard_normal(exact.size)])
+    exact = problem.scaled(truth, surrogate.evaluate([problem.at_reference(truth)])[0].forces)
+    size = 2e-3 * max(force.max() for force in exact)
+    noisy = problem.measured([force + size * rng.standard_normal(force.size) for force in exact])
     found = noisy.parameters(estimate(noisy, surrogate, noisy.weights, noisy.units(truth))[0])
     ratios = [1 / (1 + known["g1"] + known["g2"]) for known in (found, truth)]
     return holds(noisy, surrogate, truth, noisy.units(truth)), ratios[0] / ratios[1]
@@ -184,7 +191,7 @@ def fitted():
     time, depth = held()
     case = case_of(Curve(depth, depth, time=time), {"terms": 2})
     with RunPool(elastic_case(case), workers=1) as pool:
-        force = Relaxing(pool, kernel_of(case)).evaluate([TRUTH])[0].forces[0]
+        force = np.concatenate(Relaxing(pool, kernel_of(case)).evaluate([TRUTH])[0].forces)
     noisy = force + 2e-3 * force.max() * np.random.default_rng(3).standard_normal(force.size)
     return indentfit.fit(case_of(Curve(depth, noisy, time=time), {"terms": 2}))
 
@@ -329,3 +336,105 @@ def test_a_record_becomes_a_curve_of_its_ramp_and_its_hold():
     assert "with a motion that is left out" in curve.notes[0]
     exact = TimeMap.of(Motion.ramped(Ramp(0.3, 0.6, 8.0)), since, lambda d: on_grid(d / 0.3), True)
     assert curve.force == pytest.approx(exact.forces(50 * (0.3 * GRID[1:]) ** 1.5, SERIES), abs=0.35)
+
+
+def test_errors_of_tests_with_different_numbers_of_points():
+    """Two straight lines through the origin: the slope's error is that of the joint least squares."""
+    x, y = np.linspace(0.1, 1, 30), np.linspace(0.1, 1, 12)
+    rng = np.random.default_rng(0)
+    left = [rng.standard_normal(30), rng.standard_normal(12)]
+    slope = (x @ left[0] + y @ left[1]) / (x @ x + y @ y)
+    _, known = errors([x[:, None], y[:, None]], [left[0] - slope * x, left[1] - slope * y], [1.0, 1.0])
+    assert float(np.sqrt(known.covar[0, 0])) == pytest.approx(1 / np.sqrt(x @ x + y @ y), rel=0.3)
+
+
+def test_segments_are_ramp_hold_and_retraction():
+    time = np.concatenate([np.linspace(0, 0.5, 16)[1:], 0.5 + np.linspace(0.1, 2, 20), 2.5 + np.linspace(0.05, 0.3, 8)])
+    motion = Motion(np.array([0, 0.5, 2.5, 3.0]), np.array([0, 0.3, 0.3, 0.0]))
+    parts = segments_of(motion, time)
+    assert {name: numbers.size for name, numbers in parts.items()} == {"ramp": 15, "hold": 20, "retraction": 8}
+    assert list(segments_of(motion, time[:17])) == ["ramp"]  # two points are no segment
+    depth = np.interp(time, motion.time, motion.depth)
+    case = case_of(Curve(depth, depth + 0.01, time=time))
+    targets = inverse_problem(case).tests
+    assert [(known.name, known.test, known.weight) for known in targets] == [(f"press ({name})", "press", 1 / 3) for name in parts]
+    assert np.concatenate([known.curve.force for known in targets]) == pytest.approx(depth + 0.01)
+
+
+def test_contact_that_began_later_is_a_later_start_of_the_motion():
+    """What a case takes as known: F(d - offset) over ramp and hold, from the same elastic force."""
+    time, depth = held()
+    case = case_of(Curve(depth, depth + 0.01, time=time))
+    problem = inverse_problem(case)
+    model, point = Relaxing(Powers(problem.kernel), problem.kernel), problem.at_reference(problem.start)
+    best = problem.judge(problem.start, model.evaluate([point])[0].forces)
+    change = np.concatenate(_moved(Solution(case, problem, model, best, None), 0.01))
+    later, here = (
+        TimeMap.of(
+            Motion.ramped(Ramp(0.3, 0.5, 10.0)), time, lambda d, offset=offset: np.maximum(d - offset, 0)[:, None] ** 1.5, True
+        ).forces(np.ones(1), problem.kernel.relaxation.function(0.5, 10.5, problem.start))
+        for offset in (0.01, 0.0)
+    )
+    assert change[8:] == pytest.approx((later / here)[8:], rel=5e-3)
+
+
+SMALL = 0.006  # mm under a sphere of radius 5 mm: small strain, so that the elastic force is that of the linear layer
+UP = np.linspace(0.1, 1.0, 10)
+AFTER = np.linspace(1.05, 1.9, 12)
+
+
+@pytest.fixture(scope="module", params=[5.0, 40.0], ids=["layer", "half-space"])
+def sphere_in_time(request):
+    """Forces of an incompressible sample under a sphere over a ramp of 1 s and a hold, and over a ramp and a retraction, by one
+    elastic run; with the exact elastic force: that of a bonded layer, and that of Hertz."""
+    thickness, elastic = request.param, None
+    motions = {"hold": np.clip(np.append(UP, 1 + np.geomspace(0.05, 8, 10)), 0, 1), "back": np.append(UP, 2 - AFTER)}
+    times = {"hold": np.append(UP, 1 + np.geomspace(0.05, 8, 10)), "back": np.append(UP, AFTER)}
+    forces = {}
+    for name, share in motions.items():
+        curve = Curve(SMALL * share, share, time=times[name])
+        case = indentfit.Case(
+            sample={"shape": "disc", "diameter": 60.0 if thickness < 10 else 160.0, "thickness": thickness, "base": "bonded"},
+            indenter={"shape": "sphere", "diameter": 10.0, "friction": 0.0},
+            mesh={"elements": 600},
+            material={
+                "model": "neo_hookean", "parameters": {"mu": 1.0}, "poisson_ratio": 0.5,
+                "relaxation": {"g": [0.8, 0.5], "tau": [0.5, 5.0]},
+            },
+            tests=[indentfit.Test("press", curve=curve)],
+        )  # fmt: skip
+        if elastic is None:
+            with RunPool(elastic_case(case), workers=1) as pool:
+                elastic = pool.evaluate([{"mu": 1.0}])[0].forces
+        forces[name] = np.concatenate(kernel_of(case).forces(elastic, {}))
+    depth = SMALL * np.linspace(0, 1, 401)[1:]
+    layer = Layer(True, 0.5).sphere_force(5.0 / thickness, depth / thickness) * thickness**2
+    hertz = 16 / 3 * np.sqrt(5.0) * depth**1.5
+    exact = PchipInterpolator(np.append(0, depth), np.append(0, layer if thickness < 10 else hertz)).derivative()
+    return (
+        times,
+        forces,
+        lambda a, b, t: quad(lambda s: float(SERIES(t - s)) * float(exact(SMALL * s)) * SMALL, a, b, limit=200, epsabs=1e-9)[0],
+    )
+
+
+def test_a_sphere_pressed_and_held_follows_lee_and_radok(sphere_in_time):
+    times, forces, exact = sphere_in_time
+    assert forces["hold"] == pytest.approx([exact(0, min(t, 1.0), t) for t in times["hold"]], rel=5e-3)
+
+
+def test_a_sphere_pressed_and_drawn_back_follows_ting(sphere_in_time):
+    times, forces, exact = sphere_in_time
+
+    def depths(a, b, t):
+        return quad(lambda s: float(SERIES(t - s)), a, b)[0]
+
+    right = []
+    for t in times["back"]:
+        if t > 1 and depths(0, 1, t) < depths(1, t, t):
+            right.append(0.0)
+            continue
+        end = t if t <= 1 else brentq(lambda t1, t=t: depths(t1, 1, t) - depths(1, t, t), 0, 1)
+        right.append(exact(0, end, t))
+    assert forces["back"] == pytest.approx(right, rel=1e-2, abs=1e-2 * max(right) / 10)
+    assert right[-1] == 0.0

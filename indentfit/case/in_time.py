@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from indentfit.arrays import Array
+import numpy as np
+
+from indentfit.arrays import Array, Ints
 from indentfit.case.relaxation import Relaxation, Window
 from indentfit.curve import Curve
 from indentfit.hereditary import Ramp
-from indentfit.motion import Motion
+from indentfit.motion import SHORTEST_STEP, Motion
 
 if TYPE_CHECKING:
     from indentfit.case.tables import Test
     from indentfit.case.whole import Case
 
+SEGMENTS = ("ramp", "hold", "retraction")
+FEWEST = 5  # points of a segment
+CORNER = 1e-6  # of the ramp's duration: rounding of its end
 GRID = 25  # depths at which the elastic force of a test is known that has times
 
 
@@ -36,6 +41,31 @@ def motion_of(test: Test, curve: Curve | None) -> tuple[Motion, Array] | None:
         return None
     motion = Motion.ramped(Ramp(depth, depth / rate, test.hold or 0.0))
     return motion, (curve.displacement / rate if curve is not None else motion.time[1:])
+
+
+def segments_of(motion: Motion, times: Array) -> dict[str, Ints]:
+    """The segments of a test in time. Noise and misfit have a size of their own in each: a ramp whose shape the law cannot follow
+    would otherwise hide what a long hold tells.
+
+    Parameters
+    ----------
+    motion : Motion
+    times : array (n,), s
+        Times of the measured points since contact.
+
+    Returns
+    -------
+    dict of name -> array of numbers
+        A segment of fewer than FEWEST points belongs to the one before it, or after it.
+    """
+    arrived, turned = motion.ramp.seconds * (1 + CORNER), float(motion.time[motion.turn]) + SHORTEST_STEP
+    number = (times > arrived).astype(int) + (times > max(turned, arrived)).astype(int)
+    for n in (2, 1):
+        if 0 < np.count_nonzero(number == n) < FEWEST:
+            number[number == n] = n - 1
+    if 0 < np.count_nonzero(number == 0) < FEWEST:
+        number[number == 0] = 1
+    return {name: np.flatnonzero(number == n) for n, name in enumerate(SEGMENTS) if (number == n).any()}
 
 
 def ramps_of(case: Case) -> dict[str, Ramp]:

@@ -197,7 +197,7 @@ def left_by_correction(depths: Sequence[Array], changes: Sequence[Array], other:
     """
     worst = max(float(np.sqrt(np.mean((other.beyond * change) ** 2))) for change in changes)
     sd = max(REMAINS * worst, LEAST * min(other.growth, 1.0))
-    return [sd**2 * np.exp(-0.5 * (np.subtract.outer(depth, depth) / (SMOOTHLY * depth[-1])) ** 2) for depth in depths]
+    return [sd**2 * np.exp(-0.5 * (np.subtract.outer(depth, depth) / (SMOOTHLY * depth.max())) ** 2) for depth in depths]
 
 
 def _few_nodes(setup: Setup, depths: Array) -> Array:

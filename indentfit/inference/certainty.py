@@ -154,7 +154,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         published=published,
         conclusions=(
             *contradictions(predicted),
-            *conclusions(estimates, len(problem.tests), published),
+            *conclusions(estimates, len({test.test for test in problem.tests}), published),
             *seen_sentences(case, optimum.best.parameters),
             *warnings_of(exact, estimates),
         ),
@@ -253,12 +253,14 @@ def _profiled(
         return _findings(solution, model, surrogate, most, progress), facts
     spent = model.evaluations
     fits = {}
-    if problem.solved or len(problem.tests) > 1:  # also for a single test, because its run improves the surrogate
+    if problem.solved or (
+        len(problem.tests) > 1 and not problem.segmented
+    ):  # also for a single test, because its run improves the surrogate
         fits = alone(problem, model, surrogate, options.seed, _of_forces(uncertain))
     findings = _findings(solution, model, surrogate, None, progress)
-    findings = replace(findings, tests_alone=fits if len(problem.tests) > 1 else {})
+    findings = replace(findings, tests_alone=fits if len(problem.tests) > 1 and not problem.segmented else {})
     last = learn(problem, model.known) or surrogate
-    findings = replace(findings, weights_scan=scan_weights(problem, last, options.seed))
+    findings = replace(findings, weights_scan=() if problem.segmented else scan_weights(problem, last, options.seed))
     if exploration.surrogate is None:
         said = OF_RUNS.format(runs=len(surrogate.training), more=model.evaluations - spent)
         findings = replace(findings, notes=(*findings.notes, said))
@@ -275,6 +277,8 @@ def _learned(problem: InverseProblem, model: Watched, exploration: Exploration) 
 def _predicted(solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs) -> dict[str, TestPrediction]:
     """Each test predicted from the others, on the surrogate of all runs, or on the curves linearised at the optimum."""
     problem, best = solution.problem, solution.best
+    if problem.segmented:  # the segments of a test are no tests that could contradict each other
+        return {}
     surrogate = _learned(problem, model, solved.exploration) or linearised(problem, best, solved.optimum.derivatives or ())
     sd = _of_forces(uncertain)
     common: list[list[Array]] = [[sd * force] for force in best.forces]

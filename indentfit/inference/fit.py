@@ -3,7 +3,7 @@
 import importlib.metadata
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from indentfit.inference.wide_fit import WideFit, wide_fit, widens
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.mesh_correction import MeshCorrection
 from indentfit.inverse.methods import Solved, solve
-from indentfit.inverse.objective import rmse
+from indentfit.inverse.objective import Target, rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
 from indentfit.inverse.wide import of_records, with_offset_of_records
@@ -339,9 +339,19 @@ def _rmse(problem: InverseProblem, best: Candidate | None) -> dict[str, float]:
 def _curves(problem: InverseProblem, best: Candidate | None) -> dict[str, Curve]:
     if best is None:
         return {}
-    pairs = zip(problem.tests, best.forces, strict=True)
-    relaxes = problem.kernel is not None
-    return {test.name: Curve(test.curve.displacement, force, time=test.curve.time if relaxes else None) for test, force in pairs}
+    pairs = list(zip(problem.tests, best.forces, strict=True))
+    if not problem.segmented:
+        relaxes = problem.kernel is not None
+        return {test.name: Curve(test.curve.displacement, F, time=test.curve.time if relaxes else None) for test, F in pairs}
+    names = dict.fromkeys(test.test for test in problem.tests)
+    return {name: _joined([pair for pair in pairs if pair[0].test == name]) for name in names}
+
+
+def _joined(segments: Sequence[tuple[Target, Array]]) -> Curve:
+    """The curve of a test with these forces in its segments."""
+    depth, force = (np.concatenate(part) for part in zip(*((test.curve.displacement, F) for test, F in segments), strict=True))
+    times = [test.curve.time for test, _ in segments if test.curve.time is not None]
+    return Curve(depth, force, time=np.concatenate(times) if times else None)
 
 
 def _number(value: float) -> float | None:

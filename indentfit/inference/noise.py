@@ -72,7 +72,7 @@ def errors(
     A = _seen(J)
     B = [w * A @ s.T for w, s in zip(weights, slopes, strict=True)]
     M = [
-        [np.eye(len(r)) * (k == j) - s @ B[j] for j in range(len(B))]
+        [(np.eye(len(r)) if k == j else 0.0) - s @ B[j] for j in range(len(B))]
         for k, (s, r) in enumerate(zip(slopes, residuals, strict=True))
     ]
     rho = [autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]

@@ -106,6 +106,12 @@ def _change(case: Case, tried: WhatIf) -> dict[str, Any]:
 
 def _moved(solution: Solution, offset: float) -> list[Array]:
     """Relative change of the fitted curves by a later contact."""
+    kernel, best = solution.problem.kernel, solution.best
+    if kernel is not None:
+        elastic = evaluate_at_reference(solution.problem, solution.model, [best.parameters])[0].run.forces or ()
+        later = [Shift.of(depth).by(offset)[0] @ force for depth, force in zip(kernel.depths, elastic, strict=True)]
+        both = (kernel.forces(forces, best.parameters) for forces in (later, elastic))
+        return [late / here for late, here in zip(*both, strict=True)]
     pairs = zip(solution.problem.tests, solution.best.forces, strict=True)
     return [Shift.of(test.curve.displacement).by(offset)[0] @ force / force for test, force in pairs]
 

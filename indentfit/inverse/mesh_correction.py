@@ -95,7 +95,7 @@ def mesh_error_at(
     parts: dict[int, tuple[Array, Array]] = {}
     for piece, other, width in zip(case.pieces, others, widths, strict=True):
         names = {test.name for test in piece.tests}
-        tests = [n for n, test in enumerate(problem.tests) if test.name in names]
+        tests = [n for n, test in enumerate(problem.tests) if test.test in names]
         parts |= dict(zip(tests, _left(problem, tests, own, there[width], other), strict=True))
     counts = np.array([(count(setup), count(other.setup)) for setup, other in zip(setups, others, strict=True)])
     least, most = (round(float(np.mean(end))) for end in (counts.min(axis=1), counts.max(axis=1)))

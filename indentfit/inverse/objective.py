@@ -20,11 +20,26 @@ from indentfit.curve import Curve
 
 @dataclass(frozen=True)
 class Target:
-    """The measured curve of one test, and its weight in the objective."""
+    """The measured curve of one test, or of one segment of it in time, and its weight in the objective.
+
+    Parameters
+    ----------
+    name : str
+    curve : Curve
+    weight : float
+    segment_of : str
+        The name of the test of which this is a segment (its ramp, its hold, its retraction); empty for a whole test.
+    """
 
     name: str
     curve: Curve
     weight: float
+    segment_of: str = ""
+
+    @property
+    def test(self) -> str:
+        """The name of the test."""
+        return self.segment_of or self.name
 
 
 def misfit(test: Target, force: Array) -> Array:

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Range
+from indentfit.case import Case, Range, Test
+from indentfit.case.in_time import motion_of, segments_of
+from indentfit.curve import Curve
 from indentfit.inverse.objective import Target, best_scale, equation_one, sum_of_squares
 from indentfit.inverse.polynomials import USUAL_BETA
 from indentfit.runs.relaxing import Kernel, kernel_of
@@ -94,6 +96,11 @@ class InverseProblem:
         start = {name: value for name, value in self.start.items() if name not in names}
         free = {name: bounds for name, bounds in self.free.items() if name not in names}
         return replace(self, start=start, free=free, kernel=None)
+
+    @property
+    def segmented(self) -> bool:
+        """Whether tests are parted into segments in time."""
+        return any(test.segment_of for test in self.tests)
 
     @property
     def weights(self) -> list[float]:
@@ -212,12 +219,28 @@ class InverseProblem:
 def inverse_problem(case: Case) -> InverseProblem:
     """The inverse problem of a case that `case.require_fittable` accepts."""
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
-    tests = tuple(Target(test.name, curve, float(test.weight or 0.0)) for test, curve in curves)
+    relaxes = case.relaxation is not None
+    tests = tuple(target for test, curve in curves for target in (_segments(test, curve) if relaxes else [_whole(test, curve)]))
     start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
     kernel = kernel_of(case)
     if kernel is not None:
         start |= kernel.relaxation.at({}).parameters  # type: ignore[arg-type]  # all are numbers
     return InverseProblem(tests, start, case.fitted, *scale_of(case), differences_of(case), kernel=kernel)
+
+
+def _whole(test: Test, curve: Curve) -> Target:
+    return Target(test.name, curve, float(test.weight or 0.0))
+
+
+def _segments(test: Test, curve: Curve) -> list[Target]:
+    """The segments of a test in time, which share its weight; the whole test where it has one segment only."""
+    known = motion_of(test, curve)
+    assert known is not None  # faults of the case see to that
+    parts = segments_of(*known)
+    if len(parts) == 1:
+        return [_whole(test, curve)]
+    weight = float(test.weight or 0.0) / len(parts)
+    return [Target(f"{test.name} ({name})", curve.part(numbers), weight, test.name) for name, numbers in parts.items()]
 
 
 def scale_of(case: Case) -> tuple[str | None, float]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case, Test
-from indentfit.case.in_time import GRID, motion_of, ramps_of
+from indentfit.case.in_time import GRID, motion_of, ramps_of, segments_of
 from indentfit.case.relaxation import ORDERS, Relaxation
 from indentfit.curve import Curve
 from indentfit.fem.interpolation import POWERS, Interpolant
@@ -35,13 +35,19 @@ class Kernel:
     ----------
     relaxation : Relaxation
         The table of the case.
-    maps : tuple of TimeMap, one for each test
-    ramps : tuple of Ramp, one for each test
+    maps : tuple of TimeMap, one for each curve: a test, or a segment of a test
+    ramps : tuple of Ramp, one for each curve
+    owners : tuple of int
+        The number of the test of each curve.
+    depths : tuple of arrays (n_grid,), mm
+        The grid of depths of each test.
     """
 
     relaxation: Relaxation
     maps: tuple[TimeMap, ...]
     ramps: tuple[Ramp, ...]
+    owners: tuple[int, ...]
+    depths: tuple[Array, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,10 +62,10 @@ class Kernel:
     @property
     def sizes(self) -> list[int]:
         """Numbers of elastic forces of each test."""
-        return [known.basis.shape[1] for known in self.maps]
+        return [depth.size for depth in self.depths]
 
     def forces(self, elastic: Sequence[Array], values: Mapping[str, Any]) -> tuple[Array, ...]:
-        """Forces of each test.
+        """Forces of each curve.
 
         Parameters
         ----------
@@ -71,13 +77,13 @@ class Kernel:
         -------
         tuple of arrays (..., n), mN
         """
-        triples = zip(self.maps, self.ramps, elastic, strict=True)
+        triples = zip(self.maps, self.ramps, self.owners, strict=True)
         return tuple(
-            known.forces(force, self.relaxation.function(ramp.seconds, ramp.end, values)) for known, ramp, force in triples
+            known.forces(elastic[n], self.relaxation.function(ramp.seconds, ramp.end, values)) for known, ramp, n in triples
         )
 
     def slopes(self, elastic: Sequence[Array], values: Mapping[str, Any], names: Iterable[str]) -> tuple[dict[str, Array], ...]:
-        """Derivatives of the forces of each test by parameters of the relaxation.
+        """Derivatives of the forces of each curve by parameters of the relaxation.
 
         Parameters
         ----------
@@ -90,8 +96,8 @@ class Kernel:
         tuple of dict, name -> array (n,), mN per unit
         """
         names, own = list(names), {name: float(values[name]) for name in self.names}
-        triples = zip(self.maps, self.ramps, elastic, strict=True)
-        return tuple(_slopes(known, _Functions(self.relaxation, ramp), force, own, names) for known, ramp, force in triples)
+        triples = zip(self.maps, self.ramps, self.owners, strict=True)
+        return tuple(_slopes(known, _Functions(self.relaxation, ramp), elastic[n], own, names) for known, ramp, n in triples)
 
 
 def kernel_of(case: Case) -> Kernel | None:
@@ -99,17 +105,21 @@ def kernel_of(case: Case) -> Kernel | None:
     relaxation = case.relaxation
     if relaxation is None:
         return None
-    maps, ramps = [], []
-    for test, curve in zip(case.tests, case.curves, strict=True):
-        if curve is None:
-            continue
+    maps: list[TimeMap] = []
+    ramps, owners, depths = list[Ramp](), list[int](), list[Array]()
+    for n, (test, curve) in enumerate(zip(case.tests, case.curves, strict=True)):
+        assert curve is not None  # a fit has a curve for each test
         known = motion_of(test, curve)
         assert known is not None  # faults of the case see to that
         motion, times = known
         shape = case.indenter_of(test).geometry
-        maps.append(TimeMap.of(motion, times, _Grid(curve.deepest, POWERS[shape.end]), shape.edge_radius is None))
-        ramps.append(motion.ramp)
-    return Kernel(relaxation, tuple(maps), tuple(ramps))
+        grid = _Grid(curve.deepest, POWERS[shape.end])
+        depths.append(_grid(curve.deepest))
+        for part in segments_of(motion, times).values():
+            maps.append(TimeMap.of(motion, times[part], grid, shape.edge_radius is None))
+            ramps.append(motion.ramp)
+            owners.append(n)
+    return Kernel(relaxation, tuple(maps), tuple(ramps), tuple(owners), tuple(depths))
 
 
 def ramp_kernel(case: Case) -> Kernel | None:
@@ -125,7 +135,8 @@ def ramp_kernel(case: Case) -> Kernel | None:
         grid = _Grid(ramp.depth, POWERS[shape.end])
         maps.append(TimeMap.of(Motion.ramped(ramp), depths / rate, grid, shape.edge_radius is None))
         ideal.append(ramp)
-    return Kernel(relaxation, tuple(maps), tuple(ideal))
+    grids = tuple(_grid(ramp.depth) for ramp in ideal)
+    return Kernel(relaxation, tuple(maps), tuple(ideal), tuple(range(len(maps))), grids)
 
 
 def elastic_case(case: Case) -> Case:
@@ -202,7 +213,7 @@ def relaxed(kernel: Kernel, point: Point, elastic: Evaluation, names: Sequence[s
         return Evaluation(dict(point), None, elastic.cause, elastic.seconds, elastic.facts, lost=elastic.lost, elastic=elastic)
     forces, by_test = kernel.forces(elastic.forces, point), None
     if elastic.sensitivities is not None or names:
-        given = elastic.sensitivities or tuple({} for _ in forces)
+        given = elastic.sensitivities or tuple({} for _ in elastic.forces)
         own = kernel.slopes(elastic.forces, point, names) if names else tuple({} for _ in forces)
         by_test = tuple(known | slopes for known, slopes in zip(_mapped(kernel, given, point), own, strict=True))
     return Evaluation(dict(point), forces, None, elastic.seconds, elastic.facts, by_test, elastic=elastic)
@@ -211,15 +222,20 @@ def relaxed(kernel: Kernel, point: Point, elastic: Evaluation, names: Sequence[s
 def _mapped(kernel: Kernel, given: Sequence[Mapping[str, Array]], point: Point) -> list[dict[str, Array]]:
     """Sensitivities at the measured times from elastic ones."""
     rows = [np.array(list(known.values())).reshape(-1, size) for known, size in zip(given, kernel.sizes, strict=True)]
-    pairs = zip(given, kernel.forces(rows, point), strict=True)
-    return [dict(zip(known, mapped, strict=True)) for known, mapped in pairs]
+    pairs = zip(kernel.owners, kernel.forces(rows, point), strict=True)
+    return [dict(zip(given[n], mapped, strict=True)) for n, mapped in pairs]
+
+
+def _grid(deepest: float) -> Array:
+    """Depths (GRID,) at which elastic runs have forces, mm, as `Case.outputs` has them."""
+    return deepest * np.arange(1, GRID + 1) / GRID
 
 
 class _Grid:
     """Weights (m, GRID) of the elastic forces on the grid up to a depth, for the force at depths (m,)."""
 
     def __init__(self, deepest: float, power: float) -> None:
-        depths = deepest * np.arange(GRID + 1) / GRID
+        depths = np.append(0.0, _grid(deepest))
         self._between = Interpolant(depths, list(np.eye(GRID + 1)[:, 1:]), power)
 
     def __call__(self, depths: Array) -> Array:
