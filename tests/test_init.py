@@ -97,7 +97,7 @@ def test_a_law_by_name_has_its_parameters_with_their_meaning(curve, tmp_path):
     assert list(read_case(tmp_path / "own" / "case.toml").free) == ["mu", "alpha"]
     assert f"# kPa: {load('ogden').parameters['mu'].meaning}" in (tmp_path / "own" / "case.toml").read_text()
     done = run("init", tmp_path / "other", "--sphere", "--material", "ogdn")
-    assert done.exit_code == 2 and "did you mean ogden" in done.stderr
+    assert done.exit_code == 2 and "did you mean 'ogden'" in done.stderr
     assert not (tmp_path / "other").exists()
 
 

@@ -121,6 +121,32 @@ def test_grams_force_are_named_where_they_bring_the_scale_back():
     assert "multiplied by 9.807" in no_fit(whole, best, RUNS)
 
 
+@pytest.mark.parametrize(
+    ("factors", "name", "words"),
+    [
+        ((1.0, 1e-3), "perpendicular", "multiplied by 1000 would be near those that parallel asks for: they may be in newtons"),
+        ((1e-3, 1.0), "parallel", "multiplied by 1000 would be near those that perpendicular asks for: they may be in newtons"),
+        ((1e3, 1.0), "parallel", "divided by 1000 would be near those that perpendicular asks for: they may be in micronewtons"),
+        (
+            (1.0, 1 / 9.80665),
+            "perpendicular",
+            "multiplied by 9.807 would be near those that parallel asks for: they may be in grams",
+        ),
+    ],
+)
+def test_one_curve_of_two_in_another_unit_is_named(factors, name, words):
+    measured = tuple(factor * force for factor, force in zip(factors, formula(**TRUTH), strict=True))
+    whole, best = judged(measured)
+    assert f"the forces of {name} {words}" in no_fit(whole, best, RUNS)
+
+
+def test_two_curves_that_differ_by_no_unit_s_factor_are_not_said_to_be_in_other_units():
+    along, across = formula(**TRUTH)
+    for factor in (40, 5):
+        whole, best = judged((along, across / factor))
+        assert "they may be in" not in no_fit(whole, best, RUNS)
+
+
 def test_a_curve_that_bends_the_other_way_is_no_fit():
     largest = [force.max() for force in formula(**TRUTH)]
     soft = tuple(force * (1 - np.exp(-DEPTH / 0.02)) for force in largest)

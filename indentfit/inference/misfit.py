@@ -25,6 +25,8 @@ UNITS = {  # factor between the measured forces and mN -> the unit that the forc
     1e-6: "nanonewtons",
     1 / 9.80665: "units of a force that was multiplied by 9.81",
 }
+ALIKE = 1.5  # largest ratio of the factors of tests that agree on a scale
+LEFT = 3.0  # factor by which a test may miss the others' scale after its units are mended; less where the unit's factor is small
 BENT = 0.05  # share of the force at half the depth, from a straight line, from which a curve counts as bent
 MESSAGE = "the model cannot follow the curves: the root mean square error is {worst} the largest force of {test}; {reason}"
 UNEXPLAINED = "another law, wider bounds, or the signs and units of the curve's columns may be the remedy"
@@ -63,7 +65,8 @@ def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation])
     worst = max(sizes, key=lambda name: sizes[name])
     if sizes[worst] <= GROSS:
         return None
-    reasons = [*_units(problem, runs), *_recording(problem), *_bend(problem, best)] or [UNEXPLAINED]
+    units = [*_units(problem, runs)] or [*_units_of_one_test(problem, runs)]
+    reasons = [*units, *_recording(problem), *_bend(problem, best)] or [UNEXPLAINED]
     size = f"{sizes[worst]:.0%} of" if sizes[worst] < 1 else f"{sizes[worst]:.2g} times"
     return MESSAGE.format(worst=size, test=worst, reason="; ".join(reasons))
 
@@ -96,6 +99,42 @@ def _units(problem: InverseProblem, runs: Sequence[Evaluation]) -> Iterator[str]
         yield f"{problem.scale} = {factor * problem.reference:.3g} would follow, outside its bounds; check the units, or the bounds"
     else:
         yield f"forces of {1 / factor:.3g} times the measured ones would be followed; check the units"
+
+
+def _units_of_one_test(problem: InverseProblem, runs: Sequence[Evaluation]) -> Iterator[str]:
+    """The unit whose factor brings one test to the scale on which all others agree."""
+    factors = _factors_of_tests(problem, runs)
+    low, high = problem.factor_bounds() if problem.scale else (0.5, 2.0)
+    suspects = []
+    for name, factor in factors.items():
+        others = [known for other, known in factors.items() if other != name]
+        if not others or max(others) > ALIKE * min(others):
+            continue
+        middle = float(np.exp(np.mean(np.log(others))))
+        unit = min(UNITS, key=lambda unit: abs(np.log(factor * unit / middle)))
+        if abs(np.log(factor * unit / middle)) < min(np.log(LEFT), 0.2 * abs(np.log(unit))):
+            suspects.append((not low <= middle <= high, list(UNITS).index(unit), name, unit))
+    if suspects:
+        _, _, name, unit = min(suspects)
+        times = f"multiplied by {unit:.4g}" if unit >= 1 else f"divided by {1 / unit:.4g}"
+        others_words = ", ".join(other for other in factors if other != name)
+        yield (
+            f"the forces of {name} {times} would be near those that {others_words} asks for: they may be in {UNITS[unit]}; check the "
+            f"units in the header of the curve of {name}"
+        )
+
+
+def _factors_of_tests(problem: InverseProblem, runs: Sequence[Evaluation]) -> dict[str, float]:
+    """The factor of each test with which the curves of one run follow the measured ones best; empty where those of no run do."""
+    best: dict[str, float] = {}
+    least = GROSS
+    for run in runs:
+        pairs = _weighted(problem, run.forces) if run.forces is not None else []
+        factors = {test.name: float(force @ test.curve.force / max(force @ force, 1e-300)) for test, force in pairs}
+        left = max((_misfit(test, factors[test.name] * force).relative for test, force in pairs), default=np.inf)
+        if left < least and min(factors.values()) > 0:
+            best, least = factors, left
+    return best
 
 
 def _free_factor(problem: InverseProblem, runs: Sequence[Evaluation]) -> float | None:
