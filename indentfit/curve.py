@@ -1,12 +1,12 @@
 """A force-displacement curve, and its CSV file in and out.
 
-The file has one header line and at least two columns, `displacement_UNIT` and `force_UNIT` (or `Displacement (mm)`, `Load (gf)`),
-in any order. A column such as `force_sd_mN` or `Force SD (mN)` holds the standard deviation of each force, and a column such as
-`time_s` or `Time (ms)` the time of each point: a curve with times may go on over a hold and a retraction. Other columns are
-ignored, and named in the curve's notes where they hold a retraction, or standard deviations of the displacement. Columns are
-separated by commas or tabs, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and empty
-lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The force is
-that of the full sample, positive in compression; displacements are positive into the sample and rise from line to line.
+The file has a header and at least two columns, `displacement_UNIT` and `force_UNIT` (or `Displacement (mm)`, `Load (gf)`; see
+`headers`), in any order. A column such as `force_sd_mN` or `Force SD (mN)` holds the standard deviation of each force, and a column
+such as `time_s` or `Time (ms)` the time of each point: a curve with times may go on over a hold and a retraction. Other columns
+are ignored, and named in the curve's notes where they hold a retraction, or standard deviations of the displacement. Columns are
+separated by commas, tabs or blanks, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and
+empty lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The
+force is that of the full sample, positive in compression; displacements are positive into the sample and rise from line to line.
 """
 
 from __future__ import annotations
@@ -14,32 +14,21 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from indentfit.arrays import Array, Ints
 from indentfit.errors import CurveError
+from indentfit.headers import UNITS, Header, cells_of, columns_of, find_header, separator_of, shown, with_units_below
 from indentfit.units import unit_factor
 
 MIN_POINTS = 5
-UNITS = {"displacement": "mm", "force": "mN"}
-QUANTITIES = dict.fromkeys(("displacement", "indentation", "depth"), "displacement") | dict.fromkeys(("force", "load"), "force")
-HEADER = re.compile(rf"(?P<name>{'|'.join(QUANTITIES)})[_\s]*(?P<rest>[_(\[\s].*)", re.IGNORECASE)
 TIME = re.compile(r"(?:time|t)(?P<rest>|[_(\[\s].*)", re.IGNORECASE)
 CONTACT = re.compile(r"^# contact point \+- (?P<sd>\d[\d.]*(?:e-?\d+)?) mm \(standard deviation\)\s*$", re.MULTILINE)
-LEFT_OUT = {  # words in a header after the quantity
-    "retraction": {"retract", "retraction", "unload", "unloading", "return"},
-    "deviation": {"sd", "std", "stdev", "se", "sem", "err", "error", "uncertainty"},
-}
-SAID = {
-    "retraction": "the loading is read, and the retraction is left out",
-    "deviation": "standard deviations of displacements are left out; fit.uncertain.offset states one of all points",
-}
 SMALLEST_SD = 1e-3  # of the median: a single point with a smaller standard deviation would decide a fit
-Column = tuple[int, float]  # the column's place, and the factor that converts its numbers to mm or mN
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,13 +148,10 @@ def read_curve(path: str | Path) -> Curve:
     lines = list(_lines(text))
     if not lines:
         raise CurveError(f"{path}: the file is empty; it needs a header displacement_mm,force_mN and numbers below")
-    number, header = lines.pop(0)
-    separator = _separator(header)
-    cells = _cells(header, separator)
-    width, columns = _columns(f"{path}: line {number}", cells)
-    points = [_point(f"{path}: line {number}", _cells(line, separator), width, columns, separator) for number, line in lines]
+    header, separator = _header(path, lines)
+    points = [_point(f"{path}: line {number}", cells_of(line, separator), header, separator) for number, line in lines]
     numbers = [number for number, _ in lines]
-    time, missing = _times(path, cells, lines, separator)
+    time, missing = _times(path, header.cells, lines, separator)
     _require_loading(path, numbers, points, time)
     displacement, force, *sd = np.array(points).T
     for n, text_of_fault in _not_deviations(*sd):
@@ -173,7 +159,19 @@ def read_curve(path: str | Path) -> Curve:
     stated = CONTACT.search(text)
     contact = float(stated["sd"]) if stated else None
     deviations = sd[0] if sd else None
-    return Curve(np.maximum(displacement, 0.0), force, (*_notes(cells), *missing), contact or None, deviations, time)
+    return Curve(np.maximum(displacement, 0.0), force, (*header.notes, *missing), contact or None, deviations, time)
+
+
+def _header(path: Path, lines: list[tuple[int, str]]) -> tuple[Header, str]:
+    """The header and the separator of a file's lines, of which those above the numbers are taken away."""
+    place = find_header(lines)
+    number, text = lines[place]
+    separator = separator_of(text)
+    cells = cells_of(text, separator)
+    below = with_units_below(cells, lines[place + 1][1], separator) if len(lines) > place + 1 else None
+    del lines[: place + (1 if below is None else 2)]
+    header = columns_of(f"{path}: line {number}", below or cells)
+    return (replace(header, notes=(f"{place} lines above the header are skipped", *header.notes)) if place else header), separator
 
 
 def require_loading(curve: Curve) -> None:
@@ -255,57 +253,6 @@ def _text(path: Path) -> str:
         raise CurveError(f"{path}: line {line}: not UTF-8 text; export it as 'CSV UTF-8'") from None
 
 
-def _separator(header: str) -> str:
-    return next((mark for mark in ";\t" if mark in header), ",")
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    return [cell.strip().strip('"').strip() for cell in line.split(separator)]
-
-
-def _columns(where: str, header: list[str]) -> tuple[int, list[Column]]:
-    """Column and factor of the displacement, of the force, and of its standard deviation where the file has one, from a header such
-    as displacement_um,force_N,force_sd_N."""
-    places = []
-    for quantity, target in UNITS.items():
-        matching = [(place, cell) for place, cell in enumerate(header) if _named(cell)[0] == quantity]
-        if len(matching) != 1:
-            reason = f"{len(matching)} columns of {quantity}" if matching else f"no column {quantity}_{target}"
-            raise CurveError(
-                f"{where}: header {_shown(','.join(header))} has {reason}; "
-                "it must be displacement_mm,force_mN (other units by name: displacement_um, force_N); a rig's own file is read as "
-                "test.record, where [record] names its columns"
-            )
-        place, cell = matching[0]
-        try:
-            places.append((place, unit_factor(_named(cell)[1], target)))
-        except ValueError as error:
-            raise CurveError(f"{where}: column {_shown(cell)} {error}") from None
-    return len(header), [*places, *_deviations(where, header)]
-
-
-def _deviations(where: str, header: list[str]) -> Iterator[Column]:
-    """Column and factor of the standard deviations of the forces, where there is one such column."""
-    columns = [(place, cell) for place, cell in enumerate(header) if _is_deviation(cell, "force")]
-    if len(columns) > 1:
-        names = ", ".join(cell for _, cell in columns)
-        raise CurveError(
-            f"{where}: the header has {len(columns)} columns of standard deviations of the force, {names}; keep one of them"
-        )
-    for place, cell in columns:
-        words = [word for word in re.split(r"[_\s()\[\]]+", HEADER.fullmatch(cell)["rest"]) if word]  # type: ignore[index]
-        units = [word for word in words if word.lower() not in LEFT_OUT["deviation"]]
-        try:
-            yield place, unit_factor("".join(units), UNITS["force"])
-        except ValueError as error:
-            raise CurveError(f"{where}: column {_shown(cell)} {error}; write force_sd_mN") from None
-
-
-def _is_deviation(cell: str, quantity: str) -> bool:
-    match = HEADER.fullmatch(cell)
-    return match is not None and _named(cell)[0] == "deviation" and QUANTITIES[match["name"].lower()] == quantity
-
-
 def _not_deviations(sd: Array | None = None) -> Iterator[tuple[int, str]]:
     """The first standard deviation that cannot be a weight, as (number of its point, what is wrong)."""
     if sd is None:
@@ -323,30 +270,12 @@ def _not_deviations(sd: Array | None = None) -> Iterator[tuple[int, str]]:
         yield n, f"standard deviation {sd[n]:.3g} mN {text}"
 
 
-def _named(cell: str) -> tuple[str, str]:
-    """The quantity that the header of a column names, and its unit; a kind of column that is left out, or nothing."""
-    match = HEADER.fullmatch(cell)
-    if not match:
-        return "", ""
-    words = re.split(r"[_\s]+", match["rest"])
-    kind = next((kind for word in words for kind, names in LEFT_OUT.items() if word.lower() in names), "")
-    return kind or QUANTITIES[match["name"].lower()], match["rest"].strip("()[] _")
-
-
-def _notes(header: list[str]) -> Iterator[str]:
-    """What is said of columns that are left out."""
-    for kind in LEFT_OUT:
-        cells = [cell for cell in header if _named(cell)[0] == kind and not (kind == "deviation" and _is_deviation(cell, "force"))]
-        if cells:
-            yield f"{SAID[kind]}: {', '.join(cells)}"
-
-
-def _point(where: str, cells: list[str], width: int, columns: list[Column], separator: str) -> list[float]:
+def _point(where: str, cells: list[str], header: Header, separator: str) -> list[float]:
     """Displacement and force of one line, in mm and mN."""
-    if len(cells) != width:
+    if len(cells) != header.width:
         hint = "; with decimal commas, separate the columns by semicolons" if separator == "," else ""
-        raise CurveError(f"{where}: {_shown(separator.join(cells))} has {len(cells)} columns, the header {width}{hint}")
-    return [_number(where, cells[place], separator, factor) for place, factor in columns]
+        raise CurveError(f"{where}: {shown(separator.join(cells))} has {len(cells)} columns, the header {header.width}{hint}")
+    return [_number(where, cells[place], separator, factor) for place, factor in header.columns]
 
 
 def _number(where: str, text: str, separator: str, factor: float) -> float:
@@ -355,18 +284,18 @@ def _number(where: str, text: str, separator: str, factor: float) -> float:
             raise ValueError
         value = float(text.replace(",", ".") if separator == ";" else text) * factor
     except ValueError:
-        raise CurveError(f"{where}: {_shown(text)} is not a number; correct or remove the line") from None
+        raise CurveError(f"{where}: {shown(text)} is not a number; correct or remove the line") from None
     if not math.isfinite(value):
-        raise CurveError(f"{where}: {_shown(text)} is not a finite number; correct or remove the line")
+        raise CurveError(f"{where}: {shown(text)} is not a finite number; correct or remove the line")
     return value
 
 
-def _times(path: Path, header: list[str], lines: list[tuple[int, str]], separator: str) -> tuple[Array | None, list[str]]:
+def _times(path: Path, header: Sequence[str], lines: list[tuple[int, str]], separator: str) -> tuple[Array | None, list[str]]:
     """Times of the points in s, where a column tells them; and a note where the column cannot be used."""
     places = [(place, match["rest"].strip("()[] _")) for place, cell in enumerate(header) if (match := TIME.fullmatch(cell))]
     if len(places) != 1:
         return None, [f"{len(places)} columns of time are left out; keep one of them"] if places else []
-    (place, unit), where = places[0], f"the column {_shown(header[places[0][0]])} is left out"
+    (place, unit), where = places[0], f"the column {shown(header[places[0][0]])} is left out"
     try:
         factor = unit_factor(unit or "s", "s")
     except ValueError as error:
@@ -374,7 +303,7 @@ def _times(path: Path, header: list[str], lines: list[tuple[int, str]], separato
     values = []
     for number, line in lines:
         try:
-            values.append(_number(f"{path}: line {number}", _cells(line, separator)[place], separator, factor))
+            values.append(_number(f"{path}: line {number}", cells_of(line, separator)[place], separator, factor))
         except CurveError:
             return None, [f"{where}: line {number} has no number"]
     for n in np.flatnonzero(np.diff(values) <= 0)[:1] + 1:
@@ -427,8 +356,3 @@ def _not_rising(displacement: Array) -> Iterator[tuple[int, str]]:
         if displacement[n] == displacement[n - 1]:
             wrong = "is given twice; keep one of the two lines"
         yield n, f"displacement {displacement[n]:g} mm {wrong}"
-
-
-def _shown(text: str) -> str:
-    """A value as it is quoted in a message: on one line and short."""
-    return repr(text if len(text) <= 60 else text[:57] + "...")

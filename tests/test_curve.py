@@ -210,3 +210,45 @@ def test_two_forces_of_one_kind_name_the_other_way(tmp_path):
     (tmp_path / "c.csv").write_text("Displacement (mm),Load (gf),Force (N)\n" + "1,1,1\n" * 6)
     with pytest.raises(CurveError, match=r"2 columns of force; .* a rig's own file is read as test\.record"):
         read_curve(tmp_path / "c.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "factors", "notes"),
+    [
+        ("Depth (m),Force (N)\n", (1e3, 1e3), 0),
+        ("Displacement / mm,Force / mN\n", (1, 1), 0),
+        ("Displacement in um,Force in N\n", (1e-3, 1e3), 0),
+        ("Indentation depth (nm),Normal force (nN)\n", (1e-6, 1e-6), 0),
+        ("DISPLACEMENT (MM),FORCE (N)\n", (1, 1e3), 0),
+        ("Depth,Force\num,N\n", (1e-3, 1e3), 0),
+        ("Time,Depth,Force\n(s),(um),(N)\n", (1e-3, 1e3), 0),
+        ("Instrument: X\nForce sensor,10 N\nDepth (um),Force (N)\n", (1e-3, 1e3), 1),
+        ("h (nm),P (uN)\n", (1e-6, 1e-3), 2),
+        ("Eindringtiefe (um),Kraft (N)\n", (1e-3, 1e3), 0),
+    ],
+)
+@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
+def test_headers_as_people_write_them(tmp_path, text, factors, notes, separator):
+    more = "9" if text.startswith("Time") else None
+    rows = "".join(separator.join([*([more] if more else []), str(n), str(2 * n)]) + "\n" for n in range(1, 7))
+    (tmp_path / "c.csv").write_text(text.replace(",", separator) + rows, encoding="utf-8")
+    curve = read_curve(tmp_path / "c.csv")
+    np.testing.assert_allclose(curve.displacement, factors[0] * np.arange(1, 7), rtol=1e-12)
+    np.testing.assert_allclose(curve.force, 2 * factors[1] * np.arange(1, 7), rtol=1e-12)
+    assert len(curve.notes) == notes
+
+
+@pytest.mark.parametrize("name", ["Stroke (mm)", "Extension (mm)", "z (um)", "Position_mm", "Compressive extension (mm)"])
+def test_the_travel_of_a_stage_is_no_displacement_from_contact(tmp_path, name):
+    (tmp_path / "c.csv").write_text(f"{name},Load (N)\n" + "".join(f"{n},{2 * n}\n" for n in range(1, 7)))
+    with pytest.raises(CurveError) as caught:
+        read_curve(tmp_path / "c.csv")
+    assert f"if {name!r} begins at contact, rename it so" in str(caught.value) and "test.record" in str(caught.value)
+
+
+@pytest.mark.parametrize("header", ["Displacement (MM),Force (MN)", "h (nm),d (nm),P (uN)", "h (nm),P (kPa)", "depth,load"])
+def test_headers_that_could_mean_two_things_are_refused(tmp_path, header):
+    width = header.count(",") + 1
+    (tmp_path / "c.csv").write_text(f"{header}\n" + "".join(",".join([str(n)] * width) + "\n" for n in range(1, 7)))
+    with pytest.raises(CurveError):
+        read_curve(tmp_path / "c.csv")

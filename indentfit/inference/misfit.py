@@ -119,8 +119,8 @@ def _units_of_one_test(problem: InverseProblem, runs: Sequence[Evaluation]) -> I
         times = f"multiplied by {unit:.4g}" if unit >= 1 else f"divided by {1 / unit:.4g}"
         others_words = ", ".join(other for other in factors if other != name)
         yield (
-            f"the forces of {name} {times} would be near those that {others_words} asks for: they may be in {UNITS[unit]}; check the "
-            f"units in the header of the curve of {name}"
+            f"the forces of {name} {times} would be near those that {others_words} asks for: they may be in {UNITS[unit]}; check "
+            f"the units in the header of the curve of {name}"
         )
 
 
@@ -130,7 +130,7 @@ def _factors_of_tests(problem: InverseProblem, runs: Sequence[Evaluation]) -> di
     least = GROSS
     for run in runs:
         pairs = _weighted(problem, run.forces) if run.forces is not None else []
-        factors = {test.name: float(force @ test.curve.force / max(force @ force, 1e-300)) for test, force in pairs}
+        factors = {test.name: float(force @ test.curve.force) / max(float(force @ force), 1e-300) for test, force in pairs}
         left = max((_misfit(test, factors[test.name] * force).relative for test, force in pairs), default=np.inf)
         if left < least and min(factors.values()) > 0:
             best, least = factors, left
