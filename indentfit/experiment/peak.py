@@ -23,6 +23,7 @@ FITTED = 0.35  # of the duration of the ramp: the end of the loading, whose fit 
 CORNER = 11  # samples of the filter that tells noise in a ramp of few samples
 QUIET = 0.0005  # share of the peak: forces that scatter by less have no noise
 BY_NOISE = 8.0  # standard deviations within which the largest filtered force may lie above the fit
+CHANCE = 2.0  # standard deviations by which the largest filtered force may lie above the fit before chance has picked it
 FEWEST = 8  # samples of the fit
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
 SURE = 3.0  # standard errors
@@ -78,7 +79,9 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
             largest = float(shorter[start:].max())
             scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
             ends = ramp.stop > record_end - length  # at the end of a record the filter scatters most
-            if ends and scatter > QUIET * largest and abs(largest - fit.force) < BY_NOISE * scatter:
+            over, reach = largest - fit.force, BY_NOISE * scatter
+            chance = CHANCE * scatter < over < reach  # the largest of many noisy values, as in a hold, is too large
+            if scatter > QUIET * largest and (chance or (ends and abs(over) < reach)):
                 return Peak(fit.force, max(fit.stderr, 0.5 * scatter))
             return Peak(largest, scatter)
         length *= 1.6
