@@ -229,8 +229,8 @@ def test_two_forces_of_one_kind_name_the_other_way(tmp_path):
 )
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
 def test_headers_as_people_write_them(tmp_path, text, factors, notes, separator):
-    more = "9" if text.startswith("Time") else None
-    rows = "".join(separator.join([*([more] if more else []), str(n), str(2 * n)]) + "\n" for n in range(1, 7))
+    timed = text.startswith("Time")
+    rows = "".join(separator.join([*([str(n)] if timed else []), str(n), str(2 * n)]) + "\n" for n in range(1, 7))
     (tmp_path / "c.csv").write_text(text.replace(",", separator) + rows, encoding="utf-8")
     curve = read_curve(tmp_path / "c.csv")
     np.testing.assert_allclose(curve.displacement, factors[0] * np.arange(1, 7), rtol=1e-12)
