@@ -11,9 +11,10 @@ import meshio
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fixtures.cases import CASES
+from fixtures.cases import CASES, straight_curve, tiny_case
 
 from indentfit.cli import main, progress
+from indentfit.curve import Curve, write_curve
 from indentfit.errors import ConvergenceError, Stopped
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
@@ -285,3 +286,23 @@ def test_a_stopped_simulation_keeps_its_curve_so_far(monkeypatch):
     done = run(CASE, *COARSE, "--json")
     assert done.exit_code == 130 and "stopped as asked" in done.stderr
     assert json.loads(done.stdout)["tests"][0]["unfinished"] == "stopped as asked"
+
+
+def test_the_measured_curve_stands_beside_the_simulated_one(tmp_path):
+    """A force of 3 mN/mm, and one three times the model's own: 2/3 of the largest measured force is missed, in the root mean square
+    as the curve's own root mean square says."""
+    straight_curve(tmp_path / "parallel.csv", 3.0)
+    path = tiny_case(tmp_path)
+    alone = json.loads(run(path, "--json").stdout)["tests"][0]
+    own = Curve(alone["displacement_mm"], [3 * force for force in alone["force_mN"]])
+    write_curve(tmp_path / "parallel.csv", own)
+    done = run(path, "-o", tmp_path / "folder")
+    expected = 2 / 3 * np.sqrt(np.mean(own.force**2)) / own.force.max()
+    assert f"misfit    parallel {100 * expected:.3g} %" in done.stdout
+    stored = json.loads((tmp_path / "folder" / "simulation.json").read_text())
+    assert stored["misfits"]["parallel"] == pytest.approx(expected, rel=1e-9)
+    assert stored["measured"]["parallel"]["force_mN"] == own.force.tolist()
+    page = (tmp_path / "folder" / "report.html").read_text()
+    assert "Markers: the measured curves" in page and f"misses the measured forces by {100 * expected:.3g} %" in page.replace(
+        "\u00a0", " "
+    )

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
-from indentfit.inference.result import CurveNoise, FitResult, ParameterEstimate
-from indentfit.report.first_screen import doubts_of, next_step, value_words
+from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, ParameterEstimate
+from indentfit.report.first_screen import alone_words, doubts_of, next_step, value_words
 from indentfit.report.html_fit import fit_page
 from indentfit.report.page import render
 from indentfit.report.schema import Stored
@@ -91,3 +91,16 @@ def test_the_page_sets_doubts_off_in_red_and_amber(tmp_path):
     assert '<p class="warning">Red: the tests contradict each other' in page
     assert '<p class="warning amber">Amber: phi sits at its upper bound (5)' in page
     assert "&gt; 2.2" in page and "Next: repeat press" in page
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        ("determined (+-2 %)", "4.99"),
+        ("at its upper bound (5): at least 2.2", "> 2.2"),
+        ("at its lower bound (0): at most 5", "< 5"),
+        ("at its upper bound (5); not determined by these curves: any value fits", "any value"),
+    ],
+)
+def test_a_bound_is_no_value_of_a_test_alone_either(verdict, said):
+    assert alone_words(AloneEstimate(4.99, (2.2, 5.0), verdict)) == said

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from indentfit.inference.limits import WORDS
-from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstimate
 from indentfit.inference.verdicts import contradictions, kind_of
 from indentfit.inference.what_if import warnings_of
 
@@ -53,6 +53,14 @@ def pieces_words(known: ParameterEstimate, digits: int = 4) -> str:
     """The 95 % interval of an estimate in words, or its pieces."""
     pieces = known.pieces or (() if known.interval is None else (known.interval,))
     return " or ".join(f"{low:.{digits}g} to {high:.{digits}g}" for low, high in pieces) or "unknown"
+
+
+def alone_words(known: AloneEstimate) -> str:
+    """The value that a test alone finds for a parameter, or at a bound only the end of its interval: a bound is no value."""
+    for end, words in (("lower", f"< {known.interval[1]:.3g}"), ("upper", f"> {known.interval[0]:.3g}")):
+        if known.verdict.startswith(f"at its {end} bound"):
+            return "any value" if "not determined" in known.verdict else words
+    return f"{known.value:.4g}"
 
 
 def doubts_of(result: FitResult) -> Iterator[Doubt]:

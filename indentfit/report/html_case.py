@@ -19,7 +19,7 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
         f"Material: {material.model or material.energy}, {bulk}",
         *([f"Energy: {' '.join(case.equation.split())}"] if case.equation else []),
         *(f"Test {test.name}: {test.own}" for test in case.tests if test.own),
-        f"Mesh: {asked or 'chosen for an error of the force'}, {case.element} elements",
+        f"Mesh: {asked or f'chosen for an error of the force of at most {100 * mesh.wanted_error:g} %'}, {case.element} elements",
     ]
     return tuple(lines)
 

@@ -11,7 +11,7 @@ from indentfit.curve import Curve
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.report import plots, study_plots
-from indentfit.report.first_screen import doubts_of, next_step, pieces_words, value_words
+from indentfit.report.first_screen import alone_words, doubts_of, next_step, pieces_words, value_words
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
 from indentfit.report.page import Beside, Figures, Lines, Page, Part, Section, Table, Text, drawn
@@ -207,7 +207,7 @@ def _profiles(result: FitResult) -> list[Part]:
 def _tests_alone(result: FitResult) -> list[Part]:
     """What each test alone would determine, where a result has it."""
     rows = [
-        (test, name, number(known.value), _between(known.interval), known.verdict)
+        (test, name, alone_words(known), _between(known.interval), known.verdict)
         for test, alone in result.tests_alone.items()
         for name, known in alone.parameters.items()
     ]

@@ -42,7 +42,10 @@ def _what(stored: Stored, simulation: StoredSimulation) -> Section:
 
 def _forces(simulation: StoredSimulation) -> Section:
     curves = [(test.name, test.curve) for test in simulation.tests]
-    figure, scale = plots.force_displacement([], curves, None), CurveScale.of(curve for _, curve in curves)
+    figure, scale = (
+        plots.force_displacement(list(simulation.measured.items()), curves, None),
+        CurveScale.of(curve for _, curve in curves),
+    )
     rows = tuple(
         (
             test.name,
@@ -54,8 +57,13 @@ def _forces(simulation: StoredSimulation) -> Section:
         for test in simulation.tests
     )
     heads = tuple(head.format(force=scale.force.symbol, displacement=scale.displacement.symbol) for head in FORCES)
-    pictures = Figures((drawn(figure, "Force of the full sample against displacement.", _alt(curves)),))
-    return Section("forces", "Forces", (pictures, Table("Forces at the last displacement", heads, rows)))
+    measured = " Markers: the measured curves, at the values above." if simulation.measured else ""
+    pictures = Figures((drawn(figure, f"Force of the full sample against displacement.{measured}", _alt(curves)),))
+    off = tuple(
+        f"{name}: the simulation misses the measured forces by {percent(share)}" for name, share in simulation.misfits.items()
+    )
+    lines = [Lines(tuple(f"{line} of the largest one (root mean square)" for line in off))] if off else []
+    return Section("forces", "Forces", (pictures, *lines, Table("Forces at the last displacement", heads, rows)))
 
 
 def _in_time(simulation: StoredSimulation) -> Iterator[Section]:

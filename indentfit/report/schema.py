@@ -114,6 +114,8 @@ class StoredSimulation:
     solver: SolverFacts
     moduli: dict[str, float] = field(default_factory=dict)
     closed_forms: dict[str, ClosedForm] = field(default_factory=dict)
+    measured: dict[str, Curve] = field(default_factory=dict)
+    misfits: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "StoredSimulation":
@@ -129,7 +131,9 @@ class StoredSimulation:
         )
         facts = MeshFacts(**value["mesh"]), SolverFacts(**value["solver"])
         forms = {name: ClosedForm(**form) for name, form in value.get("closed_forms", {}).items()}
-        return cls(value["title"], value["parameters"], tests, *facts, value.get("moduli", {}), forms)
+        measured = {name: Curve(c["displacement_mm"], c["force_mN"]) for name, c in value.get("measured", {}).items()}
+        moduli, misfits = value.get("moduli", {}), value.get("misfits", {})
+        return cls(value["title"], value["parameters"], tests, *facts, moduli, forms, measured, misfits)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from indentfit.material import Material, Parameter
 from indentfit.report.digits import CurveScale, quantity
 from indentfit.report.first_screen import doubts_of, first_lines, pieces_words, value_words
 from indentfit.runs.closed_form import ClosedForm, closed_forms
+from indentfit.runs.simulated import SimulatedCase
 
 KINDS = {
     ("quarter", "q1p0"): "eight-node bricks",
@@ -32,6 +33,9 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
         yield from _table(tests, has_fibres(case.law))
         yield ""
     yield from closed_lines(closed_forms(case, {test.name: test.curve for test in simulation.tests}, material.shear_modulus))
+    if isinstance(simulation, SimulatedCase) and simulation.misfits:
+        off = ", ".join(f"{name} {100 * share:.3g} %" for name, share in simulation.misfits.items())
+        yield f"misfit    {off} of the largest measured force, at these values"
     yield from _mesh(simulation.mesh)
     for test in simulation.tests:
         yield from mesh_error_lines(test)

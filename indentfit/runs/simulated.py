@@ -2,9 +2,12 @@
 
 import html
 import importlib.metadata
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
+
+import numpy as np
 
 from indentfit.case import Case
 from indentfit.case.laws import isotropic_moduli
@@ -46,6 +49,12 @@ class SimulatedCase(Simulation):
         return {test.name: curve for test, curve in pairs if curve is not None}
 
     @property
+    def misfits(self) -> dict[str, float]:
+        """Root mean square of simulated minus measured forces over the largest measured force, by the names of the tests."""
+        off = {name: _misfit(curve.loading, self.curves[name]) for name, curve in self.measured.items() if name in self.curves}
+        return {name: share for name, share in off.items() if math.isfinite(share)}
+
+    @property
     def in_time(self) -> dict[str, TimeCurve]:
         """Forces over time by the names of their tests, where the material relaxes."""
         return {test.name: test.in_time for test in self.tests if test.in_time is not None}
@@ -71,7 +80,14 @@ class SimulatedCase(Simulation):
             **super().as_json(),
             "moduli": self.moduli,
             "closed_forms": {name: form.as_json() for name, form in self.closed_forms.items()},
+            **self._beside(),
         }
+
+    def _beside(self) -> dict[str, Any]:
+        """The measured curves and how far the simulation is from them, where the case names curves."""
+        curves = {name: curve.loading for name, curve in self.measured.items()}
+        points = {name: {"displacement_mm": c.displacement.tolist(), "force_mN": c.force.tolist()} for name, c in curves.items()}
+        return {"measured": points, "misfits": self.misfits} if points else {}
 
     def summary(self) -> str:
         """The simulation in words, as the command prints it."""
@@ -115,3 +131,14 @@ class SimulatedCase(Simulation):
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(self.summary())}</pre>"
+
+
+def _misfit(measured: Curve, simulated: Curve) -> float:
+    """Root mean square of the difference over the largest measured force, down to where the simulation goes."""
+    reached = measured.displacement <= simulated.displacement[-1] * (1 + 1e-9)
+    if not reached.any():
+        return math.nan
+    depth = np.concatenate([[0.0], simulated.displacement])
+    force = np.interp(measured.displacement[reached], depth, np.concatenate([[0.0], simulated.force]))
+    off = force - measured.force[reached]
+    return float(np.sqrt(np.mean(off**2)) / np.abs(measured.force).max())
