@@ -16,6 +16,7 @@ from indentfit.fem.meridian_mesh import count_meridian, meridian_mesh
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
 from indentfit.fem.symmetry import symmetry_of
+from indentfit.layer import Layer
 from indentfit.material import load, typed
 
 GEL = typed("mu / 2 * (I1 - 3)", ["mu"])(mu=1.0)
@@ -157,6 +158,21 @@ def test_fields_are_those_of_a_quarter_and_balance_the_force():
     near = np.argmin(np.linalg.norm(fields.nodes - [0, 1, 0], axis=1))
     assert fields.displacement[near, 1] == pytest.approx(-0.2, abs=2e-3)
     assert fields.nodal_stress[near, 1] == pytest.approx(-fields.contact_pressure[near], rel=0.2)
+
+
+def test_a_punch_that_goes_half_of_its_radius_deep_softens_and_no_mesh_does_that():
+    """A brain slice under a punch of 0.15 thicknesses that sticks: a straight curve fits a larger modulus than the layer's.
+
+    At the first depth the layer's exact stiffness holds; frictionless and sticking punches have the same at nu = 0.5, nearly.
+    """
+    sample, punch = {"shape": "disc", "diameter": 6.0, "thickness": 1.0, "base": "bonded"}, {"shape": "cylinder", "diameter": 0.3}
+    depths = np.array([0.0008, 0.04, 0.08])
+    exact = Layer(True, 0.4995).punch_stiffness(0.15)
+    curves = [pressed(sample, {**punch, "friction": "stick"}, depths, error=error).force for error in (0.01, 0.03)]
+    stiffnesses = curves / (depths * exact)
+    assert stiffnesses[:, 0] == pytest.approx(1, abs=3e-3)
+    assert (stiffnesses[:, 2] < 0.97).all() and (np.diff(stiffnesses, axis=1) < 0).all()
+    assert curves[0] == pytest.approx(curves[1], rel=0.01)
 
 
 def test_the_mesh_round_a_sharp_edge_fills_the_plane_and_sweeps_the_sample():

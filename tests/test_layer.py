@@ -97,6 +97,9 @@ def test_the_brain_under_a_punch(tmp_path):
     assert form.young(form.half_space) == pytest.approx(1.895, abs=1e-3)
     assert form.layer == pytest.approx(0.527, abs=1e-3)
     assert form.scatter == pytest.approx(0.0, abs=1e-6)
+    assert form.beside(0.53, 0.4) == ""
+    said = form.beside(1.08 * form.layer, 0.4)
+    assert said.startswith("mu of the fit is 8.0% above") and "forces to 0.1 mm" in said and "all forces to 0.4 mm" in said
 
 
 def test_noise_asks_for_more_of_the_curve_and_is_stated(tmp_path):

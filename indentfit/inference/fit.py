@@ -296,7 +296,10 @@ def _with_moduli(case: Case, result: FitResult) -> FitResult:
     """The result with the moduli that its parameters mean, and those of the measured curves by closed forms."""
     values = {name: known.value for name, known in result.parameters.items()}
     shear_modulus = case.law(**{name: values[name] for name in case.law.parameters}).shear_modulus
-    return replace(result, moduli=moduli(case, result), closed_forms=closed_forms(case, result.measured, shear_modulus))
+    forms = closed_forms(case, result.measured, shear_modulus)
+    said = [(name, form.beside(shear_modulus, result.measured[name].displacement[-1])) for name, form in forms.items()]
+    notes = (*result.notes, *(f"{name}: {why}" for name, why in said if why and result.objective is not None))
+    return replace(result, moduli=moduli(case, result), closed_forms=forms, notes=notes)
 
 
 def _with_covariance(result: FitResult, known: Identifiability) -> FitResult:

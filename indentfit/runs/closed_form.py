@@ -1,8 +1,9 @@
 """Moduli of curves by closed forms, beside those of a simulation or a fit: a half-space, and an elastic layer.
 
 They are exact for small strain, no friction, and a layer much wider than the contact: under a sphere of 0.4 thicknesses a
-neo-Hookean gel resists 4 % less at a depth of 0.1 radii, 7 % less at 0.2. Spheres and flat punches on materials without
-fibres have them.
+neo-Hookean gel resists 4 % less at a depth of 0.1 radii, 7 % less at 0.2. Under a flat punch of 0.15 thicknesses that sticks it
+resists 1 % less at a depth of 0.15 radii and 4 % less at half a radius; under one that slips 9 to 13 % less there, as far as a
+sharp edge has a force at all. Spheres and flat punches on materials without fibres have them.
 """
 
 from collections.abc import Mapping
@@ -20,6 +21,7 @@ from indentfit.indenters import IndenterShape, Rings, has_sharp_edge
 from indentfit.layer import Layer
 
 SMALL = (0.05, 0.1, 0.2)  # of the indenter's radius and of the thickness: forces up to the first depth that suffices count
+APART, SCATTERS = 0.02, 2.0  # of the modulus, and of its scatter: a fit that differs by less agrees
 FEWEST = 5  # points that count, where fewer lie above that depth
 SUFFICES = 0.05  # relative half-width of the modulus's 95 % interval, by the scatter of the forces
 
@@ -64,6 +66,18 @@ class ClosedForm:
         return (
             f"elastic layer {layer}, {name} {half}, +- {self.scatter:.1%} by scatter, {self.points} forces to {self.depth:.3g} mm "
             f"(small strain, wide layer, {self.base} base, no friction, nu {self.poisson_ratio:.4g})"
+        )
+
+    def beside(self, shear_modulus: float, deepest: float) -> str:
+        """Why a fit of all forces, to a deepest one (mm), has another shear modulus; empty where both agree."""
+        apart = shear_modulus / self.layer - 1
+        if abs(apart) <= max(APART, SCATTERS * self.scatter):
+            return ""
+        side = "above" if apart > 0 else "below"
+        return (
+            f"mu of the fit is {abs(apart):.1%} {side} that of the elastic layer: the layer takes forces to {self.depth:.3g} mm, "
+            f"at small strain and without friction, the fit all forces to {deepest:.3g} mm; finite strain, friction, the sample's "
+            "width, or a law that does not follow the curve make the difference"
         )
 
     def as_json(self) -> dict[str, Any]:
