@@ -1,6 +1,7 @@
 """The command line meets wrong input: exit code 2, one line on stderr for each fault, and no traceback."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from fixtures.cases import FIBRES, straight_curve, tiny_case
 
 from indentfit import cli, material
 from indentfit.case.keys import choices
@@ -372,3 +374,34 @@ def test_every_command_is_a_module_of_its_own_with_the_same_help():
     assert modules <= set(cli.COMMANDS)
     for name in modules:
         assert run(name, "--help").exit_code == 0
+
+
+# How much is said
+
+
+def test_help_is_a_command_too():
+    assert run("help").stdout == run("--help").stdout
+    assert run("help", "fit").stdout == run("fit", "--help").stdout
+    refused(run("help", "fitt"), "no command 'fitt'; did you mean fit?")
+    assert run("-V").stdout == run("--version").stdout
+
+
+def test_a_quiet_command_still_warns_and_refuses(tmp_path):
+    path = tiny_case(tmp_path, material=FIBRES)
+    straight_curve(tmp_path / "parallel.csv", 3.0)
+    said = run("validate", path).stderr
+    assert "warning: " in said and run("-q", "validate", path).stderr == said
+    refused(run("-q", "validate", tmp_path / "none.toml"), "no such file")
+    assert run("init", tmp_path / "a", "--sphere").stderr and not run("-q", "init", tmp_path / "b", "--sphere").stderr
+    both = run("-q", "-v", "validate", path)
+    assert both.exit_code == 2 and "contradict each other" in both.stderr
+
+
+def test_a_log_has_the_command_and_all_that_was_said(tmp_path):
+    log = tmp_path / "log.txt"
+    run("-q", "--log", log, "init", tmp_path / "a", "--sphere")
+    run("--log", log, "validate", tmp_path / "a" / "case.toml")
+    lines = log.read_text().splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d ", line) for line in lines)
+    assert any("put your values in place" in line for line in lines) and any("error: " in line for line in lines)
+    refused(run("--log", tmp_path / "no" / "log.txt", "help"), "No such file")

@@ -6,13 +6,17 @@ IndentfitError as its own lines on stderr with its own exit code, a usage error 
 
 import errno
 import importlib
+import os
+import sys
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
 
 from indentfit.cli.command import Command
+from indentfit.cli.speech import PLACE, Voice, say
 from indentfit.errors import CaseError, IndentfitError, InputError, MaterialError
 
 COMMANDS = {
@@ -29,6 +33,7 @@ COMMANDS = {
     "materials": "List, describe or check materials.",
     "guide": "Open the guide, or print a page of it.",
     "schema": "Print the JSON schema of a case, for editors.",
+    "help": "Show the help of a command.",
 }
 INTERRUPTED = 130
 
@@ -81,10 +86,23 @@ class Commands(click.Group):
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 @click.option("--no-plugins", is_flag=True, help="Refuse materials that are not indentfit's own: run no code of others.")
-@click.version_option(None, "--version", package_name="indentfit", message="%(prog)s %(version)s")
+@click.option("-q", "--quiet", is_flag=True, help="Say no notes and no progress; warnings and errors stay.")
+@click.option("-v", "--verbose", is_flag=True, help="Say the progress each second.")
+@click.option("--log", type=click.Path(), metavar="FILE", help="Append all that is said, with its time, to FILE.")
+@click.option("--no-color", is_flag=True, help="Use no colours (the variable NO_COLOR does the same).")
+@click.version_option(None, "-V", "--version", package_name="indentfit", message="%(prog)s %(version)s")
 @click.pass_context
-def main(context: click.Context, debug: bool, no_plugins: bool) -> None:
+def main(
+    context: click.Context, debug: bool, no_plugins: bool, quiet: bool, verbose: bool, log: str | None, no_color: bool
+) -> None:
     """Material parameters of soft tissue from indentation, by inverse finite elements."""
+    if quiet and verbose:
+        raise click.UsageError("--quiet and --verbose contradict each other: give one of them")
+    if no_color:
+        os.environ["NO_COLOR"] = "1"  # what rich, and workers, look at
+    known = Voice(quiet, verbose, Path(log) if log is not None else None)
+    known.write(f"indentfit {' '.join(sys.argv[1:])}")
+    context.meta[PLACE] = known
     context.obj = _refused if no_plugins else _announced()  # a `Command` asks it before code of others runs
 
 
@@ -99,7 +117,7 @@ def _announced() -> Callable[[str], None]:
     def announce(code: str) -> None:
         if code not in known:
             known.add(code)
-            click.echo(f"note: the material runs {code}", err=True)
+            say(f"note: the material runs {code}", always=True)
 
     return announce
 
@@ -115,7 +133,7 @@ def _say(error: IndentfitError, debug: bool) -> None:
     if debug:
         traceback.print_exception(error)
     for line in error.faults if isinstance(error, CaseError) else [str(error)]:
-        click.echo(f"error: {' '.join(line.splitlines())}", err=True)
+        say(f"error: {' '.join(line.splitlines())}", always=True)
 
 
 def _report(error: Exception, debug: bool) -> None:
@@ -123,4 +141,4 @@ def _report(error: Exception, debug: bool) -> None:
     if debug:
         traceback.print_exception(error)
     what = " ".join(f"{type(error).__name__}: {error}".split())
-    click.echo(f"error: a bug in indentfit ({what}); please report it, and what `indentfit --debug ...` adds", err=True)
+    say(f"error: a bug in indentfit ({what}); please report it, and what `indentfit --debug ...` adds", always=True)

@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar with an estimate on a terminal, otherwise a line about every ten seconds.
+"""Progress on stderr: a bar with an estimate on a terminal, otherwise (or quiet, verbose, with a log) a line every ten seconds.
 
 with progress("fit", total=240) as step:
     step(12, "objective 0.91 mN")
@@ -10,17 +10,17 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 
-import click
+from indentfit.cli.speech import Voice, voice
 
 Step = Callable[..., None]  # called with (done, note)
 
-INTERVAL = 10.0  # seconds between two lines
+INTERVAL, OFTEN = 10.0, 1.0  # seconds between two lines, usually and where the command is to be verbose
 
 
 @contextlib.contextmanager
 def progress(title: str, total: float) -> Iterator[Step]:
     """Context that gives a function step(done, note=""): how much of `total` is done, whole or not, and a remark."""
-    if sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
+    if sys.stderr.isatty() and os.environ.get("TERM") != "dumb" and voice() == Voice():
         with _bar(title, total) as step:
             yield step
     else:
@@ -56,17 +56,18 @@ class _Lines:
 
     def __init__(self, title: str, total: float) -> None:
         self.title, self.total = title, total
+        self.voice = voice()
         self.started = self.spoken = time.monotonic()
 
     def step(self, done: float, note: str = "") -> None:
         now = time.monotonic()
-        if now - self.spoken < INTERVAL:
+        if now - self.spoken < (min(INTERVAL, OFTEN) if self.voice.verbose else INTERVAL):
             return
         self.spoken = now
         share = min(max(done / self.total, 0.0), 1.0) if self.total else 1.0
         past = now - self.started
         left = f", about {_duration(past * (1 - share) / share)} left" if share > 0 else ""
-        click.echo(f"{self.title}: {share:.0%} after {_duration(past)}{left}{f'; {note}' if note else ''}", err=True)
+        self.voice.say(f"{self.title}: {share:.0%} after {_duration(past)}{left}{f'; {note}' if note else ''}")
 
 
 def _duration(seconds: float) -> str:
