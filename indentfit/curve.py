@@ -7,6 +7,10 @@ are ignored, and named in the curve's notes where they hold a retraction, or sta
 separated by commas, tabs or blanks, or by semicolons, and only then may numbers have a decimal comma. Lines that begin with `#` and
 empty lines are skipped, but for `# contact point +- 0.003 mm (standard deviation)`, which `process` writes as the last line. The
 force is that of the full sample, positive in compression; displacements are positive into the sample and rise from line to line.
+
+A test without an indenter may have a column `strain`, `strain_percent` or `stretch` in place of the displacement, and `stress_kPa`
+in place of the force. In memory its strains and stresses are positive both in tension and in compression, as the test says; in a
+file of a test in compression they, its displacements and its forces may all be negative.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from indentfit.arrays import Array, Ints
+from indentfit.axes import INDENTATION, Axes, Translation
 from indentfit.errors import CurveError
 from indentfit.headers import UNITS, Header, cells_of, columns_of, find_header, separator_of, shown, with_units_below
 from indentfit.units import unit_factor
@@ -49,6 +54,9 @@ class Curve:
         Standard deviation of each force, where it is known: points weigh by the inverse squares.
     time : array (n,), s, or None
         Rising times of the points, from any moment on; only a material that relaxes takes notice of them.
+    axes : Axes or None
+        What displacement and force are, where that is known; a strain is the displacement of a length of 1 mm, a stress in kPa the
+        force on 1 mm^2.
 
     Raises
     ------
@@ -62,6 +70,7 @@ class Curve:
     contact: float | None = None
     sd: Array | None = None
     time: Array | None = None
+    axes: Axes | None = None
 
     def __post_init__(self) -> None:
         for name in (*UNITS, "sd", "time"):
@@ -100,7 +109,12 @@ class Curve:
 
     def with_force(self, force: Array) -> Curve:
         """Other forces with the displacements, standard deviations and times of this curve."""
-        return Curve(self.displacement, force, (), self.contact, self.sd, self.time)
+        return Curve(self.displacement, force, (), self.contact, self.sd, self.time, self.axes)
+
+    @property
+    def shown(self) -> Axes:
+        """What displacement and force are, in texts and figures."""
+        return self.axes or INDENTATION
 
     @property
     def loading(self) -> Curve:
@@ -114,7 +128,7 @@ class Curve:
     def part(self, numbers: Ints) -> Curve:
         """The curve of some of the points, by their numbers."""
         sd, time = (None if values is None else values[numbers] for values in (self.sd, self.time))
-        return Curve(self.displacement[numbers], self.force[numbers], self.notes, self.contact, sd, time)
+        return Curve(self.displacement[numbers], self.force[numbers], self.notes, self.contact, sd, time, self.axes)
 
     @property
     def deepest(self) -> float:
@@ -122,16 +136,19 @@ class Curve:
         return float(self.displacement.max())
 
     def __repr__(self) -> str:
-        last = f" to {self.displacement[-1]:.4g} mm and {self.force[-1]:.4g} mN" if self.displacement.size else ""
+        axes = self.shown
+        last = f" to {axes.at(self.displacement[-1])} and {self.force[-1]:.4g} {axes.up_unit}" if self.displacement.size else ""
         return f"Curve({self.displacement.size} points{last})"
 
 
-def read_curve(path: str | Path) -> Curve:
+def read_curve(path: str | Path, loading: str = "") -> Curve:
     """The `Curve` of a CSV file, in mm and mN.
 
     Parameters
     ----------
     path : path of a file in the form that this module describes
+    loading : "tension", "compression" or "shear"
+        How a specimen without an indenter is loaded; empty for an indentation.
 
     Returns
     -------
@@ -148,18 +165,32 @@ def read_curve(path: str | Path) -> Curve:
     lines = list(_lines(text))
     if not lines:
         raise CurveError(f"{path}: the file is empty; it needs a header displacement_mm,force_mN and numbers below")
+    translation = _translated(path, lines) if loading else None
     header, separator = _header(path, lines)
     points = [_point(f"{path}: line {number}", cells_of(line, separator), header, separator) for number, line in lines]
     numbers = [number for number, _ in lines]
     time, missing = _times(path, header.cells, lines, separator)
-    _require_loading(path, numbers, points, time)
+    if translation is not None and points:
+        points = translation.points(points, loading == "compression")
+    axes = translation.axes if translation is not None else INDENTATION
+    _require_loading(path, numbers, points, time, axes)
     displacement, force, *sd = np.array(points).T
-    for n, text_of_fault in _not_deviations(*sd):
+    for n, text_of_fault in _not_deviations(sd[0] if sd else None, axes):
         raise CurveError(f"{path}: line {lines[n][0]}: {text_of_fault}")
     stated = CONTACT.search(text)
     contact = float(stated["sd"]) if stated else None
     deviations = sd[0] if sd else None
-    return Curve(np.maximum(displacement, 0.0), force, (*header.notes, *missing), contact or None, deviations, time)
+    known = axes if translation is not None else None
+    return Curve(np.maximum(displacement, 0.0), force, (*header.notes, *missing), contact or None, deviations, time, known)
+
+
+def _translated(path: Path, lines: list[tuple[int, str]]) -> Translation:
+    """What the first line says of strains and stresses; in the lines their names become those of displacements and forces."""
+    number, text = lines[0]
+    separator = separator_of(text)
+    translation = Translation.of(f"{path}: line {number}", cells_of(text, separator))
+    lines[0] = number, separator.join(translation.cells)
+    return translation
 
 
 def _header(path: Path, lines: list[tuple[int, str]]) -> tuple[Header, str]:
@@ -191,9 +222,9 @@ def require_loading(curve: Curve) -> None:
         raise CurveError(f"{len(displacement)} points; a curve needs at least {MIN_POINTS}")
     if not (np.isfinite(displacement).all() and np.isfinite(force).all()):
         raise CurveError("holds numbers that are not finite; leave these points out")
-    for n, text in _not_loading(displacement, force, curve.time):
+    for n, text in _not_loading(displacement, force, curve.time, curve.shown):
         raise CurveError(text if n is None else f"point {n}: {text}")
-    for n, text in _not_deviations(curve.sd):
+    for n, text in _not_deviations(curve.sd, curve.shown):
         raise CurveError(f"point {n}: {text}")
 
 
@@ -218,8 +249,8 @@ def write_curve(path: str | Path, curve: Curve) -> None:
     CurveError
         The file cannot be written.
     """
-    columns = curve.columns
-    header = ",".join(("displacement_mm", "force_mN", "force_sd_mN")[: len(columns)])
+    columns, (across, up) = curve.columns, curve.shown.header
+    header = ",".join((across, up, up.replace("_", "_sd_"))[: len(columns)])
     if curve.time is not None:
         columns, header = [*columns, curve.time], f"{header},time_s"
     rows = [",".join(map(repr, row)) + "\n" for row in zip(*(column.tolist() for column in columns), strict=True)]
@@ -253,21 +284,22 @@ def _text(path: Path) -> str:
         raise CurveError(f"{path}: line {line}: not UTF-8 text; export it as 'CSV UTF-8'") from None
 
 
-def _not_deviations(sd: Array | None = None) -> Iterator[tuple[int, str]]:
+def _not_deviations(sd: Array | None, axes: Axes) -> Iterator[tuple[int, str]]:
     """The first standard deviation that cannot be a weight, as (number of its point, what is wrong)."""
     if sd is None:
         return
     wrong = ~(np.isfinite(sd) & (sd > 0))
     if wrong.any():
         n = int(np.argmax(wrong))
-        text = "must be above zero: a force without an error would have all of the weight; leave the line out, or give its error"
-        yield n, f"standard deviation {sd[n]:g} mN {text}"
+        text = (
+            f"must be above zero: a {axes.up} without an error would have all of the weight; leave the line out, or give its error"
+        )
+        yield n, f"standard deviation {sd[n]:g} {axes.up_unit} {text}"
     elif sd.min() < SMALLEST_SD * np.median(sd):
         n = int(np.argmin(sd))
-        text = (
-            f"is below {SMALLEST_SD:g} of the median, {np.median(sd):.3g} mN: this point alone would decide a fit; give its error"
-        )
-        yield n, f"standard deviation {sd[n]:.3g} mN {text}"
+        median = f"{np.median(sd):.3g} {axes.up_unit}"
+        text = f"is below {SMALLEST_SD:g} of the median, {median}: this point alone would decide a fit; give its error"
+        yield n, f"standard deviation {sd[n]:.3g} {axes.up_unit} {text}"
 
 
 def _point(where: str, cells: list[str], header: Header, separator: str) -> list[float]:
@@ -311,48 +343,54 @@ def _times(path: Path, header: Sequence[str], lines: list[tuple[int, str]], sepa
     return np.array(values), []
 
 
-def _require_loading(path: Path, numbers: list[int], points: list[list[float]], time: Array | None) -> None:
+def _require_loading(path: Path, numbers: list[int], points: list[list[float]], time: Array | None, axes: Axes) -> None:
     """Refuse points that are not the loading part of one indentation, or with times not an indentation with its hold; the error
     names the first wrong line."""
     if len(points) < MIN_POINTS:
         raise CurveError(f"{path}: {len(points)} points; a curve needs at least {MIN_POINTS}")
     displacement, force = np.array(points).T[:2]
-    for n, text in _not_loading(displacement, force, time):
+    for n, text in _not_loading(displacement, force, time, axes):
         raise CurveError(f"{path}: line {numbers[n]}: {text}" if n is not None else f"{path}: {text}")
 
 
-def _not_loading(displacement: Array, force: Array, time: Array | None = None) -> Iterator[tuple[int | None, str]]:
+def _not_loading(
+    displacement: Array, force: Array, time: Array | None = None, axes: Axes = INDENTATION
+) -> Iterator[tuple[int | None, str]]:
     """What is wrong with the loading part of an indentation, or with times of an indentation with its hold and retraction, with the
     point's index where one is at fault."""
+    unit, start, positive = " mm", "the contact point", "into the sample"
+    if axes.across == "strain":
+        unit, start, positive = "", "zero", "in the direction of test.loading (a compression may have negative ones)"
     if not (displacement > 0).any():
         text = (
-            f"displacement {displacement[-1]:g} mm: none is positive; displacements are positive into the sample, change the sign"
+            f"{axes.across} {displacement[-1]:g}{unit}: none is positive; {axes.across}s are positive {positive}, change the sign"
         )
         yield len(displacement) - 1, text
     if displacement[0] < -1e-9 * np.abs(displacement).max():
-        yield (
-            0,
-            f"displacement {displacement[0]:g} mm is negative; start at the contact point, displacements positive into the sample",
-        )
+        text = f"is negative; start at {start}, {axes.across}s positive {positive}"
+        yield 0, f"{axes.across} {displacement[0]:g}{unit} {text}"
     if time is None:
-        yield from _not_rising(displacement)
+        yield from _not_rising(displacement, axes)
     elif not np.isfinite(time).all():
         yield int(np.argmin(np.isfinite(time))), "the time is not a finite number; leave the point out"
     elif (np.diff(time) <= 0).any():
         n = int(np.argmax(np.diff(time) <= 0)) + 1
         yield n, f"time {time[n]:g} s comes after {time[n - 1]:g} s; times must rise"
     if not force.any():
-        yield None, "every force is zero; check the force column"
+        yield None, f"every {axes.up} is zero; check the {axes.up} column"
     deepest = len(force) - 1 if time is None else int(np.argmax(displacement))
     if force[deepest] <= 0:
-        text = f"force {force[deepest]:g} mN at the deepest point is not positive; compression is positive, "
-        yield deepest, text + "change the sign if your load cell counts otherwise"
+        at = "at the deepest point is not positive; compression is positive, change the sign if your load cell counts otherwise"
+        if axes != INDENTATION:
+            at = f"at the largest {axes.across} is not positive; it must point in the direction of the loading"
+        yield deepest, f"{axes.up} {force[deepest]:g} {axes.up_unit} {at}"
 
 
-def _not_rising(displacement: Array) -> Iterator[tuple[int, str]]:
+def _not_rising(displacement: Array, axes: Axes = INDENTATION) -> Iterator[tuple[int, str]]:
     """The first point of a loading that is not deeper than the one before it."""
+    unit = " mm" if axes.across == "displacement" else ""
     for n in map(int, np.flatnonzero(np.diff(np.maximum(displacement, 0.0)) <= 0)[:1] + 1):
-        wrong = f"comes after {displacement[n - 1]:g} mm; sort the lines and keep the loading only"
+        wrong = f"comes after {displacement[n - 1]:g}{unit}; sort the lines and keep the loading only"
         if displacement[n] == displacement[n - 1]:
             wrong = "is given twice; keep one of the two lines"
-        yield n, f"displacement {displacement[n]:g} mm {wrong}"
+        yield n, f"{axes.across} {displacement[n]:g}{unit} {wrong}"

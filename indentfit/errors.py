@@ -97,6 +97,17 @@ class ConvergenceError(IndentfitError):
         return type(self), (self.cause, self.displacement, self.step, self.iteration)
 
 
+class NoStateError(ConvergenceError):
+    """A law has no homogeneous state at a strain; `cause` says where and why."""
+
+    def __init__(self, cause: str) -> None:
+        super().__init__(cause)
+        self.args = (cause,)
+
+    def __reduce__(self) -> tuple[type["NoStateError"], tuple[str]]:  # type: ignore[override]
+        return type(self), (self.cause,)
+
+
 class OutOfTime(IndentfitError):
     """A run took longer than its limit.
 

@@ -10,6 +10,7 @@ import pytest
 from indentfit.case.keys import SECTIONS, TABLES, choices, keys
 from indentfit.case.read import KEYS
 from indentfit.case.reference import json_schema, reference_page
+from indentfit.case.specimen import OF_SPECIMENS
 from indentfit.case.template import template
 from indentfit.cli.fit import command as fit
 from indentfit.curve import Curve, write_curve
@@ -79,6 +80,11 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         f"material.relaxation.{name}": [*relaxes, "test.parallel.rate=0.1"] for name in ("base", "terms", "order", "g", "tau")
     }
     beside |= {"test.rate": relaxes, "test.ramp": relaxes, "test.hold": [*relaxes, "test.parallel.rate=0.1"]}
+    if key.removeprefix("test.") in OF_SPECIMENS:
+        biaxial = 'kind = "biaxial"\nfibres = "along"\nloading = "tension"\narea = 100\nlength = 3.3\n'
+        text = re.sub(r"^angle = 0.*\n(?:#  .*\n)*", biaxial, case.read_text(), count=1, flags=re.MULTILINE)
+        case = case.with_name("specimen.toml")
+        case.write_text(text, encoding="utf-8")
     if key in ("material.relaxation.g", "material.relaxation.tau"):
         sets = ["material.relaxation.g=[0.8, 0.5]", "material.relaxation.tau=[0.5, 5]"]
     if key.startswith(("test.sample.", "test.indenter.")):

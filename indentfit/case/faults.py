@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
+from indentfit.axes import INDENTATION, Axes
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
 from indentfit.case.messages import MISSING, Fault, Key, key_of, unknown, wording
@@ -44,6 +45,15 @@ class Parts:
     def with_tests(self, tests: Sequence[Test | None], curves: Sequence[Curve | None]) -> Parts:
         """These parts with tests and their curves."""
         return replace(self, tests=tuple(tests), curves=tuple(curves))
+
+    @property
+    def of_indentations(self) -> Parts:
+        """These parts without tests that need no indenter."""
+        if all(test is None or test.kind in (None, "indentation") for test in self.tests):
+            return self
+        pairs = zip(self.tests, self.curves, strict=True)
+        kept = [(test, curve) for test, curve in pairs if test is None or test.kind in (None, "indentation")]
+        return self.with_tests([test for test, _ in kept], [curve for _, curve in kept])
 
 
 # Parameters
@@ -135,27 +145,82 @@ def faults_of_fibres(choice: MaterialChoice | None, law: type[Material] | None, 
     if law is None or not has_fibres(law):
         return
     for label, test in zip(labels([test and test.name for test in tests]), tests, strict=True):
-        if test is not None and test.angle is None and "angle" not in test.model_fields_set:
-            text = "missing; the material has fibres: give their angle to x, the indenter's long side, 0 or 90"
-            yield Fault(("test", label, "angle"), MISSING, text)
+        key = "angle" if test is None or test.kind in (None, "indentation") else "fibres"
+        if test is not None and getattr(test, key) is None and key not in test.model_fields_set:
+            yield Fault(("test", label, key), MISSING, f"missing; the material has fibres: {NEEDED[key]}")
     if choice is not None and choice.poisson_ratio is not None:
         text = "the material has fibres, and no single Poisson's ratio; give bulk_ratio or kappa in its place"
         yield Fault(("material", "poisson_ratio"), choice.poisson_ratio, text)
 
 
+NEEDED = {
+    "angle": "give their angle to x, the indenter's long side, 0 or 90",
+    "fibres": "give their direction: along the load, across it, or normal to the plane of shear or of two stretches",
+}
+
+
 # Tables that do not agree
+
+
+def faults_of_absence(parts: Parts, given: Collection[str]) -> list[Fault]:
+    """Faults where an indentation lacks the table of its sample or indenter, or where there are tables that no test asks for."""
+    asked = any(test is None or test.kind in (None, "indentation") for test in parts.tests)
+    if asked:
+        return [Fault((name,), MISSING, f"missing; add a table [{name}]") for name in ("sample", "indenter") if name not in given]
+    text = "no test is an indentation, and other tests need no such table; remove it"
+    return [Fault((name,), MISSING, text) for name in ("sample", "indenter") if name in given]
+
+
+def _faults_of_specimen(label: str, test: Test, curve: Curve | None, material: MaterialChoice | None) -> Iterator[Fault]:
+    """Faults of a test without an indenter, or of a curve that is not that of such a test."""
+    if curve is not None and curve.axes is not None:
+        yield from _faults_of_axes(label, test, curve, curve.axes)
+    if test.kind == "indentation":
+        return
+    if material is not None and material.relaxation is not None:
+        text = "is not solved for a material that relaxes; remove [material.relaxation], or give an indentation"
+        yield Fault(("test", label, "kind"), test.kind, text)
+    if curve is not None and test.loading == "compression" and curve.deepest >= (test.length or 1.0):
+        text = f"goes to a strain of {curve.deepest / (test.length or 1.0):.4g} in compression; the stretch must stay above 0"
+        yield Fault(("test", label, "curve"), test.curve, text)
+
+
+def _faults_of_axes(label: str, test: Test, curve: Curve, axes: Axes) -> Iterator[Fault]:
+    """Faults where a curve shows other quantities than those that its test's keys mean."""
+    if test.kind == "indentation":
+        if axes != INDENTATION:
+            text = f"shows {axes.across} and {axes.up}; an indentation needs displacement and force (or give test.kind)"
+            yield Fault(("test", label, "curve"), test.curve, text)
+        return
+    for key, shown, absolute in (("length", axes.across, "displacement"), ("area", axes.up, "force")):
+        value = getattr(test, key)
+        if shown == absolute and value is None:
+            text = f"missing; the curve shows {absolute}s: give the {key} of the specimen"
+            yield Fault(("test", label, key), MISSING, text)
+        if shown != absolute and value is not None:
+            plural = "stresses" if shown == "stress" else "strains"
+            yield Fault(("test", label, key), value, f"has no effect: the curve shows {plural}, not {absolute}s; remove it")
 
 
 def faults_across(parts: Parts) -> Iterator[Fault]:
     """Faults between tables that are each correct."""
     yield from _equal_names(parts.tests)
+    for label, test, curve in zip(labels([test and test.name for test in parts.tests]), parts.tests, parts.curves, strict=True):
+        if test is not None and test.kind is not None:
+            yield from _faults_of_specimen(label, test, curve, parts.material)
+    parts = parts.of_indentations
+    if parts.tests:
+        yield from _faults_of_indentations(parts)
+    if parts.sample is not None:
+        yield from _faults_of_uncertain(parts)
+
+
+def _faults_of_indentations(parts: Parts) -> Iterator[Fault]:
     yield from _faults_of_time(parts)
     places, faults = _places_of_tests(parts)
     yield from faults
     for place in places:
         yield from _faults_of_place(place, parts.mesh)
-    if parts.sample is not None:
-        yield from _faults_of_uncertain(parts)
 
 
 @dataclass
@@ -285,7 +350,7 @@ def depth_of(test: Test | None, curve: Curve | None) -> float | None:
     """The largest displacement of a test, mm; None where it is not known."""
     if curve is not None:
         return curve.deepest
-    return test.depth if test is not None else None
+    return test.largest if test is not None else None
 
 
 def _equal_names(tests: Sequence[Test | None]) -> Iterator[Fault]:
@@ -326,6 +391,12 @@ def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
     if parts.fit is None or parts.fit.uncertain is None:
         return
     uncertain = parts.fit.uncertain
+    if not parts.tests:
+        for name in ("friction", "thickness", "base", "offset"):
+            if getattr(uncertain, name) is not None:
+                text = "no test is an indentation, and other tests do not depend on it; remove it"
+                yield Fault(("fit", "uncertain", name), plain(getattr(uncertain, name)), text)
+        indenter = None
     if uncertain.friction is not None and indenter is not None and indenter.friction == "stick":
         text = "the indenter sticks; give indenter.friction a number"
         yield Fault(("fit", "uncertain", "friction"), plain(uncertain.friction), text)

@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from indentfit.case.faults import (
     Parts,
     faults_across,
+    faults_of_absence,
     faults_of_fibres,
     faults_of_parameters,
     faults_of_stiffness,
@@ -30,6 +31,7 @@ from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
 from indentfit.case.section import Section
+from indentfit.case.specimen import loading_of
 from indentfit.case.tables import MaterialChoice, Test
 from indentfit.case.unknown import with_priors
 from indentfit.case.whole import Case
@@ -41,6 +43,8 @@ from indentfit.units import number_in
 
 KEYS = ("title", *SECTIONS, "test")
 NEEDED = ("sample", "indenter", "material")
+OF_INDENTER = ("sample", "indenter")  # needed where a test is an indentation
+SPECIMENS = ("shear", "uniaxial", "biaxial")
 OPTIONAL = ("mesh", "fit", "solver", "record")
 Table = TypeVar("Table", bound=Section)
 
@@ -126,8 +130,8 @@ class Sources:
     openers: Openers | None = None
     curves: Mapping[str, Curve] = field(default_factory=dict)
 
-    def curve(self, name: str) -> Curve:
-        return self.curves[name] if name in self.curves else read_curve(self.folder / name)
+    def curve(self, name: str, loading: str) -> Curve:
+        return self.curves[name] if name in self.curves else read_curve(self.folder / name, loading)
 
 
 def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) -> Record:
@@ -225,14 +229,26 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     title = _title(tree, faults)
     law = _law(table_of(tree, "material"), sources, faults)
     _convert_parameters(tree, law, faults)
-    sections = {name: _section(model, (name,), _keys(tree, name), faults) for name, model in SECTIONS.items()}
+    absent = [name for name in OF_INDENTER if name not in tree and not _asks_for_indenter(tree)]
+    sections: dict[str, Any] = {name: SECTIONS[name].untouched() for name in absent}
+    sections |= {
+        name: _section(model, (name,), _keys(tree, name), faults) for name, model in SECTIONS.items() if name not in absent
+    }
     sections = with_priors(sections)
     parts = Parts(title, **sections)  # type: ignore[arg-type]
     faults += _faults_of_material(parts.material, law, faults)
     parts = parts.with_tests(*_tests_and_curves(tree, sources, parts, faults))
     faults += faults_of_fibres(parts.material, law, parts.tests)
+    if not _asks_for_indenter(tree):
+        faults += faults_of_absence(parts, tree)
     faults += faults_across(parts)
     return parts
+
+
+def _asks_for_indenter(tree: Tree) -> bool:
+    """Whether a test is an indentation, or may be one."""
+    tests = tests_of(tree)
+    return not tests or any(not isinstance(keys, dict) or keys.get("kind", "indentation") not in SPECIMENS for keys in tests)
 
 
 def _keys(tree: Tree, name: str) -> Any:
@@ -248,7 +264,7 @@ def _title(tree: Tree, faults: list[Fault]) -> str:
 
 def _record_of(test: Test | None, parts: Parts) -> Record | None:
     """The table [record] for a test, with the end of the test's indenter where the table does not state it."""
-    indenter = own_table(parts.indenter, test.indenter) if test else None
+    indenter = own_table(parts.indenter, test.indenter) if test and test.kind == "indentation" else None
     shape = indenter.geometry_if_right() if indenter else None
     if parts.record is None or parts.record.indenter is not None or shape is None or shape.end == "flat":
         return parts.record
@@ -364,7 +380,7 @@ def _tests_and_curves(
 ) -> tuple[list[Test | None], list[Curve | None]]:
     tables = tree.get("test", MISSING)
     if tables is MISSING or tables == []:
-        faults.append(Fault(("test",), MISSING, "missing; add a table [[test]] for each indentation"))
+        faults.append(Fault(("test",), MISSING, "missing; add a table [[test]] for each test"))
         return [], []
     if not isinstance(tables, list):
         faults.append(Fault(("test",), tables, "must be a list of tables; write [[test]] in double brackets"))
@@ -387,7 +403,7 @@ def _curve(test: Test, label: str, record: Record | None, timed: bool, sources: 
     try:
         if test.record and record and not any(fault.key[0] == "record" for fault in faults):
             return sources.openers.curve(sources.folder / test.record, record, timed) if sources.openers else None
-        return sources.curve(test.curve) if isinstance(test.curve, str) else None
+        return sources.curve(test.curve, loading_of(test)) if isinstance(test.curve, str) else None
     except (RecordError, CurveError) as error:
         key = "record" if isinstance(error, RecordError) else "curve"
         faults.append(Fault(("test", label, key), getattr(test, key), str(error)))

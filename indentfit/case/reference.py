@@ -12,7 +12,7 @@ from indentfit.case.keys import SECTIONS, TABLES, KeyFacts, facts_of_keys
 from indentfit.case.section import Section
 from indentfit.case.tables import Test
 
-NEEDED = ("sample", "indenter", "material", "test")
+NEEDED = ("material", "test")  # sample and indenter where a test is an indentation
 QUANTITY = {"type": "string", "description": "a number with its unit, such as 1490 Pa"}
 INTRODUCTION = """\
 # Keys of a case file

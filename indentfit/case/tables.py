@@ -14,6 +14,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, creat
 from pydantic.fields import FieldInfo
 
 from indentfit import elastic, indenters, samples
+from indentfit.case import specimen
 from indentfit.case.quantities import (
     Angle,
     BulkRatio,
@@ -24,6 +25,7 @@ from indentfit.case.quantities import (
     NotNegative,
     Positive,
     Pressure,
+    Quantity,
     Radius,
     Shape,
     refusal,
@@ -32,6 +34,7 @@ from indentfit.case.ranges import Range, fixed_or_range
 from indentfit.case.relaxation import Relaxation, Seconds, Velocity
 from indentfit.case.section import Section, either, known
 from indentfit.curve import Curve
+from indentfit.material import Fibres, Kind
 from indentfit.shapes import Registry, keys_of
 
 DEFAULT_BULK_RATIO = 1000.0
@@ -350,20 +353,25 @@ def _file_or_curve(value: Any) -> str | Curve | None:
 
 
 class Test(Section):
-    """One indentation: its direction, and a measured curve, a raw record, or only a depth to simulate."""
+    """One test, an indentation or a homogeneous state: a measured curve, a raw record, or only a depth or strain to simulate."""
 
     __test__ = False  # not a test of pytest's
 
     place = "test"
     rivals: ClassVar[dict[str, frozenset[str]]] = {
-        "curve": frozenset({"depth", "points", "record"}),
+        "curve": frozenset({"depth", "points", "record", "strain"}),
         "record": frozenset({"depth", "points", "curve"}),
         "depth": frozenset({"curve", "record"}),
+        "strain": frozenset({"curve"}),
         "rate": frozenset({"ramp"}),
         "ramp": frozenset({"rate"}),
     }
 
     name: Annotated[Line, Field(max_length=60)] = Field(examples=["parallel"], description="name of the test")
+    kind: Literal["indentation"] | Kind = Field(
+        default="indentation",
+        description="what is tested: an indentation; simple shear; or uniaxial or biaxial stretch, its free sides without stress",
+    )
     angle: Angle | None = Field(
         default=None,
         examples=[0],
@@ -374,7 +382,8 @@ class Test(Section):
     ] = Field(
         default=None,
         examples=["curves/parallel.csv"],
-        description="CSV file of the measured curve, relative to the case file; its header is displacement_mm,force_mN",
+        description="CSV file of the measured curve, relative to the case file; its header is displacement_mm,force_mN (without an "
+        "indenter also strain or stretch, and stress_kPa)",
     )
     record: Line | None = Field(
         default=None,
@@ -382,7 +391,7 @@ class Test(Section):
         description="raw record of the rig, instead of a curve, read as [record] says; relative to the case file",
     )
     depth: Length | None = Field(default=None, examples=[0.33], description="depth to simulate, instead of a curve")
-    points: int = Field(default=25, ge=1, le=10_000, description="number of points to simulate, with a depth")
+    points: int = Field(default=25, ge=1, le=10_000, description="number of points to simulate, with a depth or a strain")
     rate: Velocity | None = Field(
         default=None, examples=[0.66], description="velocity of the indenter in the ramp, for a material with [material.relaxation]"
     )
@@ -395,6 +404,37 @@ class Test(Section):
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
     )
+    fibres: Fibres | None = Field(
+        default=None,
+        examples=["along"],
+        description="fibres without an indenter: along the shear, or the measured axis; across it, in the plane of shear or of two "
+        "stretches; or normal to that plane",
+    )
+    loading: Literal["tension", "compression"] | None = Field(
+        default=None,
+        examples=["tension"],
+        description="direction of a uniaxial or biaxial test, in which strains and stresses are positive (a file of a compression "
+        "may have them negative)",
+    )
+    ratio: NotNegative | None = Field(
+        default=None, examples=[1.0], description="strain across over strain along, of a biaxial test; 1 by default"
+    )
+    area: Annotated[Positive, Quantity("mm^2")] | None = Field(
+        default=None,
+        examples=[100.0],
+        description="area of the undeformed specimen on which the force acts, where forces are measured",
+    )
+    length: Length | None = Field(
+        default=None,
+        examples=[3.0],
+        description="length of the undeformed specimen (in shear its thickness), where displacements are measured",
+    )
+    strain: Positive | None = Field(default=None, examples=[0.2], description="largest strain to simulate, instead of a curve")
+    stress: Literal["nominal", "cauchy"] | None = Field(
+        default=None,
+        examples=["nominal"],
+        description="stress of the curve: force over the undeformed area (nominal, the default), or over the deformed one (cauchy)",
+    )
     sample: OwnSample | None = Field(default=None, description="keys of the sample of this test, where it is another one")
     indenter: OwnIndenter | None = Field(default=None, description="keys of the indenter of this test, where it is another one")
 
@@ -402,6 +442,16 @@ class Test(Section):
     def direction(self) -> int:
         """The angle, degrees; 0 where the material has no fibres and the case gives no angle."""
         return 0 if self.angle is None else self.angle
+
+    @property
+    def cauchy(self) -> bool:
+        """Whether the stress is force over the deformed area."""
+        return self.stress == "cauchy"
+
+    @property
+    def largest(self) -> float | None:
+        """The largest displacement to simulate without a curve, mm; a strain counts as the displacement of the length."""
+        return self.depth if self.strain is None else self.strain * (self.length or 1.0)
 
     def rate_to(self, depth: float) -> float | None:
         """Velocity in a ramp to a depth (mm), mm/s; None where the test has no ramp in time."""
@@ -414,17 +464,20 @@ class Test(Section):
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
         given = self.model_fields_set
-        sources = [key for key in ("curve", "record", "depth") if key in given]
+        yield from specimen.disagreements(self)
+        sources = [key for key in ("curve", "record", "depth", "strain") if key in given]
         if len(sources) > 1:
             yield sources[-1], f"a {sources[0]} is given too; keep one of them"
-        if not sources:
+        if not sources and self.kind == "indentation":
             yield "curve", "missing; give the file of the measured curve, or of its raw record (record), or depth (mm)"
+        elif not sources:
+            yield "curve", "missing; give the file of the measured curve, or the largest strain to simulate (strain)"
         if known(self.rate, self.ramp):
             yield "ramp", "a rate is given too; keep one of them"
         if self.hold is not None and not {"rate", "ramp"} & given:
             yield "hold", "needs the ramp before it; give test.rate or test.ramp"
         if {"curve", "record"} & given and "points" in given:
-            yield "points", "belongs to a test with a depth; the points of a curve are those of its file"
+            yield "points", "belongs to a test with a depth or a strain; the points of a curve are those of its file"
 
 
 class Solver(Section):

@@ -33,6 +33,8 @@ def warnings_of(case: Case) -> Iterator[str]:
     yield from _unknown(case)
     for test, curve in zip(case.tests, case.curves, strict=True):
         yield from (f"test.{test.name}: {note}" for note in (curve.notes if curve else ()))
+        if test.kind != "indentation":
+            continue
         deep = DEEP_ROUND if isinstance(case.indenter_of(test).geometry.partition(0.0), Rings) else DEEP
         depth, thickness = depth_of(test, curve) or 0.0, case.sample_of(test).thickness
         if depth > deep * thickness * (1 + 1e-9):
@@ -40,7 +42,10 @@ def warnings_of(case: Case) -> Iterator[str]:
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
         if curve is not None:
             yield from doubts(test.name, curve.loading)
-    if len(case.free) > 1 and has_fibres(case.law) and len({test.angle for test in case.tests}) == 1:
+    if len(case.free) > 1 and has_fibres(case.law) and len({(test.angle, test.kind, test.fibres) for test in case.tests}) == 1:
+        if case.tests[0].kind != "indentation":
+            yield f"every test is {case.tests[0].kind} {case.tests[0].fibres} the fibres: this cannot distinguish the fibre terms"
+            return
         yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
 
 

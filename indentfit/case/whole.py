@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from indentfit.case.curves import curve_files
 from indentfit.case.faults import (
     Parts,
     faults_across,
+    faults_of_absence,
     faults_of_fibres,
     faults_of_fit,
     faults_of_freedom,
@@ -32,6 +34,7 @@ from indentfit.case.recording import Record
 from indentfit.case.relaxation import Relaxation
 from indentfit.case.search import Fit
 from indentfit.case.section import raise_disagreements
+from indentfit.case.specimen import OF_SPECIMENS, Specimen, axes_of, specimen_of
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
 from indentfit.case.unknown import with_priors
 from indentfit.case.warnings import warnings_of
@@ -63,11 +66,13 @@ class Case(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True, defer_build=True)
 
     title: Title = Field(default="", description="title of the case")
-    sample: Sample = Field(description="table of the sample")
-    indenter: Indenter = Field(description="table of the indenter")
+    sample: Sample = Field(default=Sample.untouched(), description="table of the sample; not where no test is an indentation")
+    indenter: Indenter = Field(
+        default=Indenter.untouched(), description="table of the indenter; not where no test is an indentation"
+    )
     mesh: Mesh = Field(default=Mesh.untouched(), description="table of the mesh")
     material: MaterialChoice = Field(description="table of the material")
-    tests: tuple[Test, ...] = Field(alias="test", min_length=1, description="list of tests, one for each indentation")
+    tests: tuple[Test, ...] = Field(alias="test", min_length=1, description="list of tests")
     fit: Fit = Field(default=Fit.untouched(), description="table of the search")
     solver: Solver = Field(default=Solver.untouched(), description="table of the solver")
     record: Record = Field(default=Record.untouched(), description="table of how raw records are read")
@@ -105,6 +110,13 @@ class Case(BaseModel):
         tests, curves = curve_files(tests)
         return {name: value for name, value in keys.items() if name != "test"} | {"tests": tests, "curves": curves}
 
+    @model_validator(mode="after")
+    def _name_the_axes(self) -> Case:
+        """Curves in memory need not say what they show: their tests do."""
+        pairs = zip(self.tests, self.curves, strict=False)
+        object.__setattr__(self, "curves", tuple(_shown(test, curve) for test, curve in pairs))
+        return self
+
     @field_validator("tests")
     @classmethod
     def _share_the_weight(cls, tests: tuple[Test, ...]) -> tuple[Test, ...]:
@@ -113,6 +125,7 @@ class Case(BaseModel):
     @model_validator(mode="after")
     def _agree(self) -> Case:
         law = self._law_or_fault()
+        raise_disagreements(type(self), faults_of_absence(self._parts(), self.model_fields_set))
         faults = list(faults_of_parameters(self.material, law)) or list(faults_of_stiffness(self.material, law))
         faults += [*faults_of_fibres(self.material, law, self.tests), *faults_across(self._parts()), *self._faults_of_curves()]
         raise_disagreements(type(self), faults)
@@ -148,6 +161,24 @@ class Case(BaseModel):
         """The class of the material; a file of the class that the case names is run. Raises MaterialError."""
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
+    @property
+    def indentations(self) -> tuple[Test, ...]:
+        """The tests that are indentations."""
+        return tuple(test for test in self.tests if test.kind == "indentation")
+
+    @property
+    def of_indentations(self) -> Case:
+        """The case without tests that need no indenter; the case itself where there are none."""
+        kept = [n for n, test in enumerate(self.tests) if test.kind == "indentation"]
+        if len(kept) == len(self.tests):
+            return self
+        update = {"tests": tuple(self.tests[n] for n in kept), "curves": tuple(self.curves[n] for n in kept)}
+        return self.model_copy(update=update)
+
+    def specimen_of(self, test: Test) -> Specimen | None:
+        """The specimen of a test without an indenter; None for an indentation."""
+        return specimen_of(test)
+
     def sample_of(self, test: Test) -> Sample:
         """The sample of a test: the table [sample], with the test's own keys."""
         return test.sample.over(self.sample) if test.sample else self.sample
@@ -157,17 +188,20 @@ class Case(BaseModel):
         return test.indenter.over(self.indenter) if test.indenter else self.indenter
 
     def shares(self, table: str, key: str) -> bool:
-        """Whether a test takes a key of [sample] or [indenter] from there, and has none of its own."""
-        own = [getattr(test, table) for test in self.tests]
+        """Whether an indentation takes a key of [sample] or [indenter] from there, and has none of its own."""
+        own = [getattr(test, table) for test in self.indentations]
         return any(keys is None or not keys.replaces(key, getattr(self, table)) for keys in own)
 
     @property
     def pieces(self) -> tuple[Case, ...]:
-        """The case, parted into cases whose tests have the same sample and indenter; the case itself where all have."""
-        if not any(test.sample or test.indenter for test in self.tests):
+        """The case, parted into cases whose tests have the same sample and indenter; the case itself where all have. Tests without
+        an indenter are in none of them."""
+        if not any(test.sample or test.indenter or test.kind != "indentation" for test in self.tests):
             return (self,)
         groups: list[tuple[tuple[Sample, Indenter], list[int]]] = []
         for n, test in enumerate(self.tests):
+            if test.kind != "indentation":
+                continue
             tables = self.sample_of(test), self.indenter_of(test)
             group = next((rows for known, rows in groups if known == tables), None)
             if group is None:
@@ -217,8 +251,8 @@ class Case(BaseModel):
             return curve.deepest * np.arange(1, GRID + 1) / GRID
         if curve is not None:
             return curve.displacement
-        assert test.depth is not None  # a test without a curve has a depth
-        return test.depth * np.arange(1, test.points + 1) / test.points
+        assert test.largest is not None  # a test without a curve has a depth or a strain
+        return test.largest * np.arange(1, test.points + 1) / test.points
 
     @property
     def hash(self) -> str:
@@ -229,9 +263,11 @@ class Case(BaseModel):
         )
         for test, curve in zip(facts["tests"], self.curves, strict=True):
             del test["record"]  # the curve that the record became decides a result
-            for own in ("sample", "indenter"):
+            for own in ("sample", "indenter", *OF_SPECIMENS):
                 if test[own] is None:
                     del test[own]
+            if test["kind"] == "indentation":
+                del test["kind"]
             contact = [curve.contact] if curve is not None and curve.contact else []
             times = [curve.time.tolist()] if curve is not None and curve.time is not None and self.material.relaxation else []
             test["curve"] = curve and [*(column.tolist() for column in curve.columns), *times, *contact]
@@ -253,10 +289,25 @@ def require_fittable(case: Case) -> None:
         raise CaseError([line(case.path, fault) for fault in faults])
 
 
+def require_indentations(case: Case, what: str, all_of_them: bool = False) -> None:
+    """Raise CaseError unless a test of the case, or each of them, is an indentation; `what` is told of, such as "a sweep"."""
+    others = [test for test in case.tests if test.kind != "indentation"]
+    if others and (all_of_them or len(others) == len(case.tests)):
+        test = others[0]
+        text = f"{what} knows indentations only; leave this test out for it"
+        raise CaseError([line(case.path, Fault(("test", test.name, "kind"), test.kind, text))])
+
+
 def require_free(case: Case) -> None:
     """Raise CaseError unless the case has a free parameter."""
     if faults := list(faults_of_freedom(case.free)):
         raise CaseError([line(case.path, fault) for fault in faults])
+
+
+def _shown(test: Test, curve: Curve | None) -> Curve | None:
+    """The curve of a test, which says what it shows."""
+    known = curve is None or curve.axes is not None or test.kind == "indentation"
+    return curve if known or curve is None else replace(curve, axes=axes_of(test))
 
 
 def _weighted(tests: tuple[Test, ...]) -> tuple[Test, ...]:

@@ -89,8 +89,15 @@ class MeshFacts:
     remark: str = ""
 
     @classmethod
+    def none(cls) -> "MeshFacts":
+        """No mesh: no test is an indentation."""
+        return cls(0, 0, "", 0.0, remark="no test needs finite elements")
+
+    @classmethod
     def together(cls, meshes: Sequence[tuple[str, "MeshFacts"]]) -> "MeshFacts":
         """The facts of several meshes, each with the names of its tests: sums of elements and dofs, and a remark with each mesh."""
+        if not meshes:
+            return cls.none()
         if len(meshes) == 1:
             return meshes[0][1]
         own = [f"{tests} {mesh.elements:,} elements{mesh.remark and ', ' + mesh.remark}" for tests, mesh in meshes]
@@ -152,9 +159,9 @@ class SolverFacts:
             krylov_iterations=sum(facts.krylov_iterations for facts in tests),
             wall_seconds=sum(facts.wall_seconds for facts in tests),
             setup_seconds=setup_seconds,
-            penalty_error=max(abs(facts.penalty_error) for facts in tests),
-            residual_error=max(facts.residual_error for facts in tests),
-            edge_slip=max(facts.edge_slip for facts in tests),
+            penalty_error=max((abs(facts.penalty_error) for facts in tests), default=0.0),
+            residual_error=max((facts.residual_error for facts in tests), default=0.0),
+            edge_slip=max((facts.edge_slip for facts in tests), default=0.0),
         )
 
     def as_json(self) -> dict[str, Any]:

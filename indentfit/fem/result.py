@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from indentfit.arrays import Array
+from indentfit.axes import INDENTATION, Axes
 from indentfit.curve import Curve
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
@@ -114,6 +115,10 @@ class TestResult:
         The error of the forces by the mesh (fem.mesh_error), or why it is not known; None where nobody asked for it.
     in_time : TimeCurve, or None
         Force over time, where the material relaxes and time was asked for.
+    axes : Axes
+        What displacement and force are: strain and stress in some tests without an indenter.
+    kind, fibres : str
+        Kind of the test, and where it is no indentation the direction of the fibres, if there are any.
     """
 
     __test__ = False  # not a test of pytest's
@@ -129,11 +134,19 @@ class TestResult:
     unfinished: str = ""
     mesh_error: ForceError | str | None = field(default=None, repr=False)
     in_time: TimeCurve | None = field(default=None, repr=False)
+    axes: Axes = INDENTATION
+    kind: str = "indentation"
+    fibres: str | None = None
 
     @property
     def curve(self) -> Curve:
         """Force over displacement."""
-        return Curve(self.displacement, self.force)
+        return Curve(self.displacement, self.force, axes=None if self.axes == INDENTATION else self.axes)
+
+    @property
+    def direction(self) -> str:
+        """The direction of the fibres, in words."""
+        return f"{self.angle}°" if self.kind == "indentation" else f"{self.kind}, {self.fibres or 'no fibres'}"
 
     @property
     def last(self) -> Equilibrium:
@@ -155,9 +168,9 @@ class Simulation:
             "tests": [
                 {
                     "name": test.name,
-                    "angle": test.angle,
-                    "displacement_mm": test.displacement.tolist(),
-                    "force_mN": test.force.tolist(),
+                    **_direction(test),
+                    test.axes.header[0]: test.displacement.tolist(),
+                    test.axes.header[1]: test.force.tolist(),
                     "facts": test.facts.as_json(),
                     **({"unfinished": test.unfinished} if test.unfinished else {}),
                     **_mesh_error(test),
@@ -168,6 +181,11 @@ class Simulation:
             "mesh": self.mesh.as_json(),
             "solver": self.solver.as_json(),
         }
+
+
+def _direction(test: TestResult) -> dict[str, Any]:
+    """The stable keys of a test's direction: the angle of an indentation; kind and fibres of another test."""
+    return {"angle": test.angle} if test.kind == "indentation" else {"angle": None, "kind": test.kind, "fibres": test.fibres}
 
 
 def _mesh_error(test: TestResult) -> dict[str, Any]:

@@ -50,7 +50,8 @@ def alone(
         known = identifiability(single, best, slopes)
         move = forces * known.errors.estimator[0] @ best.forces[n]
         known = widened(single, best, known, np.outer(move, move))
-        fits[test.name] = TestAlone(best.objective, run.objective if run else None, _estimates(single, surrogate, best, known))
+        proven = run.objective / test.scale if run else None
+        fits[test.name] = TestAlone(best.objective / test.scale, proven, _estimates(single, surrogate, best, known))
     return fits
 
 

@@ -369,8 +369,11 @@ def _estimates(
     return estimates
 
 
-def mesh_size(case: Case, model: ForwardModel) -> MeshSize:
-    """The number of elements of the finest mesh behind the curves, and the power of it with which the force's error falls."""
+def mesh_size(case: Case, model: ForwardModel) -> MeshSize | None:
+    """The number of elements of the finest mesh behind the curves, and the power of it with which the force's error falls; None
+    where no test is an indentation."""
+    if not case.indentations:
+        return None
     setups = [setup_of(piece) for piece in case.pieces]
     own = round(sum(count(setup) for setup in setups) / len(setups))
     dimensions = max(DIMENSIONS[setup.symmetry] for setup in setups)

@@ -129,7 +129,7 @@ def fit_with_runs(
         model = pool if problem.kernel is None else Relaxing(pool, problem.kernel)
         watched = Watched(model)
         wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
-        correction = MeshCorrection(case if case.fit.uncertain.mesh else None)
+        correction = MeshCorrection(case if case.fit.uncertain.mesh and case.indentations else None)
         part = whole.part(0, SHARE_OF_FIT)
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
         samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
@@ -198,7 +198,7 @@ class _Work:
 
     def solver(self, case: Case) -> FitSolver:
         return FitSolver(
-            linear=self.pieces[0].model.solver.name,
+            linear=self.pieces[0].model.solver.name if self.pieces else "none",
             assembly=case.solver.assembly,
             workers=self.pool.workers,
             run_seconds=self.pool.seconds,
@@ -217,7 +217,7 @@ class _Work:
         return tuple(FitFailure(failure.parameters, failure.cause or "") for failure in self.pool.failures)
 
     def notes(self, case: Case) -> tuple[str, ...]:
-        mesh = () if case.fit.uncertain.mesh else (MESH_NOTE,)
+        mesh = () if case.fit.uncertain.mesh or not case.indentations else (MESH_NOTE,)
         tries = said_of_tries(zip([test.name for test in case.tests], self.facts, strict=False))
         return (*_weights_of_points(case), *mesh, *self.finer.notes, *_of_records(case), *tries)
 
@@ -236,7 +236,7 @@ def _weights_of_points(case: Case) -> Iterator[str]:
             low, high = curve.sd.min(), curve.sd.max()
             yield (
                 f"{test.name}: its points count by the inverse squares of their stated standard deviations, {low:.3g} to "
-                f"{high:.3g} mN; RMSE and misfit are so weighted, and the noise counts as at least that large"
+                f"{high:.3g} {curve.shown.up_unit}; RMSE and misfit are so weighted, and the noise counts as at least that large"
             )
 
 
@@ -345,7 +345,10 @@ def _curves(problem: InverseProblem, best: Candidate | None) -> dict[str, Curve]
     pairs = list(zip(problem.tests, best.forces, strict=True))
     if not problem.segmented:
         relaxes = problem.kernel is not None
-        return {test.name: Curve(test.curve.displacement, F, time=test.curve.time if relaxes else None) for test, F in pairs}
+        return {
+            test.name: Curve(test.curve.displacement, F, time=test.curve.time if relaxes else None, axes=test.curve.axes)
+            for test, F in pairs
+        }
     names = dict.fromkeys(test.test for test in problem.tests)
     return {name: _joined([pair for pair in pairs if pair[0].test == name]) for name in names}
 

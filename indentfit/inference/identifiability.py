@@ -147,9 +147,9 @@ def weights_of(problem: InverseProblem, candidate: Candidate, equation_one: bool
     """Weight of each test's sum of squared residuals in an estimate near a Candidate, 1/mN^2 up to a common factor."""
     sizes = np.ones(len(problem.tests))
     if equation_one:
-        sizes = np.array([rmse(test, force) for test, force in zip(problem.tests, candidate.forces, strict=True)])
+        sizes = np.array([test.scale * rmse(test, force) for test, force in zip(problem.tests, candidate.forces, strict=True)])
         sizes = np.maximum(sizes, max(EXACT * sizes.max(), 1e-12))
-    return [test.weight / test.curve.force.size / size for test, size in zip(problem.tests, sizes, strict=True)]
+    return [test.of_square / test.curve.force.size / size for test, size in zip(problem.tests, sizes, strict=True)]
 
 
 def widened(problem: InverseProblem, candidate: Candidate, known: Identifiability, covar: Array) -> Identifiability:

@@ -100,6 +100,8 @@ def shares(solution: Solution) -> Shares:
     """The shares of the uncertain inputs of a case in the errors of its parameters."""
     moves, missing = {}, {}
     for name, spread in solution.case.fit.uncertain.given.items():
+        if name == "mesh" and not solution.case.indentations:
+            continue
         try:
             moves[name] = MOVES[name](solution, spread) if name in MOVES else _of_input(solution, name, spread)
         except Underivable as failure:

@@ -53,7 +53,7 @@ def what_ifs(solution: Solution, surrogate: Surrogate) -> tuple[WhatIf, ...]:
     answers = []
     for tried in known:
         if tried.input == "offset":
-            moved = _moved(solution, LATE * max(float(test.curve.displacement[-1]) for test in problem.tests))
+            moved = _moved(solution, LATE * _deepest(case))
         elif (run := next(runs, None)) is not None and run.forces is not None:
             moved = [there / here for there, here in zip(problem.scaled(best.parameters, run.forces), best.forces, strict=True)]
         else:
@@ -81,18 +81,28 @@ def _left(known: ParameterEstimate | None, value: float) -> bool:
 
 
 def _inputs(case: Case) -> Iterator[WhatIf]:
-    friction, ratio, thickness = case.indenter.friction, case.material.bulk_over_shear, case.sample.thickness
+    ratio = case.material.bulk_over_shear
+    if ratio is not None:
+        known = WhatIf("bulk_ratio", f"{ratio:g}", f"{SOFT if ratio > 2 * SOFT else STIFF:g}")
+    if not case.indentations:
+        yield from (known,) if ratio is not None else ()
+        return
+    friction, thickness = case.indenter.friction, case.sample.thickness
     slips = friction == "stick" or float(friction) > (SLIPPERY + ROUGH) / 2
     if case.shares("indenter", "friction"):
         yield WhatIf("friction", str(friction), f"{SLIPPERY if slips else ROUGH:g}")
     if case.shares("sample", "base"):
         yield WhatIf("base", case.sample.base, OTHER_BASE[case.sample.base])
     if ratio is not None:
-        yield WhatIf("bulk_ratio", f"{ratio:g}", f"{SOFT if ratio > 2 * SOFT else STIFF:g}")
+        yield known
     if case.shares("sample", "thickness"):
         yield WhatIf("thickness", f"{thickness:g} mm", f"{THINNER * thickness:.4g} mm")
-    deepest = max(float(case.outputs(test)[-1]) for test in case.tests)
-    yield WhatIf("offset", "0 mm", f"{LATE * deepest:.3g} mm")
+    yield WhatIf("offset", "0 mm", f"{LATE * _deepest(case):.3g} mm")
+
+
+def _deepest(case: Case) -> float:
+    """The largest depth of the indentations, mm."""
+    return max(float(case.outputs(test)[-1]) for test in case.indentations)
 
 
 def _change(case: Case, tried: WhatIf) -> dict[str, Any]:
@@ -105,15 +115,18 @@ def _change(case: Case, tried: WhatIf) -> dict[str, Any]:
 
 
 def _moved(solution: Solution, offset: float) -> list[Array]:
-    """Relative change of the fitted curves by a later contact."""
+    """Relative change of the fitted curves by a later contact, which tests without an indenter do not have."""
     kernel, best = solution.problem.kernel, solution.best
     if kernel is not None:
         elastic = evaluate_at_reference(solution.problem, solution.model, [best.parameters])[0].run.forces or ()
         later = [Shift.of(depth).by(offset)[0] @ force for depth, force in zip(kernel.depths, elastic, strict=True)]
         both = (kernel.forces(forces, best.parameters) for forces in (later, elastic))
         return [late / here for late, here in zip(*both, strict=True)]
-    pairs = zip(solution.problem.tests, solution.best.forces, strict=True)
-    return [Shift.of(test.curve.displacement).by(offset)[0] @ force / force for test, force in pairs]
+    triples = zip(solution.case.tests, solution.problem.tests, solution.best.forces, strict=True)
+    return [
+        Shift.of(target.curve.displacement).by(offset)[0] @ force / force if test.kind == "indentation" else np.ones_like(force)
+        for test, target, force in triples
+    ]
 
 
 def _again(solution: Solution, surrogate: Surrogate, moved: list[Array]) -> dict[str, float]:

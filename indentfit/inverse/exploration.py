@@ -157,7 +157,7 @@ def scanned(problem: InverseProblem, surrogate: Surrogate, seed: int = 0) -> tup
     places = qmc.Sobol(len(problem.searched), seed=seed).random(SCANNED)
     places = places[~surrogate.near_failure(places)]
     curves = surrogate.curves(places)
-    weights = np.concatenate([t.curve.trust**2 * t.weight / t.curve.force.size for t in problem.tests])
+    weights = np.concatenate([t.curve.trust**2 * t.of_square / t.curve.force.size for t in problem.tests])
     target = np.concatenate([test.curve.force for test in problem.tests])
     scale = np.ones(len(places))
     if problem.scale:
@@ -228,8 +228,9 @@ def _proof(problem: InverseProblem, parameters: dict[str, float], predicted: Eva
         return Proof(dict(parameters), None, None)
     candidate = problem.judge_best_scale(parameters, ran.forces)
     factor = problem.factor(candidate.parameters)
-    difference = factor * (np.concatenate(predicted.forces or ()) - np.concatenate(ran.forces))
-    size = np.sqrt(np.mean(np.concatenate([test.curve.force for test in problem.tests]) ** 2))
+    pairs = zip(problem.tests, predicted.forces or (), ran.forces, strict=True)
+    difference = factor * np.concatenate([test.scale * (there - force) for test, there, force in pairs])
+    size = np.sqrt(np.mean(np.concatenate([test.scale * test.curve.force for test in problem.tests]) ** 2))
     misfit = np.sqrt(candidate.sum_of_squares / sum(test.weight for test in problem.tests))
     error = float(np.sqrt(np.mean(difference**2)))
     return Proof(candidate.parameters, error, float(max(ERROR * misfit, FINEST * size)))

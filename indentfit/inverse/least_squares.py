@@ -127,7 +127,7 @@ def _with_best_scale(problem: InverseProblem, candidate: Candidate) -> Candidate
     if not problem.scale:
         return candidate
     triples = [
-        (t.weight / len(f) * t.curve.trust**2, f, t.curve.force) for t, f in zip(problem.tests, candidate.forces, strict=True)
+        (t.of_square / len(f) * t.curve.trust**2, f, t.curve.force) for t, f in zip(problem.tests, candidate.forces, strict=True)
     ]
     factor = sum((w * f) @ target for w, f, target in triples) / sum((w * f) @ f for w, f, target in triples)
     bounds, value = problem.free[problem.scale], candidate.parameters[problem.scale]

@@ -93,5 +93,5 @@ class Course:
 
 def stacked(tests: Sequence[Target], slopes: Sequence[Array]) -> Array:
     """Derivatives of the misfits of all tests, (N, n_free), from those of their curves."""
-    weighted = [np.sqrt(t.weight / t.curve.force.size) * t.curve.trust[:, None] * d for t, d in zip(tests, slopes, strict=True)]
+    weighted = [np.sqrt(t.of_square / t.curve.force.size) * t.curve.trust[:, None] * d for t, d in zip(tests, slopes, strict=True)]
     return np.concatenate(weighted)

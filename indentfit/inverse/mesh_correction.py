@@ -92,7 +92,7 @@ def mesh_error_at(
     different = list(dict.fromkeys(widths))
     own, *changed = _forces(problem, model, [parameters, *({**parameters, WIDER: width} for width in different)])
     there = dict(zip(different, changed, strict=True))
-    parts: dict[int, tuple[Array, Array]] = {}
+    parts = {n: _without_mesh(test.curve.force.size) for n, test in enumerate(problem.tests)}
     for piece, other, width in zip(case.pieces, others, widths, strict=True):
         names = {test.name for test in piece.tests}
         tests = [n for n, test in enumerate(problem.tests) if test.test in names]
@@ -120,6 +120,11 @@ def _left(
     depths = [problem.tests[n].curve.displacement for n in tests]
     for change, covar in zip(changes, left_by_correction(depths, changes, other), strict=True):
         yield other.gain * change, covar
+
+
+def _without_mesh(n: int) -> tuple[Array, Array]:
+    """No correction, and nothing that it leaves: a test without an indenter has no mesh."""
+    return np.zeros(n), np.zeros((n, n))
 
 
 def _relative(change: Array, force: Array) -> Array:

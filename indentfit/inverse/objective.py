@@ -29,22 +29,36 @@ class Target:
     weight : float
     segment_of : str
         The name of the test of which this is a segment (its ramp, its hold, its retraction); empty for a whole test.
+    scale : float
+        Factor that makes residuals comparable of tests that measure different things, such as the force on an indenter and a
+        stress: 1 where all tests are indentations. RMSEs are those of the curve itself.
     """
 
     name: str
     curve: Curve
     weight: float
     segment_of: str = ""
+    scale: float = 1.0
 
     @property
     def test(self) -> str:
         """The name of the test."""
         return self.segment_of or self.name
 
+    @property
+    def of_rmse(self) -> float:
+        """Weight of the RMSE."""
+        return self.weight * self.scale
+
+    @property
+    def of_square(self) -> float:
+        """Weight of the squared RMSE."""
+        return self.weight * self.scale**2
+
 
 def misfit(test: Target, force: Array) -> Array:
     """Force residuals of one test, mN, (n,), scaled so that their squares sum to w RMSE^2."""
-    return np.sqrt(test.weight / test.curve.force.size) * test.curve.trust * (force - test.curve.force)
+    return np.sqrt(test.of_square / test.curve.force.size) * test.curve.trust * (force - test.curve.force)
 
 
 def rmse(test: Target, force: Array) -> float:
@@ -76,12 +90,12 @@ def equation_one(tests: Sequence[Target], forces: Sequence[Array]) -> float:
     -------
     float, mN
     """
-    return sum(test.weight * rmse(test, force) for test, force in zip(tests, forces, strict=True))
+    return sum(test.of_rmse * rmse(test, force) for test, force in zip(tests, forces, strict=True))
 
 
 def sum_of_squares(tests: Sequence[Target], forces: Sequence[Array]) -> float:
     """The weighted sum of the tests' squared RMSEs, mN^2."""
-    return sum(test.weight * rmse(test, force) ** 2 for test, force in zip(tests, forces, strict=True))
+    return sum(test.of_square * rmse(test, force) ** 2 for test, force in zip(tests, forces, strict=True))
 
 
 def best_scale(tests: Sequence[Target], forces: Sequence[Array], low: float = 0.0, high: float = np.inf) -> float:
@@ -136,4 +150,4 @@ def _part(test: Target, force: Array) -> _Part:
     force, target = test.curve.trust * force, test.curve.trust * test.curve.force
     size = float(np.linalg.norm(force))
     best = float(force @ target) / size**2 if size else 0.0
-    return _Part(test.weight / np.sqrt(len(force)), size, best, float(np.linalg.norm(best * force - target)))
+    return _Part(test.of_rmse / np.sqrt(len(force)), size, best, float(np.linalg.norm(best * force - target)))

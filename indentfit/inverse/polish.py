@@ -74,7 +74,7 @@ def _step(problem: InverseProblem, candidate: Candidate, slopes: tuple[Array, ..
     A sum of norms, minimised by bounded linear least squares with weights that follow the norms.
     """
     parts = [
-        (test.weight / np.sqrt(force.size), test.curve.trust * (force - test.curve.force), test.curve.trust[:, None] * slope)
+        (test.of_rmse / np.sqrt(force.size), test.curve.trust * (force - test.curve.force), test.curve.trust[:, None] * slope)
         for test, force, slope in zip(problem.tests, candidate.forces, slopes, strict=True)
         if test.weight
     ]

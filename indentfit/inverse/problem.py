@@ -105,7 +105,7 @@ class InverseProblem:
     @property
     def weights(self) -> list[float]:
         """The weight of the square of one force residual of each test in the sum of squares."""
-        return [test.weight / test.curve.force.size for test in self.tests]
+        return [test.of_square / test.curve.force.size for test in self.tests]
 
     @property
     def betas(self) -> Array:
@@ -219,8 +219,11 @@ class InverseProblem:
 def inverse_problem(case: Case) -> InverseProblem:
     """The inverse problem of a case that `case.require_fittable` accepts."""
     curves = [(test, curve) for test, curve in zip(case.tests, case.curves, strict=True) if curve is not None]
-    relaxes = case.relaxation is not None
-    tests = tuple(target for test, curve in curves for target in (_segments(test, curve) if relaxes else [_whole(test, curve)]))
+    relaxes, scales = case.relaxation is not None, _scales(curves)
+    pairs = zip(curves, scales, strict=True)
+    tests = tuple(
+        target for (test, curve), scale in pairs for target in (_segments(test, curve) if relaxes else [_whole(test, curve, scale)])
+    )
     start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
     kernel = kernel_of(case)
     if kernel is not None:
@@ -228,8 +231,8 @@ def inverse_problem(case: Case) -> InverseProblem:
     return InverseProblem(tests, start, case.fitted, *scale_of(case), differences_of(case), kernel=kernel)
 
 
-def _whole(test: Test, curve: Curve) -> Target:
-    return Target(test.name, curve, float(test.weight or 0.0))
+def _whole(test: Test, curve: Curve, scale: float = 1.0) -> Target:
+    return Target(test.name, curve, float(test.weight or 0.0), scale=scale)
 
 
 def _segments(test: Test, curve: Curve) -> list[Target]:
@@ -241,6 +244,14 @@ def _segments(test: Test, curve: Curve) -> list[Target]:
         return [_whole(test, curve)]
     weight = float(test.weight or 0.0) / len(parts)
     return [Target(f"{test.name} ({name})", curve.part(numbers), weight, test.name) for name, numbers in parts.items()]
+
+
+def _scales(curves: Sequence[tuple[Test, Curve]]) -> list[float]:
+    """Factors that make the forces of tests of different kinds as large as those of the first test; 1 among indentations."""
+    if all(test.kind == "indentation" for test, _ in curves):
+        return [1.0] * len(curves)
+    sizes = [float(np.sqrt(np.mean(curve.force**2))) for _, curve in curves]
+    return [sizes[0] / size for size in sizes]
 
 
 def scale_of(case: Case) -> tuple[str | None, float]:

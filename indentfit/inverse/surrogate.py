@@ -291,7 +291,7 @@ def _training(problem: InverseProblem, evaluations: list[Evaluation]) -> tuple[T
     runs = problem.elastic
     candidates = [problem.judge_best_scale(known.parameters, known.forces or ()) for known in evaluations]
     misfits = np.array([np.sqrt(candidate.sum_of_squares) for candidate in candidates])
-    size = np.sqrt(np.mean(np.concatenate([test.curve.force for test in problem.tests if test.weight]) ** 2))
+    size = np.sqrt(np.mean(np.concatenate([test.scale * test.curve.force for test in problem.tests if test.weight]) ** 2))
     floor = max((LEAST_MISFIT_WIDE if problem.warps else LEAST_MISFIT) * size, misfits.min())
     return tuple(
         TrainingRun(

@@ -131,6 +131,8 @@ def with_offset_of_records(case: Case) -> Case:
 def _solved(case: Case) -> Iterator[UncertainInput]:
     for name in SOLVED:
         point = _point(case, name)
+        if not case.indentations and KEYS.get(point, point).partition(".")[0] in ("", "sample", "indenter"):
+            continue
         value = _value(case, point)
         prior = prior_of(case, name, value) if isinstance(value, float) else None
         if prior is not None:
@@ -143,7 +145,7 @@ def _of_curves(case: Case) -> Iterator[UncertainInput]:
         stated = prior_of(case, name, 0.0)
         for n, offset in enumerate(of_records(case)):
             prior = Prior.about(0.0, offset) if stated is None and name == "offset" and offset else stated
-            if prior is None:
+            if prior is None or (name == "offset" and case.tests[n].kind != "indentation"):
                 continue
             yield UncertainInput(name, "", n, prior, 0.0, *prior.bounds(), "mm" if name == "offset" else "1")
 

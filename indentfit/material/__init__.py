@@ -15,6 +15,7 @@ Files of laws, and the other rooms, import from here only.
 
 from indentfit.material.conformance import Check, check, isochoric_stress
 from indentfit.material.functions import FUNCTIONS, Term, exp, log, positive, sqrt
+from indentfit.material.homogeneous import Fibres, HomogeneousState, Kind
 from indentfit.material.kinematics import INVARIANTS, REST, invariant_gradients, invariants
 from indentfit.material.model import GROUP, Material, require_derivable, shipped
 from indentfit.material.parameter import Parameter
@@ -30,6 +31,9 @@ __all__ = [
     "REST",
     "STRETCHES",
     "Check",
+    "Fibres",
+    "HomogeneousState",
+    "Kind",
     "Material",
     "Parameter",
     "Term",

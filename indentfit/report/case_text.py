@@ -6,6 +6,7 @@ from typing import Any
 from indentfit.case import Case, MaterialChoice, Mesh, Range
 from indentfit.case.in_time import ramps_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters
+from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, Sample, Test
 
 SAYS_POISSON = 50.0  # bulk over shear modulus up to which Poisson's ratio, 0.49, tells more
@@ -29,9 +30,10 @@ def case_lines(case: Case) -> Iterator[str]:
     """The case in words, line by line."""
     sample, indenter = case.sample, case.indenter
     yield f"{case.path}: valid" + (f", {case.title}" if case.title else "")
-    yield f"  sample    {sample_words(sample)}"
-    yield f"  indenter  {indenter_words(indenter)}"
-    yield f"  mesh      {_mesh(case.mesh)}"
+    if case.indentations:
+        yield f"  sample    {sample_words(sample)}"
+        yield f"  indenter  {indenter_words(indenter)}"
+        yield f"  mesh      {_mesh(case.mesh)}"
     part, law = case.material, case.law
     yield f"  material  {part.model or part.energy}, {_bulk(part, has_fibres(law))}"
     for name, value in own_parameters(part, law).items():
@@ -44,12 +46,14 @@ def case_lines(case: Case) -> Iterator[str]:
     for test in case.tests:
         displacements = case.outputs(test)
         angle = "" if test.angle is None else f"{test.angle} degrees, "
+        if (specimen := case.specimen_of(test)) is not None:
+            angle = f"{specimen.words}, {f'fibres {test.fibres}, ' if test.fibres else ''}"
         source = test.curve or test.record or "no curve"
         if (curve := case.curves[case.tests.index(test)]) is not None and curve.sd is not None:
             source = f"{source}, points weighed by their standard deviations"
         yield (
             f"  test      {test.name}: {angle}{_points(case, test)} points to "
-            f"{displacements[-1]:g} mm, weight {test.weight:g}, {source}"
+            f"{_end(case, test, displacements[-1])}, weight {test.weight:g}, {source}"
         )
         if test.name in ramps:
             ramp = ramps[test.name]
@@ -66,6 +70,14 @@ def _points(case: Case, test: Test) -> int:
     """Number of measured points, or of those that are simulated."""
     curve = case.curves[case.tests.index(test)]
     return len(case.outputs(test)) if curve is None else curve.force.size
+
+
+def _end(case: Case, test: Test, last: float) -> str:
+    """The largest displacement or strain of a test, and what it acts on."""
+    if axes_of(test).across == "strain":
+        return f"a strain of {last:g}"
+    own = f" of {test.length:g} mm" if test.length is not None else ""
+    return f"{last:g} mm{own}"
 
 
 def sample_words(sample: Sample) -> str:

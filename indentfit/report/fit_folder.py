@@ -55,7 +55,7 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
     if result.samples is not None:
         write_netcdf(result.samples, result.measured, folder / "posterior.nc")
         corner(result.samples, folder / "posterior")
-    if fields and result.objective is not None:
+    if fields and result.objective is not None and result.case.indentations:
         _write_stresses(folder / "fields", result.case, result, warn)
     write_report(folder)
     return written

@@ -26,6 +26,7 @@ RESULTS = ("result.json", "simulation.json", "summary.json", "per_sample.json", 
 LEDGER = "ledger.sqlite"
 FILES = (*RESULTS, LEDGER, "case.toml", "curves.csv", "report.html", "run_again.txt", "fields")
 FIGURES = (".svg", ".png")
+COLUMNS = ("displacement_mm", "force_mN", "measured_force_mN", "strain", "stress_kPa", "measured_stress_kPa")  # of curves.csv
 
 
 @contextlib.contextmanager
@@ -132,23 +133,23 @@ def json_text(value: Any) -> str:
 
 
 def write_curves(path: PathLike, simulated: Mapping[str, Curve], measured: Mapping[str, Curve] | None = None) -> None:
-    """Write curves (name -> Curve) as one CSV with the columns test, displacement_mm, force_mN, and time_s where curves have times.
+    """Write curves (name -> Curve) as one CSV with the columns test, displacement_mm, force_mN, and time_s where curves have times;
+    strains and stresses have columns strain and stress_kPa.
 
     measured: name -> Curve with the same displacements, or None; its forces make another column, measured_force_mN.
     """
-    timed = any(curve.time is not None for curve in simulated.values())
+    used = {column for curve in simulated.values() for column in curve.shown.header}
+    heads = [head for head in COLUMNS if head.removeprefix("measured_") in used and (measured or head in used)]
+    heads += ["time_s"] if any(curve.time is not None for curve in simulated.values()) else []
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        extra = ["measured_force_mN"] if measured else []
-        table.writerow(["test", "displacement_mm", "force_mN", *extra, *(["time_s"] if timed else [])])
+        table.writerow(["test", *heads])
         for name, curve in simulated.items():
-            columns = [curve.displacement.tolist(), curve.force.tolist()]
-            if measured:
-                given = measured.get(name)
-                columns.append(given.force.tolist() if given is not None else [""] * len(columns[0]))
-            if timed:
-                columns.append(curve.time.tolist() if curve.time is not None else [""] * len(columns[0]))
-            table.writerows([name, *row] for row in zip(*columns, strict=True))
+            (across, up), given = curve.shown.header, (measured or {}).get(name)
+            known = {across: curve.displacement, up: curve.force, "time_s": curve.time}
+            known |= {f"measured_{up}": given.force} if given is not None else {}
+            cells = {head: [""] * curve.force.size if (values := known.get(head)) is None else values.tolist() for head in heads}
+            table.writerows([name, *row] for row in zip(*cells.values(), strict=True))
 
 
 def copy_case(case: Case, folder: PathLike) -> tuple[str, ...]:

@@ -14,14 +14,18 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
     bulk = bulk or f"Poisson's ratio {number(material.poisson_ratio)}"
     asked = f"elements of {number(mesh.size)} mm" if mesh.size else f"about {mesh.elements} elements" if mesh.elements else ""
     lines = [
-        f"Sample: {case.sample}",
-        f"Indenter: {case.indenter}",
+        *([f"Sample: {case.sample}", f"Indenter: {case.indenter}"] if case.sample else []),
         f"Material: {material.model or material.energy}, {bulk}",
         *([f"Energy: {' '.join(case.equation.split())}"] if case.equation else []),
         *(f"Test {test.name}: {test.own}" for test in case.tests if test.own),
-        f"Mesh: {asked or f'chosen for an error of the force of at most {100 * mesh.wanted_error:g} %'}, {case.element} elements",
+        *([_mesh_words(case, asked)] if case.sample else []),
     ]
     return tuple(lines)
+
+
+def _mesh_words(case: CaseFacts, asked: str) -> str:
+    chosen = f"chosen for an error of the force of at most {100 * case.mesh.wanted_error:g} %"
+    return f"Mesh: {asked or chosen}, {case.element} elements"
 
 
 def tests_table(case: CaseFacts, caption: str) -> Table:
@@ -32,7 +36,7 @@ def tests_table(case: CaseFacts, caption: str) -> Table:
             "–" if test.angle is None else f"{test.angle}",
             test.source or "none: simulated only",
             str(test.points),
-            number(test.depth),
+            test.depth,
             number(test.weight),
         )
         for test in case.tests

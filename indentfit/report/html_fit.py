@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from indentfit.axes import INDENTATION, Axes
 from indentfit.curve import Curve
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
@@ -127,9 +128,14 @@ def _curves(stored: Stored, result: FitResult) -> Section:
     parts: list[Part] = []
     if not _stored_curves(stored)[1]:
         parts.append(Text("There are no fitted curves: the mechanics failed at every point of the search.", warning=True))
-    rows = tuple((name, number(value), *_relative(result, name)) for name, value in result.rmse.items())
+    units = {name: curve.shown.up_unit for name, curve in _stored_curves(stored)[1]}
+    same = set(units.values()) <= {"mN"}
+    rows = tuple(
+        (name, number(value) if same else f"{number(value)} {units.get(name, '')}", *_relative(result, name))
+        for name, value in result.rmse.items()
+    )
     if rows:
-        header = ("Test", "RMSE (mN)", "RMSE over the largest force", "R2")
+        header = ("Test", "RMSE (mN)" if same else "RMSE", "RMSE over the largest force" if same else "RMSE over the largest", "R2")
         parts.append(Table("Root mean square error of each test", header, rows))
     if result.objective is not None:
         squares = f"Weighted sum of their squares: {number(result.sum_of_squares)} mN²."
@@ -146,16 +152,22 @@ def _relative(result: FitResult, test: str) -> tuple[str, str]:
 def read_fitted(path: Path) -> tuple[Curves, Curves]:
     """Measured and fitted curves of a fit's curves.csv: two lists of (test, Curve)."""
     rows: dict[str, list[list[float]]] = {}
+    shown: dict[str, Axes | None] = {}
     with open(path, encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            cells = [float(row.get(key) or "nan") for key in ("displacement_mm", "force_mN", "measured_force_mN", "time_s")]
+            axes = Axes("strain" if row.get("strain") else "displacement", "stress" if row.get("stress_kPa") else "force")
+            shown[row["test"]] = None if axes == INDENTATION else axes
+            across, up = axes.header
+            cells = [float(row.get(key) or "nan") for key in (across, up, f"measured_{up}", "time_s")]
             rows.setdefault(row["test"], []).append(cells)
     columns = {name: np.array(numbers).T for name, numbers in rows.items()}
     times = {name: None if np.isnan(known[3]).any() else known[3] for name, known in columns.items()}
     measured = [
-        (name, Curve(d, given, time=times[name])) for name, (d, _, given, _) in columns.items() if not np.isnan(given).any()
+        (name, Curve(d, given, time=times[name], axes=shown[name]))
+        for name, (d, _, given, _) in columns.items()
+        if not np.isnan(given).any()
     ]
-    return measured, [(name, Curve(d, force, time=times[name])) for name, (d, force, _, _) in columns.items()]
+    return measured, [(name, Curve(d, force, time=times[name], axes=shown[name])) for name, (d, force, _, _) in columns.items()]
 
 
 def _identifiability(result: FitResult) -> Section:
@@ -305,6 +317,9 @@ def _alt_of_fit(result: FitResult, measured: Curves, fitted: Curves) -> str:
     given, words = dict(measured), []
     for name, curve in fitted:
         if name in given:
-            ends = f"measured {given[name].force[-1]:.3g} mN and fitted {curve.force[-1]:.3g} mN at {curve.displacement[-1]:.3g} mm"
-            words.append(f"{name}: {ends}, RMSE {number(result.rmse.get(name), 3)} mN")
-    return f"Measured and fitted force against displacement. {'; '.join(words)}"
+            axes, last = curve.shown, curve.displacement[-1]
+            at = f"{last:.3g} mm" if axes.across == "displacement" else f"a strain of {last:.3g}"
+            ends = f"measured {given[name].force[-1]:.3g} {axes.up_unit} and fitted {curve.force[-1]:.3g} {axes.up_unit} at {at}"
+            words.append(f"{name}: {ends}, RMSE {number(result.rmse.get(name), 3)} {axes.up_unit}")
+    same = all(curve.shown == INDENTATION for _, curve in fitted)
+    return f"Measured and fitted {'force against displacement' if same else 'curves'}. {'; '.join(words)}"

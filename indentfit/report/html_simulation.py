@@ -1,19 +1,19 @@
 """The page of a simulation."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from indentfit.curve import Curve
 from indentfit.inference.moduli import UNITS
 from indentfit.report import plots
-from indentfit.report.digits import CurveScale, quantity
+from indentfit.report.digits import CurveScale, end_words
 from indentfit.report.html_case import again_section, case_words, number, percent, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
-from indentfit.report.schema import Stored, StoredSimulation
+from indentfit.report.schema import SimulatedTest, Stored, StoredSimulation
 from indentfit.report.text import time_lines
 from indentfit.report.time_curves import force_over_time
 
-FORCES = ("Test", "Angle (°)", "Force ({force})", "Displacement ({displacement})", "Penalty error")
+FORCES = ("Test", "Angle (°)", "Penalty error")
 
 
 def simulation_page(stored: Stored, simulation: StoredSimulation) -> Page:
@@ -42,28 +42,43 @@ def _what(stored: Stored, simulation: StoredSimulation) -> Section:
 
 def _forces(simulation: StoredSimulation) -> Section:
     curves = [(test.name, test.curve) for test in simulation.tests]
-    figure, scale = (
-        plots.force_displacement(list(simulation.measured.items()), curves, None),
-        CurveScale.of(curve for _, curve in curves),
+    figure = plots.force_displacement(list(simulation.measured.items()), curves, None)
+    parts: list[Part] = []
+    for axes in dict.fromkeys(curve.shown for _, curve in curves):
+        tests = [test for test in simulation.tests if test.curve.shown == axes]
+        parts.append(_table(tests, CurveScale.of(test.curve for test in tests)))
+    caption = "Force of the full sample against displacement." if len(parts) == 1 else "Curves of the tests."
+    measured = " Markers: the measured curves, at the values above." if simulation.measured else ""
+    pictures = Figures((drawn(figure, f"{caption}{measured}", _alt(curves)),))
+    off = tuple(
+        f"{name}: the simulation misses the measured {_up(simulation, name)} by {percent(share)}"
+        for name, share in simulation.misfits.items()
     )
+    lines = [Lines(tuple(f"{line} of the largest one (root mean square)" for line in off))] if off else []
+    return Section("forces", "Forces", (pictures, *lines, *parts))
+
+
+def _up(simulation: StoredSimulation, name: str) -> str:
+    """What a test measures, in the plural."""
+    stressed = any(test.name == name and test.curve.shown.up == "stress" for test in simulation.tests)
+    return "stresses" if stressed else "forces"
+
+
+def _table(tests: Sequence[SimulatedTest], scale: CurveScale) -> Table:
+    """The last points of tests whose curves show the same quantities."""
     rows = tuple(
         (
             test.name,
-            str(test.angle),
+            test.direction,
             scale.force.text(float(test.curve.force[-1])),
             scale.displacement.text(float(test.curve.displacement[-1])),
-            percent(test.facts.penalty_error),
+            percent(test.facts.penalty_error) if test.kind == "indentation" else "–",
         )
-        for test in simulation.tests
+        for test in tests
     )
-    heads = tuple(head.format(force=scale.force.symbol, displacement=scale.displacement.symbol) for head in FORCES)
-    measured = " Markers: the measured curves, at the values above." if simulation.measured else ""
-    pictures = Figures((drawn(figure, f"Force of the full sample against displacement.{measured}", _alt(curves)),))
-    off = tuple(
-        f"{name}: the simulation misses the measured forces by {percent(share)}" for name, share in simulation.misfits.items()
-    )
-    lines = [Lines(tuple(f"{line} of the largest one (root mean square)" for line in off))] if off else []
-    return Section("forces", "Forces", (pictures, *lines, Table("Forces at the last displacement", heads, rows)))
+    if all(test.kind == "indentation" for test in tests):
+        return Table("Forces at the last displacement", (*FORCES[:2], scale.up, scale.across, FORCES[2]), rows)
+    return Table(f"Last {scale.axes.up} of each test", ("Test", "Fibres", scale.up, scale.across, FORCES[2]), rows)
 
 
 def _in_time(simulation: StoredSimulation) -> Iterator[Section]:
@@ -76,7 +91,7 @@ def _in_time(simulation: StoredSimulation) -> Iterator[Section]:
 
 
 def _end(curve: Curve) -> str:
-    return f"{quantity(float(curve.force[-1]), 'mN')} at {quantity(float(curve.displacement[-1]), 'mm', 3)}"
+    return end_words(curve)
 
 
 def _alt(curves: list[tuple[str, Curve]]) -> str:

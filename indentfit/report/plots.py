@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from indentfit.arrays import Array
+from indentfit.axes import INDENTATION
 from indentfit.curve import Curve
 from indentfit.inference.result import FitResult, ParameterEstimate, Profile
 from indentfit.report.digits import CurveScale
@@ -41,30 +42,39 @@ def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure
     path.png (any ending of `path` is replaced) and returns the figure.
     """
     simulated, measured = ([(name, curve.loading) for name, curve in curves] for curves in (simulated, measured))
-    scale = CurveScale.of(curve for _, curve in (*simulated, *measured))
-    simulated, measured = ([(name, scale.scaled(curve)) for name, curve in curves] for curves in (simulated, measured))
+    shown = list(dict.fromkeys(curve.shown for _, curve in (*simulated, *measured))) or [INDENTATION]
     names = list(dict.fromkeys(name for name, _ in [*simulated, *measured]))
     dashes = ("-",) * len(COLOURS) if measured else DASHES  # markers distinguish the tests, so that dashes are not needed
     looks = dict(zip(names, itertools.cycle(zip(COLOURS, MARKERS, dashes, strict=True)), strict=False))
-    pairs = [(name, dict(measured)[name], curve) for name, curve in simulated if name in dict(measured)]
+    paired = {name for name, _ in simulated} & {name for name, _ in measured}
     with matplotlib.rc_context(STYLE):
-        figure, upper, lower = _axes(bool(pairs), names)
-        for name, curve in simulated:
-            colour, _, style = looks[name]
-            upper.plot(*_from_origin(curve), color=colour, linestyle=style, zorder=3)
-        for name, curve in measured:
-            upper.plot(curve.displacement, curve.force, markevery=_every(curve), zorder=2, **_markers(looks[name]))
-        for name, given, curve in pairs:
-            colour, _, _ = looks[name]
-            assert lower is not None  # there are pairs
-            displacement, difference = residual(given, curve)
-            lower.plot(displacement, difference, color=colour, linewidth=0.5)
-            lower.plot(displacement, difference, markevery=_every(given), **_markers(looks[name]) | SMALL)
+        figure, panels = _axes(bool(paired), names, len(shown))
+        for axes, (upper, lower) in zip(shown, panels, strict=True):
+            ours, given = ([(name, curve) for name, curve in curves if curve.shown == axes] for curves in (simulated, measured))
+            _draw(upper, lower, given, ours, looks)
         drawn = [kind for kind, curves in (("measured", measured), ("simulated", simulated)) if curves]
-        _finish(figure, (upper, lower), names, looks, drawn)
-        _label_units(upper, lower, scale)
+        _legend(figure, names, looks, drawn)
         save(figure, path)
     return figure
+
+
+def _draw(upper: Axes, lower: Axes | None, measured: Named, simulated: Named, looks: Looks) -> None:
+    """The curves that show the same quantities."""
+    scale = CurveScale.of(curve for _, curve in (*simulated, *measured))
+    simulated, measured = ([(name, scale.scaled(curve)) for name, curve in curves] for curves in (simulated, measured))
+    for name, curve in simulated:
+        colour, _, style = looks[name]
+        upper.plot(*_from_origin(curve), color=colour, linestyle=style, zorder=3)
+    for name, curve in measured:
+        upper.plot(curve.displacement, curve.force, markevery=_every(curve), zorder=2, **_markers(looks[name]))
+    for name, given, curve in [(name, dict(measured)[name], curve) for name, curve in simulated if name in dict(measured)]:
+        colour, _, _ = looks[name]
+        assert lower is not None  # there are pairs
+        displacement, difference = residual(given, curve)
+        lower.plot(displacement, difference, color=colour, linewidth=0.5)
+        lower.plot(displacement, difference, markevery=_every(given), **_markers(looks[name]) | SMALL)
+    _finish((upper, lower))
+    _label_units(upper, lower, scale)
 
 
 def profiles(result: FitResult, path: Place = None) -> Figure:
@@ -155,14 +165,15 @@ def save(figure: Figure, path: Place) -> None:
     figure.savefig(path.with_suffix(".png"), metadata={"Software": None})
 
 
-def _axes(with_residuals: bool, names: Sequence[str]) -> tuple[Figure, Axes, Axes | None]:
+def _axes(with_residuals: bool, names: Sequence[str], columns: int) -> tuple[Figure, list[tuple[Axes, Axes | None]]]:
+    """A figure with upper and lower axes for each kind of curves."""
     height = (0.84 if with_residuals else 0.68) * COLUMN + 0.15 * _legend_lines(names)
-    figure = Figure(figsize=(COLUMN, height), layout="constrained")
+    figure = Figure(figsize=(COLUMN * (1 + 0.8 * (columns - 1)), height), layout="constrained")
     FigureCanvasAgg(figure)
     if not with_residuals:
-        return figure, figure.add_subplot(), None
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
-    return figure, upper, lower
+        return figure, [(axes, None) for axes in figure.subplots(1, columns, squeeze=False)[0]]
+    rows = figure.subplots(2, columns, sharex="col", height_ratios=(2.6, 1), squeeze=False)
+    return figure, list(zip(*rows, strict=True))
 
 
 def _legend_lines(names: Sequence[str]) -> int:
@@ -185,8 +196,8 @@ def _markers(look: Look) -> dict[str, Any]:
     return {"linestyle": "none", "marker": marker, "color": colour, "clip_on": False, **edge}
 
 
-def _finish(figure: Figure, axes: tuple[Axes, Axes | None], names: Sequence[str], looks: Looks, drawn: Sequence[str]) -> None:
-    """Axes from the origin, units, few ticks, and the legend; drawn: which of "measured" and "simulated" there are."""
+def _finish(axes: tuple[Axes, Axes | None]) -> None:
+    """Axes from the origin, with few ticks."""
     upper, lower = axes
     upper.set_xlim(left=0)
     upper.set_ylim(bottom=min(0.0, upper.dataLim.y0))
@@ -197,13 +208,12 @@ def _finish(figure: Figure, axes: tuple[Axes, Axes | None], names: Sequence[str]
         lower.axhline(0, color="0.4", linewidth=0.6, zorder=0)
         lower.margins(y=0.15)
         lower.yaxis.set_major_locator(MaxNLocator(4, steps=TICKS))
-    _legend(figure, names, looks, drawn)
 
 
 def _label_units(upper: Axes, lower: Axes | None, scale: CurveScale) -> None:
     """What the axes show, in their units."""
-    upper.set_ylabel(f"Force ({scale.force.symbol})")
-    (upper if lower is None else lower).set_xlabel(f"Displacement ({scale.displacement.symbol})")
+    upper.set_ylabel(scale.up)
+    (upper if lower is None else lower).set_xlabel(scale.across)
     if lower is not None:
         lower.set_ylabel(f"Sim. − meas.\n({scale.force.symbol})")
         upper.figure.align_ylabels([upper, lower])

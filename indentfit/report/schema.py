@@ -14,7 +14,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from indentfit import indenters, samples
+from indentfit.axes import INDENTATION, Axes
 from indentfit.case import Case, MaterialChoice, Mesh
+from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, OwnIndenter, OwnSample, OwnTable, Sample, keys_of_shape
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, IndentfitError, OutputError
@@ -37,15 +39,18 @@ RESULT_FILES = ("result.json", "simulation.json", "design.json", "per_sample.jso
 
 @dataclass(frozen=True)
 class TestFacts:
-    """The facts about one test of a case in a report: `curve` or `record` is the file's name, `depth` is in mm."""
+    """The facts about one test of a case in a report: `curve` or `record` is the file's name, `depth` is in mm.
+
+    A test without an indenter has its kind, loading and fibres in place of the angle, and may have a strain in place of the depth.
+    """
 
     __test__ = False  # not a test of pytest's
 
     name: str
-    angle: int | None
+    angle: str | None
     source: str | None
     points: int
-    depth: float
+    depth: str
     weight: float | None
     own: str = ""  # sample and indenter of this test, in words, where they are its own
 
@@ -81,8 +86,8 @@ class CaseFacts:
     def from_json(cls, value: Mapping[str, Any]) -> "CaseFacts":
         """The facts that `case_json` wrote."""
         return cls(
-            sample=_sample_words(value["sample"]),
-            indenter=_indenter_words(value["indenter"]),
+            sample=_sample_words(value["sample"]) if value["sample"].get("shape") else "",
+            indenter=_indenter_words(value["indenter"]) if value["indenter"].get("shape") else "",
             mesh=Mesh.model_validate(_given(value["mesh"])),
             material=MaterialChoice.model_validate(_given(value["material"])),
             element=value["solver"]["element"],
@@ -97,10 +102,17 @@ class SimulatedTest:
     """One simulated test: its curve, and the facts of its solution."""
 
     name: str
-    angle: int
+    angle: int | None
     curve: Curve
     facts: SolveFacts
     in_time: TimeCurve | None = None
+    kind: str = "indentation"
+    fibres: str | None = None
+
+    @property
+    def direction(self) -> str:
+        """The direction of the fibres, in words."""
+        return str(self.angle) if self.kind == "indentation" else f"{self.kind}, {self.fibres or 'no fibres'}"
 
 
 @dataclass(frozen=True)
@@ -123,15 +135,17 @@ class StoredSimulation:
             SimulatedTest(
                 test["name"],
                 test["angle"],
-                Curve(test["displacement_mm"], test["force_mN"]),
+                _curve(test),
                 SolveFacts.from_json(test["facts"]),
                 TimeCurve.from_json(test["in_time"]) if "in_time" in test else None,
+                test.get("kind", "indentation"),
+                test.get("fibres"),
             )
             for test in value["tests"]
         )
         facts = MeshFacts(**value["mesh"]), SolverFacts(**value["solver"])
         forms = {name: ClosedForm(**form) for name, form in value.get("closed_forms", {}).items()}
-        measured = {name: Curve(c["displacement_mm"], c["force_mN"]) for name, c in value.get("measured", {}).items()}
+        measured = {name: _curve(c) for name, c in value.get("measured", {}).items()}
         moduli, misfits = value.get("moduli", {}), value.get("misfits", {})
         return cls(value["title"], value["parameters"], tests, *facts, moduli, forms, measured, misfits)
 
@@ -243,9 +257,22 @@ def case_json(case: Case) -> dict[str, Any]:
     """The facts about a case in the JSON file of a result: its tables, its tests with their number of points and depth,
     the energy of its material and the units of its parameters."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
-    tests = [{**_test_json(test), "n": len(case.outputs(test)), "depth_mm": float(case.outputs(test)[-1])} for test in case.tests]
+    tests = [{**_test_json(test), "n": len(case.outputs(test)), **_end_json(case, test)} for test in case.tests]
     units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
     return {**sections, "tests": tests, "equation": inspect.getdoc(case.law) or "", "units": units}
+
+
+def _end_json(case: Case, test: Any) -> dict[str, float]:
+    """The largest displacement of a test, or its largest strain."""
+    last = float(case.outputs(test)[-1])
+    return {"depth_mm" if axes_of(test).across == "displacement" else "largest_strain": last}
+
+
+def _curve(test: Mapping[str, Any]) -> Curve:
+    """The curve of a simulated test."""
+    axes = Axes("strain" if "strain" in test else "displacement", "stress" if "stress_kPa" in test else "force")
+    across, up = axes.header
+    return Curve(test[across], test[up], axes=None if axes == INDENTATION else axes)
 
 
 def _test_json(test: Any) -> dict[str, Any]:
@@ -258,7 +285,11 @@ def _test_facts(test: Mapping[str, Any], case: Mapping[str, Any]) -> TestFacts:
     words = [_own_words(test, case, "sample", OwnSample, Sample, _sample_words)]
     words.append(_own_words(test, case, "indenter", OwnIndenter, Indenter, _indenter_words))
     own = "; ".join(text for text in words if text)
-    return TestFacts(test["name"], test["angle"], source, test["n"], test["depth_mm"], test["weight"], own)
+    end = f"{test['depth_mm']:.4g}" if "depth_mm" in test else f"strain {test['largest_strain']:.4g}"
+    direction = None if test["angle"] is None else str(test["angle"])
+    if test.get("kind", "indentation") != "indentation":
+        direction = ", ".join(test[key] for key in ("kind", "loading", "fibres") if test.get(key))
+    return TestFacts(test["name"], direction, source, test["n"], end, test["weight"], own)
 
 
 def _own_words(

@@ -69,9 +69,10 @@ def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldCh
         if over_time := simulated.in_time:
             write_time_curves(folder / "time_curves.csv", over_time)
             force_over_time(over_time, folder / "force_time")
-        if choice is not None:
+        if choice is not None and simulated.model is not None:
             kappa = case.material.bulk_modulus(simulated.material.shear_modulus)
-            write_fields(folder / "fields", Solved(simulated.model, simulated.material, kappa, simulated.tests), choice)
+            indented = [test for test in simulated.tests if test.kind == "indentation"]
+            write_fields(folder / "fields", Solved(simulated.model, simulated.material, kappa, indented), choice)
         write_report(folder)
 
 

@@ -42,12 +42,12 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
         if test.in_time is not None:
             yield from time_lines(test.name, test.in_time)
     yield from _solver(simulation.solver)
-    yield from _contact(simulation)
+    yield from _contact(simulation) if simulation.mesh.elements else ()
     for sentence in said_of_tries((test.name, test.facts) for test in simulation.tests if not test.unfinished):
         yield f"note      {sentence}"
     for test in simulation.tests:
         if test.unfinished:
-            yield f"note      the curve of test {test.name!r} ends at {test.displacement[-1]:.4g} mm: {test.unfinished}"
+            yield f"note      the curve of test {test.name!r} ends at {test.axes.at(test.displacement[-1])}: {test.unfinished}"
 
 
 def _material(case: Case, material: Material) -> Iterator[str]:
@@ -77,7 +77,7 @@ def _of_equal_displacement(tests: Sequence[TestResult]) -> list[list[TestResult]
     groups: list[list[TestResult]] = []
     for test in tests:
         for group in groups:
-            if np.array_equal(group[0].displacement, test.displacement):
+            if group[0].axes == test.axes and np.array_equal(group[0].displacement, test.displacement):
                 group.append(test)
                 break
         else:
@@ -87,18 +87,21 @@ def _of_equal_displacement(tests: Sequence[TestResult]) -> list[list[TestResult]
 
 def _table(tests: Sequence[TestResult], fibres: bool) -> Iterator[str]:
     """One line for each displacement, one column of forces for each test, named by its angle where there are fibres."""
-    names = [f"{test.name} ({test.angle}°)" if fibres else test.name for test in tests]
+    names = [f"{test.name} ({test.direction})" if fibres or test.kind != "indentation" else test.name for test in tests]
     widths = [max(10, len(name)) for name in names]
     scale = CurveScale.of(test.curve for test in tests)
-    yield f"  displacement  force, {scale.force.unit}"
+    yield f"  {scale.axes.across:>12}  {scale.axes.up}, {scale.force.unit}"
     heads = (f"{name:>{width}}" for name, width in zip(names, widths, strict=True))
-    yield "  " + "  ".join([f"{scale.displacement.unit:>12}", *heads])
+    yield "  " + "  ".join([f"{scale.displacement.unit if scale.displacement.unit != '1' else '':>12}", *heads])
     for n, displacement in enumerate(tests[0].displacement):
         forces = (f"{scale.force.text(test.force[n]):>{width}}" for test, width in zip(tests, widths, strict=True))
         yield "  " + "  ".join([f"{scale.displacement.text(displacement):>12}", *forces])
 
 
 def _mesh(mesh: MeshFacts) -> Iterator[str]:
+    if not mesh.elements:
+        yield f"mesh      {mesh.remark}"
+        return
     kind = KINDS[mesh.symmetry, mesh.element]
     part = "quarter sample" if mesh.symmetry == "quarter" else "axisymmetric, meridian plane"
     yield (
@@ -174,19 +177,41 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
     yield from first_lines(result)
     yield from closed_lines(result.closed_forms)
     if result.objective is not None:
-        parts = ", ".join(f"{name} {value:.4g}" for name, value in result.rmse.items())
-        yield f"objective {result.objective:.5g} mN, equation (1): weighted sum of the tests' RMSEs ({parts} mN)"
-        yield f"squares   {result.sum_of_squares:.5g} mN^2: weighted sum of the squared RMSEs"
+        parts = ", ".join(f"{name} {value:.4g}{unit_beside(result, name)}" for name, value in result.rmse.items())
+        end, unit = "" if mixed(result) else " mN", objective_unit(result)
+        scaled = ", each as large as the first test's for equal relative errors" if mixed(result) else ""
+        yield f"objective {result.objective:.5g} {unit}, equation (1): weighted sum of the tests' RMSEs ({parts}{end}){scaled}"
+        yield f"squares   {result.sum_of_squares:.5g} {unit}^2: weighted sum of the squared RMSEs"
     if result.singular_values and result.directions and len(result.free) > 1:
         values = " : ".join(f"{value:.3g}" for value in result.singular_values)
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
-        yield f"singular  {values} mN; the curves say least about {weakest} (relative)"
+        yield f"singular  {values} {objective_unit(result)}; the curves say least about {weakest} (relative)"
     yield from certainty_lines(result)
     yield from posterior_lines(result)
     yield from weights_lines(result) if scan_weights else ()
     yield from _work_lines(result)
     for note in result.notes:
         yield f"note      {note}"
+
+
+def unit_of(result: FitResult, test: str) -> str:
+    """The unit of a test's forces, or stresses."""
+    return result.curves[test].shown.up_unit if test in result.curves else "mN"
+
+
+def objective_unit(result: FitResult) -> str:
+    """The unit of the objective: that of the first test, to whose size other tests are scaled where their kinds differ."""
+    return next((unit_of(result, test) for test in result.rmse), "mN")
+
+
+def unit_beside(result: FitResult, test: str) -> str:
+    """The unit behind a number of a test, where the tests have different ones."""
+    return f" {unit_of(result, test)}" if mixed(result) else ""
+
+
+def mixed(result: FitResult) -> bool:
+    """Whether a test's forces have another unit than mN."""
+    return any(unit_of(result, test) != "mN" for test in result.rmse)
 
 
 def posterior_lines(result: FitResult) -> Iterator[str]:
@@ -252,7 +277,9 @@ def _work_lines(result: FitResult) -> Iterator[str]:
     reused = f" ({result.reused} of them from the ledger)" if result.reused else ""
     workers = f", {result.solver.workers} workers" if result.solver else ""
     yield f"work      {result.nfev} sets of parameters{failed}, {result.runs} runs{reused}{workers}, {result.seconds:.1f} s"
-    if result.mesh:
+    if result.mesh and not result.mesh.elements:
+        yield f"mesh      {result.mesh.remark}"
+    elif result.mesh:
         penalty = result.solver.penalty_error if result.solver else None
         exact = f"; contact springs withhold {penalty:.2%} of the force, added back" if penalty is not None else ""
         yield f"mesh      {result.mesh.elements:,} elements, {result.mesh.dofs:,} degrees of freedom{exact}"
@@ -268,7 +295,7 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
             yield f"summary   {sentence}"
     for name, test in result.tests_alone.items():
         parts = ", ".join(f"{key} {_span(alone.interval)}" for key, alone in test.parameters.items())
-        yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} mN"
+        yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} {unit_of(result, name)}"
     for name, known in result.predicted.items():
         yield f"predicted {name} from the other tests: measured {known.off:+.0%} at the end, p = {known.p:.2g}"
     yield from _shares(result)
@@ -278,7 +305,7 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
     yield from _known_lines(result)
     for other in result.rivals:
         values = ", ".join(f"{key} = {value:.4g}" for key, value in other.parameters.items())
-        yield f"rival     {values}: objective {other.objective:.5g} mN"
+        yield f"rival     {values}: objective {other.objective:.5g} {objective_unit(result)}"
     if result.surrogate:
         yield f"surrogate {_of_surrogate(result.surrogate)}"
 

@@ -22,6 +22,7 @@ from indentfit.material import blamed, typed
 from indentfit.runs.mechanics import Mechanics
 from indentfit.runs.points import split_point
 from indentfit.runs.run import Run, RunRequest, out_of_time
+from indentfit.runs.specimen import SpecimenModel
 
 FIRST = "mu / 2 * (I1 - 3)"  # the energy of the solution that comes before all runs
 MEMORY = "out of memory, twice"
@@ -42,10 +43,10 @@ class Bench:
 
     def __init__(self, mechanics: Mechanics, limit: float = math.inf) -> None:
         self.mechanics, self.limit = mechanics, limit
-        self._models: dict[str, Model] = {}  # by the name of the first test on each
+        self._models: dict[str, Model | SpecimenModel] = {}  # by the name of the first test on each
         _keep_memory()
 
-    def ready(self, test: int = 0) -> Model:
+    def ready(self, test: int = 0) -> Model | SpecimenModel:
         """The model of a test; making it takes seconds."""
         mechanics = self.mechanics.of(test)
         name = mechanics.tests[0].name
@@ -95,8 +96,8 @@ def _keep_memory() -> None:
         libc.mallopt(M_TRIM_THRESHOLD, 2**30)
 
 
-def ready_model(mechanics: Mechanics) -> Model:
-    """The Model of mechanics, after one linear solution.
+def ready_model(mechanics: Mechanics) -> Model | SpecimenModel:
+    """The Model of mechanics, after one linear solution; of a test without an indenter its SpecimenModel.
 
     The first solution fixes the order of elimination of the linear solver, which depends on the numbers in the matrix: with the
     same first solution in every process, later runs agree in every process. It is that of a gel under the untouched indenter, so
@@ -108,8 +109,11 @@ def ready_model(mechanics: Mechanics) -> Model:
 
     Returns
     -------
-    Model
+    Model or SpecimenModel
     """
+    specimen = mechanics.tests[0].specimen
+    if specimen is not None:
+        return SpecimenModel(specimen)
     setup = mechanics.setup
     model, gel = Model(setup), typed(FIRST, ["mu"])(mu=1.0)
     with contextlib.suppress(ConvergenceError, MaterialError):
@@ -117,12 +121,12 @@ def ready_model(mechanics: Mechanics) -> Model:
     return model
 
 
-def run(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadline = NEVER) -> Run:
+def run(model: Model | SpecimenModel, mechanics: Mechanics, request: RunRequest, deadline: Deadline = NEVER) -> Run:
     """The Run of a request on the model of the mechanics. An exception from the code of a material becomes the run's cause.
 
     Parameters
     ----------
-    model : Model
+    model : Model or SpecimenModel
     mechanics : Mechanics
     request : RunRequest
     deadline : Deadline
@@ -147,14 +151,16 @@ def run(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadl
     return Run(force, None, seconds, facts, _of_all(names, result, pressed) if names else None)
 
 
-def _result(model: Model, mechanics: Mechanics, request: RunRequest, deadline: Deadline) -> tuple[TestResult, Bools]:
+def _result(
+    model: Model | SpecimenModel, mechanics: Mechanics, request: RunRequest, deadline: Deadline
+) -> tuple[TestResult, Bools]:
     """The TestResult of a request, and the displacements of the test at which the indenter presses; before contact, F = 0."""
     test, law = mechanics.tests[request.test], mechanics.law
     at = split_point(law, request.parameters)
     mechanics = mechanics.changed(at.changes).of(request.test)
     model = model if at.same_model else ready_model(mechanics)
     with blamed(law):
-        material, depths = law(**at.parameters), test.depths - at.offset
+        material, depths = law(**at.parameters), test.depths - (0.0 if test.specimen else at.offset)
         kappa = mechanics.material.bulk_modulus(material.shear_modulus)
     pressed = depths > 0
     press = Press(material, kappa, test.angle, depths[pressed], "", request.sensitivities, test.in_time(mechanics.material))

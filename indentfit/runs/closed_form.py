@@ -103,7 +103,7 @@ def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) 
     if has_fibres(case.law) or case.material.relaxation is not None:
         return {}
     nu = case.material.poisson_ratio_at(shear_modulus)
-    forms = {test.name: _closed_form(case, test, curves[test.name], nu) for test in case.tests if test.name in curves}
+    forms = {test.name: _closed_form(case, test, curves[test.name], nu) for test in case.indentations if test.name in curves}
     return {name: form for name, form in forms.items() if form is not None}
 
 

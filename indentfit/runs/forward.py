@@ -13,13 +13,14 @@ from indentfit.case import Case
 from indentfit.case.in_time import ramps_of
 from indentfit.errors import IndentfitError
 from indentfit.fem.in_time import with_time
-from indentfit.fem.result import Simulation
+from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press
 from indentfit.material import Material
 from indentfit.runs.pieces import Piece, pieces_of, together
 from indentfit.runs.points import case_at, press_of
 from indentfit.runs.run import Point
 from indentfit.runs.simulated import SimulatedCase
+from indentfit.runs.specimen import simulated_specimens
 
 COARSER_SHARE = 0.3  # of the time that a curve and its mesh error take
 TIME_SHARE = 0.6  # of the time that a curve and its force over time take
@@ -140,16 +141,18 @@ def simulate(
     relaxes = case.material.relaxation is not None
     names = [test.name for test in case.tests]
     parts = _Parts(progress, names, 1 - COARSER_SHARE * mesh_error, 1 - TIME_SHARE * relaxes)
+    specimens: list[TestResult] = []
     try:
+        specimens.extend(simulated_specimens(case, material, parts.curve))
         for piece in pieces:
             piece.solve(material, parts.curve)
             piece.simulation = _in_time(piece, material, parts)
         for piece in pieces if mesh_error else ():
             piece.state_errors(material, parts.mesh_error)
     except IndentfitError as error:
-        error.part = _of_case(case, material, pieces)
+        error.part = _of_case(case, material, pieces, specimens)
         raise
-    simulated = _of_case(case, material, pieces)
+    simulated = _of_case(case, material, pieces, specimens)
     assert simulated is not None  # or an error was raised
     return simulated
 
@@ -190,12 +193,13 @@ def _in_time(piece: Piece, material: Material, parts: "_Parts") -> Simulation | 
     return replace(simulation, tests=tuple(tests))
 
 
-def _of_case(case: Case, material: Material, pieces: Sequence[Piece]) -> SimulatedCase | None:
-    """The pieces as far as they are solved; None where no curve is."""
-    simulation = together(case, pieces)
+def _of_case(case: Case, material: Material, pieces: Sequence[Piece], specimens: Sequence[TestResult]) -> SimulatedCase | None:
+    """The tests as far as they are solved; None where no curve is."""
+    simulation = together(case, pieces, specimens)
     if simulation is None:
         return None
-    return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, pieces[0].model)
+    model = pieces[0].model if pieces else None
+    return SimulatedCase(simulation.tests, simulation.mesh, simulation.solver, case, material, model)
 
 
 @dataclass(frozen=True)

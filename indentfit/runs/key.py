@@ -9,6 +9,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -71,9 +72,15 @@ def versions(law: type) -> dict[str, str | None]:
 
 
 def _own(mechanics: Mechanics, test: int) -> dict[str, Any]:
-    """What decides the curve of a test in a case whose tests have samples or indenters of their own; empty in other cases."""
+    """What decides the curve of a test without an indenter, or of one in a case whose tests have samples or indenters of their own;
+    empty in other cases."""
+    specimen = mechanics.tests[test].specimen
+    if specimen is not None:
+        return {"specimen": asdict(specimen)}
+    if all(known.alike or known.specimen for known in mechanics.tests):
+        return {}
     own = mechanics.of(test)
-    return {} if own is mechanics else {"own": {**_tables(own), "depth": own.depth, "shapes": _shapes(own)}}
+    return {"own": {**_tables(own), "depth": own.depth, "shapes": _shapes(own)}}
 
 
 def _tables(mechanics: Mechanics) -> dict[str, Any]:
@@ -81,7 +88,9 @@ def _tables(mechanics: Mechanics) -> dict[str, Any]:
 
 
 def _shapes(mechanics: Mechanics) -> list[str]:
-    """Hashes of the code of sample and indenter."""
+    """Hashes of the code of sample and indenter; none without indentations."""
+    if all(test.specimen is not None for test in mechanics.tests):
+        return []
     shapes = mechanics.sample.geometry, mechanics.indenter.geometry
     return [part.hash for shape in shapes for part in _of_bases(type(shape))]
 

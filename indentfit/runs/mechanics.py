@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from indentfit.arrays import Array
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import open_law
+from indentfit.case.specimen import Specimen
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
 from indentfit.fem.meshing import resized
 from indentfit.fem.setup import InTime, Setup
@@ -22,7 +23,7 @@ OF_SIZE = ("size", "elements")  # keys of a mesh that exclude each other
 
 @dataclass(frozen=True, eq=False)
 class Indentation:
-    """One test without its measured forces and weight.
+    """One test, mostly an indentation, without its measured forces and weight.
 
     Parameters
     ----------
@@ -34,6 +35,8 @@ class Indentation:
         Velocity of the indenter; None where the material does not relax.
     sample, indenter : OwnSample, OwnIndenter or None
         Keys in which sample and indenter of the test are its own.
+    specimen : Specimen or None
+        What is loaded in a test without an indenter; its depths are displacements of that.
     """
 
     name: str
@@ -42,6 +45,12 @@ class Indentation:
     rate: float | None = None
     sample: OwnSample | None = None
     indenter: OwnIndenter | None = None
+    specimen: Specimen | None = None
+
+    @property
+    def alike(self) -> bool:
+        """Whether the test is an indentation of the case's own sample by its own indenter."""
+        return not (self.sample or self.indenter or self.specimen)
 
     def in_time(self, material: MaterialChoice) -> InTime | None:
         """The rate with the relaxation of the material; None where the test has no rate."""
@@ -77,13 +86,17 @@ class Mechanics:
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
     def of(self, test: int) -> "Mechanics":
-        """The mechanics of those tests that have the same sample and indenter as one of them, in the tables of which these are."""
-        if not any(known.sample or known.indenter for known in self.tests):
+        """The mechanics of those tests that have the same sample and indenter as one of them, in the tables of which these are; a
+        test without an indenter is alone."""
+        if all(known.alike for known in self.tests):
             return self
-        tables = [self._tables_of(known) for known in self.tests]
-        same = [known for known, own in zip(self.tests, tables, strict=True) if own == tables[test]]
+        if self.tests[test].specimen is not None:
+            return replace(self, tests=(self.tests[test],))
+        sample, indenter = self._tables_of(self.tests[test])
+        indentations = [known for known in self.tests if known.specimen is None]
+        same = [known for known in indentations if self._tables_of(known) == (sample, indenter)]
         tests = tuple(replace(known, sample=None, indenter=None) for known in same)
-        return replace(self, sample=tables[test][0], indenter=tables[test][1], tests=tests)
+        return replace(self, sample=sample, indenter=indenter, tests=tests)
 
     def _tables_of(self, test: Indentation) -> tuple[Sample, Indenter]:
         sample = test.sample.over(self.sample) if test.sample else self.sample
@@ -91,8 +104,8 @@ class Mechanics:
 
     @property
     def depth(self) -> float:
-        """The largest depth of the tests, mm: the mesh is made for it."""
-        return max(float(test.depths[-1]) for test in self.tests)
+        """The largest depth of the indentations, mm, for which the mesh is made; 0 without any."""
+        return max((float(test.depths[-1]) for test in self.tests if test.specimen is None), default=0.0)
 
     @property
     def setup(self) -> Setup:
@@ -115,7 +128,7 @@ class Mechanics:
 def indentation_of(case: "Case", test: "Test") -> Indentation:
     """The Indentation of a test of a case."""
     depths = case.outputs(test)
-    return Indentation(test.name, test.direction, depths, _rate(case, test), test.sample, test.indenter)
+    return Indentation(test.name, test.direction, depths, _rate(case, test), test.sample, test.indenter, case.specimen_of(test))
 
 
 def _rate(case: "Case", test: "Test") -> float | None:

@@ -74,18 +74,22 @@ def mesh_of(pieces: Sequence[Piece]) -> MeshFacts:
     return MeshFacts.together([(", ".join(test.name for test in piece.case.tests), piece.model.mesh_facts()) for piece in pieces])
 
 
-def together(case: Case, pieces: Sequence[Piece]) -> Simulation | None:
-    """The simulations of pieces as that of their case, the tests in its order; None where nothing is solved."""
+def together(case: Case, pieces: Sequence[Piece], specimens: Sequence[TestResult] = ()) -> Simulation | None:
+    """The simulations of pieces, and tests without an indenter, as that of their case, the tests in its order; None where nothing
+    is solved."""
     solved = [piece for piece in pieces if piece.simulation is not None]
-    if len(pieces) == 1 or not solved:
-        return solved[0].simulation if solved else None
-    tests = tuple(_in_order(case, solved))
-    facts, model = [test.facts for test in tests], solved[0].model
+    if len(pieces) == 1 and solved and not specimens:
+        return solved[0].simulation
+    tests = tuple(_in_order(case, solved, specimens))
+    if not tests:
+        return None
+    facts, name = [test.facts for test in tests], solved[0].model.solver.name if solved else "none"
     seconds = sum(piece.model.setup_seconds for piece in solved)
-    solver = SolverFacts.of(facts, model.solver.name, model.setup.solver.assembly, seconds)
+    solver = SolverFacts.of(facts, name, case.solver.assembly, seconds)
     return Simulation(tests, mesh_of(solved), solver)
 
 
-def _in_order(case: Case, solved: Sequence[Piece]) -> Iterator[TestResult]:
+def _in_order(case: Case, solved: Sequence[Piece], specimens: Sequence[TestResult]) -> Iterator[TestResult]:
     known = {test.name: test for piece in solved if piece.simulation is not None for test in piece.simulation.tests}
+    known |= {test.name: test for test in specimens}
     yield from (known[test.name] for test in case.tests if test.name in known)

@@ -193,7 +193,7 @@ class RunPool:
         """The workers, or this process for a single run in the meridian plane: such a run costs less than the start of a worker."""
         if self._workers is None and requests == 1 and not self.cluster and not is_foreign(self.case.law):
             mechanics = mechanics_of(self.case)
-            if mechanics.setup.symmetry == "axisymmetric":
+            if not self.case.indentations or mechanics.setup.symmetry == "axisymmetric":
                 self._here = self._here or InProcess(mechanics, self.case.fit.time_limit)
                 return self._here
         self._workers = self._workers or self._hired()
@@ -203,6 +203,8 @@ class RunPool:
         mechanics, limit = mechanics_of(self.case), self.case.fit.time_limit
         if self.cluster:
             return Cluster(mechanics, self.cluster, self._asked, limit)
+        if not self.case.indentations and not is_foreign(self.case.law):
+            return InProcess(mechanics, limit)  # homogeneous states cost less than a worker
         if self._asked > 1 or is_foreign(self.case.law):
             return Processes(mechanics, self._asked, limit)
         return InProcess(mechanics, limit)

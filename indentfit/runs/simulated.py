@@ -28,14 +28,15 @@ class SimulatedCase(Simulation):
     case : Case
     material : Material
         The material with the parameters of the simulation.
-    model : Model
+    model : Model or None
+        That of the first indentation; None where no test is one.
     """
 
     FORMAT: ClassVar[str] = "indentfit.simulation/2"
 
     case: Case
     material: Material
-    model: Model
+    model: Model | None
 
     @property
     def curves(self) -> dict[str, Curve]:
@@ -86,7 +87,10 @@ class SimulatedCase(Simulation):
     def _beside(self) -> dict[str, Any]:
         """The measured curves and how far the simulation is from them, where the case names curves."""
         curves = {name: curve.loading for name, curve in self.measured.items()}
-        points = {name: {"displacement_mm": c.displacement.tolist(), "force_mN": c.force.tolist()} for name, c in curves.items()}
+        points = {
+            name: dict(zip(curve.shown.header, (curve.displacement.tolist(), curve.force.tolist()), strict=True))
+            for name, curve in curves.items()
+        }
         return {"measured": points, "misfits": self.misfits} if points else {}
 
     def summary(self) -> str:
@@ -125,7 +129,8 @@ class SimulatedCase(Simulation):
 
     def __repr__(self) -> str:
         ends = ", ".join(
-            f"{name} {curve.force[-1]:.4g} mN at {curve.displacement[-1]:.3g} mm" for name, curve in self.curves.items()
+            f"{name} {curve.force[-1]:.4g} {curve.shown.up_unit} at {curve.shown.at(curve.displacement[-1])}"
+            for name, curve in self.curves.items()
         )
         return f"SimulatedCase({self.case.title!r}: {ends})"
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Test, require_free
+from indentfit.case import Case, Test, require_free, require_indentations
 from indentfit.case.laws import has_fibres
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
@@ -170,6 +170,7 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
         The case's own tests have no derivatives.
     """
     require_free(case)
+    require_indentations(case, "design", all_of_them=True)
     parameters, execution = dict(parameters or case.start_values()), execution or Execution()
     variants = list(_variants(case))
     own, forces, runs = _own(case, parameters, execution)

@@ -7,7 +7,7 @@ size h, mm (`mesh.size`); only its numbers of elements are rounded, so that the 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from indentfit.case import Case
+from indentfit.case import Case, require_indentations
 from indentfit.errors import CaseError, MeshError
 from indentfit.experiment.measured import changed_case
 from indentfit.fem.linear.choice import choice
@@ -54,7 +54,7 @@ class MeshCheckPlan:
 
 
 def plan_mesh_check(case: Case, family: Sequence[str], checks: Checks | None = None) -> MeshCheckPlan:
-    """The plan of a mesh-check of a case.
+    """The plan of a mesh-check of a case, of whose tests the indentations are computed.
 
     Parameters
     ----------
@@ -72,10 +72,14 @@ def plan_mesh_check(case: Case, family: Sequence[str], checks: Checks | None = N
     MeshError
         A mesh cannot be made, or does not fit into memory; the error's text states the estimate.
     """
-    cases = [(asked, changed_case(case, [asked])) for asked in family]
+    require_indentations(case, "a mesh-check")
+    cases = [(asked, changed_case(case, [asked]).of_indentations) for asked in family]
     others = [
-        (key, value, changed_case(case, [f"{key}={value:.10g}"])) for key, values in (checks or {}).items() for value in values
+        (key, value, changed_case(case, [f"{key}={value:.10g}"]).of_indentations)
+        for key, values in (checks or {}).items()
+        for value in values
     ]
+    case = case.of_indentations
     for asked, changed in cases:
         _refuse_too_large(changed, asked)
     return MeshCheckPlan(case, tuple(sorted(cases, key=lambda pair: estimate(pair[1])[0])), tuple(others))
@@ -83,6 +87,7 @@ def plan_mesh_check(case: Case, family: Sequence[str], checks: Checks | None = N
 
 def own_family(case: Case) -> list[str]:
     """The default family around the case's mesh, as overrides."""
+    require_indentations(case, "a mesh-check")
     own = estimate(case)[0]
     return [f"mesh.elements={max(20, round(share * own))}" for share in SHARES]
 
@@ -120,7 +125,7 @@ def estimate(case: Case) -> tuple[int, int, float]:
 
 def largest_depth(case: Case) -> float:
     """The largest depth of the case's tests, mm: the mesh is made for it."""
-    return max(float(case.outputs(test)[-1]) for test in case.tests)
+    return max(float(case.outputs(test)[-1]) for test in case.indentations)
 
 
 def memory_of(dofs: float, element: str, linear: str = "auto") -> float:

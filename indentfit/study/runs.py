@@ -117,4 +117,6 @@ def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[flo
     tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
     tests = [indentation_of(case, test) for test in case.tests]
     own = [[table and table.model_dump() for table in (test.sample, test.indenter)] for test in tests]
-    return tables, [(test.angle, test.depths.tolist(), test.rate, keys) for test, keys in zip(tests, own, strict=True)]
+    return tables, [
+        (test.angle, test.depths.tolist(), test.rate, [*keys, test.specimen]) for test, keys in zip(tests, own, strict=True)
+    ]

@@ -245,7 +245,7 @@ def sweep(case: Case, vary: Vary, grid: bool = False, refit: bool = False, execu
     grid : bool
         Whether every combination of values is computed, instead of one key at a time.
     refit : bool
-        Whether the free parameters are also fitted anew at each point.
+        Whether the free parameters are also fitted anew at each point, to the indentations.
     execution : Execution
         Workers, ledger and progress of the runs; by default this machine's cores, without a ledger.
 

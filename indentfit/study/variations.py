@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from indentfit.case import Case, Range, Test
+from indentfit.case import Case, Range, Test, require_indentations
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import changed_case
 
@@ -41,7 +41,7 @@ class SweepPlan:
 
 
 def plan_sweep(case: Case, vary: Vary, grid: bool = False) -> SweepPlan:
-    """The plan of a sweep over keys of a case.
+    """The plan of a sweep over keys of a case, of whose tests the indentations are computed.
 
     Parameters
     ----------
@@ -59,10 +59,12 @@ def plan_sweep(case: Case, vary: Vary, grid: bool = False) -> SweepPlan:
     CaseError
         The error's text has one line for each key or value that the case cannot have.
     """
+    require_indentations(case, "a sweep")
     texts = [f"{key}={','.join(map(_text, values))}" for key, values in vary.items()] if isinstance(vary, Mapping) else vary
     variations = tuple(variation(case, text) for text in texts)
     combinations = _combinations(variations, grid)
-    return SweepPlan(variations, grid, (({}, case), *zip(combinations, _cases(case, combinations), strict=True)))
+    points = (({}, case), *zip(combinations, _cases(case, combinations), strict=True))
+    return SweepPlan(variations, grid, tuple((values, changed.of_indentations) for values, changed in points))
 
 
 def variation(case: Case, text: str) -> Variation:

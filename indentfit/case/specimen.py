@@ -1,0 +1,110 @@
+"""Tests without an indenter: a specimen in simple shear, or under uniaxial or biaxial stretch, whose state is homogeneous.
+
+Strains and stresses count positive both in tension and in compression; `test.loading` says which of the two it is. The strain of a
+test in shear is the amount of shear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from indentfit.arrays import Array
+from indentfit.axes import INDENTATION, Axes
+from indentfit.material import HomogeneousState
+
+if TYPE_CHECKING:
+    from indentfit.case.tables import Test
+
+OF_INDENTATIONS = ("angle", "record", "depth", "rate", "ramp", "hold", "sample", "indenter")
+OF_SPECIMENS = ("fibres", "loading", "ratio", "area", "length", "strain", "stress")
+ARTICLE = {"indentation": "an indentation", "shear": "a shear test", "uniaxial": "a uniaxial test", "biaxial": "a biaxial test"}
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """A specimen under a homogeneous load.
+
+    Parameters
+    ----------
+    state : HomogeneousState
+    area : float, mm^2
+        Area on which the force acts; 1 where stresses are measured.
+    length : float, mm
+        Length that the displacement is a share of; 1 where strains are measured.
+    """
+
+    state: HomogeneousState
+    area: float = 1.0
+    length: float = 1.0
+
+    @property
+    def words(self) -> str:
+        """The state in words."""
+        state = self.state
+        if state.kind == "shear":
+            return "simple shear"
+        ratio = f", ratio of strains {state.ratio:g}" if state.kind == "biaxial" and state.ratio != 1 else ""
+        return f"{state.kind} {'tension' if state.sign > 0 else 'compression'}{ratio}"
+
+    def strains(self, displacement: Array) -> Array:
+        """Strains (n,) at displacements (n,), mm."""
+        return displacement / self.length
+
+
+def specimen_of(test: Test) -> Specimen | None:
+    """The Specimen of a test; None for an indentation."""
+    if test.kind == "indentation":
+        return None
+    sign = -1 if test.loading == "compression" else 1
+    state = HomogeneousState(test.kind, test.fibres or "along", sign, 1.0 if test.ratio is None else test.ratio, test.cauchy)
+    return Specimen(state, test.area or 1.0, test.length or 1.0)
+
+
+def axes_of(test: Test) -> Axes:
+    """What the curve of a test shows."""
+    if test.kind == "indentation":
+        return INDENTATION
+    return Axes("strain" if test.length is None else "displacement", "stress" if test.area is None else "force")
+
+
+def loading_of(test: Test) -> str:
+    """How the specimen of a test is loaded, for the reader of its curve; empty for an indentation."""
+    return "" if test.kind == "indentation" else test.loading or ("shear" if test.kind == "shear" else "tension")
+
+
+def disagreements(test: Test) -> Iterator[tuple[str, str]]:
+    """(key, what is wrong) of keys that do not go with the kind of a test."""
+    given, name = test.model_fields_set, ARTICLE.get(test.kind or "", "a test of this kind")
+    if test.kind is None:
+        return
+    for key in OF_SPECIMENS if test.kind == "indentation" else OF_INDENTATIONS:
+        if key in given:
+            yield key, f"does not belong to {name}; {REMEDY.get(key, 'remove it, or give test.kind')}"
+    if test.kind == "indentation":
+        return
+    if test.kind == "shear" and "loading" in given:
+        yield "loading", "does not belong to a shear test, which has no tension or compression; remove it"
+    if test.kind != "shear" and "loading" not in given:
+        yield "loading", f"missing; {name} is in tension or in compression: give which"
+    if test.kind != "biaxial" and "ratio" in given:
+        yield "ratio", f"does not belong to {name}; remove it"
+    if test.kind == "uniaxial" and test.fibres == "normal":
+        yield "fibres", "must be 'along' or 'across' in a uniaxial test, which has no plane"
+    if test.cauchy and test.area is not None:
+        yield "stress", "the curve holds forces, because test.area is given; remove one of the two keys"
+    if test.loading == "compression" and test.strain is not None and test.strain >= 1:
+        yield "strain", "must be below 1 in compression: the stretch, 1 - strain, must stay above 0"
+
+
+REMEDY = {
+    "angle": "give test.fibres: along, across or normal",
+    "depth": "give test.strain",
+    "record": "give test.curve",
+    "sample": "give test.area and test.length where forces and displacements were measured",
+    "rate": "such a test is elastic here; remove it",
+    "ramp": "such a test is elastic here; remove it",
+    "hold": "such a test is elastic here; remove it",
+    "indenter": "remove it: no indenter touches the specimen",
+}
