@@ -78,10 +78,11 @@ def test_a_fit_of_shear_and_tension_finds_the_truth(tmp_path):
     """No indenter at all: three curves with 1 % noise give three parameters, and every report names strains and stresses."""
     tests = [*SHEARS, Test("pull", **PULL, strain=0.2, points=12, area=100.0, length=10.0)]
     rng, curves = np.random.default_rng(1), simulate(case_of(tests)).curves
-    noisy = [
-        Curve(curve.displacement, curve.force + 0.01 * curve.force[-1] * rng.standard_normal(curve.force.size))
-        for curve in curves.values()
-    ]
+    noisy = []
+    for curve in curves.values():
+        noise = 0.01 * curve.force[-1] * np.ones(curve.force.size)
+        stated = 3 * noise if curve.shown.up == "stress" else None  # known no better than that
+        noisy.append(Curve(curve.displacement, curve.force + noise * rng.standard_normal(noise.size), sd=stated))
     measured = [
         test.model_copy(update={"strain": None, "points": 25, "curve": curve}) for test, curve in zip(tests, noisy, strict=True)
     ]
@@ -96,6 +97,7 @@ def test_a_fit_of_shear_and_tension_finds_the_truth(tmp_path):
         assert known.interval[0] < truth < known.interval[1], name
         assert known.verdict.startswith("determined"), name
     assert {known.input for known in result.taken_as_known} == {"bulk_ratio"}
+    assert all(0 < known.p <= 1 for known in result.predicted.values())
     result.write(tmp_path / "result")
     page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
     assert "at a strain of 0.2" in page

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from indentfit.arrays import Array
@@ -194,7 +195,10 @@ class _Split:
         shared = _rank(rows[n]) + _rank(np.concatenate([rows[k] for k in others])) - _rank(np.concatenate(list(rows.values())))
         if shared <= 0:
             return 1.0
-        return float(fisher.sf(statistic / shared, shared, sum(self.whitened.freedom[k] for k in self.heavy)))
+        freedom = sum(self.whitened.freedom[k] for k in self.heavy)
+        if not np.isfinite(freedom):  # stated deviations
+            return float(chi2.sf(statistic, shared))
+        return float(fisher.sf(statistic / shared, shared, freedom))
 
     def _by_draws(
         self, n: int, others: Sequence[int], theirs: Array, left: float, statistic: float, rng: np.random.Generator
@@ -225,7 +229,10 @@ class _Split:
         proposed, z = np.clip(proposed[within], 0, 1), z[within]
         freedom = sum(self.whitened.freedom[k] for k in others)
         growth = np.maximum(self.whitened.squares(others, proposed) - left, 0.0)
-        weights = -(freedom + theirs.size) / 2 * np.log1p(growth / freedom) + 0.5 * np.sum(z**2, axis=1)
+        by_growth = -0.5 * growth
+        if np.isfinite(freedom):
+            by_growth = -(freedom + theirs.size) / 2 * np.log1p(growth / freedom)
+        weights = by_growth + 0.5 * np.sum(z**2, axis=1)
         weights = np.exp(weights - weights.max())
         return proposed[rng.choice(len(proposed), DRAWS, p=weights / weights.sum())]
 
