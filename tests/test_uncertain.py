@@ -29,7 +29,7 @@ from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import learn
-from indentfit.inverse.wide import UncertainInput, uncertain_inputs, widened_problem
+from indentfit.inverse.wide import UncertainInput, alternatives, uncertain_inputs, widened_problem
 from indentfit.runs.forward import Evaluation, simulate
 
 DEPTH = np.linspace(0.0132, 0.33, 25)
@@ -66,11 +66,25 @@ def test_a_prior_has_the_centre_and_the_spread_of_its_distribution(stated, coord
         ("friction={uniform=[0,1],normal=[0,1]}", "give one of normal"),
         ("offset={normal=[0,-1]}", "its standard deviation must be above 0"),
         ("size={start=2,min=1,max=3}", "must be a standard deviation or a prior"),
+        ("friction={values=[0.3]}", "give 2 to 4 different values"),
+        ("friction={values=[-0.1,0.3]}", "its first number must be at least 0"),
+        ("offset={values=[0,0.01]}", "a list of alternatives is for friction, bulk_ratio, thickness and size"),
     ],
 )
 def test_a_prior_that_cannot_be_is_refused(key, said):
     with pytest.raises(CaseError, match=said):
         white_matter(f"fit.uncertain.{key}")
+
+
+def test_a_list_of_alternatives_is_fitted_value_by_value_and_with_each_base():
+    case = white_matter("fit.uncertain.friction={values=[0,0.5]}", "fit.uncertain.thickness={values=['3200 um',3.3]}")
+    assert uncertain_inputs(case) == ()
+    known = alternatives(case)
+    assert [share for _, _, share in known] == [0.25] * 4
+    assert known[0] == ("friction = 0.5, thickness = 3.3", {}, 0.25)  # the case itself
+    assert ("friction = 0.0, thickness = 3.2", {"indenter.friction": 0.0, "sample.thickness": 3.2}, 0.25) in known
+    both = alternatives(white_matter("fit.uncertain.friction={values=[0,0.5]}", "fit.uncertain.base=0.2"))
+    assert {name: share for name, _, share in both}["base = bonded, friction = 0.0"] == pytest.approx(0.1)
 
 
 def test_every_kind_of_input_becomes_a_coordinate_in_its_place():

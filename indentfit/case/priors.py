@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -18,16 +19,21 @@ Lengths = Annotated[
     tuple[Annotated[Finite, Quantity("mm")], Annotated[Finite, Quantity("mm")]], BeforeValidator(as_tuple), Quantity("mm")
 ]
 PositivePair = Annotated[tuple[Positive, Positive], BeforeValidator(as_tuple)]
+Values = Annotated[tuple[Finite, ...], BeforeValidator(as_tuple)]
+LengthValues = Annotated[tuple[Annotated[Finite, Quantity("mm")], ...], BeforeValidator(as_tuple), Quantity("mm")]
+MOST_VALUES = 4  # alternatives of one input, each of which is a fit of its own
 FORMS = {
     "normal": "[mean, standard deviation]",
     "log_normal": "[median, factor of one standard deviation]",
     "uniform": "[least, largest]",
     "log_uniform": "[least, largest], uniform in the logarithm",
+    "values": "[one, another, ...], alternatives",
 }
 
 
 class Prior(Section):
-    """What is known about an uncertain input: a normal, log-normal, uniform or log-uniform distribution."""
+    """What is known about an uncertain input: a normal, log-normal, uniform or log-uniform distribution, or a list of alternatives,
+    each as probable as the others."""
 
     normal: Pair | None = Field(default=None, examples=[[0.5, 0.1]], description="mean and standard deviation")
     log_normal: PositivePair | None = Field(
@@ -36,6 +42,9 @@ class Prior(Section):
     uniform: Pair | None = Field(default=None, examples=[[0, 1]], description="least and largest value")
     log_uniform: PositivePair | None = Field(
         default=None, examples=[[20, 5000]], description="least and largest value, uniform in the logarithm"
+    )
+    values: Values | None = Field(
+        default=None, examples=[[0, 0.3]], description="alternatives, each of which is fitted and weighed by its evidence"
     )
 
     @classmethod
@@ -50,7 +59,9 @@ class Prior(Section):
 
     @property
     def numbers(self) -> tuple[float, float]:
-        """The two numbers of the distribution."""
+        """The two numbers of the distribution; of a list of alternatives the least and the largest."""
+        if self.values is not None:
+            return min(self.values), max(self.values)
         pair: tuple[float, float] = getattr(self, self.form)
         return pair
 
@@ -83,6 +94,8 @@ class Prior(Section):
     @property
     def sd(self) -> float:
         """Standard deviation of the input, in its unit; that of a log-normal or log-uniform prior to first order at its centre."""
+        if self.values is not None:
+            return statistics.pstdev(self.values)
         a, b = (self.coordinate(number) for number in self.numbers)
         wide = self.spread if self.spread is not None else (b - a) / math.sqrt(12)
         return wide * (self.value(self.center) if self.logarithmic else 1.0)
@@ -106,8 +119,10 @@ class Prior(Section):
 
     def words(self, unit: str = "") -> str:
         """The distribution in words, with a unit."""
-        a, b = self.numbers
         unit = f" {unit}" if unit not in ("", "1") else ""
+        if self.values is not None:
+            return " or ".join(f"{value:g}{unit}" for value in self.values)
+        a, b = self.numbers
         if self.form == "normal":
             return f"{a:.4g} +- {b:.3g}{unit}"
         if self.form == "log_normal":
@@ -118,6 +133,10 @@ class Prior(Section):
         given = [name for name in FORMS if getattr(self, name, None) is not None]
         if len(given) != 1:
             yield (given or ["normal"])[-1], "give one of " + ", ".join(f"{name} = {text}" for name, text in FORMS.items())
+            return
+        if self.values is not None:
+            if not 2 <= len(set(self.values)) == len(self.values) <= MOST_VALUES:
+                yield "values", f"give 2 to {MOST_VALUES} different values"
             return
         a, b = self.numbers
         if self.form == "normal" and b <= 0:
@@ -133,6 +152,9 @@ class PriorOfLength(Prior):
 
     normal: Lengths | None = Field(default=None, examples=[[0, 0.01]], description="mean and standard deviation")
     uniform: Lengths | None = Field(default=None, examples=[[-0.01, 0.01]], description="least and largest value")
+    values: LengthValues | None = Field(
+        default=None, examples=[[3.2, 3.4]], description="alternatives, each of which is fitted and weighed by its evidence"
+    )
 
 
 def prior_or_none(value: Any, kind: type[Prior]) -> Prior | None:

@@ -48,8 +48,8 @@ SpreadOfLength = Annotated[float | PriorOfLength | Range, WrapValidator(_of_leng
 
 class Uncertain(Section):
     """Uncertain inputs: each has a prior (a number is the standard deviation about the case's value; or a table with `normal`,
-    `log_normal`, `uniform` or `log_uniform`), over which the intervals of the parameters go; or a range, in which the input is
-    fitted together with the parameters."""
+    `log_normal`, `uniform`, `log_uniform` or `values`), over which the intervals of the parameters go; or a range, in which the
+    input is fitted together with the parameters."""
 
     place = "fit.uncertain"
 
@@ -105,6 +105,10 @@ class Uncertain(Section):
                 yield name, f"its min must be at least {low:g}; raise it"
             if isinstance(value, Prior) and value.numbers[0] < low:
                 yield name, f"its first number must be at least {low:g}; raise it"
+        for name in ("offset", "force"):
+            value = getattr(self, name)
+            if isinstance(value, Prior) and value.values is not None:
+                yield name, "a list of alternatives is for friction, bulk_ratio, thickness and size; give one of the other priors"
         if isinstance(self.size, Range):
             yield "size", "must be a standard deviation or a prior"
 

@@ -22,6 +22,7 @@ from indentfit.inference.shares import InputShare
 from indentfit.inverse.derivatives import Underivable, derivatives_at, last_cause
 from indentfit.inverse.mesh_correction import Corrected, mesh_error_at
 from indentfit.inverse.problem import Candidate, InverseProblem
+from indentfit.inverse.wide import OTHER_BASE
 from indentfit.runs.forward import ForwardModel
 from indentfit.runs.points import KEYS, case_at
 
@@ -31,7 +32,6 @@ LEAST_FRICTION = 0.02  # step of a small friction coefficient
 CORRECTED = (
     "the curves are corrected for the mesh by up to {most:.1%}, by a mesh of about {elements} elements; +- {sd:.2%} stays uncertain"
 )
-OTHER_BASE = {"sliding": "bonded", "bonded": "sliding"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,14 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.inference.estimate import estimate
-from indentfit.inference.inputs import OTHER_BASE, Solution
+from indentfit.inference.inputs import Solution
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import ParameterEstimate
 from indentfit.inference.shares import WhatIf
 from indentfit.inference.verdicts import kind_of
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.surrogate import Surrogate
+from indentfit.inverse.wide import OTHER_BASE
 
 LATE = 0.03  # of the largest depth: a plausible error of the contact point
 THINNER = 0.95

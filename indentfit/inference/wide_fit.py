@@ -14,8 +14,8 @@ from scipy.linalg import block_diag
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.case.search import Fit
+from indentfit.errors import CaseError
 from indentfit.inference import mixture
-from indentfit.inference.inputs import OTHER_BASE
 from indentfit.inference.joint import (
     LIMIT,
     ROUNDS,
@@ -39,7 +39,7 @@ from indentfit.inverse.methods import SEARCHES, Solved
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
-from indentfit.inverse.wide import MOST, uncertain_inputs, widened_problem
+from indentfit.inverse.wide import MOST, alternatives, listed_inputs, uncertain_inputs, widened_problem
 from indentfit.runs.forward import Evaluation
 
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
@@ -114,13 +114,22 @@ class WideFit:
 
 
 def widens(case: Case, problem: InverseProblem) -> bool:
-    """Whether the uncertain inputs of a case can be coordinates of a fit: there are some, a surrogate is
-    possible, and the material does not relax."""
-    inputs = uncertain_inputs(case)
-    if problem.kernel is not None or (not inputs and not case.fit.uncertain.base):
+    """Whether the uncertain inputs of a case can be coordinates of a fit, or its alternatives: there are some, and a surrogate is
+    possible. Raises CaseError where an input has a list of alternatives and no surrogate is possible."""
+    inputs, tried = uncertain_inputs(case), alternatives(case)
+    if not inputs and len(tried) == 1:
         return False
     coordinates = len(widened_problem(problem, inputs).searched)
-    return _learnable(case.fit) and 0 < coordinates <= MOST
+    possible = problem.kernel is None and _learnable(case.fit) and 0 < coordinates <= MOST
+    lists = [name for name, _, _ in listed_inputs(case) if name != "base"]
+    if lists and not possible:
+        low, high = getattr(case.fit.uncertain, lists[0]).numbers
+        said = (
+            "a list of alternatives is fitted on surrogates: these need a free parameter beside the scale of the force (at most "
+            f"{MOST} with the inputs), a method among {', '.join(SEARCHES)}, and profiles; or give uniform = [{low:g}, {high:g}]"
+        )
+        raise CaseError([f"fit.uncertain.{lists[0]}: {said}"])
+    return possible
 
 
 def _learnable(options: Fit) -> bool:
@@ -144,9 +153,9 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     """
     inputs = uncertain_inputs(case)
     size = sum(test.curve.force.size for test in problem.tests)
-    stated = _alternatives(case)
+    stated = alternatives(case)
     parts = [progress.part(0.8 * n / len(stated), 0.8 * (n + 1) / len(stated)) for n in range(len(stated))]
-    alternatives: list[WideAlternative] = []
+    tried: list[WideAlternative] = []
     mesh, elements = ModelError.none(size), None
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
@@ -157,23 +166,15 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
             fit = _with_mesh(fit, mesh, model, case.fit.seed, part)
         if fit is None:
             continue
-        alternatives.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
-    if not alternatives:
+        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
+    if not tried:
         return None
-    weighed = weighed_alternatives(alternatives)
+    weighed = weighed_alternatives(tried)
     ends = _telling_ends(weighed)
     shares = [progress.part(0.8 + 0.2 * n / len(weighed), 0.8 + 0.2 * (n + 1) / len(weighed)) for n in range(len(weighed))]
     pairs = zip(weighed, ends, shares, strict=True)
     proved = [_ends_proved(known, wanted, model, case.fit.seed, share) for known, wanted, share in pairs]
     return WideFit(problem, tuple(weighed_alternatives(proved)), mesh, elements)
-
-
-def _alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
-    """Name, changes of the case, and probability of each alternative; the case itself first."""
-    base, odds = case.sample.base, case.fit.uncertain.base or 0.0
-    own: tuple[str, dict[str, Any], float] = (f"base = {base}", {}, 1 - odds)
-    other = OTHER_BASE[base]
-    return [own, (f"base = {other}", {"sample.base": other}, odds)] if odds else [own]
 
 
 def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAlternative]:

@@ -19,7 +19,7 @@ from indentfit.inference.posterior import Climber, Mode
 from indentfit.inference.shares import AlternativeFit, InputShare, NoiseShare, UncertainInputs
 from indentfit.inference.wide_fit import WideFit
 from indentfit.inverse.objective import rmse
-from indentfit.inverse.wide import UncertainInput
+from indentfit.inverse.wide import UncertainInput, listed_inputs
 
 
 def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
@@ -47,7 +47,7 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
             unit=known.unit,
         )
     rows |= _of_mesh(fit, whole)
-    rows |= _of_base(case, fit, names)
+    rows |= _of_alternatives(case, fit, names)
     at = {known.point: known.value_at(float(joint.mode.z[n])) for n, known in enumerate(curves.inputs, start=p) if known.point}
     total = {name: float(error) for name, error in zip(names, ranges * sd[:p], strict=True)}
     noise = NoiseShare(_named(names, 1 - _vanishing(_without_mesh(fit), whole, range(p, curves.size))))
@@ -87,22 +87,39 @@ def _of_mesh(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
     return {"mesh": InputShare(0.0, sd, _named(names, spread), _named(names, share), fit.elements)}
 
 
-def _of_base(case: Case, fit: WideFit, names: Sequence[str]) -> dict[str, InputShare]:
-    """The parameters' changes on the other base, by the fit there."""
-    own = [known for known in fit.alternatives if not known.changes]
-    other = [known for known in fit.alternatives if known.changes]
-    if not own or not other:
-        return {}
-    change = (other[0].fit.mode.z - own[0].fit.mode.z)[: len(names)] * fit.problem.ranges
-    odds = own[0].probability * other[0].probability
-    variance = np.diag(fit.best.fit.mode.covar)[: len(names)] * fit.problem.ranges**2
-    share = odds * change**2 / (variance + odds * change**2)
-    base = case.sample.base
-    return {"base": InputShare(base, None, _named(names, change), _named(names, share), probability=case.fit.uncertain.base)}
+def _of_alternatives(case: Case, fit: WideFit, names: Sequence[str]) -> dict[str, InputShare]:
+    """The part of each parameter's variance that is between the values of each input that is known as alternatives."""
+    inner = np.diag(fit.best.fit.mode.covar)[: len(names)] * fit.problem.ranges**2
+    rows = {}
+    for name, key, own in listed_inputs(case):
+        levels = [str(known.changes.get(key, own)) for known in fit.alternatives]
+        weights = np.array([known.probability for known in fit.alternatives])
+        modes = np.array([known.fit.mode.z[: len(names)] * fit.problem.ranges for known in fit.alternatives])
+        distinct = list(dict.fromkeys(levels))
+        if len(distinct) < 2:
+            continue
+        shares, means = [], []
+        for level in distinct:
+            here = np.array([other == level for other in levels])
+            shares.append(weights[here].sum())
+            means.append(np.average(modes[here], axis=0, weights=np.maximum(weights[here], 1e-300)))
+        middle = np.average(means, axis=0, weights=shares)
+        between = np.average((np.array(means) - middle) ** 2, axis=0, weights=shares)
+        change = means[1] - means[0] if distinct[0] == str(own) else means[0] - means[1]
+        stated = getattr(case.fit.uncertain, name)
+        rows[name] = InputShare(
+            value=own,
+            sd=None,
+            effect=_named(names, change),
+            share=_named(names, between / (inner + between)),
+            probability=stated if name == "base" else None,
+            prior=None if name == "base" else stated.words(),
+        )
+    return rows
 
 
 def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
-    """What each alternative found, where there are several."""
+    """What each alternative distinct, where there are several."""
     for known in fit.alternatives if len(fit.alternatives) > 1 else ():
         joint = known.fit
         curves = joint.posterior.curves

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 from indentfit.case import Case, Range
 from indentfit.case.priors import Prior
@@ -21,6 +22,7 @@ OF_CURVES = ("offset", "force")  # inputs of a single test; they need no run
 SOLVED = ("friction", "bulk_ratio", "thickness", "size")  # inputs that change the solution
 DIFFERENTIABLE = ("friction", "bulk_ratio")  # inputs by which the mechanics can differentiate
 STICKS = 0.4  # friction coefficient from which most of a contact sticks, and the force grows no more
+OTHER_BASE = {"sliding": "bonded", "bonded": "sliding"}
 MOST = 7  # largest number of coordinates of a surrogate
 
 
@@ -80,6 +82,44 @@ def uncertain_inputs(case: Case) -> tuple[UncertainInput, ...]:
     return (*_solved(case), *_of_curves(case))
 
 
+def alternatives(case: Case) -> list[tuple[str, dict[str, Any], float]]:
+    """Name, changes of the case, and probability of each combination of the values of the inputs that are known as alternatives:
+    the base, and those whose prior is a list. That of the case itself, if it is one of them, is the first."""
+    known: list[tuple[str, dict[str, Any], float]] = [("", {}, 1.0)]
+    for name, key, own, values in _listed(case):
+        known = [
+            (
+                f"{before}{', ' if before else ''}{name} = {value}",
+                {**changes, **({} if value == own else {key: value})},
+                share * odds,
+            )
+            for before, changes, share in known
+            for value, odds in values
+        ]
+    return sorted(known, key=_changed)
+
+
+def _changed(alternative: tuple[str, dict[str, Any], float]) -> int:
+    return len(alternative[1])
+
+
+def listed_inputs(case: Case) -> list[tuple[str, str, Any]]:
+    """Name, key and own value of each input that is known as alternatives."""
+    return [(name, key, own) for name, key, own, _ in _listed(case)]
+
+
+def _listed(case: Case) -> Iterator[tuple[str, str, Any, list[tuple[Any, float]]]]:
+    """Name, key and own value of each input that is known as alternatives, with the values and their probabilities."""
+    base, odds = case.sample.base, case.fit.uncertain.base
+    if odds:
+        yield "base", "sample.base", base, [(base, 1 - odds), (OTHER_BASE[base], odds)]
+    for name in SOLVED:
+        prior = getattr(case.fit.uncertain, name)
+        if isinstance(prior, Prior) and prior.values is not None:
+            key = KEYS.get(_point(case, name), _point(case, name))
+            yield name, key, _value(case, _point(case, name)), [(value, 1 / len(prior.values)) for value in prior.values]
+
+
 def widened_problem(problem: InverseProblem, inputs: tuple[UncertainInput, ...]) -> InverseProblem:
     """The problem whose free parameters are those of `problem` and the inputs that change the solution."""
     solved = [known for known in inputs if known.point]
@@ -135,7 +175,7 @@ def _solved(case: Case) -> Iterator[UncertainInput]:
             continue
         value = _value(case, point)
         prior = prior_of(case, name, value) if isinstance(value, float) else None
-        if prior is not None:
+        if prior is not None and prior.values is None:
             low, high = prior.bounds(LEAST_INPUT[name])
             yield UncertainInput(name, point, None, prior, value, low, high, UNITS.get(name, "mm"))
 

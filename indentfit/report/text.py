@@ -366,6 +366,8 @@ def _of_input(name: str, share: InputShare) -> str:
         return f"{name} (prior {share.prior}; fitted {share.fitted:.3g}, {_span(share.interval)}{unit})"
     if name == "base":
         return f"base ({share.probability:.0%} that it is {OTHER[str(share.value)]})"
+    if share.prior is not None:
+        return f"{name} ({share.prior}, each fitted)"
     return f"{name} ({share.value:g} +- {share.sd:g})"
 
 

@@ -16,7 +16,7 @@ from indentfit.case.laws import open_law
 from indentfit.errors import CaseError, MaterialError
 from indentfit.experiment.measured import changed_case
 from indentfit.inverse.methods import SEARCHES
-from indentfit.inverse.wide import uncertain_inputs
+from indentfit.inverse.wide import alternatives, uncertain_inputs
 from indentfit.material import FUNCTIONS, INVARIANTS, STRETCHES, Material, Parameter, trial_values
 
 Usual = tuple[float, float, float]  # start, least, largest; those of moduli are multiples of the curves' shear modulus
@@ -100,7 +100,7 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
 def _of_search(case: Case) -> tuple[str, ...]:
     """Keys of the search. Intervals are those of the comparison, and need no profiles; but uncertain inputs are coordinates of such
     fits alone that search on a surrogate, with profiles."""
-    if not uncertain_inputs(case) and not case.fit.uncertain.base:
+    if not uncertain_inputs(case) and len(alternatives(case)) == 1:
         return (*ANYWHERE, "fit.profiles=false")
     method = case.fit.method if case.fit.method in SEARCHES else "ga"
     return (*ANYWHERE, "fit.profiles=true", "fit.direct=false", f"fit.method={method}")

@@ -13,6 +13,11 @@ the mesh, profiles, the mixture of the bases).
 the fits, so that a campaign goes on where it was stopped. Prints for each noise how often each parameter lies in its interval, with
 the exact binomial 99 % band about 95 %, how often it was called determined though outside, and the median of its interval's width
 over the width of the posterior's by emcee (of the first `--posterior` truths). Exit code 1 where a coverage is below its band.
+
+Seen so far (sphere, 45 truths, 15 for each noise; 28 November 2026): mu 45 of 45, alpha 43 of 45 inside; of 14 that were called
+determined one was outside; a fit takes 3 s of CPU, a truth 1.6 s. At 1 % noise with both bases probable, mu's intervals are 1.5 to
+1.9 times as wide as the posterior's, and alpha's 1.1 to 1.3 times (3 truths): a profile takes the whole range of each input with a
+uniform prior, where the posterior adds such errors as squares.
 """
 
 import argparse
