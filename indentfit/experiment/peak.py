@@ -23,6 +23,7 @@ FITTED = 0.35  # of the duration of the ramp: the end of the loading, whose fit 
 CORNER = 11  # samples of the filter that tells noise in a ramp of few samples
 QUIET = 0.0005  # share of the peak: forces that scatter by less have no noise
 BY_NOISE = 8.0  # standard deviations within which the largest filtered force may lie above the fit
+AT_ENDS = 2.0  # ratio of the noise that a quadratic filter lets pass at the end of a record to that within it
 CHANCE = 2.0  # standard deviations by which the largest filtered force may lie above the fit before chance has picked it
 FEWEST = 8  # samples of the fit
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
@@ -79,7 +80,7 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
             largest = float(shorter[start:].max())
             scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
             ends = ramp.stop > record_end - length  # at the end of a record the filter scatters most
-            over, reach = largest - fit.force, BY_NOISE * scatter
+            over, reach = largest - fit.force, BY_NOISE * (AT_ENDS if ends else 1) * scatter
             chance = CHANCE * scatter < over < reach  # the largest of many noisy values, as in a hold, is too large
             if scatter > QUIET * largest and (chance or (ends and abs(over) < reach)):
                 return Peak(fit.force, max(fit.stderr, 0.5 * scatter))
