@@ -22,7 +22,7 @@ from indentfit.inference.estimate import estimate
 from indentfit.inference.inputs import Solution
 from indentfit.inference.noise import errors
 from indentfit.inference.result import ParameterEstimate
-from indentfit.inference.seen import seen_sentences, unseen, with_seen
+from indentfit.inference.seen import far_from_model, seen_sentences, unseen, with_seen
 from indentfit.inference.what_if import _moved
 from indentfit.inverse.derivatives import curve_derivatives
 from indentfit.inverse.problem import inverse_problem
@@ -438,3 +438,26 @@ def test_a_sphere_pressed_and_drawn_back_follows_ting(sphere_in_time):
         right.append(exact(0, end, t))
     assert forces["back"] == pytest.approx(right, rel=1e-2, abs=1e-2 * max(right) / 10)
     assert right[-1] == 0.0
+
+
+def test_the_force_of_a_lost_contact_may_be_zero():
+    time = np.append(np.linspace(0.1, 1, 10), np.linspace(1.05, 1.99, 12))
+    depth = np.interp(time, [0, 1, 2], [0, 0.3, 0])
+    case = case_of(Curve(depth, depth + 0.01, time=time))
+    problem = inverse_problem(case)
+    model = Relaxing(Powers(problem.kernel), problem.kernel)
+    best = problem.judge(problem.start, model.evaluate([problem.at_reference(problem.start)])[0].forces)
+    assert best.forces[-1][-1] == 0.0
+    assert np.isfinite(np.concatenate(_moved(Solution(case, problem, model, best, None), 0.01))).all()
+
+
+def test_laws_are_not_compared_over_a_hold():
+    time, depth = held()
+    with pytest.raises(CaseError, match="laws are compared on loading curves"):
+        indentfit.compare(case_of(Curve(depth, depth, time=time)), ["neo_hookean", "yeoh"])
+
+
+def test_a_fit_says_where_the_viscoelastic_model_is_far_from_its_forces():
+    assert [*far_from_model({"press": 0.003})] == []
+    (said,) = far_from_model({"press": 0.003, "plug": 0.139})
+    assert "up to plug 13.9% from the viscoelastic model, whose pressure does not relax" in said

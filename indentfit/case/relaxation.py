@@ -164,6 +164,11 @@ class Relaxation(Section):
         return {**shares, **times, **({} if self.order is None else {"order": self.order})}
 
     @property
+    def numbers(self) -> dict[str, float]:
+        """Name -> value, or where its search starts, of each parameter."""
+        return {name: _start(value) for name, value in self.parameters.items()}
+
+    @property
     def free(self) -> dict[str, Range]:
         """Name -> range of the parameters to be fitted."""
         return {name: value for name, value in self.parameters.items() if isinstance(value, Range)}

@@ -19,6 +19,7 @@ from indentfit.inference.moduli import moduli
 from indentfit.inference.refinement import Refined, refined
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, require_emcee, samples_of
+from indentfit.inference.seen import far_from_model
 from indentfit.inference.wide_certainty import wide_certainty
 from indentfit.inference.wide_fit import WideFit, wide_fit, widens
 from indentfit.inverse.exploration import Watched
@@ -251,6 +252,7 @@ def _facts_at(model: ForwardModel, problem: InverseProblem, best: Candidate | No
 def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certainty, work: _Work) -> FitResult:
     optimum, findings = solved.optimum, known.findings
     best, of_noise = optimum.best, known.known
+    in_time, differences = of_relaxation(case, best.parameters) if best else ((), {})
     result = FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
@@ -267,7 +269,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         reused=work.pool.reused,
         history=optimum.history,
         failures=work.failures(),
-        notes=(*known.notes, *work.notes(case), *(of_relaxation(case, best.parameters) if best else ())),
+        notes=(*known.notes, *work.notes(case), *in_time),
         solver=work.solver(case),
         mesh=work.mesh(),
         refined=work.finer.factor,
@@ -284,7 +286,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         surrogate=known.surrogate,
         predicted=known.predicted,
         published=known.published,
-        conclusions=known.conclusions,
+        conclusions=(*known.conclusions, *far_from_model(differences)),
         taken_as_known=known.taken_as_known,
         curves=_curves(problem, best),
         case=case,

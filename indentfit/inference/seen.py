@@ -19,6 +19,8 @@ MOMENTS = 201  # steps of a ramp
 DETERMINED = "determined"
 FASTER = "a ramp of {seconds:.2g} s would show it"
 LONGER = "a hold of {seconds:.3g} s would show it"
+FAR = 0.01  # relative difference of the viscoelastic model from the hereditary integral, above which a fit says so
+HEREDITARY = "the hereditary integral of the elastic force, with which the fit was made, is"
 SHOWS = 3.0  # how much faster than a time a ramp must be to show it, or how much longer a hold
 
 
@@ -68,7 +70,7 @@ def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Ma
         if said.startswith(DETERMINED):
             known[name] = replace(known[name], verdict=f"{said}; {why}")
         else:
-            known[name] = replace(known[name], verdict=f"not determined: {why}", limited_by="record")
+            known[name] = replace(known[name], verdict=f"not determined: {why}")
     return known
 
 
@@ -88,3 +90,14 @@ def seen_sentences(case: Case, values: Mapping[str, float]) -> Iterator[str]:
     if left > LATE:
         end = f"the end of the hold of {window.hold:.3g} s" if window.hold else "the end of the ramp, which no hold follows"
         yield f"at {end} the force is still {left:.0%} above its long-term value, so the long-term modulus is extrapolated"
+
+
+def far_from_model(differences: Mapping[str, float]) -> Iterator[str]:
+    """A sentence on tests whose force by the viscoelastic model is far from the hereditary integral with which a fit is made."""
+    far = {name: size for name, size in differences.items() if size > FAR}
+    if far:
+        sizes = ", ".join(f"{name} {size:.1%}" for name, size in far.items())
+        yield (
+            f"{HEREDITARY} up to {sizes} from the viscoelastic model, whose pressure does not relax: no interval holds this error; "
+            "it is small where the sample is nearly incompressible (Poisson's ratio above 0.49)"
+        )

@@ -122,7 +122,8 @@ def _moved(solution: Solution, offset: float) -> list[Array]:
         elastic = evaluate_at_reference(solution.problem, solution.model, [best.parameters])[0].run.forces or ()
         later = [Shift.of(depth).by(offset)[0] @ force for depth, force in zip(kernel.depths, elastic, strict=True)]
         both = (kernel.forces(forces, best.parameters) for forces in (later, elastic))
-        return [late / here for late, here in zip(*both, strict=True)]
+        pairs = zip(*both, strict=True)
+        return [np.divide(late, here, out=np.ones_like(here), where=here != 0) for late, here in pairs]  # 0 out of contact
     triples = zip(solution.case.tests, solution.problem.tests, solution.best.forces, strict=True)
     return [
         Shift.of(target.curve.displacement).by(offset)[0] @ force / force if test.kind == "indentation" else np.ones_like(force)

@@ -227,7 +227,7 @@ def inverse_problem(case: Case) -> InverseProblem:
     start = case.start_values() | {name: bounds.start for name, bounds in case.fit.uncertain.fitted.items()}
     kernel = kernel_of(case)
     if kernel is not None:
-        start |= kernel.relaxation.at({}).parameters  # type: ignore[arg-type]  # all are numbers
+        start |= kernel.relaxation.numbers
     return InverseProblem(tests, start, case.fitted, *scale_of(case), differences_of(case), kernel=kernel)
 
 

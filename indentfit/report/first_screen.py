@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from indentfit.inference.limits import WORDS
 from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstimate
+from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
 from indentfit.inference.what_if import warnings_of
 
@@ -74,6 +75,7 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     yield from (Doubt(True, sentence) for sentence in contradictions(result.predicted))
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
+    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(HEREDITARY))
     yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
 
 

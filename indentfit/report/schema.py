@@ -249,7 +249,8 @@ def fitted_parameters(folder: str | Path, case: Case) -> dict[str, float]:
         raise CaseError([f"{path}: cannot be read as the result of a fit ({what}); name the folder of a fit"]) from error
     if not isinstance(result, FitResult) or not set(case.law.parameters) <= set(result.parameters):
         raise CaseError([f"{path}: holds no parameters of {kind}; name the folder of a fit of this case"])
-    values = {name: result.parameters[name].value for name in case.law.parameters}
+    relaxing = [name for name in (case.relaxation.parameters if case.relaxation else ()) if name in result.parameters]
+    values = {name: result.parameters[name].value for name in (*case.law.parameters, *relaxing)}
     return values | {name: min(max(values[name], bounds.min), bounds.max) for name, bounds in case.free.items() if name in values}
 
 

@@ -190,6 +190,7 @@ def design_lines(design: Design) -> Iterator[str]:
         what = f"{best.words}, angle {best.angle}, to {best.depth:.3g} mm"
         yield ""
         yield f"best for {design.worst}: {what}: its standard error falls {gain:.2g} times"
+    yield from (f"relaxation {remark}" for remark in design.remarks)
 
 
 def design_rows(design: Design) -> list[Row]:

@@ -137,7 +137,11 @@ def simulate(
     ConvergenceError
         Its `part`, and that of what `progress` raises, is the SimulatedCase as far as it goes, or None.
     """
-    material, pieces = case.law(**(parameters or case.start_values())), pieces_of(case)
+    given = dict(parameters or case.start_values())
+    if case.relaxation is not None:
+        case = case_at(case, given)
+        given = {name: value for name, value in given.items() if name in case.law.parameters}
+    material, pieces = case.law(**given), pieces_of(case)
     relaxes = case.material.relaxation is not None
     names = [test.name for test in case.tests]
     parts = _Parts(progress, names, 1 - COARSER_SHARE * mesh_error, 1 - TIME_SHARE * relaxes)
@@ -157,8 +161,8 @@ def simulate(
     return simulated
 
 
-def of_relaxation(case: Case, parameters: Point) -> tuple[str, ...]:
-    """How far the viscoelastic model is from the forces of a fit, in words, for each test; empty where the material is elastic.
+def of_relaxation(case: Case, parameters: Point) -> tuple[tuple[str, ...], dict[str, float]]:
+    """How far the viscoelastic model is from the forces of a fit; nothing where the material is elastic.
 
     Parameters
     ----------
@@ -169,17 +173,21 @@ def of_relaxation(case: Case, parameters: Point) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
+        In words, for each test.
+    dict of test -> largest relative difference
+        Empty where the viscoelastic model was not solved.
     """
     there = case_at(case, parameters)
     if there.relaxation is None:
-        return ()
+        return (), {}
     words = f"the material relaxes: {there.relaxation.words()}"
     own = {name: value for name, value in parameters.items() if name in case.law.parameters}
     try:
         tests = simulate(there, own, mesh_error=False).in_time
     except IndentfitError as error:
-        return (words, f"the viscoelastic model was not solved at the optimum: {error}")
-    return (words, *(f"{name}: {curve.words()}" for name, curve in tests.items()))
+        return (words, f"the viscoelastic model was not solved at the optimum: {error}"), {}
+    known = {name: curve.difference for name, curve in tests.items() if curve.difference is not None}
+    return (words, *(f"{name}: {curve.words()}" for name, curve in tests.items())), known
 
 
 def _in_time(piece: Piece, material: Material, parts: "_Parts") -> Simulation | None:

@@ -17,10 +17,12 @@ from indentfit.case import Case, Test, require_free, require_indentations
 from indentfit.case.laws import has_fibres
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
+from indentfit.inference.seen import seen_sentences
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem, differences_of, scale_of
 from indentfit.runs.pool import RunPool
+from indentfit.runs.relaxing import elastic_case
 from indentfit.study.runs import Execution
 
 NOISE = 0.01  # of the largest force, by default
@@ -76,6 +78,8 @@ class Design:
     runs : int
         Number of runs of the forward model.
     case : Case or None
+    remarks : tuple of str
+        What a relaxation asks of the next test; empty where the material is elastic.
         None for a design that was read from design.json.
     """
 
@@ -88,6 +92,7 @@ class Design:
     candidates: tuple[FurtherTest, ...]
     runs: int
     case: Case | None = None
+    remarks: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of design.json, under the tag `format`."""
@@ -99,13 +104,16 @@ class Design:
             "worst": self.worst,
             "candidates": [asdict(test) for test in self.candidates],
             "runs": self.runs,
+            **({"remarks": list(self.remarks)} if self.remarks else {}),
         }
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "Design":
         """The design that design.json holds, in the form of this version or of 0.1."""
         tests = tuple(FurtherTest(**test) for test in value["candidates"])
-        return cls(value["parameters"], value["noise_mN"], value["stderr"], value["worst"], tests, value["runs"])
+        remarks = tuple(value.get("remarks", ()))
+        known = value["parameters"], value["noise_mN"], value["stderr"], value["worst"], tests, value["runs"]
+        return cls(*known, remarks=remarks)
 
     def summary(self) -> str:
         """The design in words, as the command prints it."""
@@ -171,7 +179,9 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     """
     require_free(case)
     require_indentations(case, "design", all_of_them=True)
-    parameters, execution = dict(parameters or case.start_values()), execution or Execution()
+    own_case, given, execution = case, dict(parameters or case.start_values()), execution or Execution()
+    remarks, case = tuple(_of_relaxation(case, given)), elastic_case(case)
+    parameters = {name: value for name, value in given.items() if name in case.law.parameters}
     variants = list(_variants(case))
     own, forces, runs = _own(case, parameters, execution)
     noise = noise or NOISE * max(float(force.max()) for force in forces)
@@ -186,7 +196,16 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
         tests += further
         runs += used
     tests.sort(key=lambda test: test.stderr[worst] if test.stderr else np.inf)
-    return Design(parameters, noise, now, worst, tuple(tests), runs, case)
+    return Design(parameters, noise, now, worst, tuple(tests), runs, own_case, remarks)
+
+
+def _of_relaxation(case: Case, parameters: Values) -> Iterator[str]:
+    """What the records of a case cannot see of its relaxation, and that this design is one of elastic parameters."""
+    relaxation = case.relaxation
+    if relaxation is None:
+        return
+    yield "forces are those of an elastic material of the given moduli: rate and hold of a further test change none of these errors"
+    yield from seen_sentences(case, {**relaxation.at(parameters).numbers})
 
 
 def _variants(case: Case) -> Iterator[tuple[str, Case]]:
