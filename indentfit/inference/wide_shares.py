@@ -119,7 +119,7 @@ def _of_alternatives(case: Case, fit: WideFit, names: Sequence[str]) -> dict[str
 
 
 def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
-    """What each alternative distinct, where there are several."""
+    """What each alternative found, where there are several."""
     for known in fit.alternatives if len(fit.alternatives) > 1 else ():
         joint = known.fit
         curves = joint.posterior.curves
