@@ -19,6 +19,7 @@ from indentfit.errors import ConvergenceError, Stopped
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.report.stress_plots import surface
+from indentfit.report.vtu import _with_components
 from indentfit.runs.forward import simulate
 from indentfit.runs.points import setup_of
 
@@ -306,3 +307,18 @@ def test_the_measured_curve_stands_beside_the_simulated_one(tmp_path):
     assert "Markers: the measured curves" in page and f"misses the measured forces by {100 * expected:.3g} %" in page.replace(
         "\u00a0", " "
     )
+
+
+def test_components_of_fields_have_names_and_the_file_is_read_as_before(tmp_path):
+    mesh = meshio.Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [("tetra", [[0, 1, 2, 3]])],
+        point_data={"cauchy_stress_kPa": np.arange(24.0).reshape(4, 6), "displacement_mm": np.ones((4, 3))},
+    )
+    meshio.write(tmp_path / "f.vtu", mesh)
+    text = _with_components((tmp_path / "f.vtu").read_text())
+    (tmp_path / "f.vtu").write_text(text)
+    arrays = {array.get("Name"): array for array in ET.fromstring(text).iter("DataArray")}
+    assert [arrays["cauchy_stress_kPa"].get(f"ComponentName{n}") for n in range(6)] == ["xx", "yy", "zz", "xy", "yz", "xz"]
+    assert arrays["displacement_mm"].get("ComponentName1") == "y"
+    assert (meshio.read(tmp_path / "f.vtu").point_data["cauchy_stress_kPa"] == np.arange(24.0).reshape(4, 6)).all()

@@ -5,6 +5,12 @@ import shlex
 from indentfit.report.page import Code, Lines, Part, Section, Table, Text
 from indentfit.report.schema import CaseFacts, Stored
 
+CITATION = (
+    "To cite: The indentfit authors, indentfit: indentation records of soft tissue to material parameters with honest error bars "
+    "(software; name its version), and the paper whose method it began with: Feng, Lee, Sun, Ji, Zhao 2017, J Mech Behav Biomed "
+    "Mater 65:490-501, doi 10.1016/j.jmbbm.2016.09.020"
+)
+
 
 def case_words(case: CaseFacts) -> tuple[str, ...]:
     """Lines on a case."""
@@ -54,8 +60,7 @@ def again_section(stored: Stored, command: str) -> Section:
     facts = [f"Hash of the case: {stored.case_hash}"] if stored.case_hash else []
     if stored.versions:
         facts.append(f"Versions: {', '.join(f'{name} {version}' for name, version in stored.versions.items())}")
-    if facts:
-        parts.append(Lines(tuple(facts)))
+    parts.append(Lines((*facts, CITATION)))
     if stored.overrides:
         parts.append(Text("The file below is a verbatim copy; the keys after --set replace keys of the file."))
     copy = stored.folder / "case.toml"

@@ -15,6 +15,7 @@ from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.fem.fields import Fields, pressure
 
+COMPONENTS = {"displacement_mm": ("x", "y", "z"), "cauchy_stress_kPa": ("xx", "yy", "zz", "xy", "yz", "xz")}
 RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}  # on Windows
 
 
@@ -35,6 +36,15 @@ def write_vtu(path: Path, fields: Fields) -> None:
     }
     mesh = meshio.Mesh(fields.nodes, [(kind, cells)], point_data=on_points, cell_data=on_cells)
     meshio.write(path, mesh, file_format="vtu")
+    path.write_text(_with_components(path.read_text(encoding="utf-8")), encoding="utf-8", newline="\n")
+
+
+def _with_components(text: str) -> str:
+    """The text of a VTU file with names of components, which meshio does not write and ParaView shows."""
+    for name, components in COMPONENTS.items():
+        words = " ".join(f'ComponentName{n}="{component}"' for n, component in enumerate(components))
+        text = re.sub(rf'(<DataArray\b[^>]*\bName="{name}")', rf"\1 {words}", text)
+    return text
 
 
 def file_names(names: Sequence[str]) -> list[str]:
