@@ -10,22 +10,42 @@ where it cannot be used. A kind passes where the held share of the records witho
 Measured with 200 records of each kind (plain: records without a flag, held of them, binomial 99 % band; flagged, held of them;
 refused; median half width over depth):
 
-    approach          155  143  140-153   45   42    0  0.27 %      slow_noise         12   11    9-12   180  159    8  2.30 %
-    end_not_known     154  141  139-152   46   42    0  0.30 %      ringing           122  115  109-121   78   72    0  0.45 %
-    short_approach     71   69   62-71   117  107   12  0.35 %      adhesion            3    1    1-3    164  163   33  6.25 %
-    in_contact          0                199  199    1  3.39 %      uneven            150  144  135-148   50   50    0  0.36 %
-    hold              160  154  144-158   39   38    1  0.30 %      coarse_approach   168  166  152-166   32   32    0  0.44 %
-    rest_first        166  162  150-164   34   33    0  0.31 %      doubled_times     163  153  147-161   36   36    1  0.29 %
-    two_speeds        167  156  151-165   33   31    0  0.28 %      blocks            139  132  125-138   61   60    0  0.42 %
-    retract           154  144  139-152   46   45    0  0.32 %      noisy_travel      153  144  138-151   47   43    0  0.35 %
-    retract_chosen      0                200  190    0  0.26 %      steps             121  119  108-120   79   76    0  1.42 %
-    reversed_rows       0                200  194    0  0.28 %      clipped             0                  0    0  200
-    preload             7    7    5-7    193  179    0  0.88 %      clipped_hold        0                 10    9  190  0.89 %
-                                                                    clipped_travel     45   44   38-45    12    9  143  0.19 %
+    approach         186  175  168-183    14   14    0   0.25 %
+    end_not_known    187  174  169-184    13   12    0   0.28 %
+    short_approach    90   89    79-90    98   88   12   0.32 %
+    in_contact         0                 199  199    1   3.39 %
+    hold             182  179  165-179    17   17    1   0.28 %
+    rest_first       186  183  168-183    14   14    0   0.30 %
+    two_speeds       188  177  170-185    12   12    0   0.25 %
+    retract          183  173  165-180    17   17    0   0.29 %
+    retract_chosen     0                 200  190    0   0.25 %
+    reversed_rows      0                 200  191    0   0.26 %
+    preload           19   18    15-19   181  175    0   0.84 %
+    stages            13   12    10-13   187  177    0   0.82 %
+    cycles           179  174  162-177    21   20    0   0.38 %
+    drift              8    7      5-8   191  179    1   0.29 %
+    slight_drift      91   86    80-91   109  102    0   0.50 %
+    slope             14   14    11-14   185  181    1   0.30 %
+    curved_drift      59   52    51-59   137  125    4   0.33 %
+    wavy               0                 172  155   28   0.29 %
+    small_waves        0                 200  189    0   0.24 %
+    slow_noise        38   34    32-38   156  140    6   2.30 %
+    ringing          158  150  142-156    42   39    0   0.43 %
+    adhesion           3    0      1-3   162  161   35   6.64 %
+    uneven           175  170  158-173    25   25    0   0.34 %
+    coarse_approach  183  181  165-180    17   17    0   0.43 %
+    doubled_times    190  182  172-187     9    9    1   0.28 %
+    blocks           164  156  148-162    36   36    0   0.42 %
+    clipped            0                   0    0  200   0.00 %
+    clipped_hold       0                  10    9  190   0.99 %
+    clipped_travel    46   44    39-46    11    9  143   0.18 %
+    noisy_travel     176  168  159-174    24   23    0   0.32 %
+    steps            154  152  139-152    46   46    0   1.42 %
 
-With 40 to 60 records: drift 2 of 2 plain held and 53 of 58 flagged, slope 4 of 4 and 46 of 46, curved_drift 9 of 10 and 25 of 30,
-stages 38 of 40 flagged, wavy 30 of 35 flagged (5 refused), small_waves 37 of 40 flagged, cycles 32 of 34 and 16 of 16. Up to 3 in
-150 plain records of a kind had a peak off by 1.0 to 1.5 % (noise of 1 % of the peak, ringing) before the last changes of `peak.py`.
+Not passed: adhesion (three records without a flag miss contact), and one peak of slow_noise without a flag is off by 1.16 %;
+coarse_approach holds one more than the band. The peaks of two kinds (stages, ringing) were mended and measured anew, the others
+were measured before that, which touched peaks alone. Flags are on 1 % of ordinary records (approach to retract) with noise below
+0.7 % of the peak, on 13 % at 0.7 to 1.3 %, and on 36 % at 1.3 to 2 %.
 """
 
 import argparse
