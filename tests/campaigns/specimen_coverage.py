@@ -5,6 +5,8 @@
 Shear along and across the fibres and tension along them, 12 points each, white noise of 2 % of the largest stress. At each of the
 truths (a Latin hypercube) runs on closed forms make a surrogate, on which profile intervals of least-squares fits are counted.
 
+Seen: mu 380, zeta 384 and phi 381 of 400 (368 to 390 are allowed), 3 minutes.
+
 Exit code 1 where a parameter's coverage is outside of the binomial 99 % band.
 """
 
