@@ -4,8 +4,8 @@ import functools
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from indentfit.case import Case, Test
 from indentfit.case.specimen import Specimen, axes_of
 from indentfit.fem.controls import Report
 from indentfit.fem.deadline import NEVER, Deadline
@@ -13,6 +13,9 @@ from indentfit.fem.facts import SolveFacts
 from indentfit.fem.result import TestResult
 from indentfit.fem.setup import Press
 from indentfit.material import Material, blamed
+
+if TYPE_CHECKING:
+    from indentfit.case import Case, Test
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class SpecimenModel:
         return TestResult(press.name, press.angle, press.depths, specimen.area * solved.stress, facts, slopes)
 
 
-def simulated_specimens(case: Case, material: Material, progress: Callable[..., None] | None = None) -> Iterator[TestResult]:
+def simulated_specimens(case: "Case", material: Material, progress: Callable[..., None] | None = None) -> Iterator[TestResult]:
     """The TestResult of each test of a case that needs no indenter, on a material."""
     kappa = case.material.bulk_modulus(material.shear_modulus)
     for test in case.tests:
@@ -66,6 +69,6 @@ def simulated_specimens(case: Case, material: Material, progress: Callable[..., 
             yield _named(SpecimenModel(specimen).run(press, report), test)
 
 
-def _named(result: TestResult, test: Test) -> TestResult:
+def _named(result: TestResult, test: "Test") -> TestResult:
     """A result that knows what its curve shows."""
     return replace(result, axes=axes_of(test), kind=test.kind, fibres=test.fibres)
