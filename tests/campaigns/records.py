@@ -43,9 +43,9 @@ refused; median half width over depth):
     steps            154  152  139-152    46   46    0   1.42 %
 
 Not passed: adhesion (three records without a flag miss contact), and one peak of slow_noise without a flag is off by 1.16 %;
-coarse_approach holds one more than the band. The peaks of two kinds (stages, ringing) were mended and measured anew, the others
-were measured before that, which touched peaks alone. Flags are on 1 % of ordinary records (approach to retract) with noise below
-0.7 % of the peak, on 13 % at 0.7 to 1.3 %, and on 36 % at 1.3 to 2 %.
+coarse_approach holds one more than the band. Stages, cycles, uneven, coarse_approach, ringing and approach were measured after the
+last change of peaks, the others before it. The constants of the fit were chosen on these very draws. Flags are on 1 % of ordinary
+records (approach to retract) with noise below 0.7 % of the peak, on 13 % at 0.7 to 1.3 %, and on 36 % at 1.3 to 2 %.
 """
 
 import argparse
