@@ -152,7 +152,7 @@ def test_an_earlier_result_is_replaced_when_asked(case):
 
 @pytest.mark.usefixtures("undrawn")
 def test_warnings_go_to_stderr(case):
-    done = run(case, "--json", "--set", "material.bulk_ratio=5")
+    done = run(case, "--json", "--set", "material.kappa=5")
     json.loads(done.stdout)
     assert "warning" in done.stderr
 

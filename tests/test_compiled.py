@@ -20,7 +20,8 @@ from indentfit.fem import element
 from indentfit.fem.simulate import Model
 from indentfit.fem.setup import Press
 from indentfit.runs.points import setup_of
-case = white_matter("mesh.elements=20", "solver.element={element}", "test=[{{name='a',angle=90,depth=0.03,points=2}}]")
+keys = "mesh.elements=20", "solver.element={element}", "solver.tolerance=1e-8"
+case = white_matter(*keys, "test=[{{name='a',angle=90,depth=0.03,points=2}}]")
 model = Model(setup_of(case))
 assert type(element._gather).__name__ == {kind!r}
 press = Press(case.law(**case.start_values()), 1490.0, 90, [0.015, 0.03], sensitivities=("mu", "zeta"))

@@ -178,6 +178,7 @@ def test_noise_is_no_preload_nor_adhesion():
 
 def test_shipped_curves_raise_no_doubts():
     curves = [*CASES.glob("*/curves/*.csv"), CASES / "own_material" / "curve.csv"]
+    curves = [path for path in curves if "displacement_mm" in path.read_text()]  # of indentations
     assert len(curves) >= 7
     assert not [said for path in curves for said in doubts(path.stem, read_curve(path))]
 

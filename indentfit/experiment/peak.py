@@ -78,9 +78,10 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
         scatter = float(np.std((shorter - smooth)[ramp.low : ramp.high]) / np.sqrt(1 - length / longest))
         if scatter < STEADY * smooth[start:].max():
             largest = float(shorter[start:].max())
-            scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
             ends = ramp.stop > record_end - length  # at the end of a record the filter scatters most
-            over, reach = largest - fit.force, BY_NOISE * (AT_ENDS if ends else 1) * scatter
+            noise = (AT_ENDS if ends else 1) * scatter
+            scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
+            over, reach = largest - fit.force, BY_NOISE * max(noise, scatter)
             chance = CHANCE * scatter < over < reach  # the largest of many noisy values, as in a hold, is too large
             if scatter > QUIET * largest and (chance or (ends and abs(over) < reach)):
                 return Peak(fit.force, max(fit.stderr, 0.5 * scatter))

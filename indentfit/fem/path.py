@@ -9,15 +9,18 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError
+from indentfit.fem.controls import FIRST_STEPS
 from indentfit.fem.equations import Equations, Increment, Iterate, Loading
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.newton import INVERTED, Newton
 from indentfit.fem.relaxation import relaxed
 
 WITHHELD, MAX_AUGMENTATIONS = 2e-3, 3  # share of the force that the springs may withhold
+STIFFENING_STEPS = 16  # steps to the last depth, at most, of a curve that stiffens
 LEASH = 0.03  # largest motion of a point in one iteration, over the last depth
 SMALLEST_STEP = 1e-2  # over the last depth; where this is not small enough, other springs or another mesh cost less than halving
 SHORT = 0.6  # over the largest step: a shorter step follows a cutback; it may be relaxed, and its springs softened
+TURN = 1.15  # ratio of the stiffnesses after and before a step, from which the spline between the steps needs shorter ones
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 
@@ -76,6 +79,11 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
         if newton.controls.progress is not None:
             newton.controls.progress(depth / last)
         step = _next_step(step, iterations, SMALLEST_STEP * last)
+        few = newton.controls.first_steps < FIRST_STEPS
+        if few and path[-1].stiffness > TURN * here.stiffness and largest > last / STIFFENING_STEPS:
+            largest /= 2
+            if len(path) == 2:
+                path.pop()  # the first step is taken again, since no shorter one before it carries the spline
 
 
 def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilibrium:

@@ -110,8 +110,9 @@ def listed_inputs(case: Case) -> list[tuple[str, str, Any]]:
 
 def _listed(case: Case) -> Iterator[tuple[str, str, Any, list[tuple[Any, float]]]]:
     """Name, key and own value of each input that is known as alternatives, with the values and their probabilities."""
-    base, odds = case.sample.base, case.fit.uncertain.base
+    odds = case.fit.uncertain.base
     if odds:
+        base = case.sample.base
         yield "base", "sample.base", base, [(base, 1 - odds), (OTHER_BASE[base], odds)]
     for name in SOLVED:
         prior = getattr(case.fit.uncertain, name)
