@@ -131,7 +131,7 @@ def asked(start=1.0, low=0.1, high=10.0, kappa=None, free="mu", fitted=("mu",)):
         material=SimpleNamespace(kappa=kappa),
         free={free: Range(start=start, min=low, max=high)},
         fitted=dict.fromkeys(fitted),
-        fit=SimpleNamespace(uncertain=SimpleNamespace(fitted=dict.fromkeys(set(fitted) - {free}))),
+        fit=SimpleNamespace(uncertain=SimpleNamespace(fitted={name: None for name in fitted if name != free})),
     )
 
 
