@@ -7,8 +7,6 @@ from numpy.testing import assert_allclose
 from indentfit.case import Indenter
 from indentfit.errors import CaseError
 
-pytestmark = pytest.mark.quick
-
 BOTTOM = 1.0
 SHAPES = {
     "sphere": {"shape": "sphere", "diameter": 1.6},

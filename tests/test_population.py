@@ -18,8 +18,6 @@ from indentfit.inference.population import SampleDraws, hierarchy, pooled_sd
 from indentfit.report.schema import read_result
 from indentfit.runs.forward import simulate
 
-quick = pytest.mark.quick
-
 
 def samples_of(logs, error, groups=None):
     """Samples whose curves determine the logarithm of one parameter with a normal error."""
@@ -37,7 +35,6 @@ def spread_logs(number, sd, seed=0):
     return sd * (logs - logs.mean()) / logs.std(ddof=1)
 
 
-@quick
 def test_without_noise_the_interval_of_the_mean_is_that_of_students_t_and_the_spread_is_the_plain_one():
     found = hierarchy(samples_of(np.log(2.0) + spread_logs(12, 0.2), 1e-3), {"mu": "kPa"}, {}, "all", 0).parameters["mu"]
     half = t.ppf(0.975, 10) * 0.2 * np.sqrt(11 / 10) / np.sqrt(12)  # uniform in the spread: one degree less than n - 1
@@ -47,7 +44,6 @@ def test_without_noise_the_interval_of_the_mean_is_that_of_students_t_and_the_sp
     assert found.sd.interval[0] < 0.17 and 0.28 < found.sd.interval[1] < 0.42
 
 
-@quick
 def test_noise_is_not_counted_as_variability():
     """Samples that differ by no more than their own noise have hardly a spread, whatever the plain standard deviation is."""
     logs = spread_logs(12, 0.2)
@@ -58,7 +54,6 @@ def test_noise_is_not_counted_as_variability():
     assert partly.value == pytest.approx(0.16, abs=0.03)  # sqrt(0.2^2 - 0.12^2)
 
 
-@quick
 def test_samples_that_say_little_are_drawn_to_the_mean():
     logs = np.append(spread_logs(11, 0.05), 0.5)
     samples = samples_of(logs[:11], 0.01) + samples_of([0.5], 0.5)
@@ -69,7 +64,6 @@ def test_samples_that_say_little_are_drawn_to_the_mean():
     assert shrunken.shrunken["s3"]["mu"].value == pytest.approx(np.exp(logs[3]), rel=0.01)
 
 
-@quick
 def test_groups_have_means_of_their_own_and_a_contrast_with_the_reference():
     logs = np.concatenate([spread_logs(8, 0.2), np.log(1.8) + spread_logs(8, 0.2, 1)])
     groups = ["control"] * 8 + ["treated"] * 8
@@ -81,7 +75,6 @@ def test_groups_have_means_of_their_own_and_a_contrast_with_the_reference():
     assert found.parameters["mu"].sd.value == pytest.approx(0.2, rel=0.15)
 
 
-@quick
 def test_an_error_that_all_samples_share_widens_the_mean_and_not_the_spread():
     samples = samples_of(spread_logs(12, 0.05), 0.01)
     alone, shared = (hierarchy(samples, {"mu": "kPa"}, {"mu": sd}, "all", 0).parameters["mu"] for sd in (0.0, 0.1))
@@ -90,7 +83,6 @@ def test_an_error_that_all_samples_share_widens_the_mean_and_not_the_spread():
     assert shared.sd == alone.sd
 
 
-@quick
 def test_groups_are_read_from_a_column_and_faults_are_named(tmp_path):
     path = tmp_path / "manifest.csv"
     path.write_text("sample,treatment\na,control\na,control\nb,treated\n")

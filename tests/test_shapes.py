@@ -22,8 +22,6 @@ from indentfit.report.schema import CaseFacts, case_json
 from indentfit.runs.key import Inputs
 from indentfit.samples import Rectangle
 
-pytestmark = pytest.mark.quick
-
 
 @dataclass(frozen=True)
 class Paraboloid:
