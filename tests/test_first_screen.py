@@ -3,13 +3,15 @@
 from dataclasses import replace
 
 import pytest
+from fixtures.cases import white_matter
 
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
 from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, ParameterEstimate
+from indentfit.report.case_text import case_lines
 from indentfit.report.first_screen import alone_words, doubts_of, next_step, value_words
 from indentfit.report.html_fit import fit_page
 from indentfit.report.page import render
-from indentfit.report.schema import Stored
+from indentfit.report.schema import CaseFacts, Stored, case_json
 from indentfit.report.text import fit_lines
 
 pytestmark = pytest.mark.quick
@@ -104,3 +106,15 @@ def test_the_page_sets_doubts_off_in_red_and_amber(tmp_path):
 )
 def test_a_bound_is_no_value_of_a_test_alone_either(verdict, said):
     assert alone_words(AloneEstimate(4.99, (2.2, 5.0), verdict)) == said
+
+
+def test_an_uncertain_input_is_not_told_as_a_known_one():
+    """Of an unknown friction or base, the value of single runs is shown with the prior that the fit goes over."""
+    case = white_matter('indenter.friction="unknown"', 'sample.base="unknown"', "fit.uncertain.thickness=0.1")
+    facts = CaseFacts.from_json(case_json(case))
+    assert facts.indenter.endswith("; friction uncertain (0 to 1)")
+    assert facts.sample.endswith("; base uncertain (the other one with probability 0.5); thickness uncertain (standard deviation 0.1)")
+    said = "\n".join(case_lines(case))
+    assert "uncertain friction: 0 to 1" in said and "uncertain base: the other one with probability 0.5" in said
+    known = white_matter()
+    assert "uncertain" not in CaseFacts.from_json(case_json(known)).indenter + "\n".join(case_lines(known))

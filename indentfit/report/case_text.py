@@ -1,11 +1,12 @@
 """A case in words and as JSON, as `indentfit validate` prints it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from indentfit.case import Case, MaterialChoice, Mesh, Range
 from indentfit.case.in_time import ramps_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters
+from indentfit.case.priors import Prior
 from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, Sample, Test
 
@@ -62,8 +63,22 @@ def case_lines(case: Case) -> Iterator[str]:
             yield f"    its sample    {sample_words(case.sample_of(test))}"
         if test.indenter:
             yield f"    its indenter  {indenter_words(case.indenter_of(test))}"
+    for name in ("friction", "bulk_ratio", "thickness", "size", "base", "offset"):
+        if stated := getattr(case.fit.uncertain, name):
+            yield f"  uncertain {name}: {_doubt(name, stated)}"
     free = ", ".join([*case.free, *(case.relaxation.free if case.relaxation else {})]) or "none"
     yield f"  fit       {case.fit.method}, seed {case.fit.seed}; free parameters: {free}"
+
+
+def _doubt(name: str, stated: Any) -> str:
+    """How uncertain an input is, in words."""
+    if isinstance(stated, Prior):
+        return stated.words()
+    if isinstance(stated, Range):
+        return f"{stated.min:g} to {stated.max:g}, fitted"
+    if isinstance(stated, Mapping):
+        return ", ".join(f"{test}: {_doubt(name, own)}" for test, own in stated.items())
+    return f"the other one with probability {float(stated):g}" if name == "base" else f"standard deviation {stated:g}"
 
 
 def _points(case: Case, test: Test) -> int:

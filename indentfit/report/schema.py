@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from indentfit import indenters, samples
 from indentfit.axes import INDENTATION, Axes
 from indentfit.case import Case, MaterialChoice, Mesh
+from indentfit.case.priors import Prior
 from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, OwnIndenter, OwnSample, OwnTable, Sample, keys_of_shape
 from indentfit.curve import Curve
@@ -86,8 +87,10 @@ class CaseFacts:
     def from_json(cls, value: Mapping[str, Any]) -> "CaseFacts":
         """The facts that `case_json` wrote."""
         return cls(
-            sample=_sample_words(value["sample"]) if value["sample"].get("shape") else "",
-            indenter=_indenter_words(value["indenter"]) if value["indenter"].get("shape") else "",
+            sample=_sample_words(value["sample"]) + _doubts(value, "base", "thickness") if value["sample"].get("shape") else "",
+            indenter=_indenter_words(value["indenter"]) + _doubts(value, "friction", "size")
+            if value["indenter"].get("shape")
+            else "",
             mesh=Mesh.model_validate(_given(value["mesh"])),
             material=MaterialChoice.model_validate(_given(value["material"])),
             element=value["solver"]["element"],
@@ -318,6 +321,19 @@ def _sample_words(table: Mapping[str, Any]) -> str:
 def _indenter_words(table: Mapping[str, Any]) -> str:
     friction = "sticking" if table["friction"] == "stick" else f"friction coefficient {table['friction']:.4g}"
     return f"rigid {_shape_words(indenters.SHAPES, keys_of_shape(table))}, {friction}"
+
+
+def _doubts(case: Mapping[str, Any], *names: str) -> str:
+    """Which inputs of a case are uncertain, and by what: the fit does not take the value that stands before as known."""
+    uncertain = case.get("fit", {}).get("uncertain", {})
+    return "".join(f"; {name} uncertain ({_prior_words(name, uncertain[name])})" for name in names if uncertain.get(name))
+
+
+def _prior_words(name: str, stated: Any) -> str:
+    if isinstance(stated, Mapping):
+        given = _given(stated)
+        return f"fitted, {given['min']:g} to {given['max']:g}" if "min" in given else Prior.model_validate(given).words()
+    return f"the other one with probability {stated:g}" if name == "base" else f"standard deviation {stated:g}"
 
 
 def _shape_words(shapes: Registry[Any], table: Mapping[str, Any]) -> str:
