@@ -82,3 +82,15 @@ def test_an_unknown_name_is_refused():
 def test_friction_that_sticks_has_no_sensitivity():
     with pytest.raises(InputError, match="friction"):
         run(("indenter.friction='stick'",), VALUES, ("friction",))
+
+
+@pytest.mark.parametrize("zeta", [4.0, 18.0])  # stiff fibres fold the corner: that path is cut back, and relaxed
+def test_sensitivities_leave_the_path_as_it_is_bit_by_bit(zeta):
+    case = white_matter("mesh.elements=60")
+    material, depths = case.law(mu=1.0, zeta=zeta, phi=0.5), np.linspace(0.033, 0.33, 10)
+    model = Model(setup_of(case))
+    alone, with_slopes, again = (
+        model.run(Press(material, 1000.0, 90, depths, sensitivities=names)) for names in ((), ("zeta", "phi", "friction"), ())
+    )
+    assert (alone.force == with_slopes.force).all() and (alone.force == again.force).all()
+    assert alone.facts.newton_iterations == with_slopes.facts.newton_iterations
