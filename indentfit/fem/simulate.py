@@ -194,7 +194,7 @@ class Model:
     ) -> list[Moment]:
         """The moments of the viscoelastic model in a ramp and a hold, as `viscous.press_in_time` gives and raises them."""
         options = self.setup.solver
-        controls = Controls(self._tolerance, options.max_step or np.inf, progress=progress)
+        controls = Controls(self._tolerance, options.max_step or np.inf, self._first_steps, progress=progress)
         loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.angle))
         self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):

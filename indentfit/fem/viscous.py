@@ -22,7 +22,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError
 from indentfit.fem import path as elastic
-from indentfit.fem.controls import FIRST_STEPS
+from indentfit.fem.controls import Controls
 from indentfit.fem.equations import Equations, Loading, Memory
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.newton import Newton
@@ -142,7 +142,7 @@ def _follow(
     while moments[-1].time < ramp.end * (1 - 1e-9):
         newton.controls.deadline.check()
         here = moments[-1]
-        dt = min(step, _largest(here.time, ramp, newton.controls.max_step, shortest))
+        dt = min(step, _largest(here.time, ramp, newton.controls, shortest))
         try:
             moments.append(_step(here, dt, equations, loading, newton, ramp, failed))
         except ConvergenceError as error:
@@ -162,10 +162,10 @@ def _shortest(ramp: Ramp, relaxation: RelaxationFunction) -> float:
     return max(min(relaxation.times, default=ramp.seconds), 0.1 * ramp.seconds)
 
 
-def _largest(time: float, ramp: Ramp, max_step: float, shortest: float) -> float:
+def _largest(time: float, ramp: Ramp, controls: Controls, shortest: float) -> float:
     """The largest step of time at a time: it ends no later than the ramp, or the hold."""
     if time < ramp.seconds * (1 - 1e-9):
-        longest = min(ramp.seconds / FIRST_STEPS, max_step / ramp.depth * ramp.seconds)
+        longest = min(ramp.seconds / controls.first_steps, controls.max_step / ramp.depth * ramp.seconds)
         return ramp.seconds - time if time + 1.01 * longest > ramp.seconds else longest
     longest = max(FIRST * shortest, GROWTH * (time - ramp.seconds))
     return ramp.end - time if time + 1.3 * longest > ramp.end else longest
