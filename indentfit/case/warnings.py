@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from indentfit.case.doubts import doubts
+from indentfit.case.draining import draining
 from indentfit.case.faults import depth_of
 from indentfit.case.laws import has_fibres
 from indentfit.case.unknown import IGNORANCE
@@ -42,6 +43,7 @@ def warnings_of(case: Case) -> Iterator[str]:
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
         if curve is not None:
             yield from doubts(test.name, curve.loading)
+    yield from draining(case)
     if len(case.free) > 1 and has_fibres(case.law) and len({(test.angle, test.kind, test.fibres) for test in case.tests}) == 1:
         if case.tests[0].kind != "indentation":
             yield f"every test is {case.tests[0].kind} {case.tests[0].fibres} the fibres: this cannot distinguish the fibre terms"

@@ -10,6 +10,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case, require_fittable
+from indentfit.case.draining import draining
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
 from indentfit.inference.certainty import Certainty, certainty
@@ -286,7 +287,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         surrogate=known.surrogate,
         predicted=known.predicted,
         published=known.published,
-        conclusions=(*known.conclusions, *far_from_model(differences)),
+        conclusions=(*known.conclusions, *far_from_model(differences), *draining(case)),
         taken_as_known=known.taken_as_known,
         curves=_curves(problem, best),
         case=case,

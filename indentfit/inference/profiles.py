@@ -238,5 +238,6 @@ def _with_added(noise: float, row: Array, known: Identifiability) -> float:
     seen = np.flatnonzero(row)
     part = np.ix_(seen, seen)
     plain, added = (row[seen] @ matrix[part] @ row[seen] for matrix in (known.errors.plain, known.errors.added))
-    factor = plain / (plain / noise + added) if added > 0 else noise
+    with np.errstate(invalid="ignore"):
+        factor = plain / (plain / noise + added) if added > 0 else noise
     return float(factor if np.isfinite(factor) else known.errors.typical)
