@@ -21,7 +21,7 @@ from indentfit.experiment.measured import read_case
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.reading import read_record
 from indentfit.experiment.rig import Rig, SensorNoise
-from indentfit.experiment.specimens import read_specimens
+from indentfit.experiment.specimens import read_groups, read_specimens
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.per_sample import PerSample, SampleFit, sample_cases
@@ -370,7 +370,8 @@ def test_a_set_of_a_gel_needs_no_directions(manifest, tmp_path):
     """mean stiffness of 60, 66 and 72 mN/mm: 66."""
     rows = [row.split(",") for row in manifest.read_text().splitlines() if ",90," not in row and "lost" not in row]
     plain = manifest.with_name("plain.csv")
-    plain.write_text("\n".join(",".join([row[0], *row[2:]]) for row in rows) + "\n")
+    groups = ["Group", "treated", "control", "treated"]
+    plain.write_text("\n".join(",".join([row[0], *row[2:], group]) for row, group in zip(rows, groups, strict=True)) + "\n")
     gel = tmp_path / "gel.toml"
     gel.write_text(
         template().replace("transversely_isotropic", "neo_hookean").replace("zeta =", "# zeta =").replace("phi =", "# phi =")
@@ -383,6 +384,7 @@ def test_a_set_of_a_gel_needs_no_directions(manifest, tmp_path):
     assert (test.name, test.angle) == ("press", None)
     specimens = read_specimens("set/replicates.csv")
     assert [specimen.curves for specimen in specimens] == [{None: f"curves/S{n}.csv"} for n in range(3)]
+    assert read_groups("set/replicates.csv", "Group") == {"S0": "treated", "S1": "control", "S2": "treated"}
     (name, case), *_ = sample_cases("set/case.toml", specimens)
     assert name == "S0" and case.curves[0].force[-1] == pytest.approx(60.0 * case.curves[0].displacement[-1], rel=0.05)
     with pytest.raises(CaseError, match=r"test\.press\.angle: missing; the material has fibres"):

@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from fixtures.cases import white_matter
 
+from indentfit.case.doubts import doubts
+from indentfit.curve import Curve
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
 from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, ParameterEstimate
 from indentfit.report.case_text import case_lines
@@ -72,6 +75,19 @@ def test_what_is_wrong_with_a_whole_result_is_red_or_amber_with_its_next_step(ch
     (doubt,) = doubts_of(result)
     assert doubt.red == red and said in doubt.text
     assert then in next_step(result)
+
+
+def test_a_preload_is_mended_before_another_law_is_tried():
+    depth = np.linspace(0, 0.4, 20)
+    curve = Curve(depth, 30 * depth**1.5 + 3)
+    misfit = {"noise": {"press": CurveNoise(0.1, 0.9, 3, 25, 0.001)}}
+    preloaded = replace(fitted(mu=GOOD), recording=tuple(doubts("press", curve)), **misfit)
+    assert "force at zero displacement is 3 mN" in next(doubts_of(preloaded)).text
+    assert next_step(preloaded).startswith("mend press first") and "uncertain.offset" in next_step(preloaded)
+    recorded = replace(preloaded, recording=tuple(doubts("press", curve, recorded=True)))
+    assert "[record] contact" in next_step(recorded) and "[record] zero" in next_step(recorded)
+    assert FitResult.from_json(preloaded.as_json()).recording == preloaded.recording
+    assert "nothing is missing" in next_step(replace(preloaded, noise={}))  # known, and the fit follows
 
 
 def test_the_next_step_is_that_of_what_limits_the_parameters():

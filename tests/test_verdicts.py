@@ -161,9 +161,9 @@ def test_a_curve_that_bends_the_other_way_is_no_fit():
 
 def test_a_preload_and_adhesion_are_seen_in_the_curve_itself():
     d = np.linspace(0, 0.2, 21)
-    assert "preload" in next(doubts("t", Curve(d, (d + 0.05) ** 1.5)))
-    assert "preload" in next(doubts("t", Curve(d[1:], (d[1:] + 0.05) ** 1.5)))  # without the point at zero
-    said = next(doubts("t", Curve(d, d**1.5 - 0.006 * np.exp(-d / 0.02))))
+    assert "preload" in next(doubts("t", Curve(d, (d + 0.05) ** 1.5))).seen
+    assert "preload" in next(doubts("t", Curve(d[1:], (d[1:] + 0.05) ** 1.5))).seen  # without the point at zero
+    said = str(next(doubts("t", Curve(d, d**1.5 - 0.006 * np.exp(-d / 0.02)))))
     assert "adhesion" in said and "down to -0.006" in said
     assert not list(doubts("t", Curve(d, d**1.5)))
     assert not list(doubts("t", Curve(d[1:], d[1:] ** 3)))

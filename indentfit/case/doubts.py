@@ -1,6 +1,7 @@
 """What a measured curve shows, before any solve, about the way it was recorded: a preload, adhesion, or a wrong sign."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,39 +14,66 @@ FIRST = 0.25  # share of the depth in which the first forces lie
 EXTRAPOLATED = 0.4  # share of the depth from which the force at zero displacement is extrapolated
 FEWEST = 6  # points for this
 PRELOAD = (
-    "test.{name}: the force at zero displacement is {force:.3g} mN, {share:.0%} of the largest: a preload, an offset of the load "
-    "cell, or a contact point that was taken too late; subtract the offset of the force, or count displacements from first contact "
-    "(fit.uncertain.offset = {{ start = {start:.2g}, min = {low:.2g}, max = 0 }} fits an earlier contact point)"
+    "the force at zero displacement is {force:.3g} mN, {share:.0%} of the largest: a preload, an offset of the load cell, or a "
+    "contact point that was taken too late"
+)
+OF_CURVE = (
+    "subtract the offset of the force, or count displacements from first contact (fit.uncertain.offset = {{ start = {start:.2g}, "
+    "min = {low:.2g}, max = 0 }} fits an earlier contact point)"
+)
+OF_RECORD = (
+    'say what the force\'s zero is ([record] zero) and where contact is ([record] contact = "extrapolated", "force" or a number of '
+    "mm), or let the fit find it (fit.uncertain.offset = {{ start = {start:.2g}, min = {low:.2g}, max = 0 }})"
 )
 ADHESION = (
-    "test.{name}: its first forces are negative, down to {force:.3g} mN ({share:.0%} of the largest): adhesion, a zero of the load "
-    "cell that is off, or a wrong sign; the model has no adhesion: leave these points out or correct the zero"
+    "its first forces are negative, down to {force:.3g} mN ({share:.0%} of the largest): adhesion, a zero of the load cell that is "
+    "off, or a wrong sign"
 )
+OF_ADHESION = "the model has no adhesion: leave these points out or correct the zero"
 
 
-def doubts(name: str, curve: Curve) -> Iterator[str]:
-    """One line for each thing in a measured curve that no model here can follow.
+@dataclass(frozen=True)
+class CurveDoubt:
+    """Something in the measured curve of a test that no model here can follow: what is seen, and what to do about it.
+
+    is_preload : whether it is a force at zero displacement, which an earlier contact point explains.
+    """
+
+    test: str
+    seen: str
+    remedy: str
+    is_preload: bool = True
+
+    def __str__(self) -> str:
+        return f"test.{self.test}: {self.seen}; {self.remedy}"
+
+
+def doubts(name: str, curve: Curve, recorded: bool = False) -> Iterator[CurveDoubt]:
+    """One CurveDoubt for each thing in a measured curve that no model here can follow.
 
     Parameters
     ----------
     name : str
         The test.
     curve : Curve
+    recorded : bool
+        Whether the curve comes from a raw record, whose zero and contact point the table [record] gives.
 
     Yields
     ------
-    str
+    CurveDoubt
     """
     largest, noise = float(np.abs(curve.force).max()), noise_of_points(curve.force)
     least = max(LEAST * largest, CLEAR * noise)
     first = curve.force[curve.displacement <= FIRST * curve.displacement[-1]]
     if first.size and first.min() < -least:
-        yield ADHESION.format(name=name, force=first.min(), share=-first.min() / largest)
+        yield CurveDoubt(name, ADHESION.format(force=first.min(), share=-first.min() / largest), OF_ADHESION, is_preload=False)
         return
     force, error = force_at_zero(curve)
     if force > max(least, CLEAR * error):
         earlier = _earlier(curve, force)
-        yield PRELOAD.format(name=name, force=force, share=force / largest, start=-earlier, low=-3 * earlier)
+        remedy = (OF_RECORD if recorded else OF_CURVE).format(start=-earlier, low=-3 * earlier)
+        yield CurveDoubt(name, PRELOAD.format(force=force, share=force / largest), remedy)
 
 
 def force_at_zero(curve: Curve) -> tuple[float, float]:

@@ -42,7 +42,7 @@ def warnings_of(case: Case) -> Iterator[str]:
             share = depth / thickness
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
         if curve is not None:
-            yield from doubts(test.name, curve.loading)
+            yield from map(str, doubts(test.name, curve.loading, test.record is not None))
     yield from draining(case)
     if len(case.free) > 1 and has_fibres(case.law) and len({(test.angle, test.kind, test.fibres) for test in case.tests}) == 1:
         if case.tests[0].kind != "indentation":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from indentfit.errors import RecordError
@@ -39,6 +39,8 @@ class Entry:
         Why the row cannot be used, one line.
     record : RawRecord or None
         The record itself, in place of a file.
+    others : dict
+        Header -> text of the columns of a manifest that have no meaning here, such as a group of samples.
     """
 
     sample: str
@@ -49,6 +51,7 @@ class Entry:
     row: int = 0
     problem: str | None = None
     record: RawRecord | None = None
+    others: dict[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -64,17 +67,18 @@ class Entry:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Place of each column in the rows of a manifest, and the factor of each length to mm."""
+    """Place of each column in the rows of a manifest, the factor of each length to mm, and places of the other columns."""
 
     places: dict[str, int]
     factors: dict[str, float]
+    others: dict[str, int]
 
 
 def read_manifest(path: str | Path) -> list[Entry]:
     """The entries of a manifest.
 
     Columns: sample, direction (0, 90, parallel, perpendicular; no such column for tissue without fibres), file (relative to the
-    manifest), thickness and diameter (mm, or with a unit in the header: thickness_um).
+    manifest), thickness and diameter (mm, or with a unit in the header: thickness_um). Other columns are kept as they are.
 
     Parameters
     ----------
@@ -93,7 +97,7 @@ def read_manifest(path: str | Path) -> list[Entry]:
     path = Path(path)
     lines = _lines(path)
     separator = next((mark for mark in "\t;" if mark in lines[0]), ",")
-    columns = _columns(path, [cell.strip().lower() for cell in next(csv.reader([lines[0]], delimiter=separator))])
+    columns = _columns(path, [cell.strip() for cell in next(csv.reader([lines[0]], delimiter=separator))])
     rows = csv.reader(io.StringIO("\n".join(lines[1:])), delimiter=separator)
     return once_each(_entry(path, row, number, columns) for number, row in enumerate(rows, start=2))
 
@@ -112,16 +116,17 @@ def _lines(path: Path) -> list[str]:
 
 def _columns(path: Path, header: list[str]) -> _Columns:
     """The columns that a header names; RecordError where it lacks one, or names one twice."""
-    columns = _Columns({}, {})
+    columns = _Columns({}, {}, {})
     for n, cell in enumerate(header):
-        name, _, unit = cell.partition("_")
+        name, _, unit = cell.lower().partition("_")
         if name not in COLUMNS:
+            columns.others.update({cell: n} if cell else {})
             continue
         if name in columns.places:
             raise RecordError(f"{path}: two columns of {name}; keep one")
         columns.places[name] = n
         if name in LENGTHS:
-            columns.factors[name] = _factor(path, cell, unit)
+            columns.factors[name] = _factor(path, cell.lower(), unit)
     missing = [name for name in NEEDED if name not in columns.places]
     if missing:
         shown = ",".join(header)[:LONGEST_HEADER]
@@ -140,7 +145,8 @@ def _entry(path: Path, row: list[str], number: int, columns: _Columns) -> Entry:
     """The entry of a row, with a problem where the row cannot be used."""
     cells = {name: " ".join(row[n].splitlines()).strip() if n < len(row) else "" for name, n in columns.places.items()}
     directed, asked = "direction" in columns.places, cells.get("direction", "")
-    entry = Entry(cells["sample"], DIRECTIONS.get(_direction(asked)), path.parent / cells["file"], row=number)
+    others = {name: row[n].strip() if n < len(row) else "" for name, n in columns.others.items()}
+    entry = Entry(cells["sample"], DIRECTIONS.get(_direction(asked)), path.parent / cells["file"], row=number, others=others)
     direction = f", {asked or 'no direction'}" if directed else ""
     where = f"{path}: row {number} ({cells['sample'] or 'no sample'}{direction})"
     if missing := [name for name in ("sample", *(("direction",) if directed else ()), "file") if not cells[name]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -38,20 +38,24 @@ DIRECTIONS = {"0": 0, "90": 90, "": None}
 Row = tuple[str, int | None, str, float | None, float | None]  # sample, direction, curve, thickness, diameter
 
 
-def write_specimens(path: str | Path, rows: Iterable[Row]) -> None:
-    """Write the table, one row for each curve."""
+def write_specimens(path: str | Path, rows: Sequence[Row], others: Sequence[Mapping[str, str]] = ()) -> None:
+    """Write the table, one row for each curve.
+
+    Parameters
+    ----------
+    path : path
+    rows : sequence of Row
+    others : sequence of mappings
+        Header -> text of further columns, for each row, such as the group of the sample.
+    """
+    more = [name for name in (others[0] if others else ()) if name not in COLUMNS]
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(COLUMNS)
-        for sample, direction, curve, *lengths in rows:
-            table.writerow(
-                [
-                    sample,
-                    "" if direction is None else direction,
-                    curve,
-                    *("" if length is None else f"{length:.10g}" for length in lengths),
-                ]
-            )
+        table.writerow([*COLUMNS, *more])
+        for n, (sample, direction, curve, *lengths) in enumerate(rows):
+            told = ("" if length is None else f"{length:.10g}" for length in lengths)
+            cells = [others[n].get(name, "") for name in more]
+            table.writerow([sample, "" if direction is None else direction, curve, *told, *cells])
 
 
 def read_specimens(path: str | Path) -> list[Specimen]:

@@ -15,7 +15,7 @@ from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
-from indentfit.inference.misfit import misfits, no_fit
+from indentfit.inference.misfit import misfits, no_fit, recording
 from indentfit.inference.moduli import moduli
 from indentfit.inference.refinement import Refined, refined
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
@@ -289,6 +289,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         published=known.published,
         conclusions=(*known.conclusions, *far_from_model(differences), *draining(case)),
         taken_as_known=known.taken_as_known,
+        recording=tuple(recording(case)),
         curves=_curves(problem, best),
         case=case,
     )

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case.doubts import doubts
+from indentfit.case import Case
+from indentfit.case.doubts import CurveDoubt, doubts
 from indentfit.inference.agreement import CurveMisfit
 from indentfit.inverse.objective import Target, rmse
 from indentfit.inverse.problem import Candidate, InverseProblem
@@ -69,6 +70,25 @@ def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation])
     reasons = [*units, *_recording(problem), *_bend(problem, best)] or [UNEXPLAINED]
     size = f"{sizes[worst]:.0%} of" if sizes[worst] < 1 else f"{sizes[worst]:.2g} times"
     return MESSAGE.format(worst=size, test=worst, reason="; ".join(reasons))
+
+
+def recording(case: Case) -> Iterator[CurveDoubt]:
+    """What the curves of a case show of a preload or of adhesion.
+
+    Parameters
+    ----------
+    case : Case
+        Where it fits the contact point (fit.uncertain.offset, more than a standard deviation), that stands for a preload.
+
+    Yields
+    ------
+    CurveDoubt
+    """
+    fitted = not isinstance(case.fit.uncertain.offset, int | float | None)
+    for test, curve in zip(case.tests, case.curves, strict=True):
+        if curve is not None and test.kind == "indentation":
+            known = doubts(test.name, curve.loading, test.record is not None)
+            yield from (doubt for doubt in known if not (fitted and doubt.is_preload))
 
 
 def _misfit(test: Target, force: Array) -> CurveMisfit:
@@ -160,7 +180,7 @@ def _inverse_sizes(pairs: Sequence[tuple[Target, Array]]) -> Array:
 
 def _recording(problem: InverseProblem) -> Iterator[str]:
     for test in problem.tests:
-        yield from doubts(test.name, test.curve.loading)
+        yield from map(str, doubts(test.name, test.curve.loading))
 
 
 def _bend(problem: InverseProblem, best: Candidate) -> Iterator[str]:

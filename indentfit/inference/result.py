@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from pydantic import InstanceOf, TypeAdapter
 
 from indentfit.case import Case
+from indentfit.case.doubts import CurveDoubt
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
@@ -275,6 +276,8 @@ class FitResult:
         The parameters that these curves determine (the key `summary` of result.json).
     moduli : dict of name -> ParameterEstimate
         E, nu, and mu where no parameter is the shear modulus, of a material without fibres.
+    recording : tuple of CurveDoubt
+        What the curves show of a preload or of adhesion, and what to do about it, where no input of the fit stands for it.
     closed_forms : dict of test -> ClosedForm
         Moduli of the measured curves by closed forms, where the indenter has one.
     taken_as_known : tuple of WhatIf
@@ -335,6 +338,7 @@ class FitResult:
     posterior: PosteriorFacts | None = None
     moduli: dict[str, ParameterEstimate] = field(default_factory=dict)
     closed_forms: dict[str, ClosedForm] = field(default_factory=dict)
+    recording: tuple[CurveDoubt, ...] = ()
     curves: dict[str, InstanceOf[Curve]] = field(default_factory=dict)
     samples: Any = None
     case: InstanceOf[Case] | None = None

@@ -73,6 +73,7 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     if result.no_fit:
         return
     yield from (Doubt(True, sentence) for sentence in contradictions(result.predicted))
+    yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
     yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(HEREDITARY))
@@ -111,6 +112,9 @@ def _by_cause(result: FitResult) -> dict[str, list[str]]:
 
 def next_step(result: FitResult) -> str:
     """One sentence on what to do next."""
+    unsure = result.no_fit or not result.success or any(kind_of(result.parameters[name]) != "determined" for name in result.free)
+    if result.recording and (unsure or _next_of_law(result)):
+        return _next_of_recording(result)
     if result.no_fit:
         return "check the curves, their units and the law before anything else; no parameter has a meaning yet"
     if not result.success and result.uncertain.at:
@@ -126,6 +130,12 @@ def next_step(result: FitResult) -> str:
     if law := _next_of_law(result):
         return law
     return _next_of_parameters(result)
+
+
+def _next_of_recording(result: FitResult) -> str:
+    """What to do about curves that show a preload or adhesion: before that is mended, no other law is worth a try."""
+    names = [known.test for known in result.recording]
+    return f"mend {_and(names)} first, then fit again: {result.recording[0].remedy}"
 
 
 def _next_of_law(result: FitResult) -> str:

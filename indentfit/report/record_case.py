@@ -44,12 +44,9 @@ def write_case(folder: Path, result: ProcessResult, case: MeanCase) -> list[str]
     origin = f"everything else is from {case.base}." if case.base else "everything else is a template: SET IT TO YOUR EXPERIMENT."
     (folder / "case.toml").write_text(HEAD.format(n=len(good), origin=origin) + "\n" + tomli_w.dumps(tree), encoding="utf-8")
     files = curve_files(result)
-    rows = [
-        (entry.sample, entry.direction, files[entry.name], entry.thickness, entry.diameter)
-        for entry in (outcome.entry for outcome in good)
-        if entry.group is not None
-    ]
-    write_specimens(folder / TABLE, rows)
+    entries = [outcome.entry for outcome in good if outcome.entry.group is not None]
+    rows = [(entry.sample, entry.direction, files[entry.name], entry.thickness, entry.diameter) for entry in entries]
+    write_specimens(folder / TABLE, rows, [entry.others for entry in entries])
     return warnings
 
 
