@@ -1,9 +1,11 @@
 """Coverage campaign of tests without an indenter: do the 95 % intervals hold the truth in 95 % of 400 fits?
 
-    python tests/campaigns/specimen_coverage.py [--truths 20] [--draws 20]
+    python tests/campaigns/specimen_coverage.py [--truths 20] [--draws 20] [--forces]
 
 Shear along and across the fibres and tension along them, 12 points each, white noise of 2 % of the largest stress. At each of the
 truths (a Latin hypercube) runs on closed forms make a surrogate, on which profile intervals of least-squares fits are counted.
+With --forces the tests are those of cases/white_matter_shear, on 18 elements: two force curves with 1 % noise, and two shear
+stiffnesses known to 5 %, with the standard deviations of the case's points.
 
 Seen: mu 380, zeta 384 and phi 381 of 400 (368 to 390 are allowed), 3 minutes.
 
@@ -12,12 +14,14 @@ Exit code 1 where a parameter's coverage is outside of the binomial 99 % band.
 
 import argparse
 import sys
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import binom, qmc
 
 from indentfit.case import Case, MaterialChoice, Range, Test
 from indentfit.curve import Curve
+from indentfit.experiment.measured import read_case
 from indentfit.inference.certainty import coverage
 from indentfit.inverse import genetic
 from indentfit.inverse.exploration import Watched, explore
@@ -26,6 +30,8 @@ from indentfit.inverse.surrogate import learn
 from indentfit.runs.forward import simulate
 from indentfit.runs.pool import RunPool
 
+WHITE_MATTER = Path(__file__).parents[2] / "cases" / "white_matter_shear" / "case.toml"
+SHEAR_SD = 0.05 * 5**0.5  # of each point of a shear curve: the stiffness of 5 points is known to 5 %
 NOISE = 0.02  # of each test's largest stress
 TRUTHS = {"mu": (0.5, 3.0), "zeta": (1.0, 10.0), "phi": (0.2, 3.0)}
 RANGES = {"mu": (0.1, 6.0), "zeta": (0.0, 20.0), "phi": (0.0, 6.0)}
@@ -49,6 +55,34 @@ def inside(truth, draws, seed):
     return coverage(problem, learn(problem, pool.known), truth, [NOISE * curve.force[-1] for curve in curves], draws, seed)
 
 
+def inside_with_forces(truth, draws, seed, pool, case):
+    """Whether the intervals of each of some fits to two force curves and two shear stiffnesses hold the truth, (draws, 3)."""
+    base = inverse_problem(case)
+    forces = base.scaled(truth, pool.evaluate([base.at_reference(truth)])[0].forces)
+    sds = [
+        NOISE / 2 * force.max() if test.curve.sd is None else SHEAR_SD * force
+        for test, force in zip(base.tests, forces, strict=True)
+    ]
+    curves = [
+        Curve(test.curve.displacement, force, sd=None if test.curve.sd is None else sd)
+        for test, force, sd in zip(base.tests, forces, sds, strict=True)
+    ]
+    own = case.model_copy(update={"curves": tuple(curves)})
+    problem = inverse_problem(own)
+    explore(problem, pool, own.fit, genetic.search)
+    return coverage(problem, learn(problem, pool.known), truth, sds, draws, seed)
+
+
+def _with_forces(rows, draws):
+    case = read_case(WHITE_MATTER, ["mesh.elements=30"])
+    with RunPool(case, 1) as workers:
+        pool = Watched(workers)
+        for seed, row in enumerate(rows):
+            held = inside_with_forces(dict(zip(TRUTHS, row, strict=True)), draws, seed, pool, case)
+            print(row, held.sum(axis=0), pool.evaluations, flush=True)
+            yield held
+
+
 def _case(parameters, tests):
     return Case(material=MaterialChoice(model="transversely_isotropic", parameters=parameters), tests=tests)
 
@@ -57,10 +91,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--truths", type=int, default=20)
     parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--forces", action="store_true", help="force curves and shear stiffnesses")
     asked = parser.parse_args()
     low, high = np.array(list(TRUTHS.values())).T
     rows = low + qmc.LatinHypercube(len(TRUTHS), seed=0).random(asked.truths) * (high - low)
-    held = [inside(dict(zip(TRUTHS, row, strict=True)), asked.draws, seed) for seed, row in enumerate(rows.tolist())]
+    if asked.forces:
+        held = [*_with_forces(rows.tolist(), asked.draws)]
+    else:
+        held = [inside(dict(zip(TRUTHS, row, strict=True)), asked.draws, seed) for seed, row in enumerate(rows.tolist())]
     counts, fits = np.sum(np.concatenate(held), axis=0), asked.truths * asked.draws
     least, most = binom.interval(0.99, fits, 0.95)
     for name, count in zip(TRUTHS, counts.tolist(), strict=True):
