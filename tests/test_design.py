@@ -109,6 +109,52 @@ def test_without_the_cases_own_derivatives_there_is_no_design(monkeypatch):
         design(white_matter(ZETA, *COARSE))
 
 
+IN_TIME = ("test.parallel.ramp=0.5", "test.perpendicular.ramp=0.5", "test.parallel.hold=5", "test.perpendicular.hold=5")
+RELAXES = "material.relaxation={g=[{start=0.8,min=0,max=3}],tau=[2.0]}"
+
+
+def test_rates_and_holds_are_further_tests_of_a_material_that_relaxes(monkeypatch):
+    """By hand, of a spring: F = mu k d for every depth, so a ramp and a hold follow from the exponential in closed form."""
+    monkeypatch.setattr(module, "RunPool", Springs)
+    case = white_matter(MU, RELAXES, *IN_TIME)
+    found = design(case, noise=0.5)
+    assert set(found.stderr) == {"mu", "g1"}
+    by = {(test.change, test.angle): test for test in found.candidates}
+    further = by["ramp of 0.05 s, hold of 20 s", 90]
+    assert further.kind == "indentation" and further.effort == "the same rig, 20.1 s"
+
+    def rows(times, ramp, stiffness, depth=0.33):
+        relaxed = np.where(
+            times <= ramp,
+            2.0 / ramp * -np.expm1(-times / 2.0),
+            2.0 / ramp * -np.expm1(-ramp / 2.0) * np.exp(-np.maximum(times - ramp, 0) / 2.0),
+        )  # of an exponential of 2 s over the ramp's unit of depth
+        unit = stiffness * depth * np.minimum(times / ramp, 1.0)
+        part = stiffness * depth * relaxed
+        return np.column_stack([unit + 0.8 * part, 2.0 * part])  # by mu and g1, at mu = 2
+
+    own = [rows(0.5 * case.curves[n].displacement / 0.33, 0.5, 2.0 * factor) for n, factor in enumerate((1, 3))]
+    times = 0.05 * np.concatenate([np.arange(1, 25) / 24, 1 + np.geomspace(0.1, 400, 24)])
+    every = np.vstack([*own, rows(times, 0.05, 6.0)])
+    information = every.T @ every / 0.25 + np.diag([12 / 100, 12 / 9])
+    exact = np.sqrt(np.diag(np.linalg.inv(information)))
+    assert [further.stderr["mu"], further.stderr["g1"]] == pytest.approx(exact, rel=1e-3)
+    assert not [test for test in found.candidates if test.kind != "indentation"]
+
+
+def test_other_kinds_and_pairs_are_ranked(springs):
+    """Simple shear of a spring, by hand; the best pair is better than any of its tests alone."""
+    found = design(springs, noise=0.5)
+    shear = next(test for test in found.candidates if test.change == "simple shear, fibres along, to a strain of 0.2")
+    assert (shear.kind, shear.angle, shear.depth) == ("shear", None, None)
+    d, strains = springs.outputs(springs.tests[0]), 0.2 * np.arange(1, 13) / 12
+    sigma = 0.5 / (2 * 6 * 0.33) * (2 * 2 * 0.2)  # the same share of the largest stress as of the largest force
+    own = np.sum((2 * d) ** 2 + (6 * d) ** 2) / 0.25 + 12 / 100
+    assert shear.stderr["mu"] == pytest.approx((own + np.sum((2 * strains) ** 2) / sigma**2) ** -0.5, rel=1e-6)
+    assert found.pairs[0].stderr["mu"] < found.candidates[0].stderr["mu"]
+    assert len({(pair.first, pair.second) for pair in found.pairs}) == len(found.pairs)
+
+
 # The command
 
 

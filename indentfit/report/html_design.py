@@ -16,7 +16,7 @@ def design_page(stored: Stored, design: Design) -> Page:
     lead = f"The tests of the case leave {design.worst} worst: standard error {number(design.stderr[design.worst], 3)}."
     if best is not None and best.stderr is not None:
         gain = design.stderr[design.worst] / best.stderr[design.worst]
-        headline = f"Best for {design.worst}: {best.words}, angle {best.angle}°, to {best.depth:.3g} mm."
+        headline = f"Best for {design.worst}: {best.whole_words}."
         lead += f" With that test it falls {gain:.2g} times."
     return Page("The next experiment", "Design by Fisher's information", headline, lead, best is not None, sections)
 
@@ -34,13 +34,15 @@ def _what(stored: Stored, design: Design) -> Section:
 def _tests(design: Design) -> Section:
     names = list(design.stderr)
     failed = any(test.cause for test in design.candidates)
-    header = ("Change", "Angle (°)", "Depth (mm)", *(f"Standard error of {name}" for name in names), *(["Cause"] if failed else []))
+    errors = [f"Standard error of {name}" for name in names]
+    header = ("Change", "Angle (°)", "Depth (mm)", *errors, "Needs", *(["Cause"] if failed else []))
     rows = tuple(
         (
             test.words,
-            str(test.angle),
+            "–" if test.angle is None else str(test.angle),
             number(test.depth, 3),
             *(number(test.stderr[name] if test.stderr else None, 3) for name in names),
+            test.effort or "–",
             *([test.cause or "–"] if failed else []),
         )
         for test in design.candidates
@@ -50,6 +52,10 @@ def _tests(design: Design) -> Section:
         caption = f"Standard error of {design.worst} with each further test; the dashed line is without a further test."
         alt = f"Bars of the standard error of {design.worst}. The numbers are in the table."
         parts.insert(0, Figures((drawn(plots.designs(design), caption, alt),)))
+    if design.pairs:
+        header = ("First", "Second", *errors)
+        pairs = tuple((pair.first, pair.second, *(number(pair.stderr[name], 3) for name in names)) for pair in design.pairs)
+        parts.append(Table(f"Pairs of further tests, the best for {design.worst} first", header, pairs))
     return Section("tests", "Further tests", tuple(parts))
 
 

@@ -136,7 +136,7 @@ def designs(design: Design, path: Place = None, shown: int = 12) -> Figure:
     """Bars: standard error of the worst parameter with each further test, best above; the dashed line is without a further test."""
     worst = design.worst
     rows = [(test, test.stderr[worst]) for test in design.candidates if test.stderr][:shown][::-1]
-    names = [f"{test.words}, {test.angle}°, {test.depth:.3g} mm" for test, _ in rows]
+    names = [test.words if test.angle is None else f"{test.words}, {test.angle}°, {test.depth:.3g} mm" for test, _ in rows]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(1.4 * COLUMN, 0.25 * COLUMN + 0.2 * len(rows)), layout="constrained")
         FigureCanvasAgg(figure)

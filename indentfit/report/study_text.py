@@ -11,7 +11,7 @@ from indentfit.study.refit import Refit
 from indentfit.study.sweep import Sweep, SweepPoint
 
 Row = list[str]
-SHOWN = 12  # further tests in the table of a design
+SHOWN, SHOWN_PAIRS = 12, 3  # further tests in the table of a design, and pairs below it
 
 
 # ---- sweep -------------------------------------------------------------------------------------------------------
@@ -183,13 +183,16 @@ def design_lines(design: Design) -> Iterator[str]:
     yield from (f"  {line}" for line in aligned(design_rows(design)))
     for test in design.candidates:
         if test.cause:
-            yield f"failed    {test.change}, {test.angle}: {test.cause}"
+            yield f"failed    {test.whole_words}: {test.cause}"
     best = next((test for test in design.candidates if test.stderr), None)
     if best and best.stderr:
         gain = design.stderr[design.worst] / best.stderr[design.worst]
-        what = f"{best.words}, angle {best.angle}, to {best.depth:.3g} mm"
         yield ""
-        yield f"best for {design.worst}: {what}: its standard error falls {gain:.2g} times"
+        yield f"best for {design.worst}: {best.whole_words}: its standard error falls {gain:.2g} times"
+        yield f"needs     {best.effort}" if best.effort else "needs     one more test"
+    for pair in design.pairs[:SHOWN_PAIRS]:
+        gain = design.stderr[design.worst] / pair.stderr[design.worst]
+        yield f"pair      {pair.first}; and {pair.second}: falls {gain:.2g} times"
     yield from (f"relaxation {remark}" for remark in design.remarks)
 
 
@@ -198,7 +201,8 @@ def design_rows(design: Design) -> list[Row]:
     rows = [["further test", "angle", "depth mm", *(f"se {name}" for name in design.stderr)]]
     for test in design.candidates[:SHOWN]:
         if test.stderr:
-            rows.append([test.words, str(test.angle), f"{test.depth:.3g}", *(f"{test.stderr[name]:.3g}" for name in design.stderr)])
+            where = ["", ""] if test.angle is None else [str(test.angle), f"{test.depth:.3g}"]
+            rows.append([test.words, *where, *(f"{test.stderr[name]:.3g}" for name in design.stderr)])
     return rows
 
 

@@ -18,6 +18,7 @@ from indentfit.curve import Curve
 from indentfit.fem.interpolation import POWERS, Interpolant
 from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, RelaxationFunction
+from indentfit.indenters import IndenterShape
 from indentfit.motion import Motion
 from indentfit.runs.forward import Evaluation, ForwardModel, Report
 from indentfit.runs.run import Point
@@ -120,6 +121,12 @@ def kernel_of(case: Case) -> Kernel | None:
             ramps.append(motion.ramp)
             owners.append(n)
     return Kernel(relaxation, tuple(maps), tuple(ramps), tuple(owners), tuple(depths))
+
+
+def kernel_for(relaxation: Relaxation, shape: IndenterShape, deepest: float, motion: Motion, times: Array) -> Kernel:
+    """The Kernel of one motion under an indenter, at times (n,), s, from elastic forces on the grid up to a depth, mm."""
+    known = TimeMap.of(motion, times, _Grid(deepest, POWERS[shape.end]), shape.edge_radius is None)
+    return Kernel(relaxation, (known,), (motion.ramp,), (0,), (_grid(deepest),))
 
 
 def ramp_kernel(case: Case) -> Kernel | None:

@@ -1,12 +1,16 @@
 """The next experiment: which further test would determine the worst parameter best, from Fisher's information.
 
 The information of a test at given parameters is sum (dF/dtheta)^2 / sigma^2; the information of several tests adds up. Each further
-test differs from the case in one key, and is tried at both angles and at several depths. The parameters' ranges count as a weak,
-uniform prior, so that every standard error is finite.
+indentation differs from the case in one key, and is tried at both angles and at several depths; where the material relaxes, also at
+other rates and with other holds, which need no run. Tests of other kinds are homogeneous states. The parameters' ranges count as a
+weak, uniform prior, so that every standard error is finite.
 """
 
+from __future__ import annotations
+
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,22 +18,35 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case, Test, require_free, require_indentations
+from indentfit.case.in_time import GRID
 from indentfit.case.laws import has_fibres
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
+from indentfit.hereditary import Ramp
 from indentfit.inference.seen import seen_sentences
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem, differences_of, scale_of
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import elastic_case
+from indentfit.study.in_time import Curves, InTime
 from indentfit.study.runs import Execution
 
 NOISE = 0.01  # of the largest force, by default
 DEPTHS = (0.5, 1.0, 1.5)  # of the case's largest depth
+STRAINS = {"shear": 0.2, "uniaxial": 0.2}  # of tests of other kinds
+SPECIMEN_POINTS = 12
+BEST, PAIRS = 12, 10  # further tests that are paired, and pairs that are kept
 DEEPEST = 0.2  # of the thickness: equilibria at larger depths may not be found
 POINTS = 24  # points of each further test
 ANGLES = (0, 90)
+EFFORTS = {  # what a further test needs
+    "as it is": "the same rig",
+    "variant": "another indenter or lubrication",
+    "rate": "the same rig, {seconds:.3g} s",
+    "shear": "a specimen of its own and a shear rig",
+    "uniaxial": "a strip of tissue, clamped",
+}
 
 Values = Mapping[str, float]
 
@@ -41,23 +58,43 @@ class FurtherTest:
     Parameters
     ----------
     change : str
-        The changed key of the case; empty for no change.
-    angle : int, degrees
-    depth : float, mm
+        The changed key of the case, or the test of another kind; empty for no change.
+    angle : int, degrees, or None for a test of another kind
+    depth : float, mm, or None for a test of another kind
     stderr : dict of parameter -> standard error, in the parameter's unit, or None
     cause : str or None
         Why there is no standard error.
+    kind : str
+        Kind of the test.
+    effort : str
+        What the test needs that the tests of the case do not.
     """
 
     change: str
-    angle: int
-    depth: float
+    angle: int | None
+    depth: float | None
     stderr: dict[str, float] | None
     cause: str | None = None
+    kind: str = "indentation"
+    effort: str = ""
 
     @property
     def words(self) -> str:
         return self.change or "as the case is"
+
+    @property
+    def whole_words(self) -> str:
+        """The test in words, with its angle and depth."""
+        return self.words if self.angle is None else f"{self.words}, angle {self.angle}, to {self.depth:.3g} mm"
+
+
+@dataclass(frozen=True)
+class FurtherPair:
+    """Two further tests, with the standard errors by both and the tests of the case together."""
+
+    first: str
+    second: str
+    stderr: dict[str, float]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -75,12 +112,13 @@ class Design:
         The parameter whose standard error is largest, relative to its value.
     candidates : tuple of FurtherTest
         Further tests, the best for `worst` first, failed tests last.
+    pairs : tuple of FurtherPair
+        The best pairs of further tests.
     runs : int
         Number of runs of the forward model.
     case : Case or None
     remarks : tuple of str
-        What a relaxation asks of the next test; empty where the material is elastic.
-        None for a design that was read from design.json.
+        What the records of the case cannot see of a relaxation; empty where the material is elastic.
     """
 
     FORMAT: ClassVar[str] = "indentfit.design/2"
@@ -93,6 +131,7 @@ class Design:
     runs: int
     case: Case | None = None
     remarks: tuple[str, ...] = ()
+    pairs: tuple[FurtherPair, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of design.json, under the tag `format`."""
@@ -103,17 +142,18 @@ class Design:
             "stderr": self.stderr,
             "worst": self.worst,
             "candidates": [asdict(test) for test in self.candidates],
+            "pairs": [asdict(pair) for pair in self.pairs],
             "runs": self.runs,
             **({"remarks": list(self.remarks)} if self.remarks else {}),
         }
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> "Design":
+    def from_json(cls, value: Mapping[str, Any]) -> Design:
         """The design that design.json holds, in the form of this version or of 0.1."""
         tests = tuple(FurtherTest(**test) for test in value["candidates"])
-        remarks = tuple(value.get("remarks", ()))
+        remarks, pairs = tuple(value.get("remarks", ())), tuple(FurtherPair(**pair) for pair in value.get("pairs", ()))
         known = value["parameters"], value["noise_mN"], value["stderr"], value["worst"], tests, value["runs"]
-        return cls(*known, remarks=remarks)
+        return cls(*known, remarks=remarks, pairs=pairs)
 
     def summary(self) -> str:
         """The design in words, as the command prints it."""
@@ -135,7 +175,7 @@ class Design:
 
     def __repr__(self) -> str:
         best = next((test for test in self.candidates if test.stderr), None)
-        end = f"; best: {best.words}, angle {best.angle}, to {best.depth:.3g} mm" if best else ""
+        end = f"; best: {best.whole_words}" if best else ""
         return f"Design(worst parameter {self.worst}{end})"
 
     def _repr_html_(self) -> str:
@@ -146,11 +186,26 @@ class Design:
 
 @dataclass(frozen=True)
 class _Known:
-    """The state before a further test: values of the parameters, information (p, p), noise, mN."""
+    """The state before a further test: values of the parameters, their names, information (p, p), noise, mN, and that over the
+    largest force."""
 
     parameters: Values
+    names: tuple[str, ...]
     information: Array
     noise: float
+    share: float
+
+    def stderr(self, information: Array) -> dict[str, float]:
+        """Standard errors with the information of further tests."""
+        return dict(zip(self.names, np.sqrt(np.diag(np.linalg.inv(self.information + information))).tolist(), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """A further test without its standard errors, and the information that it gives; None where it failed."""
+
+    test: FurtherTest
+    information: Array | None
 
 
 def design(case: Case, parameters: Values | None = None, noise: float | None = None, execution: Execution | None = None) -> Design:
@@ -162,7 +217,8 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     parameters : mapping of name to value
         Parameters at which the information is computed; by default the start values.
     noise : float, mN
-        Standard deviation of a force; by default 1 % of the largest force of the case's tests.
+        Standard deviation of a force; by default 1 % of the largest force of the case's tests. Stresses of tests of other kinds
+        have the same share of their largest.
     execution : Execution
         Progress, workers and cluster of the runs.
 
@@ -179,33 +235,61 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     """
     require_free(case)
     require_indentations(case, "design", all_of_them=True)
-    own_case, given, execution = case, dict(parameters or case.start_values()), execution or Execution()
-    remarks, case = tuple(_of_relaxation(case, given)), elastic_case(case)
-    parameters = {name: value for name, value in given.items() if name in case.law.parameters}
-    variants = list(_variants(case))
-    own, forces, runs = _own(case, parameters, execution)
-    noise = noise or NOISE * max(float(force.max()) for force in forces)
-    prior = np.diag([12 / (bounds.max - bounds.min) ** 2 for bounds in case.free.values()])
-    known = _Known(parameters, prior + sum(J.T @ J for J in own) / noise**2, noise)
-    now = _stderr(list(case.free), known.information)
-    worst = max(case.free, key=lambda name: now[name] / (abs(parameters[name]) or case.free[name].max))
-    tests: list[FurtherTest] = []
+    given, execution = dict(parameters or case.start_values()), execution or Execution()
+    remarks = tuple(seen_sentences(case, case.relaxation.at(given).numbers)) if case.relaxation else ()
+    in_time, elastic = InTime.of(case, given), elastic_case(case)
+    values = {name: value for name, value in given.items() if name in case.law.parameters}
+    own, runs = _own(elastic, values, execution)
+    if in_time is not None:
+        own = in_time.own(own)
+    largest = max(float(known.forces.max()) for known in own)
+    noise = noise or NOISE * largest
+    ranges = {**elastic.free, **(in_time.relaxation.free if in_time else {})}
+    prior = np.diag([12 / (bounds.max - bounds.min) ** 2 for bounds in ranges.values()])
+    information = prior + sum(known.information(noise) for known in own)
+    known = _Known(values, tuple(ranges), information, noise, noise / largest)
+    told, used = _told(elastic, in_time, known, execution)
+    now, whole = known.stderr(np.zeros_like(prior)), {**values, **(in_time.values if in_time else {})}
+    worst = max(now, key=lambda name: now[name] / (abs(whole[name]) or ranges[name].max))
+    tests = sorted((_judged(known, further) for further in told), key=lambda test: test.stderr[worst] if test.stderr else np.inf)
+    pairs = _pairs(known, told, worst)
+    return Design(whole, noise, now, worst, tuple(tests), runs + used, case, remarks, pairs)
+
+
+def _told(case: Case, in_time: InTime | None, known: _Known, execution: Execution) -> tuple[list[_Told], int]:
+    """Further tests of all kinds, with their information, and the number of runs."""
+    variants, told, runs = list(_variants(case)), list[_Told](), 0
     for n, (change, variant) in enumerate(variants):
         execution.progress(n / len(variants), change or "as the case is")
-        further, used = _further_tests(change, variant, known, execution)
-        tests += further
+        further, used = _further_tests(change, variant, in_time, known, execution)
+        told += further
         runs += used
-    tests.sort(key=lambda test: test.stderr[worst] if test.stderr else np.inf)
-    return Design(parameters, noise, now, worst, tuple(tests), runs, own_case, remarks)
+    if in_time is not None:
+        return told, runs  # materials that relax have indentations only
+    return told + [_of_specimen(case, test, known, execution) for test in _specimens(case)], runs
 
 
-def _of_relaxation(case: Case, parameters: Values) -> Iterator[str]:
-    """What the records of a case cannot see of its relaxation, and that this design is one of elastic parameters."""
-    relaxation = case.relaxation
-    if relaxation is None:
-        return
-    yield "forces are those of an elastic material of the given moduli: rate and hold of a further test change none of these errors"
-    yield from seen_sentences(case, {**relaxation.at(parameters).numbers})
+def _judged(known: _Known, further: _Told) -> FurtherTest:
+    if further.information is None:
+        return further.test
+    return replace(further.test, stderr=known.stderr(further.information))
+
+
+def _pairs(known: _Known, told: Sequence[_Told], worst: str) -> tuple[FurtherPair, ...]:
+    """The best pairs among the best further tests; the best of each change, angle and kind is paired, not each of its depths."""
+    best: dict[tuple[str, int | None], tuple[float, _Told]] = {}
+    for further in told:
+        if further.information is not None:
+            error, key = known.stderr(further.information)[worst], (further.test.change, further.test.angle)
+            if key not in best or error < best[key][0]:
+                best[key] = (error, further)
+    chosen = [further for _, further in sorted(best.values(), key=lambda pair: pair[0])][:BEST]
+    pairs = [
+        FurtherPair(a.test.whole_words, b.test.whole_words, known.stderr(a.information + b.information))
+        for a, b in itertools.combinations(chosen, 2)
+        if a.information is not None and b.information is not None
+    ]
+    return tuple(sorted(pairs, key=lambda pair: pair.stderr[worst])[:PAIRS])
 
 
 def _variants(case: Case) -> Iterator[tuple[str, Case]]:
@@ -222,52 +306,101 @@ def _with_indenter(case: Case, key: str, value: float | str) -> Case:
     return case.model_copy(update={"indenter": case.indenter.with_key(key, value)})
 
 
-def _own(case: Case, parameters: Values, execution: Execution) -> tuple[list[Array], Sequence[Array], int]:
-    """Derivatives of the case's own tests, their forces, and the number of runs."""
+def _own(case: Case, parameters: Values, execution: Execution) -> tuple[list[Curves], int]:
+    """The curves of the case's own tests with their derivatives, and the number of runs."""
     with RunPool(case, execution.workers, None, execution.cluster, execution.stop) as pool:
-        problem = _problem(case, parameters)
-        slopes = _slopes(problem, pool, parameters)
-        evaluation = evaluate_at_reference(problem, pool, [parameters])[0]
-        assert evaluation.forces is not None  # there were derivatives
-        return slopes, problem.scaled(parameters, evaluation.forces), pool.runs
+        return _curves(case, pool, parameters), pool.runs
 
 
-def _further_tests(change: str, variant: Case, known: _Known, execution: Execution) -> tuple[list[FurtherTest], int]:
-    """The FurtherTests of one variant, at all angles and depths, from one run each to the deepest; and the number of runs."""
+def _further_tests(
+    change: str, variant: Case, in_time: InTime | None, known: _Known, execution: Execution
+) -> tuple[list[_Told], int]:
+    """The further tests of one variant, at all angles and depths, from one run each to the deepest; and the number of runs."""
     deepest = max(float(variant.outputs(test)[-1]) for test in variant.tests)
     allowed = [factor for factor in DEPTHS if factor * deepest <= DEEPEST * variant.sample.thickness] or [DEPTHS[0]]
     cause, used, angles = "", 0, ANGLES if has_fibres(variant.law) else ANGLES[:1]
+    points, effort = GRID if in_time else 6 * POINTS, EFFORTS["variant" if change else "as it is"]
     while allowed:
-        tests = tuple(Test(name=f"{angle}", angle=angle, depth=allowed[-1] * deepest, points=6 * POINTS) for angle in angles)
+        tests = tuple(Test(name=f"{angle}", angle=angle, depth=allowed[-1] * deepest, points=points) for angle in angles)
         tried = variant.model_copy(update={"tests": tests, "curves": (None,) * len(tests)})
         try:
             with RunPool(tried, execution.workers, None, execution.cluster, execution.stop) as pool:
-                slopes = _slopes(_problem(tried, known.parameters), pool, known.parameters)
+                curves = _curves(tried, pool, known.parameters)
                 used += pool.runs
-            return list(_at_depths(change, tried, slopes, [factor * deepest for factor in allowed], known)), used
         except IndentfitError as error:
             cause = str(error)
             allowed = allowed[:-1]  # at a smaller depth, equilibrium may be found
-    return [FurtherTest(change, angle, deepest, None, cause) for angle in angles], used
+            continue
+        depths = [factor * deepest for factor in allowed]
+        told = list(_at_depths(change, tried, curves, depths, in_time, known, effort))
+        if in_time is not None and not change:
+            told += _at_rates(tried, curves, min(deepest, allowed[-1] * deepest), in_time, known)
+        return told, used
+    return [_Told(FurtherTest(change, angle, deepest, None, cause, effort=effort), None) for angle in angles], used
 
 
-def _at_depths(change: str, case: Case, slopes: Sequence[Array], depths: Sequence[float], known: _Known) -> Iterator[FurtherTest]:
-    names = list(case.free)
-    for test, J in zip(case.tests, slopes, strict=True):
+def _at_depths(
+    change: str, case: Case, curves: Sequence[Curves], depths: Sequence[float], in_time: InTime | None, known: _Known, effort: str
+) -> Iterator[_Told]:
+    for test, curve in zip(case.tests, curves, strict=True):
         for depth in depths:
-            within = case.outputs(test) <= depth * (1 + 1e-9)
-            rows = np.linspace(0, np.count_nonzero(within) - 1, POINTS).round().astype(int)
-            more = J[within][rows]
-            yield FurtherTest(change, test.direction, depth, _stderr(names, known.information + more.T @ more / known.noise**2))
+            rows = (
+                curve.to(depth, POINTS)
+                if in_time is None
+                else in_time.ramped(curve, Ramp(depth, depth / in_time.rate, in_time.hold))
+            )
+            yield _Told(FurtherTest(change, test.direction, depth, None, effort=effort), rows.information(known.noise))
 
 
-def _slopes(problem: InverseProblem, pool: RunPool, parameters: Values) -> list[Array]:
-    """dF/dtheta of every test, (n, n_free), mN per unit of a parameter. Raises DesignError."""
+def _at_rates(case: Case, curves: Sequence[Curves], depth: float, in_time: InTime, known: _Known) -> Iterator[_Told]:
+    """Further tests as the case is, in ramps of other durations and with other holds: they need no run."""
+    for test, curve in zip(case.tests, curves, strict=True):
+        for ramp in in_time.ramps(depth):
+            rows = in_time.ramped(curve, ramp)
+            words = f"ramp of {ramp.seconds:.2g} s, " + (f"hold of {ramp.hold:.3g} s" if ramp.hold else "no hold")
+            effort = EFFORTS["rate"].format(seconds=ramp.end)
+            yield _Told(FurtherTest(words, test.direction, depth, None, effort=effort), rows.information(known.noise))
+
+
+def _specimens(case: Case) -> Iterator[Test]:
+    """Tests of other kinds: shear and tension, in each direction that a law with fibres can tell."""
+    along = ("along", "across", "normal") if has_fibres(case.law) else ("along",)
+    keys: dict[str, Any] = {"points": SPECIMEN_POINTS}
+    for fibres in along:
+        yield Test(f"shear {fibres}", kind="shear", fibres=fibres, strain=STRAINS["shear"], **keys)
+    for fibres in along[:2]:
+        yield Test(f"tension {fibres}", kind="uniaxial", loading="tension", fibres=fibres, strain=STRAINS["uniaxial"], **keys)
+
+
+def _of_specimen(case: Case, test: Test, known: _Known, execution: Execution) -> _Told:
+    """A further test of another kind, whose stresses have the share of noise that the forces have."""
+    words = f"{'simple shear' if test.kind == 'shear' else 'tension'}"
+    words += f", fibres {test.fibres}" if has_fibres(case.law) else ""
+    effort = EFFORTS[test.kind]
+    tried = case.model_copy(update={"tests": (test,), "curves": (None,)})
+    further = FurtherTest(f"{words}, to a strain of {test.strain:g}", None, None, None, kind=test.kind, effort=effort)
+    try:
+        with RunPool(tried, execution.workers, None, execution.cluster, execution.stop) as pool:
+            (curve,) = _curves(tried, pool, known.parameters)
+    except IndentfitError as error:
+        return _Told(replace(further, cause=str(error)), None)
+    return _Told(further, curve.information(known.share * float(np.abs(curve.forces).max())))
+
+
+def _curves(case: Case, pool: RunPool, parameters: Values) -> list[Curves]:
+    """The curves of every test, with dF/dtheta (n, n_free), mN per unit of a parameter. Raises DesignError."""
+    problem = _problem(case, parameters)
     ranges = np.array([problem.range(name) for name in problem.free])
     try:
-        return [J / ranges for J in curve_derivatives(problem, pool, problem.units(parameters))]
+        slopes = [J / ranges for J in curve_derivatives(problem, pool, problem.units(parameters))]
     except Underivable as failure:
         raise DesignError(f"no design without derivatives: {failure}") from failure
+    evaluation = evaluate_at_reference(problem, pool, [parameters])[0]
+    assert evaluation.forces is not None  # there were derivatives
+    forces = problem.scaled(parameters, evaluation.forces)
+    shapes = [case.indenter_of(test).geometry if test.kind == "indentation" else None for test in case.tests]
+    triples = zip(case.tests, forces, slopes, shapes, strict=True)
+    return [Curves(case.outputs(test), force, J, shape) for test, force, J, shape in triples]
 
 
 def _problem(case: Case, parameters: Values) -> InverseProblem:
@@ -275,7 +408,3 @@ def _problem(case: Case, parameters: Values) -> InverseProblem:
     tests = tuple(Target(test.name, Curve(case.outputs(test), case.outputs(test)), 1.0) for test in case.tests)
     scale, reference = scale_of(case)
     return InverseProblem(tests, dict(parameters), case.free, scale, reference, differences_of(case))
-
-
-def _stderr(names: Sequence[str], information: Array) -> dict[str, float]:
-    return dict(zip(names, np.sqrt(np.diag(np.linalg.inv(information))).tolist(), strict=True))
