@@ -85,7 +85,7 @@ def test_the_folder_holds_numbers_curves_figure_fields_and_the_case(folder):
         "simulation.json", "curves.csv", "force_displacement.svg", "force_displacement.png",
         "case.toml", "run_again.txt", "curves/parallel.csv", "curves/perpendicular.csv",
         "fields/parallel.vtu", "fields/perpendicular.vtu", "report.html", "fields/pictures.json", "fields/displacement.png",
-        "fields/stress-parallel.png", "fields/stress-perpendicular.png",
+        *(f"fields/stress-{component}.png" for component in ("xx", "yy", "zz", "xy", "yz", "xz")),
     }  # fmt: skip
     written = json.loads((path / "simulation.json").read_text())
     case = read_case(path / "case.toml", written["overrides"])

@@ -37,7 +37,7 @@ def fitted(**parameters):
 
 
 def test_a_parameter_at_its_bound_has_no_value():
-    assert value_words(GOOD) == "1.5"
+    assert value_words(GOOD) == "1.500"
     assert value_words(AT_MOST) == "< 0.4"
     assert value_words(AT_LEAST) == "> 2.2"
     assert value_words(ANY) == "any, 0 to 5"
@@ -49,15 +49,15 @@ def row_of(result, name):
 
 def test_the_table_of_the_terminal_gives_the_end_of_the_interval_in_place_of_the_bound():
     result = fitted(mu=GOOD, phi=AT_LEAST, zeta=AT_MOST)
-    assert row_of(result, "mu").split()[1] == "1.5"
+    assert row_of(result, "mu").split()[1] == "1.500"
     assert row_of(result, "phi").split()[1:3] == [">", "2.2"] and " 5.0" not in row_of(result, "phi")
     assert row_of(result, "zeta").split()[1:3] == ["<", "0.4"]
 
 
 def test_an_interval_in_two_pieces_is_shown_as_two_on_page_and_terminal(tmp_path):
     result = fitted(mu=replace(GOOD, interval=(1.1, 2.2), pieces=((1.1, 1.3), (2.0, 2.2))))
-    assert "1.1 to 1.3 or 2 to 2.2" in row_of(result, "mu")
-    assert "1.1 to 1.3 or 2 to 2.2" in render(fit_page(Stored(tmp_path, result, None, (), None, {}), result))
+    assert "1.100 to 1.300 or 2.000 to 2.200" in row_of(result, "mu")
+    assert "1.100 to 1.300 or 2.000 to 2.200" in render(fit_page(Stored(tmp_path, result, None, (), None, {}), result))
     assert any("in 2 pieces" in doubt.text for doubt in doubts_of(result))
 
 
@@ -107,7 +107,7 @@ def test_the_page_sets_doubts_off_in_red_and_amber(tmp_path):
     result = replace(fitted(mu=GOOD, phi=AT_LEAST), predicted={"press": TestPrediction(0.001, -0.4)})
     page = render(fit_page(Stored(tmp_path, result, None, (), None, {}), result))
     assert '<p class="warning">Red: the tests contradict each other' in page
-    assert '<p class="warning amber">Amber: phi sits at its upper bound (5)' in page
+    assert '<p class="warning amber">Amber: φ sits at its upper bound (5)' in page
     assert "&gt; 2.2" in page and "Next: repeat press" in page
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from indentfit.curve import Curve
-from indentfit.inference.result import ConfirmedPoint, Profile
-from indentfit.report import study_plots
+from indentfit.inference.result import ConfirmedPoint, ParameterEstimate, Profile
+from indentfit.report import plots, study_plots
 
 TESTS = {"parallel": 0, "a perpendicular test, second sample": 90}
 
@@ -51,7 +51,7 @@ def cost():
 
 def profile():
     runs = (ConfirmedPoint(value=3.0, chi2=4.2, predicted=4.0), ConfirmedPoint(value=5.0, chi2=None, predicted=4.0))
-    return study_plots.profile("zeta", Profile((3, 4, 5), (4, 0, 4), 4.0, (3, 5), runs), 4.0)
+    return plots.profile("zeta", Profile((3, 4, 5), (4, 0, 4), 4.0, (3, 5), runs), ParameterEstimate(4.0, "1"))
 
 
 def course():

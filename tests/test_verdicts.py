@@ -26,7 +26,7 @@ MESH = Limit("mesh", 0.9, MeshSize(1000, 1 / 3))
     ("value", "interval", "at_bound", "limit", "said"),
     [
         (2.0, (1.94, 2.06), "", Limit(), "determined (+-3 %); limited by the noise"),
-        (2.0, (1.0, 3.0), "", Limit("friction"), "weakly determined: 1 to 3; limited by the error of the friction"),
+        (2.0, (1.0, 3.0), "", Limit("friction"), "weakly determined: 1.00 to 3.00; limited by the error of the friction"),
         (0.2, (0.0, 0.7), "", Limit(), "not determined by these curves: any value in 0-0.7 fits within the noise"),
         (2.0, (0.0, 5.0), "", Limit("misfit"), "not determined by these curves: "
                                                "any value in 0-5 fits within the misfit of the law"),
@@ -36,7 +36,7 @@ MESH = Limit("mesh", 0.9, MeshSize(1000, 1 / 3))
                                             "any value in 0-5 fits within the noise"),
         # The half-width is 50 % where 20 % is wanted: of the variance 0.16 may stay, 0.1 of it without any mesh, so that the mesh's
         # own 0.9 becomes 0.06: its standard error 0.258 of what it was, by 1 / 0.258^3 = 58.1 times as many elements.
-        (2.0, (1.0, 3.0), "", MESH, "weakly determined: 1 to 3; limited by the error of the mesh: "
+        (2.0, (1.0, 3.0), "", MESH, "weakly determined: 1.00 to 3.00; limited by the error of the mesh: "
                                     "about 58,000 elements would determine it"),
         (2.0, (1.9, 2.1), "", MESH, "determined (+-5 %); limited by the error of the mesh: about 8,000 elements would halve that"),
     ],

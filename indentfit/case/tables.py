@@ -404,6 +404,7 @@ class Test(Section):
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
     )
+    synthetic: bool = Field(default=False, description="whether the curve was computed, not measured; reports then say so")
     fibres: Fibres | None = Field(
         default=None,
         examples=["along"],

@@ -162,6 +162,11 @@ class Case(BaseModel):
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
     @property
+    def synthetic(self) -> tuple[str, ...]:
+        """The names of the tests whose curves were computed and not measured."""
+        return tuple(test.name for test in self.tests if test.synthetic)
+
+    @property
     def indentations(self) -> tuple[Test, ...]:
         """The tests that are indentations."""
         return tuple(test for test in self.tests if test.kind == "indentation")

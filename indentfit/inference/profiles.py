@@ -197,7 +197,7 @@ class _Walk:
         within = [unit for unit in sorted(self.walked) if ends[0] - 1.01 * reach <= unit <= ends[1] + 1.01 * reach]
         shown = within[:1]
         for unit in within[1:]:
-            if unit in ends or (unit - shown[-1] > 0.01 * reach and shown[-1] != ends[1]):
+            if unit in ends or unit - shown[-1] > 0.01 * reach:
                 shown.append(unit)
         return shown
 
@@ -238,6 +238,6 @@ def _with_added(noise: float, row: Array, known: Identifiability) -> float:
     seen = np.flatnonzero(row)
     part = np.ix_(seen, seen)
     plain, added = (row[seen] @ matrix[part] @ row[seen] for matrix in (known.errors.plain, known.errors.added))
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):  # without noise, as of curves that the model itself made
         factor = plain / (plain / noise + added) if added > 0 else noise
     return float(factor if np.isfinite(factor) else known.errors.typical)

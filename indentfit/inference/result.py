@@ -372,7 +372,8 @@ class FitResult:
         """The matplotlib Figure of measured and fitted curves; saved as SVG and PNG where a path is given."""
         from indentfit.report.plots import force_displacement
 
-        return force_displacement(list(self.measured.items()), list(self.curves.items()), path)
+        synthetic = self.case.synthetic if self.case else ()
+        return force_displacement(list(self.measured.items()), list(self.curves.items()), path, synthetic)
 
     def write(self, folder: str | Path, fields: bool = True, overwrite: bool = False) -> None:
         """Write the result folder.

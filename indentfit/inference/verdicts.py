@@ -9,6 +9,7 @@ from indentfit.arrays import Array
 from indentfit.case import Range
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.limits import Limit
+from indentfit.inference.plain import span
 from indentfit.inference.result import ParameterEstimate, PublishedComparison, TestAlone
 
 DETERMINED = 0.2  # half an interval over the value
@@ -53,7 +54,7 @@ def verdict(value: float, interval: Sequence[float] | Array, bounds: Range, at_b
     if share <= DETERMINED:
         return f"determined (+-{_percent(share)} %){limited}"
     if high - low <= WEAKLY * abs(high + low):
-        return f"weakly determined: {low:.3g} to {high:.3g}{limited}"
+        return f"weakly determined: {span((low, high))}{limited}"
     return f"not determined by these curves: {within}"
 
 
@@ -67,8 +68,7 @@ def conclusions(estimates: Mapping[str, ParameterEstimate], curves: int, publish
     kinds: dict[str, list[str]] = {kind: [] for kind in KINDS}
     for name, known in estimates.items():
         if known.interval is not None:
-            low, high = known.interval
-            kinds[kind_of(known)].append(f"{name} ({low:.3g} to {high:.3g})")
+            kinds[kind_of(known)].append(f"{name} ({span(known.interval)})")
     number = {1: "this curve", 2: "these two curves"}.get(curves, f"these {curves} curves")
     sentences = [
         f"{kind} {'for' if 'bound' in kind else 'by'} {number}: {', '.join(names)}" for kind, names in kinds.items() if names

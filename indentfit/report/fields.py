@@ -5,14 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from indentfit.case.laws import has_fibres
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.fields import Fields, recover
 from indentfit.fem.result import TestResult
-from indentfit.fem.simulate import Model
+from indentfit.fem.simulate import FIBRES, Model
 from indentfit.material import Material
 from indentfit.report.folder import write_json
 from indentfit.report.mirror import whole
-from indentfit.report.stress_plots import Shown, displacement_picture, peak_words, peaks, stress_picture
+from indentfit.report.stress_plots import COMPONENTS, Shown, displacement_picture, peak_words, peaks, stress_picture
 from indentfit.report.vtu import file_names, write_vtu
 
 PICTURES = "pictures.json"  # what the report shows
@@ -47,6 +48,13 @@ class Solved:
         fields = recover(self.model, test, self.material, self.kappa, equilibrium)
         return whole(fields) if mirror else fields
 
+    def shown(self, test: TestResult, fields: Fields, mirror: bool) -> Shown:
+        """A test as pictures show it; a whole sample would be hidden by the indenter, which is left out there."""
+        model = test.model or self.model
+        indenter = None if mirror else model.setup.indenter.geometry
+        fibre = FIBRES[test.angle] if has_fibres(type(self.material)) else None
+        return Shown(test.name, test.angle, fields, indenter, float(test.displacement[-1]), fibre)
+
 
 def write_fields(folder: Path, solved: Solved, choice: FieldChoice = FieldChoice()) -> None:
     """Write VTU files and pictures of simulated tests into a new folder.
@@ -58,12 +66,12 @@ def write_fields(folder: Path, solved: Solved, choice: FieldChoice = FieldChoice
     shown = []
     for test, name in zip(solved.tests, names, strict=True):
         fields = solved.fields(test, choice.whole)
-        shown.append((test.name, test.angle, fields))
+        shown.append(solved.shown(test, fields, choice.whole))
         if choice.vtu:
             write_vtu(folder / f"{name}.vtu", fields)
         if choice.series:
             write_series(folder, name, solved, test, choice.whole)
-    write_pictures(folder, names, shown, choice.whole)
+    write_pictures(folder, shown, choice.whole)
 
 
 def write_series(folder: Path, name: str, solved: Solved, test: TestResult, mirror: bool = False) -> None:
@@ -77,32 +85,43 @@ def write_series(folder: Path, name: str, solved: Solved, test: TestResult, mirr
     (folder / f"{name}.pvd").write_text(COLLECTION.format("".join(entries)), encoding="utf-8")
 
 
-def write_pictures(folder: Path, names: Sequence[str], shown: Shown, mirror: bool = False) -> None:
-    """PNG pictures of (test, angle, Fields), with their captions for the report."""
+def write_pictures(folder: Path, shown: Sequence[Shown], mirror: bool = False) -> None:
+    """PNG pictures of tests, one for each component, with their captions for the report."""
     sample, view = "quarter sample", "seen from outside of both planes of symmetry"
     if mirror:
         sample, view = "whole sample", "mirrored from its quarter"
     displacement_picture(shown, folder / "displacement.png")
-    words = []
-    for test, _, fields in shown:
-        sinks = fields.displacement[:, 1]
-        words.append(f"{test}: {sinks.min():.3g} to {sinks.max():.3g} mm")
     pictures = [
         {
             "file": "displacement.png",
-            "caption": f"Vertical displacement of the deformed {sample}, to scale, {view}.",
-            "alt": f"Vertical displacement, largest under the indenter. {'; '.join(words)}",
+            "caption": f"Vertical displacement of the deformed {sample}, to scale, {view}.{_drawn_with(shown)}",
+            "alt": f"Vertical displacement, largest under the indenter. {'; '.join(map(_sinks, shown))}",
         }
     ]
-    tables = []
-    for (test, angle, fields), name in zip(shown, names, strict=True):
-        rows = peaks(fields)
-        stress_picture(test, angle, fields, folder / f"stress-{name}.png")
+    rows = {test.name: peaks(test.fields) for test in shown}
+    for n, component in enumerate(COMPONENTS):
+        stress_picture(component, shown, folder / f"stress-{component}.png")
+        sizes = "; ".join(f"{test.name}: {row['smallest']:.3g} to {row['largest']:.3g} kPa"
+            for test in shown if (row := rows[test.name][n]))  # fmt: skip
         pictures.append({
-            "file": f"stress-{name}.png",
-            "caption": f"Cauchy stresses (kPa) of {test} ({angle}°) on the deformed {sample}; 1 % of the nodes lie beyond "
-                "each scale.",
-            "alt": f"Six Cauchy stresses of {test}, concentrated at the indenter's edge. {peak_words(rows)}",
+            "file": f"stress-{component}.png",
+            "caption": f"Cauchy stress {component} (kPa); 1 % of the nodes lie beyond the scale.",
+            "alt": f"Cauchy stress {component} on the deformed {sample}. {sizes}",
         })  # fmt: skip
-        tables.append({"test": test, "angle": angle, "rows": rows, "words": peak_words(rows)})
+    tables = [
+        {"test": test.name, "angle": None if test.fibre is None else test.angle, "rows": rows[test.name],
+            "words": peak_words(rows[test.name])}
+        for test in shown
+    ]  # fmt: skip
     write_json(folder / PICTURES, {"pictures": pictures, "peaks": tables})
+
+
+def _sinks(test: Shown) -> str:
+    sinks = test.fields.displacement[:, 1]
+    return f"{test.name}: {sinks.min():.3g} to {sinks.max():.3g} mm"
+
+
+def _drawn_with(shown: Sequence[Shown]) -> str:
+    """What the pictures show beside the sample."""
+    fibres = " Dark lines on the top follow the fibres." if any(test.fibre is not None for test in shown) else ""
+    return f"{' Grey: the indenter.' if any(test.indenter is not None for test in shown) else ''}{fibres}"

@@ -1,10 +1,12 @@
 """The first screen of a fit: estimates in the field's words, the doubts about the result, and one sentence on the next step."""
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from indentfit.inference.limits import WORDS
+from indentfit.inference.plain import by_error
 from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstimate
 from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
@@ -37,9 +39,12 @@ class Doubt:
 
 
 def value_words(known: ParameterEstimate, digits: int = 5) -> str:
-    """The value of an estimate. An estimate at its bound has no value of its own, so the words then give the interval."""
-    if known.at_bound is None or known.fixed:
+    """The value of an estimate, with the digits that its error leaves it (so many digits where it has no error). An estimate at its
+    bound has no value of its own, so the words then give the interval."""
+    if known.fixed:
         return f"{known.value:.{digits}g}"
+    if known.at_bound is None:
+        return by_error(known.value, error_of(known), digits)
     if known.interval is None or _whole_range(known):
         return f"any, {known.min:.3g} to {known.max:.3g}" if known.min is not None and known.max is not None else "not known"
     return f"< {known.interval[1]:.3g}" if known.at_bound == "lower" else f"> {known.interval[0]:.3g}"
@@ -50,10 +55,20 @@ def _whole_range(known: ParameterEstimate) -> bool:
     return known.min is not None and known.max is not None and low <= known.min and high >= known.max
 
 
+def error_of(known: ParameterEstimate) -> float | None:
+    """The standard error by which the digits of an estimate are chosen: the total one, or a quarter of a narrower interval.
+    A parameter at its bound has none."""
+    if known.at_bound:
+        return None
+    quarter = None if known.interval is None else (known.interval[1] - known.interval[0]) / 4
+    errors = [error for error in (known.total, quarter) if error is not None and math.isfinite(error) and error > 0]
+    return min(errors, default=None)
+
+
 def pieces_words(known: ParameterEstimate, digits: int = 4) -> str:
-    """The 95 % interval of an estimate in words, or its pieces."""
-    pieces = known.pieces or (() if known.interval is None else (known.interval,))
-    return " or ".join(f"{low:.{digits}g} to {high:.{digits}g}" for low, high in pieces) or "unknown"
+    """The 95 % interval of an estimate in words, or its pieces, with the digits of the value."""
+    pieces, error = known.pieces or (() if known.interval is None else (known.interval,)), error_of(known)
+    return " or ".join(" to ".join(by_error(end, error, digits) for end in piece) for piece in pieces) or "unknown"
 
 
 def alone_words(known: AloneEstimate) -> str:

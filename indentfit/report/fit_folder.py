@@ -9,7 +9,7 @@ from indentfit.case import Case
 from indentfit.errors import ConvergenceError, OutputError
 from indentfit.inference.result import FitResult
 from indentfit.report.fields import Solved, write_fields
-from indentfit.report.folder import copy_case, result_folder, write_curves, write_json
+from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
@@ -42,10 +42,10 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
     if result.case is None:
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
     again = copy_case(result.case, folder)
-    written = {**result.as_json(), "overrides": list(again), "case": case_json(result.case)}
+    written = stamped({**result.as_json(), "overrides": list(again), "case": case_json(result.case)})
     write_json(folder / "result.json", written)
     write_curves(folder / "curves.csv", result.curves, result.measured)
-    force_displacement(list(result.measured.items()), list(result.curves.items()), folder / "fit")
+    force_displacement(list(result.measured.items()), list(result.curves.items()), folder / "fit", result.case.synthetic)
     if any(curve.time is not None for curve in result.curves.values()):
         fit_over_time(list(result.measured.items()), list(result.curves.items()), folder / "force_time")
     if result.profiles:

@@ -2,7 +2,9 @@
 
 import contextlib
 import csv
+import datetime
 import hashlib
+import importlib.metadata
 import json
 import math
 import os
@@ -120,6 +122,12 @@ def refuse_existing(path: PathLike, overwrite: bool = False) -> Path:
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: {target.parent} is read-only; choose another folder")
     return target
+
+
+def stamped(value: Mapping[str, Any]) -> dict[str, Any]:
+    """A result for its JSON file, with the day on which it is written, and with indentfit's version where it has no versions."""
+    versions = value.get("versions") or {"indentfit": importlib.metadata.version("indentfit")}
+    return {**value, "versions": versions, "written": datetime.date.today().isoformat()}
 
 
 def write_json(path: PathLike, value: Any) -> None:

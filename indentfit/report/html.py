@@ -4,6 +4,7 @@ The page is made from the folder alone, so that it can be drawn again later and 
 """
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import jinja2
@@ -44,7 +45,8 @@ def write_report(folder: str | Path) -> Path:
     """
     folder = Path(folder)
     try:
-        text = render(_page(read_result(folder))).encode("utf-8")
+        stored = read_result(folder)
+        text = render(_dated(_page(stored), stored)).encode("utf-8")
     except OutputError:
         raise
     except (*DAMAGE, jinja2.TemplateError) as error:
@@ -57,6 +59,12 @@ def write_report(folder: str | Path) -> Path:
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder") from error
     return path
+
+
+def _dated(page: Page, stored: Stored) -> Page:
+    """The page with the day of its result, and the version that computed it, beside its kind."""
+    version = f"indentfit {stored.versions['indentfit']}" if "indentfit" in stored.versions else ""
+    return replace(page, kind=", ".join(word for word in (page.kind, stored.written, version) if word))
 
 
 def _page(stored: Stored) -> Page:

@@ -1,6 +1,8 @@
 """The case on every report page: in words, as a file, and with the command that runs it again."""
 
+import hashlib
 import shlex
+from pathlib import Path
 
 from indentfit.report.page import Code, Lines, Part, Section, Table, Text
 from indentfit.report.schema import CaseFacts, Stored
@@ -40,7 +42,7 @@ def tests_table(case: CaseFacts, caption: str) -> Table:
         (
             test.name,
             "–" if test.angle is None else f"{test.angle}",
-            test.source or "none: simulated only",
+            f"{test.source or 'none: simulated only'}{' (synthetic)' if test.synthetic else ''}",
             str(test.points),
             test.depth,
             number(test.weight),
@@ -60,13 +62,24 @@ def again_section(stored: Stored, command: str) -> Section:
     facts = [f"Hash of the case: {stored.case_hash}"] if stored.case_hash else []
     if stored.versions:
         facts.append(f"Versions: {', '.join(f'{name} {version}' for name, version in stored.versions.items())}")
-    parts.append(Lines((*facts, CITATION)))
+    parts += [*_files(stored), Lines((*facts, CITATION))]
     if stored.overrides:
         parts.append(Text("The file below is a verbatim copy; the keys after --set replace keys of the file."))
     copy = stored.folder / "case.toml"
     if copy.is_file():
         parts.append(Code("The case file", copy.read_text(encoding="utf-8-sig")))
     return Section("again", "The case, and how to get this result again", tuple(parts))
+
+
+def _files(stored: Stored) -> list[Part]:
+    """The files of the curves and records that the folder holds, with their hashes."""
+    sources = dict.fromkeys(test.source for test in (stored.case.tests if stored.case else ()) if test.source)
+    rows = tuple(
+        (source, hashlib.sha256((stored.folder / source).read_bytes()).hexdigest())
+        for source in sources
+        if ".." not in Path(source).parts and (stored.folder / source).is_file()
+    )
+    return [Table("Files of the curves, with their SHA-256", ("File", "SHA-256"), rows)] if rows else []
 
 
 def number(value: float | str | None, digits: int = 4) -> str:

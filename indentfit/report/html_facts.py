@@ -48,6 +48,7 @@ def facts_table(caption: str, facts: Mapping[str, Any]) -> Table:
     rows = tuple(
         (FACTS.get(name, name.replace("_", " ").capitalize()), percent(value) if name in SHARES else number(value, 5))
         for name, value in facts.items()
+        if value not in (None, "")
     )
     return Table(caption, ("What", "Value"), rows)
 
@@ -66,7 +67,8 @@ def stress_sections(folder: Path) -> list[Section]:
     parts: list[Part] = [Figures(figures), Text(STRESSES)]
     for peaks in listed["peaks"]:
         rows = tuple(map(_peak_row, peaks["rows"]))
-        parts += [Table(f"Peak stresses, {peaks['test']} ({peaks['angle']}°)", PEAKS, rows), Text(peaks["words"])]
+        angle = "" if peaks["angle"] is None else f" ({peaks['angle']}°)"
+        parts += [Table(f"Peak stresses, {peaks['test']}{angle}", PEAKS, rows), Text(peaks["words"])]
     return [Section("stresses", "Displacements and stresses", tuple(parts))]
 
 

@@ -1,7 +1,7 @@
 """The page of a fit."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,15 +15,24 @@ from indentfit.report import plots, study_plots
 from indentfit.report.first_screen import alone_words, doubts_of, next_step, pieces_words, value_words
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
+from indentfit.report.html_methods import methods_section
 from indentfit.report.page import Beside, Figures, Lines, Page, Part, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
 from indentfit.report.text import effect_of_base, said_of_misfit, share_rows
 from indentfit.report.time_curves import fit_over_time
 
 PARAMETERS = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
-FITTED = "Measured (marks) and fitted (lines) force of the full sample against displacement; below, the residuals."
+SYNTHETIC = " The curves are synthetic: they were computed, not measured."
+ESTIMATES = ("Parameter", "Value", "95 % interval")
+FITTED = "{} (marks) and fitted (lines) force of the full sample against displacement; below, simulated minus {}."
 OVER_TIME = "Measured (marks) and fitted (lines) force of the full sample against time since the first point of each test."
 SEEN = "What the curves see, from most to least: change of the misfit by a relative change of parameters"
+OF_PROFILES = (
+    "A profile holds its parameter at a value and fits all others again. χ² is the growth of the squares of the weighted residuals "
+    "in units of the noise, 1 at one standard error. The limit of the 95 % interval is the square of the 97.5 % quantile of "
+    "Student's t. It is 3.84 where the noise is well known, and larger where few independent residuals tell it: 4.1 for 40 "
+    "degrees of freedom, 6 for 6, 10 for 3. Neighbouring residuals that resemble each other count as fewer."
+)
 MOST_FAILURES = 50  # in the table
 
 Curves = list[tuple[str, Curve]]
@@ -40,32 +49,40 @@ def fit_page(stored: Stored, result: FitResult) -> Page:
         _search(result),
         *stress_sections(stored.folder),
         _solver(result),
+        *methods_section(stored, result),
         again_section(stored, "fit"),
     ]
+    lead = f"{_lead(result)}{SYNTHETIC if stored.synthetic else ''}"
     headline = "The fit converged." if result.success else "The fit did not converge."
-    return Page(result.title or "Fit", "Inverse finite-element fit", headline, _lead(result), result.success, tuple(sections))
+    return Page(result.title or "Fit", "Inverse finite-element fit", headline, lead, result.success, tuple(sections))
 
 
 def _first(stored: Stored, result: FitResult) -> Section:
     """The first screen: estimates beside a small plot of the fit, the doubts, and the next step."""
     free = {name: result.parameters[name] for name in result.free}
     free |= {name: known for name, known in result.moduli.items() if name not in free}
-    rows = tuple((name, value_words(known), _unit(known.unit) or "–", pieces_words(known)) for name, known in free.items())
-    table = Table("Estimates; a parameter at its bound has no value", ("Parameter", "Value", "Unit", "95 % interval"), rows)
-    measured, fitted = _stored_curves(stored)
-    parts: list[Part] = [table]
-    if fitted:
-        figure = plots.force_displacement(measured, fitted, None)
-        parts = [Beside(table, drawn(figure, FITTED, _alt_of_fit(result, measured, fitted)))]
-        if any(curve.time is not None for _, curve in fitted):
-            parts.append(Figures((drawn(fit_over_time(measured, fitted, None), OVER_TIME, _alt_of_fit(result, measured, fitted)),)))
+    rows = tuple((f"{name}{_unit(known.unit, ' (', ')')}", value_words(known), pieces_words(known)) for name, known in free.items())
+    parts: list[Text | Table] = [Table("Estimates; a parameter at its bound has no value", ESTIMATES, rows)]
     if result.misfit:
         parts.append(Text(f"Misfit: {said_of_misfit(result)}."))
     for doubt in doubts_of(result):
         said = f"{doubt.word.capitalize()}: {doubt.text}."
         parts.append(Text(said.replace("..", "."), warning=True, amber=not doubt.red))
     parts.append(Text(f"Next: {next_step(result)}."))
-    return Section("result", "Result", tuple(parts))
+    measured, fitted = _stored_curves(stored)
+    if not fitted:
+        return Section("result", "Result", tuple(parts))
+    alt = _alt_of_fit(result, measured, fitted)
+    figure = plots.force_displacement(measured, fitted, None, stored.synthetic)
+    screen: list[Part] = [Beside(tuple(parts), drawn(figure, _fitted_words(stored), alt))]
+    if any(curve.time is not None for _, curve in fitted):
+        screen.append(Figures((drawn(fit_over_time(measured, fitted, None), OVER_TIME, alt),)))
+    return Section("result", "Result", tuple(screen))
+
+
+def _fitted_words(stored: Stored) -> str:
+    given = "synthetic" if stored.synthetic else "measured"
+    return FITTED.format(given.capitalize(), given)
 
 
 def _stored_curves(stored: Stored) -> tuple[Curves, Curves]:
@@ -96,7 +113,9 @@ def _and(words: Sequence[str]) -> str:
 
 
 def _what(stored: Stored, result: FitResult) -> Section:
-    fitted = f"The free parameters {', '.join(result.free)} were fitted to {len(result.rmse) or 'the'} measured curves."
+    kind = "synthetic" if stored.synthetic else "measured"
+    curves = f"{len(result.rmse) or 'the'} {kind} curve{'' if len(result.rmse) == 1 else 's'}"
+    fitted = f"The free parameters {', '.join(result.free)} were fitted to {curves}."
     parts: list[Part] = [Text(fitted)]
     if stored.case:
         caption = "Curves that were fitted, with their weights in the objective"
@@ -186,14 +205,18 @@ def _correlation(result: FitResult) -> list[Part]:
         return []
     rows = tuple((name, *(number(x, 2) for x in row)) for name, row in zip(result.free, result.correlation, strict=True))
     caption = "Correlation of the parameters' errors; near 1 or -1, only a combination is known"
-    return [Table(caption, ("", *result.free), rows)]
+    return [Table(caption, ("Parameter", *result.free), rows)]
 
 
 def _directions(result: FitResult) -> list[Part]:
     if not result.singular_values or not result.directions:
         return []
     rows = tuple(
-        (str(n), number(value, 3), ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, row, strict=True)))
+        (
+            str(n),
+            number(value, 3),
+            ", ".join(f"{name} {round(x or 0.0, 2) + 0.0:+.2f}" for name, x in zip(result.free, row, strict=True)),
+        )
         for n, (value, row) in enumerate(zip(result.singular_values, result.directions, strict=True), start=1)
     )
     return [Table(SEEN, ("Number", "Singular value (mN)", "Direction, in shares of the values"), rows)]
@@ -206,14 +229,13 @@ def _profiles(result: FitResult) -> list[Part]:
         if not profile.values or name not in result.parameters:
             continue
         best = result.parameters[name]
-        figure = study_plots.profile(f"{name}{_unit(best.unit, ' (', ')')}", profile, best.value)
+        figure = plots.profile(name, profile, best)
         alt = f"Profile of {name}, least at {number(best.value)}, its 95 % interval {_between(profile.interval)}"
-        caption = (
-            f"Profile of {name}: χ² above its least when {name} is held at a value and the others are fitted again. "
-            "Shaded: the 95 % interval; dashed: its limit; vertical line: the optimum; circles: runs at the ends."
-        )
+        circles = "; circles: runs of the model, through which the curve is drawn" if profile.confirmed else ""
+        limit = f"; dashed: its limit, {number(profile.limit, 3)}" if profile.limit else ""
+        caption = f"Profile of {name}. Shaded: the 95 % interval{limit}; vertical line: the optimum{circles}."
         figures.append(drawn(figure, caption, alt))
-    return [Figures(tuple(figures))] if figures else []
+    return [Figures(tuple(figures)), Text(OF_PROFILES)] if figures else []
 
 
 def _tests_alone(result: FitResult) -> list[Part]:
@@ -248,16 +270,19 @@ def _taken_as_known(result: FitResult) -> list[Part]:
     """The inputs that the case gives as exact, and the parameters at other values of them."""
     if not result.taken_as_known:
         return []
+    listed = "; ".join(f"{known.input} {known.taken}" for known in result.taken_as_known)
+    parts: list[Part] = [Text(f"The case gives these inputs as exact, so that their errors are not in the intervals: {listed}.")]
     rows = tuple(
-        (known.input, known.taken, known.other if known.parameters else "–", *_what_if(known.parameters, result.free))
+        (known.input, known.taken, known.other, *(number(known.parameters[name], 3) for name in result.free))
         for known in result.taken_as_known
+        if known.parameters is not None
     )
-    header = ("Input", "Taken as known", "If it were", *(f"{name} would be" for name in result.free))
-    return [Table("Inputs that the case gives as exact: their errors are not in the intervals", header, rows)]
-
-
-def _what_if(parameters: Mapping[str, float] | None, free: Sequence[str]) -> tuple[str, ...]:
-    return tuple("–" if parameters is None else number(parameters[name], 3) for name in free)
+    if rows:
+        header = ("Input", "Taken as known", "If it were", *(f"{name} would be" for name in result.free))
+        parts.append(Table("The parameters, if an input that is taken as known were another", header, rows))
+    if len(rows) < len(result.taken_as_known):
+        parts.append(Text("With `--set fit.what_if=true` the fit also tries other values of the other inputs."))
+    return parts
 
 
 def _weights_scan(result: FitResult) -> list[Part]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from indentfit.experiment.replicates import Spread
 from indentfit.report.digits import Scale
-from indentfit.report.html_case import number
-from indentfit.report.page import Figures, Lines, Page, Part, Picture, Section, Table, Text, image
+from indentfit.report.html_case import CITATION, number
+from indentfit.report.page import Figures, Lines, Page, Part, Picture, Section, Table, Text, image, vector_image
 from indentfit.report.records import difference_size, outlier_names, relaxation_words
 from indentfit.report.schema import Stored
 from indentfit.report.stored_process import StoredProcess, StoredRecord
@@ -23,6 +23,7 @@ ERRORS = (
     "The uncertainty of a contact point is half of its 95 % interval, that of a stiffness one standard error. Outliers are shown, "
     "and every number counts them."
 )
+LARGEST = 400_000  # bytes of an SVG that is put into the page; a larger one is shown as PNG
 DRAWN = (
     "{name}: force (grey: raw) and displacement over time with the contact point; force over displacement with the fitted line; "
     "the hold with its Prony series, where there is one."
@@ -36,6 +37,7 @@ def process_page(stored: Stored, result: StoredProcess) -> Page:
     stiffness = result.statistics.stiffness.items()
     lead = "; ".join(f"{direction}°: stiffness {number(spread.mean)} mN/mm, n = {spread.n}" for direction, spread in stiffness)
     sections = [_records(result), *_statistics(stored.folder, result), *_relaxations(result), *_pictures(stored.folder, result)]
+    sections.append(Section("cite", "To cite", (Text(f"{CITATION}."),)))
     end = f"{lead}." if lead else ""
     return Page("Processed records", "Raw records of a rig", headline, end, not result.problems, tuple(sections))
 
@@ -118,4 +120,7 @@ def _pictures(folder: Path, result: StoredProcess) -> Iterator[Section]:
 
 def _picture(folder: Path, stem: str, caption: str, alt: str) -> Picture | None:
     path = folder / "figures" / f"{stem}.png"
+    vectors = path.with_suffix(".svg")
+    if vectors.is_file() and vectors.stat().st_size < LARGEST:
+        return vector_image(vectors, caption, alt)
     return image(path, caption, alt) if path.is_file() else None

@@ -21,7 +21,7 @@ def simulation_page(stored: Stored, simulation: StoredSimulation) -> Page:
     facts = facts_table("Mesh and solver", {**simulation.mesh.as_json(), **simulation.solver.as_json()})
     sections = [
         _what(stored, simulation),
-        _forces(simulation),
+        _forces(stored, simulation),
         *_in_time(simulation),
         *stress_sections(stored.folder),
         Section("solver", "Mesh and solver", (facts,)),
@@ -40,15 +40,19 @@ def _what(stored: Stored, simulation: StoredSimulation) -> Section:
     return Section("what", "What was computed", tuple(parts))
 
 
-def _forces(simulation: StoredSimulation) -> Section:
+def _forces(stored: Stored, simulation: StoredSimulation) -> Section:
     curves = [(test.name, test.curve) for test in simulation.tests]
-    figure = plots.force_displacement(list(simulation.measured.items()), curves, None)
+    figure = plots.force_displacement(list(simulation.measured.items()), curves, None, stored.synthetic)
     parts: list[Part] = []
     for axes in dict.fromkeys(curve.shown for _, curve in curves):
         tests = [test for test in simulation.tests if test.curve.shown == axes]
         parts.append(_table(tests, CurveScale.of(test.curve for test in tests)))
     caption = "Force of the full sample against displacement." if len(parts) == 1 else "Curves of the tests."
-    measured = " Markers: the measured curves, at the values above." if simulation.measured else ""
+    measured = (
+        f" Markers: the {'synthetic' if stored.synthetic else 'measured'} curves that the case names."
+        if simulation.measured
+        else ""
+    )
     pictures = Figures((drawn(figure, f"{caption}{measured}", _alt(curves)),))
     off = tuple(
         f"{name}: the simulation misses the measured {_up(simulation, name)} by {percent(share)}"

@@ -12,7 +12,7 @@ import itertools
 import re
 import struct
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,12 +21,14 @@ import matplotlib
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from indentfit.report.style import STYLE
+from indentfit.report.style import DOTS, PIXELS, STYLE
+from indentfit.report.typeset import typeset
 
 HERE = Path(__file__).parent
 SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 STACKED = 3
-NOT_SHOWN = ("metadata", "style")  # of a figure: the page has its own style
+NUMBER = itertools.count()  # of figures: their names differ on a page
+DRAWN = ("svg", "g", "defs", "path", "use", "clipPath", "rect", "image", "text", "tspan")  # elements of a figure that a page shows
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Table:
     def numeric(self) -> list[bool]:
         """Whether each column holds numbers."""
         columns: Iterable[tuple[str, ...]] = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
-        return [all(re.fullmatch(r"[-+−±]?[\d.,]+(e[-+]?\d+)?( ?%)?|–|", cell) for cell in column) for column in columns]
+        return [all(re.fullmatch(r"[-+−±<>]? ?[\d.,]+(e[-+]?\d+)?( ?%)?|–|", cell) for cell in column) for column in columns]
 
     @property
     def stacked(self) -> bool:
@@ -100,9 +102,9 @@ class Code:
 
 @dataclass(frozen=True)
 class Beside:
-    """A table with a picture beside it, where there is room."""
+    """Tables and text with a picture beside them, where there is room."""
 
-    table: Table
+    parts: "tuple[Text | Table, ...]"
     picture: Picture
     kind = "beside"
 
@@ -132,8 +134,14 @@ class Page:
 
 
 def marked(text: str) -> Markup:
-    """An escaped sentence of indentfit, with the text between backticks as code, and no line break before a percent sign."""
-    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", str(escape(text)))))
+    """An escaped sentence of indentfit, typeset, with the text between backticks as it is, as code, and no line break before a
+    percent sign."""
+    pieces = re.split("`([^`]+)`", text)
+    return Markup("").join(Markup("<code>{}</code>").format(piece) if n % 2 else _set(piece) for n, piece in enumerate(pieces))
+
+
+def _set(text: str) -> Markup:
+    return escape(re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", typeset(text)))
 
 
 def render(page: Page) -> str:
@@ -146,6 +154,7 @@ def render(page: Page) -> str:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters["marked"] = marked
+    environment.filters["typeset"] = typeset
     style = (HERE / "page.css").read_text(encoding="utf-8")
     return environment.get_template("page.html").render(
         page=page,
@@ -155,28 +164,44 @@ def render(page: Page) -> str:
     )
 
 
-def drawn(figure: Figure, caption: str, alt: str, number: Iterator[int] = itertools.count()) -> Picture:  # noqa: B008 - the count shall go on
+def drawn(figure: Figure, caption: str, alt: str) -> Picture:
     """The Picture of a matplotlib figure, as SVG to be put into the page."""
     text = io.StringIO()
     with matplotlib.rc_context(STYLE):
         figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})
-    return Picture(caption, alt, svg=_inline(text.getvalue(), f"f{next(number)}-", alt))
+    width, height = (round(PIXELS * 72 * inches) for inches in figure.get_size_inches())
+    return Picture(caption, alt, _inline(text.getvalue(), f"f{next(NUMBER)}-", alt), width=width, height=height)
 
 
 def image(path: str | Path, caption: str, alt: str) -> Picture:
     """The Picture of a PNG file."""
     raw = Path(path).read_bytes()
-    width, height = struct.unpack(">II", raw[16:24])
+    width, height = (round(PIXELS * 72 / _dots(raw) * dots) for dots in struct.unpack(">II", raw[16:24]))
     return Picture(caption, alt, source=f"data:image/png;base64,{base64.b64encode(raw).decode()}", width=width, height=height)
 
 
+def vector_image(path: Path, caption: str, alt: str) -> Picture:
+    """The Picture of an SVG file that matplotlib wrote."""
+    svg = _inline(path.read_text(encoding="utf-8"), f"f{next(NUMBER)}-", alt)
+    width = re.search(r'width="(\d+)"', svg)
+    return Picture(caption, alt, svg, width=int(width[1]) if width else 0)
+
+
+def _dots(png: bytes) -> float:
+    """Dots of an inch of a PNG, where it says so."""
+    at = png.find(b"pHYs")
+    return DOTS if at < 0 else 0.0254 * float(struct.unpack(">I", png[at + 4 : at + 8])[0]) or DOTS
+
+
 def _inline(text: str, prefix: str, alt: str) -> Markup:
-    """SVG for the inside of a page: no names of its own that another figure has, too, and no styles that a policy forbids."""
+    """SVG for the inside of a page: no names of its own that another figure has, too, and no styles that a policy forbids. Its
+    width is such that the text of all figures has one size."""
     root = ET.fromstring(text)  # comments, which hold the texts, are left out
+    width = f"{PIXELS * float(root.get('width', '0').removesuffix('pt')):.0f}"
     names = {name for element in root.iter() if (name := element.get("id"))}
     for parent in list(root.iter()):
         for child in list(parent):
-            if child.tag.rpartition("}")[2] in NOT_SHOWN:
+            if child.tag.rpartition("}")[2] not in DRAWN:
                 parent.remove(child)
     for element in root.iter():
         for declaration in (element.attrib.pop("style", "") or "").split(";"):
@@ -185,7 +210,9 @@ def _inline(text: str, prefix: str, alt: str) -> Markup:
                 element.set(name.strip(), value.strip())
         element.attrib.pop("type", None)
         for name, value in list(element.attrib.items()):
-            if name in ("id", f"{{{XLINK}}}href"):
+            if name.lower().startswith("on"):  # no figure of ours answers to a click
+                del element.attrib[name]
+            elif name in ("id", f"{{{XLINK}}}href"):
                 del element.attrib[name]
                 element.set(name.rpartition("}")[2], re.sub(r"^(#?)(.*)$", rf"\1{prefix}\2", value))
             else:
@@ -193,6 +220,7 @@ def _inline(text: str, prefix: str, alt: str) -> Markup:
     _drop_unused_names(root, {prefix + name for name in names})
     for name in ("width", "height", "version"):
         root.attrib.pop(name, None)
+    root.set("width", width)
     root.set("role", "img")
     root.set("aria-label", alt)
     ET.register_namespace("", SVG)

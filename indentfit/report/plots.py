@@ -2,7 +2,7 @@
 
 import itertools
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from indentfit.curve import Curve
 from indentfit.inference.result import FitResult, ParameterEstimate, Profile
 from indentfit.report.digits import CurveScale
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
+from indentfit.report.typeset import symbol, typeset
 from indentfit.study.design import Design
 
 Named = Sequence[tuple[str, Curve]]  # tests by name
@@ -34,13 +35,18 @@ WIDEST_LABEL = 52  # letters
 SMALL = {"markersize": 2.4, "markeredgewidth": 0.6}
 
 
-def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure:
+def force_displacement(measured: Named, simulated: Named, path: Place, synthetic: Collection[str] = ()) -> Figure:
     """Measured curves as markers, simulated ones as lines; below, simulated minus measured where both are given. Of curves with
     times, the loading is shown.
 
-    measured, simulated: lists of (name of the test, Curve); a test has one colour in both. Saves path.svg and
-    path.png (any ending of `path` is replaced) and returns the figure.
+    measured, simulated: lists of (name of the test, Curve); a test has one colour in both. synthetic: names of the tests whose
+    curves were computed and not measured. Saves path.svg and path.png (any ending of `path` is replaced) and returns the figure.
     """
+    if own := {name for name, _ in measured if name in synthetic and len(synthetic) < len(measured)}:
+        simulated, measured = (
+            [(f"{name} (synthetic)" if name in own else name, curve) for name, curve in curves] for curves in (simulated, measured)
+        )
+    marks = "synthetic" if synthetic and not own else "measured"
     simulated, measured = ([(name, curve.loading) for name, curve in curves] for curves in (simulated, measured))
     shown = list(dict.fromkeys(curve.shown for _, curve in (*simulated, *measured))) or [INDENTATION]
     names = list(dict.fromkeys(name for name, _ in [*simulated, *measured]))
@@ -52,7 +58,7 @@ def force_displacement(measured: Named, simulated: Named, path: Place) -> Figure
         for axes, (upper, lower) in zip(shown, panels, strict=True):
             ours, given = ([(name, curve) for name, curve in curves if curve.shown == axes] for curves in (simulated, measured))
             _draw(upper, lower, given, ours, looks)
-        drawn = [kind for kind, curves in (("measured", measured), ("simulated", simulated)) if curves]
+        drawn = [kind for kind, curves in ((marks, measured), ("simulated", simulated)) if curves]
         _legend(figure, names, looks, drawn)
         save(figure, path)
     return figure
@@ -77,6 +83,17 @@ def _draw(upper: Axes, lower: Axes | None, measured: Named, simulated: Named, lo
     _label_units(upper, lower, scale)
 
 
+def profile(name: str, known: Profile, parameter: ParameterEstimate) -> Figure:
+    """The profile likelihood of one parameter: chi2 against its value, the limit of 95 %, and the runs."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(COLUMN, 0.62 * COLUMN), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.add_subplot()
+        _profile(axes, name, known, parameter)
+        axes.set_ylabel("χ² above the least")
+    return figure
+
+
 def profiles(result: FitResult, path: Place = None) -> Figure:
     """Profile likelihoods of a fit, one panel for each parameter: chi2 against its value, the limit of 95 %, and the runs."""
     columns = min(len(result.profiles), 3)
@@ -96,8 +113,8 @@ def profiles(result: FitResult, path: Place = None) -> Figure:
 
 
 def _profile(ax: Axes, name: str, profile: Profile, parameter: ParameterEstimate) -> None:
-    chi2 = [np.nan if value is None else value for value in profile.chi2]
-    top = 2 * profile.limit if profile.limit else float(np.nanmax(chi2))
+    chi2 = corrected(profile, parameter.value)
+    top = 2 * profile.limit if profile.limit else max(float(np.nanmax(chi2)), 1e-12)
     ax.plot(profile.values, chi2, color=COLOURS[0])
     if profile.limit:
         ax.axhline(profile.limit, color="0.4", linewidth=0.6, linestyle=DASHES[1])
@@ -105,12 +122,27 @@ def _profile(ax: Axes, name: str, profile: Profile, parameter: ParameterEstimate
     ax.axvline(parameter.value, color="0.4", linewidth=0.6)
     runs = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None]
     if runs:  # markers without any, not clipped, count as one at the figure's corner
-        marks = _markers((COLOURS[1], "o", "")) | SMALL
+        marks = _markers((COLOURS[1], "o", "")) | {"zorder": 3}
         ax.plot([value for value, _ in runs], [height for _, height in runs], **marks)
     ax.set_ylim(-0.04 * top, top)
     unit = "" if parameter.unit in ("", "1") else f" ({parameter.unit})"
-    ax.set_xlabel(_label(name) + unit)
+    ax.set_xlabel(_label(symbol(name)) + unit)
     ax.xaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
+
+
+def corrected(profile: Profile, best: float) -> Array:
+    """chi2 (n,) of a profile, by the surrogate, moved to the runs that confirm it: by their difference at these runs, which falls
+    linearly to nothing at the optimum, and stays beyond them."""
+    values = np.array(profile.values, dtype=float)
+    chi2 = np.array([np.nan if value is None else value for value in profile.chi2], dtype=float)
+    known = np.isfinite(chi2)
+    runs = {point.value: point.chi2 for point in profile.confirmed if point.chi2 is not None and point.value != best}
+    if not runs or not known.any():
+        return chi2
+    places = np.array(sorted([*runs, best]))
+    by_surrogate = np.interp(places, values[known], chi2[known])
+    off = [0.0 if place == best else runs[float(place)] - guess for place, guess in zip(places, by_surrogate, strict=True)]
+    return np.maximum(chi2 + np.interp(values, places, off), 0.0)
 
 
 def correlations(names: Sequence[str], matrix: Sequence[Sequence[float | None]], path: Place) -> Figure:
@@ -122,10 +154,10 @@ def correlations(names: Sequence[str], matrix: Sequence[Sequence[float | None]],
         ax = figure.add_subplot()
         image = ax.imshow(values, vmin=-1, vmax=1, cmap="RdBu_r")
         for (i, j), value in np.ndenumerate(values):
-            text = "?" if np.isnan(value) else f"{value:.2f}"
+            text = "?" if np.isnan(value) else typeset(f"{value:.2f}")
             ax.text(j, i, text, ha="center", va="center", color="white" if abs(value) > 0.6 else "black")
-        ax.set_xticks(range(len(names)), [_label(name) for name in names])
-        ax.set_yticks(range(len(names)), [_label(name) for name in names])
+        ax.set_xticks(range(len(names)), [_label(symbol(name)) for name in names])
+        ax.set_yticks(range(len(names)), [_label(symbol(name)) for name in names])
         ax.tick_params(length=0)
         figure.colorbar(image, label="correlation", ticks=[-1, 0, 1])
         save(figure, path)
@@ -144,7 +176,7 @@ def designs(design: Design, path: Place = None, shown: int = 12) -> Figure:
         ax.barh(range(len(rows)), [error for _, error in rows], color=COLOURS[0], height=0.65)
         ax.axvline(design.stderr[worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
         ax.set_yticks(range(len(rows)), [_label(name) for name in names])
-        ax.set_xlabel(f"standard error of {_label(worst)}; dashed: without a further test")
+        ax.set_xlabel(f"standard error of {_label(symbol(worst))}; dashed: without a further test")
         save(figure, path)
     return figure
 
@@ -215,14 +247,15 @@ def _label_units(upper: Axes, lower: Axes | None, scale: CurveScale) -> None:
     upper.set_ylabel(scale.up)
     (upper if lower is None else lower).set_xlabel(scale.across)
     if lower is not None:
-        lower.set_ylabel(f"Sim. − meas.\n({scale.force.symbol})")
+        lower.set_ylabel(f"Residual\n({scale.force.symbol})")
         upper.figure.align_ylabels([upper, lower])
 
 
 def _legend(figure: Figure, names: Sequence[str], looks: Looks, drawn: Sequence[str]) -> None:
     """Legend above the axes: the look of each test, and beside the tests, or below long names, the meaning of markers and lines."""
     tests = [(_example(looks[name], drawn), _label(name)) for name in names]
-    kinds = {"measured": {"linestyle": "none", **_markers(("0.3", "o", ""))}, "simulated": {"color": "0.3"}}
+    marks = {"linestyle": "none", **_markers(("0.3", "o", ""))}
+    kinds: dict[str, dict[str, Any]] = {"measured": marks, "synthetic": marks, "simulated": {"color": "0.3"}}
     meanings = [(Line2D([], [], **kinds[kind]), kind) for kind in drawn if len(drawn) > 1]
     rows, columns = [*tests, *meanings], 1
     if max(map(len, names)) <= SHORT:  # side by side: both columns padded to the same length
@@ -236,7 +269,7 @@ def _legend(figure: Figure, names: Sequence[str], looks: Looks, drawn: Sequence[
 def _example(look: Look, drawn: Sequence[str]) -> Line2D:
     colour, _, dashes = look
     line = {"color": colour, "linestyle": dashes if "simulated" in drawn else "none"}
-    return Line2D([], [], **((_markers(look) | line) if "measured" in drawn else line))
+    return Line2D([], [], **((_markers(look) | line) if {"measured", "synthetic"} & {*drawn} else line))
 
 
 def _label(name: str) -> str:

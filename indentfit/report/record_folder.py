@@ -11,7 +11,7 @@ from indentfit.experiment.file_case import FileCase
 from indentfit.experiment.judgement import RATINGS
 from indentfit.experiment.mean_case import MeanCase
 from indentfit.experiment.process_result import ProcessResult
-from indentfit.report.folder import result_folder, write_json
+from indentfit.report.folder import result_folder, stamped, write_json
 from indentfit.report.records import curve_files, write_means, write_stiffness
 
 MOST_FIGURES = 12  # of a folder, unless all are wanted: a force map has hundreds of records, and a figure takes half a second
@@ -71,7 +71,7 @@ def write_process(
 
             for warning in write_case(folder, result, case):
                 listener.warn(warning)
-        write_json(folder / "summary.json", result.as_json())
+        write_json(folder / "summary.json", stamped(result.as_json()))
         if figures is not False:
             from indentfit.report.html import write_report
 

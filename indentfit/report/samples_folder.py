@@ -7,7 +7,7 @@ from indentfit.errors import OutputError
 from indentfit.inference.per_sample import PerSample
 from indentfit.inference.population_fit import Population
 from indentfit.report.fit_folder import fill_fit
-from indentfit.report.folder import result_folder, write_json
+from indentfit.report.folder import result_folder, stamped, write_json
 from indentfit.report.html import write_report
 from indentfit.report.per_sample import write_samples_table
 from indentfit.report.population import population_figure, population_rows, shrunken_rows
@@ -33,14 +33,14 @@ def write_samples(result: PerSample, path: str | Path, overwrite: bool = False) 
 
 def fill_samples(folder: Path, result: PerSample) -> None:
     """Write the table, the JSON file and the page of all samples into a folder that exists."""
-    write_json(folder / "per_sample.json", result.as_json())
+    write_json(folder / "per_sample.json", stamped(result.as_json()))
     write_samples_table(folder / "per_sample.csv", result)
     write_report(folder)
 
 
 def fill_population(folder: Path, result: Population) -> None:
     """Write the tables, the JSON file, the figure and the page of a population into a folder that exists."""
-    write_json(folder / "result.json", result.as_json())
+    write_json(folder / "result.json", stamped(result.as_json()))
     write_samples_table(folder / "per_sample.csv", result.per_sample)
     if result.hierarchy is not None:
         population_figure(result, folder / "population")

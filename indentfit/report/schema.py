@@ -54,6 +54,7 @@ class TestFacts:
     depth: str
     weight: float | None
     own: str = ""  # sample and indenter of this test, in words, where they are its own
+    synthetic: bool = False  # whether its curve was computed
 
 
 @dataclass(frozen=True)
@@ -166,6 +167,8 @@ class Stored:
         Overrides with which the copy of the case is the case that was run.
     case_hash : str or None
     versions : dict of package -> version
+    written : str
+        The day on which the result was written, "2026-11-28"; empty where that is not known.
     """
 
     folder: Path
@@ -174,6 +177,12 @@ class Stored:
     overrides: tuple[str, ...]
     case_hash: str | None
     versions: dict[str, str]
+    written: str = ""
+
+    @property
+    def synthetic(self) -> tuple[str, ...]:
+        """The names of the tests whose curves were computed and not measured."""
+        return tuple(test.name for test in self.case.tests if test.synthetic) if self.case else ()
 
     def unit(self, parameter: str) -> str:
         """The unit of a parameter of the material, "1" for none."""
@@ -222,7 +231,9 @@ def read_result(folder: str | Path) -> Stored:
         raise OutputError(f"{folder}: a result of an unknown format ({tag[:60]!r}); use the indentfit that wrote it")
     case = CaseFacts.from_json(value["case"]) if value.get("case") else None
     overrides, versions = tuple(value.get("overrides", ())), dict(value.get("versions") or {})
-    return Stored(folder, READERS[tag](value), case, overrides, value.get("case_hash"), versions)
+    return Stored(
+        folder, READERS[tag](value), case, overrides, value.get("case_hash"), versions, str(value.get("written", ""))[:10]
+    )
 
 
 def fitted_parameters(folder: str | Path, case: Case) -> dict[str, float]:
@@ -293,7 +304,7 @@ def _test_facts(test: Mapping[str, Any], case: Mapping[str, Any]) -> TestFacts:
     direction = None if test["angle"] is None else str(test["angle"])
     if test.get("kind", "indentation") != "indentation":
         direction = ", ".join(test[key] for key in ("kind", "loading", "fibres") if test.get(key))
-    return TestFacts(test["name"], direction, source, test["n"], end, test["weight"], own)
+    return TestFacts(test["name"], direction, source, test["n"], end, test["weight"], own, bool(test.get("synthetic")))
 
 
 def _own_words(

@@ -5,6 +5,7 @@ symmetry, so that the material under the indenter is visible. Deformation is to 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,55 +14,114 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from scipy.interpolate import LinearNDInterpolator
 from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.arrays import Array, Ints
 from indentfit.fem.fields import Fields
-from indentfit.report.plots import _label
-from indentfit.report.style import COLUMN, STYLE
+from indentfit.indenters.shape import IndenterShape
+from indentfit.report.indenter_outline import Outline, outline
+from indentfit.report.plots import TICKS, _label
+from indentfit.report.style import COLUMN, DOTS, STYLE
 
-Shown = Sequence[tuple[str, int, Fields]]  # name of a test, angle in degrees, its fields
 Peak = dict[str, Any]
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # in the order of fem.fields
-SHOWN = ("xx", "xy", "yy", "yz", "zz", "xz")  # normal stresses on the left, shear stresses on the right
-WIDTH, DOTS = 1.25 * COLUMN, 220
 EYE = np.array([-0.70, 0.62, -1.0])  # from the sample towards the eye
-ARROW = {"arrowstyle": "->", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
 LIMIT = 99.0  # percent of the nodes whose values are within the colours' range: edges are singular
+LINES = 9  # of fibres on the top of the sample
+INK, GREY = "0.1", "0.35"
 # Edges by their corners and faces by theirs, in VTK's order of the nodes of a 27-node brick
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 FACES = ((0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7))
 
 
-def displacement_picture(tests: Shown, path: Path) -> None:
-    """u_y of each test (list of (name, angle, Fields)), one above the other on one scale. Saves a PNG."""
-    with matplotlib.rc_context(STYLE):
-        figure, panels = _panels(len(tests), 1)
-        values = [fields.displacement[:, 1] for *_, fields in tests]
-        low, high = min(map(np.min, values)), max(map(np.max, values))
-        for axes, (name, angle, fields), value in zip(panels, tests, values, strict=True):
-            colours = _draw(axes, fields, value, "viridis", low, high)
-            axes.set_title(_label(f"{name} ({angle}°)"), fontsize=8, loc="left")
-        figure.colorbar(colours, ax=panels, shrink=0.7, aspect=30, label="Displacement $u_y$ (mm)")
-        _save(figure, path)
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A test as pictures show it.
+
+    Parameters
+    ----------
+    name : str
+    angle : int, degrees
+    fields : Fields
+    indenter : IndenterShape or None
+        The indenter that is drawn, at the depth of the fields, mm; None leaves it out.
+    depth : float
+    fibre : array (3,) or None
+        Direction of the fibres in the undeformed sample.
+    """
+
+    name: str
+    angle: int
+    fields: Fields
+    indenter: IndenterShape | None = None
+    depth: float = 0.0
+    fibre: Array | None = None
+
+    @property
+    def words(self) -> str:
+        """The test's name, with the angle of its fibres where it has any."""
+        return self.name if self.fibre is None else f"{self.name} ({self.angle}°)"
 
 
-def stress_picture(name: str, angle: int, fields: Fields, path: Path) -> None:
-    """The six Cauchy stresses of one test, each with its own scale around zero. Saves a PNG."""
+def displacement_picture(tests: Sequence[Shown], path: Path) -> None:
+    """u_y of each test, one above the other on one scale. Saves a PNG."""
+    values = [test.fields.displacement[:, 1] for test in tests]
+    low, high = min(map(np.min, values)), max(map(np.max, values))
+    _picture(tests, values, Scale("Vertical displacement $u_y$ (mm)", "viridis", low, high, "neither"), path)
+
+
+def stress_picture(component: str, tests: Sequence[Shown], path: Path) -> None:
+    """One Cauchy stress ("xx") of each test, one above the other on one scale, in blue below zero and in red above. Saves a PNG."""
+    values = [test.fields.nodal_stress[:, COMPONENTS.index(component)] for test in tests]
+    low, high = stress_range(values)
+    _picture(tests, values, Scale(rf"$\sigma_{{{component}}}$ (kPa)", _diverging(low, high), low, high, "both"), path)
+
+
+def stress_range(values: Sequence[Array]) -> tuple[float, float]:
+    """The range of the colours, with zero in it: LIMIT percent of the nodes of the test with the largest values lie within."""
+    spare = (100 - LIMIT) / 2
+    low = min(0.0, *(float(np.percentile(value, spare)) for value in values))
+    high = max(0.0, *(float(np.percentile(value, 100 - spare)) for value in values))
+    return (low, high) if high > low else (-1e-12, 1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """The scale of colours of a picture."""
+
+    label: str
+    ramp: str | Colormap
+    low: float
+    high: float
+    extend: str
+
+
+def _diverging(low: float, high: float) -> Colormap:
+    """Blue to red about white at zero, with equal steps on both sides, and no colour that no value of the range has."""
+    size = max(-low, high)
+    ends = np.linspace((low / size + 1) / 2, (high / size + 1) / 2, 256)
+    return LinearSegmentedColormap.from_list("stress", matplotlib.colormaps["RdBu_r"](ends))
+
+
+def _picture(tests: Sequence[Shown], values: Sequence[Array], scale: Scale, path: Path) -> None:
+    """Tests one above the other, with one bar of colours below."""
     with matplotlib.rc_context(STYLE):
-        figure, panels = _panels(3, 2)
-        for axes, component in zip(panels, SHOWN, strict=True):
-            value = fields.nodal_stress[:, COMPONENTS.index(component)]
-            size = max(np.percentile(np.abs(value), LIMIT), 1e-12)
-            colours = _draw(axes, fields, value, "RdBu_r", -size, size)
-            bar = figure.colorbar(colours, ax=axes, location="bottom", shrink=0.85, aspect=28, pad=0.02, extend="both")
-            bar.set_label(rf"$\sigma_{{{component}}}$ (kPa)")
-            bar.locator = matplotlib.ticker.MaxNLocator(4, symmetric=True)
-            bar.update_ticks()
-        figure.suptitle(_label(f"{name} ({angle}°)"), fontsize=8, x=0.02, ha="left")
-        _save(figure, path)
+        figure = Figure(figsize=(COLUMN, (0.62 * len(tests) + 0.18) * COLUMN), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = list(figure.subplots(len(tests), 1, squeeze=False).ravel())
+        for axes, test, value in zip(panels, tests, values, strict=True):
+            colours = _draw(axes, test, value, scale)
+            axes.set_title(_label(test.words), loc="left")
+        bar = figure.colorbar(colours, ax=panels, location="bottom", shrink=0.9, aspect=32, extend=scale.extend, pad=0.02)
+        bar.set_label(scale.label)
+        bar.locator = MaxNLocator(6, steps=TICKS)
+        bar.update_ticks()
+        figure.savefig(path, dpi=DOTS, facecolor="white", metadata={"Software": None})
 
 
 def peaks(fields: Fields) -> list[Peak]:
@@ -124,28 +184,59 @@ def _edge(a: int, b: int) -> int:
     return next(n for n, edge in enumerate(EDGES) if set(edge) == {a, b})
 
 
-def _draw(axes: Axes, fields: Fields, value: Array, ramp: str, low: float, high: float) -> Any:
-    """The visible surface in the colours of nodal values, the far parts first. Returns what a colour bar needs."""
+def _draw(axes: Axes, test: Shown, value: Array, scale: Scale) -> Any:
+    """The visible surface in the colours of nodal values, the far parts first, with fibres and the indenter. Returns what a bar of
+    colours needs."""
+    fields = test.fields
     x = fields.nodes + fields.displacement
     quads = surface(fields.elements)
     towards = EYE / np.linalg.norm(EYE)
     right = np.cross([0.0, 1.0, 0.0], towards)
     right /= np.linalg.norm(right)
-    up = np.cross(towards, right)
+    seen_as = np.column_stack([right, np.cross(towards, right)])
     middle = x[quads].mean(axis=1)
     normal = _normals(x, quads) * _outwards(fields.nodes, quads)[:, None]
     seen = normal @ towards > 1e-12
     quads = quads[seen][np.argsort(middle[seen] @ towards)]
-    flat = np.column_stack([x @ right, x @ up])
+    flat = x @ seen_as
     triangles = np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
     colours = axes.tripcolor(
-        flat[:, 0], flat[:, 1], np.clip(value, low, high), triangles=triangles, shading="gouraud", cmap=ramp, vmin=low, vmax=high
-    )
-    axes.add_collection(LineCollection(flat[quads[:, [0, 1, 2, 3, 0]]], colors="black", linewidths=0.15, alpha=0.25))
-    _axes_of_space(axes, flat, right, up)
+        flat[:, 0], flat[:, 1], np.clip(value, scale.low, scale.high), triangles=triangles, shading="gouraud", cmap=scale.ramp,
+        vmin=scale.low, vmax=scale.high,
+    )  # fmt: skip
+    axes.add_collection(LineCollection(flat[quads[:, [0, 1, 2, 3, 0]]], colors="black", linewidths=0.15, alpha=0.2))
+    if test.fibre is not None:
+        axes.add_collection(LineCollection([line @ seen_as for line in _fibres(fields, test.fibre)], colors=INK, linewidths=0.6))
+    if test.indenter is not None:
+        _draw_indenter(axes, outline(test.indenter, test.depth, fields.nodes), seen_as)
+    _axes_of_space(axes, flat, *seen_as.T)
     axes.set_aspect("equal")
     axes.set_axis_off()
     return colours
+
+
+def _fibres(fields: Fields, fibre: Array) -> list[Array]:
+    """Lines (n, 3) on the deformed top along the fibres, at equal distances; nothing for fibres that do not lie in the top."""
+    nodes = fields.nodes
+    top = nodes[:, 1] > nodes[:, 1].max() - 1e-6 * np.ptp(nodes[:, 1])
+    plane = nodes[top][:, [0, 2]]
+    along = np.array([fibre[0], fibre[2]])
+    if np.linalg.norm(along) < 1e-6 or top.sum() < 4:
+        return []
+    along /= np.linalg.norm(along)
+    across = np.array([-along[1], along[0]])
+    moved = LinearNDInterpolator(plane, (nodes + fields.displacement)[top])
+    (first, last), (low, high) = ((float(np.min(plane @ way)), float(np.max(plane @ way))) for way in (along, across))
+    steps = np.linspace(first, last, 120)[:, None] * along
+    lines = [moved(steps + place * across) for place in np.linspace(low, high, LINES + 2)[1:-1]]
+    return [line[np.isfinite(line[:, 0])] for line in lines if np.isfinite(line[:, 0]).sum() > 1]
+
+
+def _draw_indenter(axes: Axes, drawn: Outline, seen_as: Array) -> None:
+    """The quarter of the indenter, as clear as glass: its cut faces and its top."""
+    for face in drawn.faces:
+        axes.fill(*(face @ seen_as).T, facecolor=GREY, alpha=0.18, edgecolor="none", zorder=4)
+        axes.plot(*(face[[*range(len(face)), 0]] @ seen_as).T, color=GREY, linewidth=0.5, zorder=5)
 
 
 def _normals(x: Array, quads: Ints) -> Array:
@@ -162,7 +253,7 @@ def _outwards(nodes: Array, quads: Ints) -> Array:
 def _axes_of_space(axes: Axes, flat: Array, right: Array, up: Array) -> None:
     """Three short arrows that say where x, y and z point."""
     span = np.ptp(flat, axis=0).max()
-    origin = np.array([flat[:, 0].max() - 0.02 * span, flat[:, 1].min() - 0.06 * span])
+    origin = np.array([flat[:, 0].max() - 0.02 * span, flat[:, 1].min()])
     axes.update_datalim([origin, origin + 0.04 * span])
     axes.autoscale_view()
     for name, direction in (("x", [1, 0, 0]), ("y", [0, 1, 0]), ("z", [0, 0, 1])):
@@ -170,14 +261,4 @@ def _axes_of_space(axes: Axes, flat: Array, right: Array, up: Array) -> None:
         axes.annotate(
             "", tuple(origin + tip), tuple(origin), arrowprops={"arrowstyle": "->", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
         )
-        axes.annotate(name, tuple(origin + 1.35 * tip), fontsize=7, ha="center", va="center", annotation_clip=False)
-
-
-def _panels(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(WIDTH, (0.62 if columns == 1 else 0.52) * WIDTH * rows / columns**0.3), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
-
-
-def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=DOTS, facecolor="white", metadata={"Software": None})
+        axes.annotate(name, tuple(origin + 1.35 * tip), ha="center", va="center", annotation_clip=False)

@@ -8,7 +8,7 @@ from indentfit.errors import OutputError
 from indentfit.report import mesh_check as mesh_check_report
 from indentfit.report import sweep as sweep_report
 from indentfit.report.fields import FieldChoice, Solved, write_fields
-from indentfit.report.folder import copy_case, result_folder, write_curves, write_json
+from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.plots import designs
 from indentfit.report.schema import case_json
@@ -29,7 +29,7 @@ def fill_study(folder: Path, study: Sweep | MeshCheck) -> dict[str, Any]:
     """Write the files of a study into a folder that exists; returns what its result.json holds."""
     case = _case_of(study, folder)
     again = copy_case(case, folder)
-    written = {**study.as_json(), "overrides": list(again), "case": case_json(case)}
+    written = stamped({**study.as_json(), "overrides": list(again), "case": case_json(case)})
     write_json(folder / "result.json", written)
     if isinstance(study, Sweep):
         sweep_report.write_tables(folder, study)
@@ -47,7 +47,7 @@ def write_design(design: Design, path: str | Path, overwrite: bool = False) -> N
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
         origin = {"case_hash": case.hash, "overrides": list(again), "case": case_json(case)}
-        write_json(folder / "design.json", {**design.as_json(), **origin})
+        write_json(folder / "design.json", stamped({**design.as_json(), **origin}))
         designs(design, folder / "design")
         write_report(folder)
 
@@ -63,7 +63,8 @@ def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldCh
     case = simulated.case
     with result_folder(path, overwrite) as folder:
         again = copy_case(case, folder)
-        write_json(folder / "simulation.json", {**simulated.as_json(), "overrides": list(again), "case": case_json(case)})
+        told = stamped({**simulated.as_json(), "overrides": list(again), "case": case_json(case)})
+        write_json(folder / "simulation.json", told)
         write_curves(folder / "curves.csv", simulated.curves)
         simulated.plot(folder / "force_displacement")
         if over_time := simulated.in_time:

@@ -13,7 +13,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from indentfit.arrays import Array
 from indentfit.curve import Curve
-from indentfit.inference.result import Profile
 from indentfit.report.digits import CurveScale, Scale
 from indentfit.report.plots import TICKS, Place, _from_origin, _label, save
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
@@ -198,7 +197,7 @@ def error_and_cost(h: Array, errors: tuple[str, Mapping[str, Sequence[float]]], 
         axes.set_ylim(bottom=0)
         axes.set_xlabel(f"Element size h ({scale.symbol})")
         axes.set_ylabel(label)
-        figure.legend(loc="outside upper left", ncols=2)
+        figure.legend(loc="outside upper left", ncols=1)
         save(figure, path)
     return figure
 
@@ -226,26 +225,6 @@ def _force_axes(axes: Axes, title: str, scale: CurveScale) -> None:
     axes.set_ylabel(f"Force ({scale.force.symbol})")
     axes.xaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
-
-
-def profile(label: str, profile: Profile, best: float) -> Figure:
-    """A profile likelihood: chi2 above its least against a parameter's value, the limit of 95 %, its interval, and runs."""
-    with matplotlib.rc_context(STYLE):
-        figure, (axes,) = _panels(1, height=0.7 * COLUMN)
-        chi2 = [np.nan if value is None else value for value in profile.chi2]
-        top = 2 * profile.limit if profile.limit else float(np.nanmax(chi2))
-        axes.axvspan(*profile.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
-        axes.axvline(best, color="0.4", linewidth=0.6)
-        if profile.limit:
-            axes.axhline(profile.limit, color="0.4", linewidth=0.6, linestyle=DASHES[1])
-        axes.plot(profile.values, chi2, color=COLOURS[0])
-        runs = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None]
-        axes.plot([value for value, _ in runs], [height for _, height in runs], "o", color=COLOURS[1], markerfacecolor="white")
-        axes.set_ylim(-0.04 * top, top)
-        axes.set_xlabel(_label(label))
-        axes.set_ylabel("χ² above the least")
-        axes.xaxis.set_major_locator(MaxNLocator(5, steps=TICKS))
-    return figure
 
 
 def course(objectives: Sequence[float], phases: Sequence[str]) -> Figure:

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+PIXELS = 1.6  # of a page, for a point of a figure: text of 8 points is 13 pixels high, on every figure
+DOTS = 220  # of an inch of the pictures of stresses
 COLUMN = 90 / 25.4  # inches: one column of a journal
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe and Ito 2008
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -13,13 +15,15 @@ STYLE: dict[Any, Any] = {  # matplotlib types its keys
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "axes.titlesize": 8,
+    "figure.titlesize": 8,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "xtick.major.size": 2.5,
     "ytick.major.size": 2.5,
-    "legend.fontsize": 7.5,
+    "legend.fontsize": 8,
     "legend.frameon": False,
     "lines.linewidth": 1.0,
     "lines.markersize": 3.4,

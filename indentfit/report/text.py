@@ -372,7 +372,13 @@ def _of_input(name: str, share: InputShare) -> str:
 
 
 def _percents(share: InputShare | NoiseShare, free: Sequence[str]) -> list[str]:
-    return ["unknown" if share.share[name] is None else f"{share.share[name]:.1%}" for name in free]
+    return [_percent(share.share[name]) for name in free]
+
+
+def _percent(share: float | None) -> str:
+    if share is None:
+        return "unknown"
+    return "< 0.1%" if 0 < share < 0.0005 else f"{share:.1%}"
 
 
 def _shares(result: FitResult) -> Iterator[str]:

@@ -103,7 +103,7 @@ class SimulatedCase(Simulation):
         """The matplotlib Figure of simulated and measured curves; saved as SVG and PNG where a path is given."""
         from indentfit.report.plots import force_displacement
 
-        return force_displacement(list(self.measured.items()), list(self.curves.items()), path)
+        return force_displacement(list(self.measured.items()), list(self.curves.items()), path, self.case.synthetic)
 
     def write(self, folder: str | Path, fields: bool = False, overwrite: bool = False) -> None:
         """Write the result folder.
