@@ -126,7 +126,7 @@ def test_a_fit_page_says_what_was_found_how_sure_it_is_and_how_to_get_it_again(p
     result = json.loads((folder / "result.json").read_text())
     said = " ".join(" ".join(Outline(pages["fit"].read_text()).texts).split())
     mu = result["parameters"]["mu"]
-    decimals = 1 - math.floor(math.log10(mu["total"]))  # two digits of the error
+    decimals = 1 - math.floor(math.log10(mu["stderr"]))  # two digits of the error
     assert 2 <= decimals <= 5 and f"{mu['value']:.{decimals}f}" in said and mu["verdict"].replace("+-", "±") in said
     assert " to ".join(f"{x:.{decimals}f}" for x in mu["interval"]) in said
     assert f"{result['objective']:.4g} mN" in said
