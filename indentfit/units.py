@@ -69,6 +69,8 @@ def number_in(unit: str, text: str) -> float:
     if unit == "1":
         raise ValueError("must be a plain number, without unit and quotes")
     match = QUANTITY.fullmatch(text)
+    if re.match(r"\s*[-+]?\d+,\d", text):
+        raise ValueError(f'has a decimal comma; write a point, "{text.strip().replace(",", ".", 1)}"')
     if not match:
         raise ValueError(f'must be a number in {unit} or a string such as "1.5 {unit}"')
     return float(f"{float(match[1]) * unit_factor(match[2], unit):.15g}")  # so that 3300 um is exactly 3.3 mm

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Wit
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError, core_schema
 
+from indentfit.case.slips import not_printable
 from indentfit.errors import InputError, suggestion
 from indentfit.shapes import Registry
 from indentfit.units import number_in
@@ -121,9 +122,10 @@ def _not_bool(value: Any) -> Any:
     return value
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
+    """A text that is printable on one line; a refusal otherwise."""
     if not text.strip() or not text.isprintable():
-        raise refusal("must be printable text on one line")
+        raise refusal(not_printable(text))
     return text
 
 
@@ -160,5 +162,5 @@ Friction = Annotated[float | Literal["stick", "unknown"], PlainValidator(_fricti
 BulkRatio = Annotated[float | Literal["unknown"], PlainValidator(_bulk_ratio), WithJsonSchema(RATIO)]
 Angle = Annotated[Literal[0, 90], BeforeValidator(_not_bool), Unit("degrees")]
 Odds = Annotated[Share | None, BeforeValidator(_odds), WithJsonSchema(ODDS)]
-Line = Annotated[str, AfterValidator(_one_line)]
+Line = Annotated[str, AfterValidator(one_line)]
 Title = Annotated[str, AfterValidator(_printable), Field(max_length=200)]

@@ -31,6 +31,7 @@ from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
 from indentfit.case.section import Section
+from indentfit.case.slips import remedy
 from indentfit.case.specimen import loading_of
 from indentfit.case.tables import MaterialChoice, Test
 from indentfit.case.unknown import with_priors
@@ -185,7 +186,7 @@ def _tree(path: Path) -> Tree:
     except ValueError as error:
         number, content = _place(str(error), text)
         reason = str(error).split(" (at ")[0]
-        wrong = f"not TOML ({short(reason)}); correct it"
+        wrong = f"not TOML ({short(reason)}); {remedy(text.split(chr(10))[number - 1]) or 'correct it'}"
         if re.match(r"Cannot (overwrite|declare|mutate)|Duplicate", reason):
             wrong = "this key or table is given twice; keep one of them"
         raise CaseError(printable(f"{path}: line {number}: {content}: {wrong}")) from None

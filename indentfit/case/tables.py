@@ -28,6 +28,7 @@ from indentfit.case.quantities import (
     Quantity,
     Radius,
     Shape,
+    one_line,
     refusal,
 )
 from indentfit.case.ranges import Range, fixed_or_range
@@ -347,9 +348,7 @@ def _file_or_curve(value: Any) -> str | Curve | None:
         raise refusal(
             "must be text in quotes; give the CSV file of the measured curve, relative to the case file, or in Python a Curve"
         )
-    if not value.strip() or not value.isprintable():
-        raise refusal("must be printable text on one line")
-    return value
+    return one_line(value)
 
 
 class Test(Section):

@@ -7,6 +7,7 @@ import click
 
 from indentfit.cli import clusters
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys, listed_laws
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
@@ -19,14 +20,14 @@ if TYPE_CHECKING:
 @click.command(cls=Command, short_help="Which of several laws the curves prefer.")
 @click.argument("case", type=click.Path(), default="case.toml")
 @click.option(
-    "--materials", "asked", required=True, metavar="LAW,LAW,...",
+    "--materials", "asked", required=True, metavar="LAW,LAW,...", shell_complete=listed_laws,
     help="Installed laws (`indentfit materials`), file.py:Class, or typed energies such as 'mu/2*(I1-3)'.",
 )  # fmt: skip
 @click.option(
     "--range", "given", multiple=True, metavar="LAW:PARAMETER=LOW:HIGH",
     help="Range of a parameter (mm, mN, kPa) in place of the automatic one; may be repeated.",
 )  # fmt: skip
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Number of processes; by default one for each core.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-comparison.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")

@@ -3,13 +3,14 @@
 import click
 
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import warn
 
 
 @click.command(cls=Command, short_help="Say which test to do next.")
 @click.argument("case", type=click.Path(), default="case.toml")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--result", type=click.Path(), metavar="DIR", help="Take the parameters of this result folder.")
 @click.option("--noise", type=click.FloatRange(min=0, min_open=True), metavar="MN", help="Standard deviation of a force, mN.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -8,6 +8,7 @@ import click
 from indentfit.case.methods import SearchMethod
 from indentfit.cli import clusters
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command, short_help="Find the parameters that its curves ask for.")
 @click.argument("case", type=click.Path(), default="case.toml")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--method", type=click.Choice(get_args(SearchMethod)), help="The same as --set fit.method=...")
 @click.option("--direct", is_flag=True, help="Search on the forward model itself, without a surrogate.")
 @click.option("--workers", type=int, metavar="N", help="Number of processes; the same as --set fit.workers=N")

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from indentfit.cli.command import Command
-from indentfit.cli.completion import laws
+from indentfit.cli.completion import keys, laws
 from indentfit.cli.speech import say
 
 SHAPES = {
@@ -40,7 +40,14 @@ def _options_of_shapes(command: Any) -> Any:
     "--record", "records", multiple=True, metavar="FILE", type=click.Path(), help="The instrument's own file; may be repeated."
 )
 @click.option("--material", metavar="NAME", shell_complete=laws, help="A law, as `indentfit materials` lists them.")
-@click.option("--set", "told", multiple=True, metavar="KEY=VALUE", help="A value that you know, such as sample.thickness=5")
+@click.option(
+    "--set",
+    "told",
+    multiple=True,
+    metavar="KEY=VALUE",
+    shell_complete=keys,
+    help="A value that you know, such as sample.thickness=5",
+)
 def command(
     folder: str,
     indenter: str | None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from indentfit.cli.command import Command
+from indentfit.cli.completion import laws
 from indentfit.errors import MaterialError
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command, short_help="List, describe or check materials.")
-@click.argument("words", nargs=-1, metavar="[NAME | check NAME]")
+@click.argument("words", nargs=-1, metavar="[NAME | check NAME]", shell_complete=laws)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(words: tuple[str, ...], as_json: bool) -> None:
     """List the materials; with NAME, describe one; with check NAME, hold it to the conformance kit.

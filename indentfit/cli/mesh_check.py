@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.errors import CaseError, ConvergenceError
@@ -17,7 +18,7 @@ from indentfit.errors import CaseError, ConvergenceError
 @click.option("--error", "wanted", default=2.0, show_default=True, metavar="PERCENT", help="Largest error that is wanted.")
 @click.option("--mesh-only", is_flag=True, help="Leave contact penalty, load steps and edge radius out.")
 @click.option("--refit", is_flag=True, help="Fit the free parameters anew on each mesh, too: this takes long.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-mesh-check.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
 from indentfit.errors import RecordError
 
@@ -29,7 +30,9 @@ FILE_CASE = ("sample", "indenter", "material", "mesh", "fit", "solver")  # table
     metavar="TOML",
     help=f"File with the table [record] that says how to read the records; by default {SIDECAR} beside them.",
 )
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key, such as record.rate=1000.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key, such as record.rate=1000."
+)
 @click.option(
     "--thickness", type=click.FloatRange(min=0, min_open=True), metavar="MM", help="Thickness of the samples, for strains."
 )

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import click
 
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import warn
 from indentfit.cli.stopping import stopping
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command, short_help="Compute the curves of a case, and its stresses.")
 @click.argument("case", type=click.Path(), default="case.toml")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")

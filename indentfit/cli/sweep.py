@@ -6,6 +6,7 @@ import click
 
 from indentfit.cli import clusters
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
@@ -15,12 +16,12 @@ from indentfit.errors import ConvergenceError
 @click.command(cls=Command, short_help="Vary keys of a case: curves and ranked sensitivities.")
 @click.argument("case", type=click.Path(), default="case.toml")
 @click.option(
-    "--vary", "asked", multiple=True, required=True, metavar="KEY=VALUES",
+    "--vary", "asked", multiple=True, required=True, metavar="KEY=VALUES", shell_complete=keys,
     help="0.2,0.3,0.5 (a list), 0.2:0.5:4 (four values evenly spaced) or +-15% (of the case's own); may be repeated.",
 )  # fmt: skip
 @click.option("--grid", is_flag=True, help="Every combination, instead of one key at a time.")
 @click.option("--refit", is_flag=True, help="Fit the free parameters anew at each point, too: this takes long.")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Number of processes; by default one for each core.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-sweep.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder; its runs are used again.")

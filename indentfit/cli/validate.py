@@ -5,12 +5,13 @@ import json
 import click
 
 from indentfit.cli.command import Command
+from indentfit.cli.completion import keys
 from indentfit.errors import CaseError
 
 
 @click.command(cls=Command, short_help="Show every error of a case, or what it says.")
 @click.argument("case", type=click.Path(), default="case.toml")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Replace a key of the case.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(case: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check the case file CASE and the curves it names.
