@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from indentfit.arrays import Array, Bools, Ints
+from indentfit.arrays import Array, Ints
 from indentfit.case import Case
 from indentfit.errors import CaseError
+from indentfit.inference.density import Density
 from indentfit.inference.joint import JointFit, ModelError, fitted
 from indentfit.inference.plain import Interval
-from indentfit.inference.posterior import FINEST, Curves, Shift, basis
+from indentfit.inference.posterior import Curves
 from indentfit.inference.shares import PosteriorFacts
 from indentfit.inference.wide_fit import WideFit, mesh_error
 from indentfit.inverse.exploration import Watched
@@ -218,7 +219,7 @@ class Chain:
 def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
     density = Density(fit)
     rng = np.random.default_rng(seed)
-    starts = density.starts(WALKERS * density.size, rng)
+    starts = _starts(density, WALKERS * density.size, rng)
     sampler = emcee.EnsembleSampler(len(starts), density.size, density, vectorize=True)
     state = emcee.State(starts, random_state=np.random.RandomState(seed % 2**32).get_state())
     correlated = np.inf
@@ -229,111 +230,27 @@ def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
     burnt = int(min(BURNT * correlated, sampler.iteration / 2)) if np.isfinite(correlated) else sampler.iteration // 2
     kept = np.linspace(burnt, sampler.iteration - 1, DRAWS).astype(int)
     places = sampler.get_chain()[kept].swapaxes(0, 1)
-    n = density.curves.size
     return Chain(
-        density.values(places[..., :n]),
+        density.values(places[..., : density.curves.size]),
         sampler.get_log_prob()[kept].T,
-        np.exp(places[..., n:]),
+        density.sigma(places),
         float(np.mean(sampler.acceptance_fraction)),
         correlated,
         sampler.iteration,
     )
 
 
-class Density:
-    """Logarithm of the density at places (m, n + tests): coordinates in units of their ranges, then logarithms of the noises."""
-
-    def __init__(self, fit: JointFit) -> None:
-        self.fit, self.posterior, self.curves = fit, fit.posterior, fit.posterior.curves
-        self.used = [n for n, used in enumerate(self.posterior.used) if used]
-        self.size = self.curves.size + len(self.used)
-        self.rows = self.posterior.rows
-        self.P, self.centre = self.posterior.prior_rows()
-        self.y = self.curves.measured()[self.rows]
-        self.model = self.posterior.noise.model[np.ix_(self.rows, self.rows)]
-        self.patterns = self._patterns()
-        most = np.array([np.abs(self.curves.problem.tests[n].curve.force).max() for n in self.used])
-        self.noises = np.log(FINEST * most), np.log(most)
-
-    def _patterns(self) -> Array:
-        """The correlations of each used test's noise among all rows, (tests, N, N)."""
-        patterns, done = np.zeros((len(self.used), self.rows.size, self.rows.size)), 0
-        for k, n in enumerate(self.used):
-            part = self.curves.slices[n]
-            here = slice(done, done + part.stop - part.start)
-            patterns[k, here, here], done = self.posterior.noise.shape(n), here.stop
-        return patterns
-
-    def starts(self, walkers: int, rng: np.random.Generator) -> Array:
-        """Places of the walkers: about the optimum and other maxima, (walkers, n + tests)."""
-        modes = [self.fit.mode, *(mode for mode in self.fit.others if mode.chi2 < self.fit.mode.chi2 + 9)]
-        drawn = []
-        for k in range(walkers):
-            mode = modes[k % len(modes)]
-            root = np.linalg.cholesky(mode.covar + 1e-12 * np.eye(len(mode.z)))
-            z = mode.z + np.minimum(1.0, 0.3 / np.sqrt(np.diag(mode.covar))) * (root @ rng.standard_normal(len(mode.z)))
-            inside = np.abs((z + 1) % 2 - 1)  # mirrored at 0 and 1
-            drawn.append(np.clip(inside, 1e-4, 1 - 1e-4))
-        noises = np.log(self.posterior.noise.sigma[self.used]) + 0.2 * rng.standard_normal((walkers, len(self.used)))
-        return np.hstack([np.array(drawn), np.clip(noises, self.noises[0] + 1e-6, self.noises[1] - 1e-6)])
-
-    def __call__(self, places: Array) -> Array:
-        n = self.curves.size
-        z, noises = places[:, :n], places[:, n:]
-        inside = ((z > 0) & (z < 1)).all(axis=1) & ((noises > self.noises[0]) & (noises < self.noises[1])).all(axis=1)
-        log = np.full(len(places), -np.inf)
-        if inside.any():
-            log[inside] = self._within(z[inside], noises[inside])
-        return log
-
-    def _within(self, z: Array, noises: Array) -> Array:
-        forces, failed = self.forces(z)
-        covar = self.model + np.einsum("mk,kij->mij", np.exp(2 * noises), self.patterns)
-        beside = np.maximum(self.posterior.noise.stated[self.used] ** 2 - np.exp(2 * noises), 0.0)  # stated, and not in residuals
-        if beside.any():
-            covar += np.einsum("mk,kii,ij->mij", beside, self.patterns, np.eye(self.rows.size))
-        L = np.linalg.cholesky(covar)
-        white = np.linalg.solve(L, (forces[:, self.rows] - self.y)[..., None])[..., 0]
-        volume = 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
-        squares = np.sum(white**2, axis=1) + np.sum((z @ self.P.T - self.centre) ** 2, axis=1)
-        return np.where(failed, -np.inf, -0.5 * (squares + volume))
-
-    def values(self, z: Array) -> Array:
-        """Coordinates (..., n) in their units."""
-        first, columns = len(self.curves.free), []
-        problem = self.curves.problem
-        for n, name in enumerate(self.curves.free):
-            columns.append(problem.free[name].min + z[..., n] * problem.range(name))
-        for n, known in enumerate(self.curves.inputs, start=first):
-            low, high = known.ends
-            at = low + z[..., n] * (high - low)
-            columns.append(np.exp(at) if known.prior.logarithmic else at)
-        return np.stack(columns, axis=-1)
-
-    def forces(self, z: Array) -> tuple[Array, Bools]:
-        """The curves at coordinates (m, n), (m, N), and whether the mechanics failed near each."""
-        curves, problem = self.curves, self.curves.problem
-        values = dict(zip([*curves.free, *(k.point or "" for k in curves.inputs)], self.values(z).T, strict=False))
-        units = np.column_stack([(values[name] - problem.free[name].min) / problem.range(name) for name in problem.free])
-        places = units[:, problem.searched_numbers]
-        forces = curves.surrogate.curves(places) * (1 + curves.mesh)
-        if problem.scale is not None:
-            forces = forces * (values[problem.scale] / problem.reference)[:, None]
-        own = self.values(z)
-        for n, known in enumerate(curves.inputs, start=len(curves.free)):
-            if known.test is None:
-                continue
-            rows = curves.slices[known.test]
-            if known.name == "offset":
-                forces[:, rows] += _moved(curves.shifts[known.test], own[:, n], forces[:, rows])
-            else:
-                forces[:, rows] *= 1 + own[:, [n]]
-        return forces, curves.surrogate.near_failure(places)
-
-
-def _moved(shift: Shift, offsets: Array, forces: Array) -> Array:
-    """Changes of curves (m, n) by offsets (m,)."""
-    points = shift.depth.size
-    before = basis(shift.depth, points)[0]
-    there = basis((shift.depth - offsets[:, None]).ravel(), points)[0].reshape(len(offsets), points, -1)
-    return np.asarray(np.einsum("mnb,mb->mn", there - before, forces @ shift.fitted.T))
+def _starts(density: Density, walkers: int, rng: np.random.Generator) -> Array:
+    """Places of the walkers: about the optimum and other maxima, (walkers, n + tests)."""
+    fit = density.fit
+    modes = [fit.mode, *(mode for mode in fit.others if mode.chi2 < fit.mode.chi2 + 9)]
+    drawn = []
+    for k in range(walkers):
+        mode = modes[k % len(modes)]
+        root = np.linalg.cholesky(mode.covar + 1e-12 * np.eye(len(mode.z)))
+        z = mode.z + np.minimum(1.0, 0.3 / np.sqrt(np.diag(mode.covar))) * (root @ rng.standard_normal(len(mode.z)))
+        inside = np.abs((z + 1) % 2 - 1)  # mirrored at 0 and 1
+        place = density.place(np.clip(inside, 1e-4, 1 - 1e-4))
+        place[len(z) :] += 0.2 * rng.standard_normal(len(density.used)) / (density.highest - density.lowest)
+        drawn.append(np.clip(place, 1e-6, 1 - 1e-6))
+    return np.array(drawn)

@@ -8,11 +8,12 @@ import numpy as np
 from indentfit.case import Case
 from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
+from indentfit.inference.draws import drawn
 from indentfit.inference.inputs import CORRECTED, Solution
 from indentfit.inference.joint import JointFit, fitted
 from indentfit.inference.joint_consistency import joint_predictions
-from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.limits import Limit, limits
+from indentfit.inference.mixture import CERTAIN
 from indentfit.inference.noise import whiteness
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
@@ -27,14 +28,19 @@ from indentfit.inference.verdicts import (
 )
 from indentfit.inference.what_if import taken_as_known
 from indentfit.inference.wide_fit import WideAlternative, WideFit
-from indentfit.inference.wide_shares import span_of, uncertain_in, values_of
+from indentfit.inference.wide_shares import intervals_of, span_of, uncertain_in, values_of
 from indentfit.inverse.exploration import Watched, facts_of
 from indentfit.inverse.methods import Solved
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import InverseProblem
 
 COORDINATES = (
-    "uncertain inputs are coordinates of the fit: intervals are profiles over parameters and inputs, under the inputs' priors"
+    "uncertain inputs are coordinates of the fit: intervals are the smallest sets that hold 95 % of the posterior of parameters, "
+    "inputs and noise, by weighted draws on the surrogate ({draws:,} draws, effective number {effective:,.0f}, seed {seed})"
+)
+PROFILES = (
+    "uncertain inputs are coordinates of the fit: intervals are profiles over parameters and inputs, under the inputs' priors, and "
+    "so may be too wide: weighted draws of the posterior have an effective number of {effective:.0f} only"
 )
 UNPROVED = (
     "the surrogate's prediction at the optimum was not proved by a run to a third of a standard error: intervals are doubtful"
@@ -64,7 +70,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     noise = _noise(fit)
     limited = limits(uncertain, noise, problem.free, mesh_size(case, model))
     singles = _singles(case, fit)
-    alone = _alone(fit, singles)
+    alone = _alone(case, fit, singles)
     predicted = joint_predictions(fit.best.fit, singles, case.fit.seed)
     estimates = {name: _estimate(fit, n, known, uncertain, limited[name]) for n, name in enumerate(problem.free)}
     estimates = unless_proved(against_each_other(estimates, predicted, alone), solved.optimum.success)
@@ -81,7 +87,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
         predicted=predicted,
         published=published,
         conclusions=(*contradictions(predicted), *conclusions(estimates, len(problem.tests), published), *_preferred(fit)),
-        notes=tuple(_notes(fit)),
+        notes=tuple(_notes(case, fit)),
         taken_as_known=taken_as_known(case),
     )
 
@@ -146,7 +152,7 @@ def _singles(case: Case, fit: WideFit) -> list[JointFit | None]:
     ]
 
 
-def _alone(fit: WideFit, singles: Sequence[JointFit | None]) -> dict[str, TestAlone]:
+def _alone(case: Case, fit: WideFit, singles: Sequence[JointFit | None]) -> dict[str, TestAlone]:
     """The parameters that each test determines alone."""
     limit = limit_of(tuple(_noise(fit).values()))
     alone = {}
@@ -156,9 +162,9 @@ def _alone(fit: WideFit, singles: Sequence[JointFit | None]) -> dict[str, TestAl
         curves = single.posterior.curves
         force = curves.at(single.mode.z)[0][curves.slices[n]]
         rows = {}
-        for k, path in joint_profiles(single).items():
+        for k, span in intervals_of(single, drawn(single, case.fit.seed), range(len(curves.free))).items():
             name = curves.free[k]
-            value, span = values_of(single, k, single.mode.z[[k]])[0], span_of(single, k, path.interval)
+            value = values_of(single, k, single.mode.z[[k]])[0]
             rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))
         alone[test.name] = TestAlone(rmse(test, force), None, rows)
     return alone
@@ -171,9 +177,11 @@ def _preferred(fit: WideFit) -> Iterator[str]:
         yield f"alternatives, each fitted and weighed by its evidence: {said}"
 
 
-def _notes(fit: WideFit) -> Iterator[str]:
+def _notes(case: Case, fit: WideFit) -> Iterator[str]:
     yield NOTE
-    yield COORDINATES
+    counted = [known.draws for known in fit.alternatives if known.probability > 1 - CERTAIN]
+    effective, draws = min(known.effective for known in counted), sum(known.shares.size for known in counted)
+    yield (COORDINATES if fit.by_draws else PROFILES).format(draws=draws, effective=effective, seed=case.fit.seed)
     if fit.elements is not None:
         sd = float(np.sqrt(np.max(np.diag(fit.mesh.mesh))))
         yield CORRECTED.format(most=np.abs(fit.mesh.correction).max(), elements=fit.elements, sd=sd)

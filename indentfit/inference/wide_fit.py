@@ -15,7 +15,8 @@ from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.case.search import Fit
 from indentfit.errors import CaseError
-from indentfit.inference import mixture
+from indentfit.inference import draws, mixture
+from indentfit.inference.draws import Draws, drawn
 from indentfit.inference.joint import (
     LIMIT,
     ROUNDS,
@@ -48,14 +49,15 @@ UNPROVED = "the optimum was not proved by a run"
 
 @dataclass(frozen=True, eq=False)
 class WideAlternative:
-    """One alternative: its changes of the case, its probability before and after the fit, its fit and the profiles of the free
-    parameters."""
+    """One alternative: its changes of the case, its probability before and after the fit, its fit, the profiles of the free
+    parameters, and weighted draws of its posterior."""
 
     name: str
     changes: dict[str, Any]
     prior: float
     fit: JointFit
     paths: dict[int, JointPath]
+    draws: Draws
     probability: float = 1.0
     confirmed: Mapping[int, tuple[ConfirmedPoint, ...]] | None = None
 
@@ -104,13 +106,35 @@ class WideFit:
         said += f" and {coordinates}" if coordinates else ""
         return Solved(optimum, Exploration(fit.surrogate, Search(optimum.best, fit.history, message), equation_one=False), said)
 
+    @property
+    def by_draws(self) -> bool:
+        """Whether intervals are those of weighted draws: every alternative that is not improbable has enough of them."""
+        return enough_draws(self.alternatives)
+
     def pieces(self, n: int) -> tuple[Interval, ...]:
-        """The 95 % set of free parameter n, in its unit."""
-        shares = np.array([known.probability for known in self.alternatives])
-        joined = mixture.pieces([known.paths[n] for known in self.alternatives], shares)
+        """The 95 % set of free parameter n, in its unit: the smallest set that holds 95 % of the posterior, or the mixture of
+        profiles where there are too few effective draws. It reaches to the optimum, whose value the result states."""
+        shares = [known.probability for known in self.alternatives]
+        if self.by_draws:
+            joined = draws.pieces([known.draws for known in self.alternatives], shares, n)
+        else:
+            joined = mixture.pieces([known.paths[n] for known in self.alternatives], np.array(shares))
+        joined = reaching(joined, float(self.best.fit.mode.z[n]))
         name = list(self.problem.free)[n]
         low, width = self.problem.free[name].min, self.problem.range(name)
         return tuple((float(low + a * width), float(low + b * width)) for a, b in joined)
+
+
+def enough_draws(alternatives: Sequence[WideAlternative]) -> bool:
+    """Whether every alternative that is not improbable has enough effective draws."""
+    return all(known.draws.enough for known in alternatives if known.probability > 1 - mixture.CERTAIN)
+
+
+def reaching(joined: Sequence[Interval], value: float) -> tuple[Interval, ...]:
+    """Pieces of which the nearest is extended to a value that lies in none of them."""
+    gaps = [max(low - value, value - high, 0.0) for low, high in joined]
+    near = int(np.argmin(gaps))
+    return tuple((min(low, value), max(high, value)) if n == near else (low, high) for n, (low, high) in enumerate(joined))
 
 
 def widens(case: Case, problem: InverseProblem) -> bool:
@@ -166,7 +190,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
             fit = _with_mesh(fit, mesh, model, case.fit.seed, part)
         if fit is None:
             continue
-        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit)))
+        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), drawn(fit, case.fit.seed)))
     if not tried:
         return None
     weighed = weighed_alternatives(tried)
@@ -178,8 +202,10 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
 
 
 def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAlternative]:
-    """The alternatives with their probabilities, the most probable first."""
-    shares = mixture.probabilities([known.prior for known in alternatives], [known.fit.log_evidence() for known in alternatives])
+    """The alternatives with their probabilities, the most probable first; by Laplace's method where one has too few draws."""
+    by_draws = all(known.draws.enough for known in alternatives)
+    evidences = [known.draws.log_evidence if by_draws else known.fit.log_evidence() for known in alternatives]
+    shares = mixture.probabilities([known.prior for known in alternatives], evidences)
     weighed = [replace(known, probability=float(share)) for known, share in zip(alternatives, shares, strict=True)]
     return sorted(weighed, key=_improbable)
 
@@ -243,7 +269,7 @@ def _ends_proved(
     telling = [n for n, end in enumerate(pairs) if end.chi2 is not None and end.chi2 <= CONCERNS]
     errors = prediction_errors(fit, [points[n] for n in telling], [ran[n] for n in telling])
     last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=len(fit.proofs)), seed)
-    return replace(known, fit=last, paths=joint_profiles(last), confirmed=confirmed)
+    return replace(known, fit=last, paths=joint_profiles(last), draws=drawn(last, seed), confirmed=confirmed)
 
 
 def _confirmed(fit: JointFit, n: int, z: Array, run: Evaluation) -> ConfirmedPoint:

@@ -37,6 +37,7 @@ from indentfit.curve import Curve
 from indentfit.experiment.measured import read_case
 from indentfit.fem.mesh_error import second
 from indentfit.fem.meshing import size
+from indentfit.inference.draws import drawn
 from indentfit.inference.joint import ModelError, fitted
 from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.sampling import sampled
@@ -233,7 +234,10 @@ def fit_of(case, study, runs, truth, curves, noise, number, sample):
         first = fitted(there, inputs, own, ModelError.none(sum(f.size for f in measured)), 0)
         mesh, elements = mesh_error(case, first, TwoMeshes(own, other))
         fit = fitted(there, inputs, own, replace(mesh, surrogate=first.error.surrogate), 0)
-        alternatives.append(WideAlternative(base, {"sample.base": base}, 0.5, fit, joint_profiles(fit)))
+        draws = drawn(fit, number)  # profiles make intervals only where there are too few draws
+        alternatives.append(
+            WideAlternative(base, {"sample.base": base}, 0.5, fit, {} if draws.enough else joint_profiles(fit), draws)
+        )
     found = WideFit(problem.measured(measured), tuple(weighed_alternatives(alternatives)), mesh, elements)
     row = {
         "true": truth,
@@ -242,6 +246,7 @@ def fit_of(case, study, runs, truth, curves, noise, number, sample):
     }
     joint = found.best.fit
     noises = joint.posterior.noise
+    row["effective"], row["by_draws"] = [a.draws.effective for a in found.alternatives], found.by_draws
     row["said"] = {"sigma": noises.sigma.tolist(), "rho": noises.rho.tolist(), "freedom": joint.freedom, "chi2": joint.mode.chi2,
                    "quantiles": joint.quantiles.tolist(), "mesh": float(np.sqrt(mesh.mesh.max())),
                    "surrogate": float(np.sqrt(np.mean(np.diag(joint.error.surrogate))))}  # fmt: skip
