@@ -99,9 +99,9 @@ def drawn(fit: JointFit, seed: int) -> Draws:
         mixtures.append(_followed(us, tempered(weights, 20.0 * density.size), rng))
 
 
-def _summed(logs: Sequence[Array]) -> Array:
+def _summed(logs: Sequence[Array] | Array) -> Array:
     """Logarithm of a sum whose terms have these logarithms, (m,)."""
-    rows = np.array(logs)
+    rows = np.asarray(logs)
     most = rows.max(axis=0)
     return np.asarray(most + np.log(np.sum(np.exp(rows - most), axis=0)))
 
@@ -186,24 +186,23 @@ def _followed(u: Array, shares: Array, rng: np.random.Generator) -> Mixture:
     mixture = Mixture(u[rng.choice(FOLLOWED, PARTS)], roots, np.full(PARTS, 1 / PARTS))
     for _ in range(STEPS):
         logs = mixture.parts(u) + np.log(mixture.shares)[:, None]
-        belongs = np.exp(logs - _summed(logs))
+        belongs = np.asarray(np.exp(logs - _summed(logs)))
         totals = np.maximum(belongs.sum(axis=1), 1e-9)
-        centres, roots = [], []
+        centres: list[Array] = []
+        factors: list[Array] = []
         for part, total in zip(belongs, totals, strict=True):
             centre = part @ u / total
             apart = u - centre
             few = 2 * d / (2 * d + total)  # few draws tell a covariance badly
             covar = (1 - few) * ((apart * part[:, None]).T @ apart / total) + few * whole
-            roots.append(np.linalg.cholesky(covar + 1e-10 * np.eye(d)))
+            factors.append(np.linalg.cholesky(covar + 1e-10 * np.eye(d)))
             centres.append(centre)
         sizes = np.maximum(totals / FOLLOWED, 0.01)
-        mixture = Mixture(np.array(centres), np.array(roots), sizes / sizes.sum())
+        mixture = Mixture(np.array(centres), np.array(factors), sizes / sizes.sum())
     return Mixture(mixture.centres, WIDER * mixture.roots, mixture.shares)
 
 
-def pieces(
-    alternatives: Sequence[Draws], probabilities: Sequence[float], n: int, share: float = SHARE
-) -> tuple[Interval, ...]:
+def pieces(alternatives: Sequence[Draws], probabilities: Sequence[float], n: int, share: float = SHARE) -> tuple[Interval, ...]:
     """The pieces of the smallest set of values of a coordinate that holds a share of the mixture of alternatives.
 
     Parameters

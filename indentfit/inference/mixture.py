@@ -58,6 +58,23 @@ def pieces(paths: Sequence[JointPath], shares: Array) -> tuple[Interval, ...]:
     return tuple((float(grid[a]), float(grid[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
+def union(one: Sequence[Interval], other: Sequence[Interval]) -> tuple[Interval, ...]:
+    """The values that lie in either of two sets of intervals, in rising order."""
+    joined: list[Interval] = []
+    for low, high in sorted([*one, *other]):
+        if joined and low <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
+        else:
+            joined.append((low, high))
+    return tuple(joined)
+
+
+def common(one: Sequence[Interval], other: Sequence[Interval]) -> tuple[Interval, ...]:
+    """The values that lie in both of two sets of intervals, in rising order."""
+    pairs = [(max(a[0], b[0]), min(a[1], b[1])) for a in one for b in other]
+    return tuple(sorted(pair for pair in pairs if pair[0] <= pair[1]))
+
+
 def _grid(paths: Sequence[JointPath]) -> Array:
     """Values that resolve every profile, in rising order."""
     spans = [np.linspace(path.units[0], path.units[-1], GRID) for path in paths]

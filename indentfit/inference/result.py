@@ -45,7 +45,8 @@ class ParameterEstimate:
     stderr_total : float
         Standard error by noise, uncertain inputs and the mesh together; None where only the noise is known.
     interval : (low, high)
-        95 % interval with all stated errors: by the profile where the result has it, otherwise by linear theory.
+        95 % interval with all stated errors: by weighted draws of the posterior where uncertain inputs are coordinates of the fit,
+        by the profile where the result has it, otherwise by linear theory.
     interval_linear : (low, high)
         95 % interval by linear theory.
     at_bound : "lower", "upper" or None

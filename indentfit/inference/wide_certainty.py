@@ -7,11 +7,12 @@ import numpy as np
 
 from indentfit.case import Case
 from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
-from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
 from indentfit.inference.draws import drawn
+from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
 from indentfit.inference.inputs import CORRECTED, Solution
 from indentfit.inference.joint import JointFit, fitted
 from indentfit.inference.joint_consistency import joint_predictions
+from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.limits import Limit, limits
 from indentfit.inference.mixture import CERTAIN
 from indentfit.inference.noise import whiteness
@@ -28,7 +29,7 @@ from indentfit.inference.verdicts import (
 )
 from indentfit.inference.what_if import taken_as_known
 from indentfit.inference.wide_fit import WideAlternative, WideFit
-from indentfit.inference.wide_shares import intervals_of, span_of, uncertain_in, values_of
+from indentfit.inference.wide_shares import span_of, uncertain_in, values_of
 from indentfit.inverse.exploration import Watched, facts_of
 from indentfit.inverse.methods import Solved
 from indentfit.inverse.objective import rmse
@@ -162,9 +163,9 @@ def _alone(case: Case, fit: WideFit, singles: Sequence[JointFit | None]) -> dict
         curves = single.posterior.curves
         force = curves.at(single.mode.z)[0][curves.slices[n]]
         rows = {}
-        for k, span in intervals_of(single, drawn(single, case.fit.seed), range(len(curves.free))).items():
-            name = curves.free[k]
-            value = values_of(single, k, single.mode.z[[k]])[0]
+        as_whole = WideAlternative(test.name, {}, 1.0, single, joint_profiles(single), drawn(single, case.fit.seed))
+        for k, name in enumerate(curves.free):
+            value, span = values_of(single, k, single.mode.z[[k]])[0], span_of(single, k, as_whole.interval(k))
             rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))
         alone[test.name] = TestAlone(rmse(test, force), None, rows)
     return alone

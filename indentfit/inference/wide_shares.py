@@ -1,24 +1,23 @@
 """The inputs of a WideFit after the fit, and the part of each parameter's interval that each of them makes.
 
-The share of an input is the part of the squared width of the interval of a parameter's profile that would vanish if the input were
-known to have its value at the optimum: both intervals are those of profiles, so a share holds where an input acts far from the optimum only, or in one
-direction, such as a friction that matters where little is left of it.
+The share of an input is the part of the squared width of a parameter's profile that would vanish if the input were known to have
+its value at the optimum: both widths are those of profiles, so a share holds where an input acts far from the optimum only, or in
+one direction, such as a friction that matters where little is left of it. The interval of an input is that of its profile too.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.inference.draws import Draws
 from indentfit.inference.joint import JointFit
-from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
+from indentfit.inference.joint_profiles import JointWalk, joint_profiles
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber, Mode
 from indentfit.inference.shares import AlternativeFit, InputShare, NoiseShare, UncertainInputs
-from indentfit.inference.wide_fit import WideFit, reaching
+from indentfit.inference.wide_fit import WideFit
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.wide import UncertainInput, listed_inputs
 
@@ -31,7 +30,7 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
     ranges = fit.problem.ranges
     sd = np.sqrt(np.diag(covar))
     rows: dict[str, InputShare] = {}
-    spans = intervals_of(joint, fit.best.draws, range(p, curves.size))
+    paths = joint_profiles(joint, range(p, curves.size))
     whole = [float(np.ptp(fit.best.paths[k].interval)) for k in range(p)]
     for n, known in enumerate(curves.inputs, start=p):
         effect = ranges * covar[:p, n] / sd[n]
@@ -43,7 +42,7 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
             share=_named(names, share),
             prior=known.prior.words(known.unit),
             fitted=known.value_at(float(joint.mode.z[n])),
-            interval=spans[n],
+            interval=span_of(joint, n, paths[n].interval),
             unit=known.unit,
         )
     rows |= _of_mesh(fit, whole)
@@ -125,22 +124,9 @@ def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
         curves = joint.posterior.curves
         point, force = curves.point(joint.mode.z), curves.at(joint.mode.z)[0]
         sizes = {t.name: rmse(t, force[rows]) for t, rows in zip(curves.problem.tests, curves.slices, strict=True)}
-        spans = intervals_of(joint, known.draws, range(len(curves.free)), known.paths)
-        intervals = {name: spans[n] for n, name in enumerate(curves.free)}
+        intervals = {name: span_of(joint, n, known.interval(n)) for n, name in enumerate(curves.free)}
         values = {name: point[name] for name in curves.free}
         yield AlternativeFit(known.name, known.prior, known.probability, values, intervals, sizes)
-
-
-def intervals_of(
-    fit: JointFit, draws: Draws, numbers: Sequence[int], paths: Mapping[int, JointPath] | None = None
-) -> dict[int, Interval]:
-    """The 95 % intervals of coordinates under one alternative, in their units: of its draws, or of its profiles where there are too
-    few effective draws; they reach to the optimum."""
-    if draws.enough:
-        pairs = {n: draws.interval(n) for n in numbers}
-    else:
-        pairs = {n: path.interval for n, path in (paths or joint_profiles(fit, numbers)).items()}
-    return {n: span_of(fit, n, reaching([pair], float(fit.mode.z[n]))[0]) for n, pair in pairs.items()}
 
 
 def values_of(fit: JointFit, n: int, units: Array) -> list[float]:

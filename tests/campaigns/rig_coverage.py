@@ -7,7 +7,7 @@ bonded, bulk over shear modulus uniform in the logarithm between 20 and 5000, th
 the depth. Its curve comes from a run on a finer mesh, with white noise (each truth with one of the noises, in turn). Fits state the
 same priors. All fits share one set of runs for each base, on the mesh that a fit would take and on its second mesh: a fit then
 needs no run, but is otherwise a fit (a surrogate that is fitted to these runs, a joint fit for each base with the correction for
-the mesh, profiles, the mixture of the bases).
+the mesh, weighted draws and profiles, the mixture of the bases).
 
 `sphere` is a sphere on a gel (Ogden), solved in the meridian plane, `strip` the shipped white matter. The folder keeps the runs and
 the fits, so that a campaign goes on where it was stopped. Prints for each noise how often each parameter lies in its interval, with
@@ -234,10 +234,7 @@ def fit_of(case, study, runs, truth, curves, noise, number, sample):
         first = fitted(there, inputs, own, ModelError.none(sum(f.size for f in measured)), 0)
         mesh, elements = mesh_error(case, first, TwoMeshes(own, other))
         fit = fitted(there, inputs, own, replace(mesh, surrogate=first.error.surrogate), 0)
-        draws = drawn(fit, number)  # profiles make intervals only where there are too few draws
-        alternatives.append(
-            WideAlternative(base, {"sample.base": base}, 0.5, fit, {} if draws.enough else joint_profiles(fit), draws)
-        )
+        alternatives.append(WideAlternative(base, {"sample.base": base}, 0.5, fit, joint_profiles(fit), drawn(fit, number)))
     found = WideFit(problem.measured(measured), tuple(weighed_alternatives(alternatives)), mesh, elements)
     row = {
         "true": truth,

@@ -1,0 +1,201 @@
+"""Weighted draws of the posterior: against densities that are known, and the intervals that they make."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from indentfit.case import Range
+from indentfit.case.priors import Prior
+from indentfit.curve import Curve
+from indentfit.inference import draws, joint
+from indentfit.inference.density import Density
+from indentfit.inference.draws import Draws, drawn, pieces
+from indentfit.inference.joint import ModelError
+from indentfit.inference.joint_profiles import joint_profiles
+from indentfit.inference.posterior import FINEST
+from indentfit.inference.wide_fit import WideAlternative, WideFit, reaching
+from indentfit.inverse.exploration import Watched
+from indentfit.inverse.objective import Target
+from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.wide import UncertainInput, widened_problem
+from indentfit.runs.forward import Evaluation
+
+DEPTH = np.linspace(0.0132, 0.33, 25)
+DESIGN = np.column_stack([DEPTH, DEPTH**2])
+NOISE, GAIN = 0.3, 0.03
+T23 = 2.0687  # 97.5 % quantile of Student's t of 23 degrees of freedom
+
+
+class Line:
+    """A forward model in closed form: a d + b d^2."""
+
+    runs, failures = 0, ()
+
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        return [Evaluation(dict(p), (DESIGN @ [p["a"], p["b"]],), None, 0.0, ({},)) for p in points]
+
+
+def measured(a=90.0, b=60.0):
+    return DESIGN @ [a, b] + NOISE * np.random.default_rng(3).standard_normal(25)
+
+
+def fitted(force, inputs=()):
+    free = {name: Range(start=50, min=0, max=200) for name in "ab"}
+    problem = InverseProblem((Target("t", Curve(DEPTH, force), 1.0),), {"a": 50.0, "b": 50.0}, free, None)
+    return joint.joint_fit(widened_problem(problem, inputs), inputs, Watched(Line()), ModelError.none(25), 0)
+
+
+@pytest.fixture(scope="module")
+def line():
+    fit = fitted(measured())
+    return fit, drawn(fit, 0)
+
+
+def regression(force):
+    """Least squares of a and b, the inverse of the normal matrix, and the sum of squares."""
+    theta, squares, *_ = np.linalg.lstsq(DESIGN, force, rcond=None)
+    return theta, np.linalg.inv(DESIGN.T @ DESIGN), float(squares[0])
+
+
+def test_the_intervals_are_those_of_linear_regression(line):
+    """With a flat prior of a, b and log sigma, each is Student's t of 23 degrees of freedom about least squares. Two seeds differ
+    by what 3,000 effective draws leave: some 3 % of a standard error in the mean, and 7 % at each end."""
+    fit, known = line
+    theta, inverse, squares = regression(measured())
+    assert known.enough
+    for draw in (known, drawn(fit, 5)):
+        for n in range(2):
+            error = np.sqrt(inverse[n, n] * squares / 23)
+            low, high = (200 * end for end in draw.interval(n))
+            assert (low, high) == pytest.approx((theta[n] - T23 * error, theta[n] + T23 * error), abs=0.3 * error)
+            assert high - low == pytest.approx(2 * T23 * error, rel=0.06)
+
+
+def test_the_same_seed_gives_the_same_draws(line):
+    np.testing.assert_array_equal(drawn(line[0], 0).shares, line[1].shares)
+
+
+def test_the_evidence_is_that_of_linear_regression(line):
+    """The integral over a and b is that of a normal density, and that over log sigma is done here on a grid; the bounds of the
+    ranges are many standard errors away."""
+    _, inverse, squares = regression(measured())
+    most = measured().max()
+    u = np.linspace(0, 1, 20001)
+    sigma = np.exp(np.log(FINEST * most) + u * -np.log(FINEST))
+    logs = -25 * np.log(sigma) - squares / (2 * sigma**2) + np.log(2 * np.pi * sigma**2) + 0.5 * np.linalg.slogdet(inverse)[1]
+    exact = np.log(np.trapezoid(np.exp(logs - logs.max()), u)) + logs.max() - 2 * np.log(200)
+    assert line[1].log_evidence == pytest.approx(exact, abs=0.1)
+
+
+def test_an_uncertain_gain_widens_the_interval_by_its_own_share():
+    prior = Prior.about(0.0, GAIN)
+    fit = fitted(measured(), (UncertainInput("force", "", 0, prior, 0.0, *prior.bounds()),))
+    known, (theta, inverse, squares) = drawn(fit, 0), regression(measured())
+    half = 1.96 * np.hypot(np.sqrt(inverse[0, 0] * squares / 21), GAIN * theta[0])
+    low, high = (200 * end for end in known.interval(0))
+    assert high - low == pytest.approx(2 * half, rel=0.07)
+
+
+def test_a_parameter_at_its_bound_has_an_interval_that_begins_there():
+    """b is 0: the density is that of Student's t right of 0, and the smallest set that holds 95 % of it begins at 0 itself."""
+    force = DESIGN @ [90, 0] + NOISE * np.random.default_rng(4).standard_normal(25)
+    theta, inverse, squares = regression(force)
+    known = student(23, theta[1], np.sqrt(inverse[1, 1] * squares / 23))
+    end = known.ppf(known.cdf(0) + 0.95 * known.sf(0))
+    assert known.pdf(end) < known.pdf(0)
+    low, high = drawn(fitted(force), 0).interval(1)
+    assert low == 0.0
+    assert 200 * high == pytest.approx(end, rel=0.07)
+
+
+def test_the_density_with_errors_of_the_model_is_that_of_their_covariance(line):
+    """A smooth error of 1 % of the forces, against the logarithm of a normal density of 25 forces by SciPy's formula, at places
+    where sigma differs; only differences between places count."""
+    fit, _ = line
+    smooth = 0.01**2 * np.exp(-(np.subtract.outer(DEPTH, DEPTH) ** 2) / 0.02) * np.outer(measured(), measured())
+    noise = replace(fit.posterior.noise, model=smooth, rho=np.array([0.4]))
+    density = Density(replace(fit, posterior=replace(fit.posterior, noise=noise)))
+    places = np.array([[0.45, 0.3, 0.6], [0.44, 0.31, 0.8], [0.4, 0.5, 0.5]])
+    logs = []
+    for place in places:
+        sigma = density.sigma(place)[0]
+        covar = smooth + sigma**2 * 0.4 ** np.abs(np.subtract.outer(np.arange(25), np.arange(25)))
+        left = DESIGN @ (200 * place[:2]) - measured()
+        logs.append(-0.5 * (left @ np.linalg.solve(covar, left) + np.linalg.slogdet(covar)[1]))
+    assert density(places) - density(places)[0] == pytest.approx(np.array(logs) - logs[0], rel=1e-3, abs=1e-3)
+
+
+# Sets of draws
+
+
+def normal(mean, sd, n=20_000):
+    """Draws that are a normal density: its quantiles."""
+    values = norm.ppf((np.arange(n) + 0.5) / n, mean, sd)[:, None]
+    return Draws(values, np.full(n, 1 / n), float(n), 0.0)
+
+
+def test_the_smallest_set_of_a_mixture():
+    """Two normal densities of equal width, 0.7 and 0.3: by the density at which 95 % are inside, by SciPy."""
+
+    def inside(level):
+        reach = [0.02 * np.sqrt(max(-2 * np.log(level / share), 0)) for share in (0.7, 0.3)]
+        return sum(share * (2 * norm.cdf(r / 0.02) - 1) for share, r in zip((0.7, 0.3), reach, strict=True)) - 0.95
+
+    level = brentq(inside, 1e-4, 0.29)
+    reach = [0.02 * np.sqrt(-2 * np.log(level / share)) for share in (0.7, 0.3)]
+    found = pieces([normal(0.3, 0.02), normal(0.7, 0.02)], [0.7, 0.3], 0)
+    np.testing.assert_allclose(found, [(0.3 - reach[0], 0.3 + reach[0]), (0.7 - reach[1], 0.7 + reach[1])], atol=1.5e-3)
+
+
+def test_weights_count_and_a_flat_density_is_one_piece():
+    rng = np.random.default_rng(1)
+    flat = rng.random((3000, 1))
+    (found,) = pieces([Draws(flat, np.full(3000, 1 / 3000), 3000.0, 0.0)], [1.0], 0)
+    assert 0.94 < found[1] - found[0] <= 1  # many sets hold 95 % of it: the gaps between the draws' own are no gaps
+    shares = norm.pdf(flat[:, 0], 0.5, 0.1)
+    shares /= shares.sum()
+    (found,) = pieces([Draws(flat, shares, float(1 / np.sum(shares**2)), 0.0)], [1.0], 0)
+    assert found == pytest.approx((0.304, 0.696), abs=0.02)
+
+
+def test_too_few_effective_draws_leave_the_interval_to_the_profile(line):
+    fit, known = line
+    paths = joint_profiles(fit)
+    whole = fit.posterior.curves.problem
+    many, few = (
+        WideFit(whole, (WideAlternative("case", {}, 1.0, fit, paths, each),), fit.error, None)
+        for each in (known, replace(known, effective=draws.ENOUGH - 1))
+    )
+    assert many.by_draws
+    assert not few.by_draws
+    np.testing.assert_allclose(few.pieces(0), 200 * np.array([paths[0].interval]), rtol=1e-9)
+    (own,), (reported,) = 200 * np.array([known.interval(0)]), many.pieces(0)
+    assert reported[0] <= own[0] < own[1] <= reported[1]
+    assert reported[1] - reported[0] < 1.05 * (own[1] - own[0])  # the density is nearly normal: profiles allow no more
+
+
+def test_a_truth_where_a_prior_ends_is_inside():
+    """The curve is (1 - s) a d with a share s that is uniform between 0 and 0.2, and a = 90 where s is 0: the posterior of a is
+    uniform between 90 and 112.5 but for the noise, its 95 % set leaves out the end or not, by chance, and the profile holds it."""
+    force = 90 * DEPTH + 0.05 * np.random.default_rng(2).standard_normal(25)
+    prior = Prior(uniform=(-0.2, 0.0))
+    free = {"a": Range(start=100, min=0, max=200)}
+    problem = InverseProblem((Target("t", Curve(DEPTH, force), 1.0),), {"a": 100.0, "b": 0.0}, free, None)
+    inputs = (UncertainInput("force", "", 0, prior, 0.0, *prior.bounds()),)
+    fit = joint.joint_fit(widened_problem(problem, inputs), inputs, Watched(Line()), ModelError.none(25), 0)
+    known = WideAlternative("case", {}, 1.0, fit, joint_profiles(fit), drawn(fit, 0))
+    ((low, high),) = WideFit(problem, (known,), fit.error, None).pieces(0)
+    assert low < 90
+    assert 112 < high < 114
+
+
+def test_the_interval_reaches_to_the_optimum():
+    assert reaching([(0.1, 0.2), (0.5, 0.6)], 0.45) == ((0.1, 0.2), (0.45, 0.6))
+    assert reaching([(0.1, 0.2)], 0.15) == ((0.1, 0.2),)
