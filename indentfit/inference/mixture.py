@@ -58,10 +58,10 @@ def pieces(paths: Sequence[JointPath], shares: Array) -> tuple[Interval, ...]:
     return tuple((float(grid[a]), float(grid[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
-def union(one: Sequence[Interval], other: Sequence[Interval]) -> tuple[Interval, ...]:
+def union(first: Sequence[Interval], other: Sequence[Interval]) -> tuple[Interval, ...]:
     """The values that lie in either of two sets of intervals, in rising order."""
     joined: list[Interval] = []
-    for low, high in sorted([*one, *other]):
+    for low, high in sorted([*first, *other]):
         if joined and low <= joined[-1][1]:
             joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
         else:
@@ -69,9 +69,9 @@ def union(one: Sequence[Interval], other: Sequence[Interval]) -> tuple[Interval,
     return tuple(joined)
 
 
-def common(one: Sequence[Interval], other: Sequence[Interval]) -> tuple[Interval, ...]:
+def common(first: Sequence[Interval], other: Sequence[Interval]) -> tuple[Interval, ...]:
     """The values that lie in both of two sets of intervals, in rising order."""
-    pairs = [(max(a[0], b[0]), min(a[1], b[1])) for a in one for b in other]
+    pairs = [(max(a[0], b[0]), min(a[1], b[1])) for a in first for b in other]
     return tuple(sorted(pair for pair in pairs if pair[0] <= pair[1]))
 
 
