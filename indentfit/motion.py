@@ -25,13 +25,16 @@ class Motion:
         Rising, from the moment of contact, 0.
     depth : array (m,), mm
         From 0.
+    loaded : float, s, or None
+        Where the force is controlled, the moment at which it has arrived; the motion after it is creep, and counts as a hold.
     """
 
     time: Array
     depth: Array
+    loaded: float | None = None
 
     @classmethod
-    def measured(cls, time: Array, displacement: Array) -> tuple[Motion, Array]:
+    def measured(cls, time: Array, displacement: Array, force: Array | None = None) -> tuple[Motion, Array]:
         """The motion of a measured curve, and the times (n,) of its points since contact.
 
         Where the curve begins at a depth above zero, contact began earlier, by the rate of the first part of the ramp.
@@ -40,13 +43,16 @@ class Motion:
         ----------
         time : array (n,), s
         displacement : array (n,), mm
+        force : array (n,), mN, or None
+            Where the force is controlled.
         """
         time, depth = np.asarray(time, dtype=float), np.maximum(np.asarray(displacement, dtype=float), 0.0)
         late = depth[0] / _first_rate(time, depth) if depth[0] > 0 else 0.0
         own = time - time[0] + late
+        loaded = None if force is None else float(own[int(np.argmax(force >= ARRIVED * np.max(force)))])
         if late <= SHORTEST_STEP:
-            return cls(own, depth), own
-        return cls(np.concatenate([[0.0], own]), np.concatenate([[0.0], depth])), own
+            return cls(own, depth, loaded), own
+        return cls(np.concatenate([[0.0], own]), np.concatenate([[0.0], depth]), loaded), own
 
     @classmethod
     def ramped(cls, ramp: Ramp) -> Motion:
@@ -80,6 +86,8 @@ class Motion:
     @property
     def ramp(self) -> Ramp:
         """The ramp at constant rate and the hold that are nearest to the motion before its turn."""
+        if self.loaded:
+            return Ramp(self.deepest, self.loaded, max(float(self.time[self.turn]) - self.loaded, 0.0))
         time, depth = self.time[: self.turn + 1], self.depth[: self.turn + 1]
         arrived = int(np.argmax(depth >= ARRIVED * self.deepest))
         held = depth[arrived:]

@@ -461,3 +461,45 @@ def test_a_fit_says_where_the_viscoelastic_model_is_far_from_its_forces():
     assert [*far_from_model({"press": 0.003})] == []
     (said,) = far_from_model({"press": 0.003, "plug": 0.139})
     assert "up to plug 13.9% from the viscoelastic model, whose pressure does not relax" in said
+
+
+def creep(compliance, time, ramp=0.2):
+    """Depths (n,) of a flat punch, mm, under a force that rises in a ramp and is then held, by a creep compliance."""
+    steps = ramp * (np.arange(400) + 0.5) / 400
+    since = time[:, None] - steps
+    return 0.1 * np.mean(np.where(since > 0, compliance(np.maximum(since, 0.0)), 0.0), axis=1)
+
+
+def test_creep_under_a_held_force_is_followed():
+    """A standard linear solid, G = 1 + g exp(-t/tau), has the compliance 1 - g/(1+g) exp(-t/(tau (1+g)))."""
+    g, tau = 0.8, 2.0
+    time = np.concatenate([np.linspace(0, 0.2, 21)[1:], 0.2 + np.geomspace(0.01, 20, 120)])
+    depth = creep(lambda t: 1 - g / (1 + g) * np.exp(-t / tau / (1 + g)), time)
+    held_force = 100 * 0.1 * np.minimum(time / 0.2, 1.0)
+    curve = Curve(depth, held_force, time=time)
+    motion, times = motion_of(indentfit.Test("press", curve="curve.csv", control="force"), curve)
+    linear = lambda d: Interpolant(GRID * depth.max(), list(np.eye(26)[:, 1:]), 1.0)(d)  # noqa: E731
+    force = TimeMap.of(motion, times, linear, False).forces(100 * GRID[1:] * depth.max(), prony([g], [tau]))
+    assert force[25:] == pytest.approx(10.0, rel=3e-3)
+    assert motion.ramp.seconds == pytest.approx(0.2, rel=0.06) and motion.ramp.end == pytest.approx(20.2, rel=1e-3)
+    assert list(segments_of(motion, times)) == ["ramp", "hold"]
+    case = case_of(curve, {"terms": 1}, control="force")
+    assert case.relaxation.tau[0].min < tau < case.relaxation.tau[0].max and unseen(case, {"tau1": tau}) == {}
+
+
+def test_creep_is_not_simulated():
+    with pytest.raises(CaseError, match="creep is fitted to a measured curve with a column time_s"):
+        case_of(Curve(STEADY, STEADY), control="force", ramp=1.0)
+
+
+@pytest.mark.parametrize("key", ["friction", "bulk_ratio"])
+def test_unknown_inputs_of_a_material_that_relaxes_are_refused_by_a_fit(key):
+    time, depth = held()
+    case = case_of(Curve(depth, depth, time=time))
+    values = {"friction": 0.0, "bulk_ratio": 1000.0} | {key: "unknown"}
+    indenter = {"shape": "sphere", "diameter": 2.0, "friction": values["friction"]}
+    material = {"model": "neo_hookean", "parameters": {"mu": FREE}, "bulk_ratio": values["bulk_ratio"], "relaxation": RANGES}
+    tests = [indentfit.Test("press", angle=0, curve=Curve(depth, depth, time=time))]
+    case = indentfit.Case(sample=case.sample, indenter=indenter, material=material, tests=tests)
+    with pytest.raises(CaseError, match="cannot be fitted over all its values where the material relaxes"):
+        indentfit.fit(case)

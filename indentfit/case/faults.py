@@ -275,6 +275,12 @@ def _faults_of_place(place: _Place, mesh: Mesh | None) -> Iterator[Fault]:
         yield from _indenter_too_wide(place, max(depths, default=0.0))
 
 
+CREEP = (
+    "creep is fitted to a measured curve with a column time_s, along its motion, and is not simulated; give such a curve, or "
+    "control the displacement"
+)
+
+
 def _faults_of_time(parts: Parts) -> Iterator[Fault]:
     """Faults where a material relaxes in a test without times, or a test has times that no material asks for."""
     if parts.material is None:
@@ -285,7 +291,9 @@ def _faults_of_time(parts: Parts) -> Iterator[Fault]:
         if test is None:
             continue
         given = [key for key in ("rate", "ramp", "hold") if getattr(test, key) is not None]
-        if not relaxes:
+        if test.control == "force" and (curve is None or curve.time is None):
+            yield Fault(("test", label, "control"), test.control, CREEP)
+        elif not relaxes:
             yield from _faults_of_no_time(label, test, curve, given)
         elif curve is not None and curve.time is not None:
             yield from _faults_of_motion(parts, label, test, curve, given)

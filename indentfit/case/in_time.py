@@ -34,7 +34,7 @@ def motion_of(test: Test, curve: Curve | None) -> tuple[Motion, Array] | None:
     """The motion of a test, and the times since contact at which its force is measured, (n,) s; None where neither times nor a rate
     tell it. A test with a depth has no measured force: its times are the ends of ramp and hold."""
     if curve is not None and curve.time is not None:
-        return Motion.measured(curve.time, curve.displacement)
+        return Motion.measured(curve.time, curve.displacement, curve.force if test.control == "force" else None)
     depth = curve.deepest if curve is not None else test.depth
     rate = test.rate_to(depth) if depth else None
     if depth is None or rate is None:

@@ -17,7 +17,7 @@ from indentfit.material import HomogeneousState
 if TYPE_CHECKING:
     from indentfit.case.tables import Test
 
-OF_INDENTATIONS = ("angle", "record", "depth", "rate", "ramp", "hold", "sample", "indenter")
+OF_INDENTATIONS = ("angle", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter")
 OF_SPECIMENS = ("fibres", "loading", "ratio", "area", "length", "strain", "stress")
 ARTICLE = {"indentation": "an indentation", "shear": "a shear test", "uniaxial": "a uniaxial test", "biaxial": "a biaxial test"}
 
@@ -106,5 +106,6 @@ REMEDY = {
     "rate": "such a test is elastic here; remove it",
     "ramp": "such a test is elastic here; remove it",
     "hold": "such a test is elastic here; remove it",
+    "control": "such a test is elastic here; remove it",
     "indenter": "remove it: no indenter touches the specimen",
 }

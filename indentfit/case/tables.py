@@ -400,6 +400,11 @@ class Test(Section):
     hold: Seconds | None = Field(
         default=None, examples=[5.0], description="duration of the hold after the ramp, of which `simulate` shows the force"
     )
+    control: Literal["displacement", "force"] | None = Field(
+        default=None,
+        examples=["displacement"],
+        description="what the rig held in a curve with times: displacement (default), or force",
+    )
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
     )
@@ -420,14 +425,10 @@ class Test(Section):
         default=None, examples=[1.0], description="strain across over strain along, of a biaxial test; 1 by default"
     )
     area: Annotated[Positive, Quantity("mm^2")] | None = Field(
-        default=None,
-        examples=[100.0],
-        description="area of the undeformed specimen on which the force acts, where forces are measured",
+        default=None, examples=[100.0], description="area of the undeformed specimen, where forces are measured"
     )
     length: Length | None = Field(
-        default=None,
-        examples=[3.0],
-        description="length of the undeformed specimen (in shear its thickness), where displacements are measured",
+        default=None, examples=[3.0], description="length of the undeformed specimen (in shear its thickness), for displacements"
     )
     strain: Positive | None = Field(default=None, examples=[0.2], description="largest strain to simulate, instead of a curve")
     stress: Literal["nominal", "cauchy"] | None = Field(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
 
+from indentfit.case.messages import Fault
 from indentfit.case.priors import Prior
 from indentfit.case.search import Fit, Uncertain
 
@@ -41,6 +43,17 @@ IGNORANCE = (
     Ignorance("material", "bulk_ratio", "bulk_ratio", 1000.0, Prior.model_construct(log_uniform=(20.0, 5000.0))),
     Ignorance("sample", "base", "base", "sliding", 0.5),
 )
+IN_TIME = (
+    "cannot be fitted over all its values where the material relaxes; give a value, with its standard deviation in "
+    "fit.uncertain.{name}, or fit at two values; or fit the ramp alone, without [material.relaxation]"
+)
+
+
+def faults_in_time(options: Fit) -> Iterator[Fault]:
+    """Inputs that a fit of a material that relaxes cannot take as unknown: its intervals are linear in an input's error."""
+    for known in IGNORANCE:
+        if isinstance(known.prior, Prior) and getattr(options.uncertain, known.name) == known.prior:
+            yield Fault((known.table, known.key), UNKNOWN, IN_TIME.format(name=known.name))
 
 
 def with_priors(tables: dict[str, Any]) -> dict[str, Any]:
