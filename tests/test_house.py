@@ -13,7 +13,7 @@ pytestmark = pytest.mark.quick
 HOUSE = Path(__file__).parent.parent / "indentfit"
 ROOMS = (
     "arrays", "compiled", "errors", "units", "headers", "axes", "curve", "elastic",
-    "hereditary", "motion", "material", "shapes", "indenters", "samples", "layer", "case",
+    "hereditary", "motion", "fibres", "material", "shapes", "indenters", "samples", "layer", "case",
     "experiment", "fem", "runs", "inverse", "inference", "study", "report", "cli",
 )  # fmt: skip
 DRAWING = {"matplotlib", "jinja2", "meshio"}

@@ -154,7 +154,7 @@ def faults_of_fibres(choice: MaterialChoice | None, law: type[Material] | None, 
 
 
 NEEDED = {
-    "angle": "give their angle to x, the indenter's long side, 0 or 90",
+    "angle": "give their angle from x, the indenter's long side, in degrees: 0 along it, 90 across it",
     "fibres": "give their direction: along the load, across it, or normal to the plane of shear or of two stretches",
 }
 

@@ -116,10 +116,17 @@ def _bulk_ratio(value: Any) -> float | str:
     return float(value)
 
 
-def _not_bool(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise refusal("must be 0 or 90, the degrees between the fibres and the indenter's long side")
-    return value
+def _angle(value: Any) -> float:
+    """An angle; a whole number stays one, as reports show it."""
+    if not is_number(value) or not 0 <= value < 180:
+        raise refusal("must be at least 0 and below 180, the degrees from the indenter's long side to the fibres")
+    return int(value) if value == int(value) else float(value)
+
+
+def _dip(value: Any) -> float:
+    if not is_number(value) or not -90 <= value <= 90:
+        raise refusal("must be from -90 to 90, the degrees between the fibres and the plane of the sample")
+    return float(value)
 
 
 def one_line(text: str) -> str:
@@ -147,6 +154,8 @@ def _odds(value: Any) -> Any:
 
 ODDS = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, {"type": "boolean"}]}
 STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"enum": ["stick", "unknown"]}]}
+ANGLE = {"type": "number", "minimum": 0, "exclusiveMaximum": 180}
+DIP = {"type": "number", "minimum": -90, "maximum": 90}
 RATIO = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": "unknown"}]}
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -160,7 +169,8 @@ Pressure = Annotated[Positive, Quantity("kPa")]
 Rate = Annotated[Positive, Quantity("Hz")]
 Friction = Annotated[float | Literal["stick", "unknown"], PlainValidator(_friction), WithJsonSchema(STICK)]
 BulkRatio = Annotated[float | Literal["unknown"], PlainValidator(_bulk_ratio), WithJsonSchema(RATIO)]
-Angle = Annotated[Literal[0, 90], BeforeValidator(_not_bool), Unit("degrees")]
+Angle = Annotated[int | float, PlainValidator(_angle), WithJsonSchema(ANGLE), Unit("degrees")]
+Dip = Annotated[float, PlainValidator(_dip), WithJsonSchema(DIP), Unit("degrees")]
 Odds = Annotated[Share | None, BeforeValidator(_odds), WithJsonSchema(ODDS)]
 Line = Annotated[str, AfterValidator(one_line)]
 Title = Annotated[str, AfterValidator(_printable), Field(max_length=200)]

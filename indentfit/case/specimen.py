@@ -17,7 +17,7 @@ from indentfit.material import HomogeneousState
 if TYPE_CHECKING:
     from indentfit.case.tables import Test
 
-OF_INDENTATIONS = ("angle", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter")
+OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter")
 OF_SPECIMENS = ("fibres", "loading", "ratio", "area", "length", "strain", "stress")
 ARTICLE = {"indentation": "an indentation", "shear": "a shear test", "uniaxial": "a uniaxial test", "biaxial": "a biaxial test"}
 
@@ -100,6 +100,7 @@ def disagreements(test: Test) -> Iterator[tuple[str, str]]:
 
 REMEDY = {
     "angle": "give test.fibres: along, across or normal",
+    "dip": "give test.fibres: along, across or normal",
     "depth": "give test.strain",
     "record": "give test.curve",
     "sample": "give test.area and test.length where forces and displacements were measured",

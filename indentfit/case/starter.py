@@ -36,7 +36,7 @@ SHORT = {  # what a beginner needs to know of a key, in place of its whole meani
     "material.model": "`indentfit materials` lists the laws; `indentfit materials NAME` describes one",
     "material.poisson_ratio": 'Poisson\'s ratio; or bulk_ratio = "unknown", which a fit then goes over',
     "material.bulk_ratio": 'bulk modulus over shear modulus; or "unknown": a fit then goes over 20 to 5000',
-    "test.angle": "degrees between the fibres and the indenter's long side, 0 or 90",
+    "test.angle": "degrees from the indenter's long side to the fibres: 0 along it, 90 across it",
     "test.curve": "displacement and force in a CSV file, relative to this file",
     "test.record": "the instrument's own file, relative to this file, read as [record] says",
     "test.depth": 'mm: depth to simulate; for a fit put curve = "my.csv" in its place',

@@ -18,6 +18,7 @@ from indentfit.case import specimen
 from indentfit.case.quantities import (
     Angle,
     BulkRatio,
+    Dip,
     Friction,
     HalfAngle,
     Length,
@@ -227,7 +228,7 @@ class Mesh(Section):
         ge=20,
         le=2_000_000,
         examples=[3000],
-        description="approximate number of elements; without size and elements, the mesh is chosen by `error`",
+        description="approximate number of elements of a quarter sample; without size and elements, the mesh is chosen by `error`",
     )
 
     error: float | None = Field(
@@ -238,10 +239,10 @@ class Mesh(Section):
         description="error of the largest force that the mesh may cause, as a share; 0.01 where neither size nor elements is given",
     )
 
-    symmetry: Literal["auto", "axisymmetric", "quarter"] = Field(
+    symmetry: Literal["auto", "axisymmetric", "quarter", "half", "whole"] = Field(
         default="auto",
-        description="solve in the meridian plane (round sample, round indenter, no fibres) or a quarter of the sample; auto: the "
-        "meridian plane where that is possible",
+        description="solve in the meridian plane (round sample, round indenter, no fibres), or a quarter, a half or the whole of "
+        "the sample; auto: the least of these that the fibres allow",
     )
 
     @property
@@ -374,8 +375,9 @@ class Test(Section):
     angle: Angle | None = Field(
         default=None,
         examples=[0],
-        description="angle between the fibres and x, the indenter's long side; not needed where the material has no fibres",
+        description="angle from x, the indenter's long side, to the fibres; not needed where the material has no fibres",
     )
+    dip: Dip = Field(default=0.0, description="angle by which the fibres rise out of the sample's plane, towards the indenter")
     curve: Annotated[
         str | Curve | None, PlainValidator(_file_or_curve), WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]})
     ] = Field(
@@ -440,7 +442,7 @@ class Test(Section):
     indenter: OwnIndenter | None = Field(default=None, description="keys of the indenter of this test, where it is another one")
 
     @property
-    def direction(self) -> int:
+    def direction(self) -> float:
         """The angle, degrees; 0 where the material has no fibres and the case gives no angle."""
         return 0 if self.angle is None else self.angle
 
@@ -486,9 +488,7 @@ class Solver(Section):
 
     place = "solver"
 
-    assembly: Literal["compiled", "forms"] = Field(
-        default="compiled", description="element loop: compiled, or the readable and slow forms"
-    )
+    assembly: Literal["compiled", "forms"] = Field(default="compiled", description="element loop: compiled, or the slow forms")
     linear: Literal["auto", "pardiso", "superlu", "pyamg"] = Field(default="auto", description="linear solver")
     element: Literal["q1p0", "q2p1"] = Field(
         default="q2p1", description="finite element: eight-node bricks (q1p0) or quadratic ones (q2p1)"

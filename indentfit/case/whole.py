@@ -27,7 +27,7 @@ from indentfit.case.faults import (
     start_values,
 )
 from indentfit.case.in_time import GRID, relaxation_of
-from indentfit.case.laws import open_law, own_parameters, plugin_file
+from indentfit.case.laws import kept_by, open_law, own_parameters, plugin_file
 from indentfit.case.messages import MISSING, Fault, line, lines
 from indentfit.case.quantities import Title
 from indentfit.case.recording import Record
@@ -40,6 +40,7 @@ from indentfit.case.unknown import faults_in_time, with_priors
 from indentfit.case.warnings import warnings_of
 from indentfit.curve import Curve, require_loading
 from indentfit.errors import CaseError, CurveError, MaterialError
+from indentfit.fibres import Kept
 from indentfit.material import Material
 
 
@@ -199,21 +200,21 @@ class Case(BaseModel):
 
     @property
     def pieces(self) -> tuple[Case, ...]:
-        """The case, parted into cases whose tests have the same sample and indenter; the case itself where all have. Tests without
-        an indenter are in none of them."""
-        if not any(test.sample or test.indenter or test.kind != "indentation" for test in self.tests):
-            return (self,)
-        groups: list[tuple[tuple[Sample, Indenter], list[int]]] = []
+        """The case, parted into cases whose tests have the same sample and indenter and fibres that keep the same symmetry; the
+        case itself where all have. Tests without an indenter are in none of them."""
+        groups: list[tuple[tuple[Sample, Indenter, Kept], list[int]]] = []
         for n, test in enumerate(self.tests):
             if test.kind != "indentation":
                 continue
-            tables = self.sample_of(test), self.indenter_of(test)
-            group = next((rows for known, rows in groups if known == tables), None)
+            own = self.sample_of(test), self.indenter_of(test), kept_by(self.law, self.mesh, test)
+            group = next((rows for known, rows in groups if known == own), None)
             if group is None:
-                groups.append((tables, [n]))
+                groups.append((own, [n]))
             else:
                 group.append(n)
-        return tuple(self._piece(sample, indenter, rows) for (sample, indenter), rows in groups)
+        if len(groups) == 1 and not any(test.sample or test.indenter or test.kind != "indentation" for test in self.tests):
+            return (self,)
+        return tuple(self._piece(sample, indenter, rows) for (sample, indenter, _), rows in groups)
 
     def _piece(self, sample: Sample, indenter: Indenter, rows: Sequence[int]) -> Case:
         tests = tuple(self.tests[n].model_copy(update={"sample": None, "indenter": None}) for n in rows)
@@ -273,6 +274,8 @@ class Case(BaseModel):
                     del test[own]
             if test["kind"] == "indentation":
                 del test["kind"]
+            if not test["dip"]:
+                del test["dip"]
             contact = [curve.contact] if curve is not None and curve.contact else []
             times = [curve.time.tolist()] if curve is not None and curve.time is not None and self.material.relaxation else []
             test["curve"] = curve and [*(column.tolist() for column in curve.columns), *times, *contact]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
 @click.option("--vtu", is_flag=True, help="Write the fields at the last displacement, too (needs -o).")
 @click.option("--series", is_flag=True, help="Write the fields at every step, as a series for ParaView (needs -o).")
-@click.option("--whole", is_flag=True, help="Write the fields of the whole sample, mirrored from the quarter (needs -o).")
+@click.option("--whole", is_flag=True, help="Write the fields of the whole sample, completed from its solved part (needs -o).")
 def command(
     case: str,
     overrides: tuple[str, ...],

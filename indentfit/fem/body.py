@@ -60,8 +60,16 @@ class Body(Protocol):
         """Number of displacements."""
         ...
 
-    def held(self, base: str) -> Ints:
-        """Dofs held at zero by symmetry and by a base that is "sliding" or "bonded"."""
+    def held(self, base: str, motions: frozenset[str] = frozenset()) -> Ints:
+        """Dofs held at zero by symmetry, by a base that is "sliding" or "bonded", and to hold rigid motions (fem.symmetry)."""
+        ...
+
+    def points(self) -> Array:
+        """Points (3 or 2, n / k) of the nodes that have unknowns, mm."""
+        ...
+
+    def unfolded(self, u: Array) -> "tuple[Body, Array]":
+        """The body of all nodes, and its displacements, of displacements u (n,); itself and u, unless it is tied (fem.tied)."""
         ...
 
     def corners(self, u: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import numpy as np
 from indentfit.arrays import Array, Bools, Ints
 from indentfit.fem.element import Solid
 from indentfit.fem.meridian import Meridian
+from indentfit.fem.tied import Tied
 
 RULE = {"q1p0": np.array([1 / 2, 0, 1 / 2]), "q2p1": np.array([1 / 6, 4 / 6, 1 / 6])}  # weights at the ends and in the middle
 
@@ -54,21 +55,22 @@ class ContactPoints(Protocol):
 
 
 class NodePoints:
-    """The nodes of the facets of a quarter sample that may touch: the footprint, then the side that the indenter overhangs.
+    """The nodes of the facets of bricks that may touch: the footprint, then the side that the indenter overhangs.
 
     Parameters
     ----------
-    solid : Solid
+    solid : Solid or Tied
         Its mesh has the boundaries footprint and overhung.
     thickness : float, mm
     """
 
-    def __init__(self, solid: Solid, thickness: float) -> None:
+    def __init__(self, solid: Solid | Tied, thickness: float) -> None:
         parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
         facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
         elements, nodes, areas = facet_nodes(solid, facets)
         self.dofs, self.n_dofs = solid.dofs[elements, nodes], solid.n_dofs
-        self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, self.dofs[..., 0]], 0, -1))
+        self._signs, self._nodes, self._n_nodes = solid.signs[elements, nodes], solid.nodes[elements, nodes], solid.basis.N // 3
+        self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, 3 * self._nodes], 0, -1))
         counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
         self.weights = np.ascontiguousarray(areas * counts)
         self.surface, places = np.unique(self.dofs, return_inverse=True)
@@ -77,22 +79,22 @@ class NodePoints:
         self._entries = (solid.indptr[self.dofs] + block[..., None])[..., None] + np.arange(3)
 
     def field(self, u: Array) -> Array:
-        return u[self.dofs]
+        return self._signs * u[self.dofs]
 
     def spread(self, traction: Array) -> Array:
         out = np.zeros(self.n_dofs)
-        np.add.at(out, self.dofs, self.weights[..., None] * traction)
+        np.add.at(out, self.dofs, self._signs * (self.weights[..., None] * traction))
         return out
 
     def add_stiffness(self, stiffness: Array, values: Array) -> Array:
-        blocks = self.weights[..., None, None] * stiffness
+        blocks = self._signs[..., :, None] * self._signs[..., None, :] * (self.weights[..., None, None] * stiffness)
         dense = np.zeros((self.surface.size,) * 2)
         np.add.at(values, self._entries, blocks)
         np.add.at(dense, (self._places[..., :, None], self._places[..., None, :]), blocks)
         return dense
 
     def nodal_mean(self, pressure: Array) -> Array:
-        return _mean(self.dofs[..., 0] // 3, pressure, self.weights, self.n_dofs // 3)
+        return _mean(self._nodes, pressure, self.weights, self._n_nodes)
 
 
 class EdgePoints:
@@ -182,7 +184,7 @@ class FacetNodes(NamedTuple):
     areas: Array
 
 
-def facet_nodes(solid: Solid, facets: Ints) -> FacetNodes:
+def facet_nodes(solid: Solid | Tied, facets: Ints) -> FacetNodes:
     """The nodes of facets (n_f,) of a body's surface, by the trapezoidal rule, or Simpson's on quadratic facets."""
     mesh, places = solid.mesh, solid.basis.elem.elem.doflocs  # (n_n, 3) of the reference element
     elements = mesh.f2t[0, facets]

@@ -22,12 +22,14 @@ from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import THREADS, compiled, on_stack, on_threads
 from indentfit.fem.body import BodyState
+from indentfit.fem.symmetry import PARTS, Part
 from indentfit.material import Material, checked_derivatives
 
 ELEMENTS = {
     "q1p0": (ElementHex1, 2, 1),
     "q2p1": (ElementHex2, 4, 4),
 }  # scikit-fem element, quadrature order, pressure modes
+NORMALS = {"x0": "u^1", "z0": "u^3"}  # component of the displacements that is normal to a plane of symmetry
 LANES = 8  # doubles in the widest registers: the nodes of an element are padded to a multiple with shape functions that are zero
 RANGES = 16  # of elements, that are looped over one by one or, where they share no node, at once
 WORTH_THREADS = 200_000  # integration points times nodes of an element from which a second thread pays
@@ -40,12 +42,13 @@ class Solid:
     """A meshed sample, its scikit-fem basis and the sparsity pattern of its tangent; no material, no load.
 
     basis: scikit-fem vector basis with displacement dofs (n,), mm
+    nodes: numbers (n_el, n_n) of the elements' nodes; signs: 1 for each of their dofs (see fem.tied)
     indptr, indices: CSR pattern of the tangent (n, n), sorted, its diagonal present
     """
 
-    def __init__(self, mesh: Any, element: str = "q1p0") -> None:
+    def __init__(self, mesh: Any, element: str = "q1p0", part: Part = PARTS["quarter"]) -> None:
         kind, order, n_modes = ELEMENTS[element]
-        self.element, self.mesh = element, mesh
+        self.element, self.mesh, self.part, self.copies = element, mesh, part, part.copies
         self.basis = Basis(mesh, ElementVector(kind()), intorder=order)
         scalar = self.basis.with_element(kind())
         self.dofs = np.ascontiguousarray(self.basis.element_dofs.T.reshape(mesh.nelements, -1, 3).astype(np.int32))
@@ -57,17 +60,33 @@ class Solid:
         self.volume = self.weights.sum(axis=1)
         self.modes = pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
         self.means = np.einsum("emq,eq->em", self.modes, self.weights)  # modes of the constant 1
-        nodes = self.dofs[:, :, 0] // 3
-        self.indptr, self.indices, self.positions = sparsity(nodes, self.basis.N // 3, 3)
-        self._groups = _independent(nodes, self.basis.N // 3)
+        self.nodes, self.signs = self.dofs[:, :, 0] // 3, np.ones(self.dofs.shape)
+        self.indptr, self.indices, self.positions = sparsity(self.nodes, self.basis.N // 3, 3)
+        self._groups = _independent(self.nodes, self.basis.N // 3)
         self._threads = THREADS if self.grads.size // 3 > WORTH_THREADS else 1
 
-    copies = 4  # of a quarter sample
+    def held(self, base: str, motions: frozenset[str] = frozenset()) -> Ints:
+        """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it, and one dof for each
+        rigid motion that is held (fem.symmetry)."""
+        held = [self.basis.get_dofs(plane).all([NORMALS[plane]]) for plane in self.part.planes]
+        held.append(self.basis.get_dofs("base").all(["u^2"] if base == "sliding" else None))
+        return np.concatenate([*held, self._holding(motions)]) if motions else np.concatenate(held)
 
-    def held(self, base: str) -> Ints:
-        """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it."""
-        held = [self.basis.get_dofs(plane).all([name]) for plane, name in (("x0", "u^1"), ("z0", "u^3"))]
-        return np.concatenate([*held, self.basis.get_dofs("base").all(["u^2"] if base == "sliding" else None)])
+    def _holding(self, motions: frozenset[str]) -> Ints:
+        """Dofs that hold rigid motions: of the point of the top on the axis, and for the turn of the top's last point along x."""
+        x, y, z = self.points()
+        beside = np.abs(z) + (y.max() - y)  # the distance from the top's line along x
+        middle, end = int(np.argmin(beside + np.abs(x))), int(np.argmin(beside - x))
+        dofs = {"x": 3 * middle, "z": 3 * middle + 2, "turn": 3 * end + 2}
+        return np.array([dofs[motion] for motion in sorted(motions)], dtype=int)
+
+    def points(self) -> Array:
+        """Points (3, n_v) of the nodes, mm."""
+        return self.basis.doflocs[:, ::3]
+
+    def unfolded(self, u: Array) -> "tuple[Solid, Array]":
+        """The body of all nodes, and its displacements: this one and u (n,)."""
+        return self, u
 
     def corners(self, u: Array) -> tuple[Array, Array]:
         """Points (3, n) of the elements' corners, and their displacements (3, n), mm."""

@@ -4,6 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from indentfit.fem.symmetry import PARTS
+
+ORDER = ("axisymmetric", *PARTS)  # of falling symmetry
+
 
 @dataclass(frozen=True)
 class SolveFacts:
@@ -75,8 +79,8 @@ class MeshFacts:
     element : "q1p0" or "q2p1"
     smallest_mm : float, mm
         Cube root of the smallest element's volume.
-    symmetry : "quarter" or "axisymmetric"
-        Which part of the sample was meshed.
+    symmetry : Symmetry
+        Which part of the sample was meshed (fem.symmetry); of several meshes, that with the least symmetry.
     remark : str
         What was solved in place of the sample (fem.wide_block); empty where the sample itself was.
     """
@@ -100,16 +104,21 @@ class MeshFacts:
             return cls.none()
         if len(meshes) == 1:
             return meshes[0][1]
-        own = [f"{tests} {mesh.elements:,} elements{mesh.remark and ', ' + mesh.remark}" for tests, mesh in meshes]
+        own = [f"{tests} {mesh.elements:,} elements, {mesh.part}{mesh.remark and ', ' + mesh.remark}" for tests, mesh in meshes]
         facts = [mesh for _, mesh in meshes]
         return cls(
             elements=sum(mesh.elements for mesh in facts),
             dofs=sum(mesh.dofs for mesh in facts),
             element=facts[0].element,
             smallest_mm=min(mesh.smallest_mm for mesh in facts),
-            symmetry=max(mesh.symmetry for mesh in facts),
-            remark=f"each sample and indenter has a mesh of its own: {'; '.join(own)}",
+            symmetry=max((mesh.symmetry for mesh in facts), key=ORDER.index),
+            remark=f"each sample, indenter and symmetry has a mesh of its own: {'; '.join(own)}",
         )
+
+    @property
+    def part(self) -> str:
+        """The part of the sample that was meshed, in words."""
+        return "axisymmetric, meridian plane" if self.symmetry == "axisymmetric" else PARTS[self.symmetry].words
 
     def as_json(self) -> dict[str, Any]:
         """Stable keys; remark only where there is one."""

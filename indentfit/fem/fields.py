@@ -1,6 +1,7 @@
 """Fields of a simulated test at its last displacement: displacement, Cauchy stress, volume ratio and contact pressure.
 
-All of them belong to the quarter sample (x >= 0, z >= 0) and to its undeformed nodes and elements.
+All of them belong to the part of the sample that is meshed (fem.symmetry), mostly the quarter x >= 0, z >= 0, and to its
+undeformed nodes and elements.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ from indentfit.fem.element import XX, XY, XZ, YY, YZ, ZZ, Solid
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.meridian import Meridian
 from indentfit.fem.result import TestResult
-from indentfit.fem.simulate import FIBRES, Model
+from indentfit.fem.simulate import Model
+from indentfit.fibres import direction
 from indentfit.material import Material
 
 SECTORS = 12  # of the quarter that a meridian plane sweeps for pictures and files
@@ -36,6 +38,8 @@ class Fields:
         J.
     contact_pressure : array (n_v,), kPa
         Pressure on the undeformed area; zero where the sample does not touch the indenter.
+    part : str
+        The part of the sample that they belong to, a key of fem.symmetry.PARTS.
     """
 
     nodes: Array
@@ -45,6 +49,25 @@ class Fields:
     cell_stress: Array
     volume_ratio: Array
     contact_pressure: Array
+    part: str = "quarter"
+
+    @property
+    def pictured(self) -> "Fields":
+        """These fields, of a whole sample those of its half z >= 0 alone, so that pictures show what is under the indenter."""
+        if self.part != "whole":
+            return self
+        behind = self.nodes[self.elements, 2].mean(axis=1) > 0
+        nodes, elements = np.unique(self.elements[behind], return_inverse=True)
+        return Fields(
+            nodes=self.nodes[nodes],
+            elements=elements.reshape(-1, self.elements.shape[1]),
+            displacement=self.displacement[nodes],
+            nodal_stress=self.nodal_stress[nodes],
+            cell_stress=self.cell_stress[behind],
+            volume_ratio=self.volume_ratio[behind],
+            contact_pressure=self.contact_pressure[nodes],
+            part=self.part,
+        )
 
 
 def recover(model: Model, result: TestResult, material: Material, kappa: float, equilibrium: Equilibrium | None = None) -> Fields:
@@ -67,7 +90,7 @@ def recover(model: Model, result: TestResult, material: Material, kappa: float, 
     """
     equilibrium = equilibrium or result.last
     model = result.model or model
-    body, u, fibre = model.body, equilibrium.u, FIBRES[result.angle]
+    (body, u), fibre = model.body.unfolded(equilibrium.u), direction(result.angle, result.dip)
     state = body.state(u, fibre)
     stress = body.stress(u, state, material, body.pressure(state, kappa), fibre)
     n = body.dofs.shape[2]
@@ -79,6 +102,7 @@ def recover(model: Model, result: TestResult, material: Material, kappa: float, 
         cell_stress=cell_stress(body, stress),
         volume_ratio=state.theta[:, 0] / body.means[:, 0],
         contact_pressure=model.contact.points.nodal_mean(equilibrium.contact.pressure),
+        part="quarter" if model.setup.in_plane else model.setup.symmetry,
     )
     return fields if n == 3 else revolved(fields)
 

@@ -69,10 +69,18 @@ class Meridian:
     def n_dofs(self) -> int:
         return int(self.basis.N)
 
-    def held(self, base: str) -> Ints:
-        """Dofs held at zero: radial motion on the axis, the base's axial motion or all of it."""
+    def held(self, base: str, motions: frozenset[str] = frozenset()) -> Ints:
+        """Dofs held at zero: radial motion on the axis, the base's axial motion or all of it. No other rigid motion is free."""
         on_axis = self.basis.get_dofs("axis").all(["u^1"])
         return np.concatenate([on_axis, self.basis.get_dofs("base").all(["u^2"] if base == "sliding" else None)])
+
+    def points(self) -> Array:
+        """Points (2, n_v) of the nodes, (r, y), mm."""
+        return self.basis.doflocs[:, ::2]
+
+    def unfolded(self, u: Array) -> "tuple[Meridian, Array]":
+        """This body and u (n,)."""
+        return self, u
 
     def corners(self, u: Array) -> tuple[Array, Array]:
         """Points (3, n) of the elements' corners in the plane z = 0, and their displacements (3, n), mm."""

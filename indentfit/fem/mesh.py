@@ -1,7 +1,9 @@
-"""Quarter samples of bricks: graded towards the indenter's edge and the top, with mesh lines on the edge of the contact.
+"""Quarters of samples of bricks, and parts grown from them by mirror images.
+
+The meshes are graded towards the indenter's edge and the top, with mesh lines on the edge of the contact.
 
 Axes: y is the indentation axis (base y = 0, top y = thickness), the strip's long side lies along x. The planes x = 0 and
-z = 0 are planes of symmetry. All lengths in mm.
+z = 0 are planes of symmetry of the quarter. All lengths in mm.
 
 The size of a mesh, mm (`mesh.size` of a case, `size` here), is the scale of all its widths: `Family` says how many sizes wide an
 element is at the indenter's edge, at the sample's rim and far away.
@@ -86,9 +88,15 @@ class _Task:
 
 
 def quarter(
-    sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0", depth: float | None = None, rim: float = 1.0
+    sample: Sample,
+    indenter: Indenter,
+    mesh: Mesh,
+    element: str = "q1p0",
+    depth: float | None = None,
+    rim: float = 1.0,
+    grown: tuple[int, ...] = (),
 ) -> MeshHex | MeshHex2:
-    """Mesh of a quarter sample.
+    """Mesh of a quarter sample, or of the quarter and its mirror images.
 
     Parameters
     ----------
@@ -99,12 +107,15 @@ def quarter(
         Largest depth, which decides how wide a sphere's contact is; by default a tenth of the thickness.
     rim : float
         Width of the elements where a strip leaves the sample, in units of the usual width.
+    grown : tuple of axes
+        Axes (0 is x, 2 is z) along which mirror images are added: one makes a half, both the whole.
 
     Returns
     -------
     MeshHex, or for quadratic bricks MeshHex2
-        A mesh with the boundaries top, base, x0, z0, footprint (facets of the top that may touch the indenter) and overhung (facets
-        of the side that may touch it, below a strip that is longer than the sample; otherwise none).
+        A mesh with the boundaries top, base, x0, z0 (empty where the plane lies inside of the mesh), footprint (facets of the top
+        that may touch the indenter) and overhung (facets of the side that may touch it, below a strip that is longer than the
+        sample; otherwise none).
 
     Raises
     ------
@@ -112,7 +123,7 @@ def quarter(
         The indenter does not fit on the sample.
     """
     task = _Task.of(sample, indenter, element, depth)
-    linear = _quarter(task, size(sample, indenter, mesh, element, depth), rim)
+    linear = _bricks(task, size(sample, indenter, mesh, element, depth), rim, grown)
     if task.family.order == 1:
         return linear
     circles = [*task.outline.circles, *task.indenter.partition(task.depth).circles]
@@ -120,7 +131,7 @@ def quarter(
 
 
 def count(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0", depth: float | None = None) -> int:
-    """Number of elements of the mesh that `quarter` makes of the same arguments; no mesh is made."""
+    """Number of elements of the quarter that `quarter` makes of the same arguments; no mesh is made."""
     return _count(_Task.of(sample, indenter, element, depth), size(sample, indenter, mesh, element, depth))
 
 
@@ -181,9 +192,11 @@ def _count(task: _Task, size: float, scaled: bool = True) -> int:
     return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in plane) * (layers.size - 1)
 
 
-def _quarter(task: _Task, size: float, rim: float) -> MeshHex:
+def _bricks(task: _Task, size: float, rim: float, grown: tuple[int, ...]) -> MeshHex:
     """The mesh of eight-node bricks with its boundaries."""
     plane, layers = _parts(task, size, rim)
+    for axis in grown:
+        plane = [*plane, *(patch * np.where([axis == 0, axis == 2], -1.0, 1.0)[:, None, None] for patch in plane)]
     mesh = extrude(merge(plane), layers)
     top, eps = task.thickness, 1e-9 * task.thickness
     contact = task.indenter.partition(task.depth)
@@ -192,16 +205,16 @@ def _quarter(task: _Task, size: float, rim: float) -> MeshHex:
     lowest = layers[np.searchsorted(layers, deepest, side="right") - 1] if overhangs else top
 
     def inside(p: Array) -> Bools:
-        return task.indenter.may_touch(p[0], p[2])
+        return task.indenter.may_touch(np.abs(p[0]), np.abs(p[2]))
 
     return mesh.with_boundaries(
         {
             "top": lambda p: p[1] > top - eps,
             "base": lambda p: p[1] < eps,
-            "x0": lambda p: p[0] < eps,
-            "z0": lambda p: p[2] < eps,
+            "x0": lambda p: np.abs(p[0]) < eps,
+            "z0": lambda p: np.abs(p[2]) < eps,
             "footprint": lambda p: (p[1] > top - eps) & inside(p),
-            "overhung": lambda p: (p[1] < top - eps) & (p[1] > lowest) & (p[0] > eps) & (p[2] > eps) & inside(p),
+            "overhung": lambda p: (p[1] < top - eps) & (p[1] > lowest) & (np.abs(p[0]) > eps) & (np.abs(p[2]) > eps) & inside(p),
         }
     )
 

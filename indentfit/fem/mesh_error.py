@@ -91,7 +91,7 @@ def _as_solved(setup: Setup, elements: int) -> Setup:
     """The setup with the mesh on which a test was solved: that of a second try may be coarser than the setup's own."""
     if elements >= FEWER * count(setup):
         return setup
-    return replace(setup, mesh=Mesh(symmetry=setup.mesh.symmetry, elements=elements))
+    return replace(setup, mesh=Mesh(symmetry=setup.mesh.symmetry, elements=round(elements / setup.quarters)))
 
 
 def _error_by(
@@ -144,17 +144,17 @@ class SecondMesh:
 def second(setup: Setup) -> SecondMesh:
     """The second mesh of the estimate: coarser, or finer where no mesh with clearly fewer elements can be had."""
     longer = _with_longer_steps(setup)
-    coarse = resized(longer, RATIO[setup.symmetry])
+    coarse = resized(longer, RATIO[setup.grown_from])
     if count(coarse) <= FEWER * count(setup):
         return compared(setup, coarse)
-    return compared(setup, resized(longer, 1 / RATIO[setup.symmetry]))
+    return compared(setup, resized(longer, 1 / RATIO[setup.grown_from]))
 
 
 def compared(setup: Setup, other: Setup) -> SecondMesh:
     """Another mesh of a setup as its second mesh."""
     element = setup.solver.element
     growth = (size(other) / size(setup)) ** (SHARP_ORDER if _sharp_in_plane(setup) else ORDER[element])
-    factor = FACTOR[setup.symmetry, element]
+    factor = FACTOR[setup.grown_from, element]
     if element == "q2p1" and isinstance(setup.indenter.geometry.partition(setup.depth), Band):
         factor *= STRIP
     return SecondMesh(other, factor if growth > 1 else factor / growth, growth)
@@ -162,7 +162,7 @@ def compared(setup: Setup, other: Setup) -> SecondMesh:
 
 def _with_longer_steps(setup: Setup) -> Setup:
     """The setup with longer steps, where the force in the meridian plane depends on them."""
-    if setup.symmetry != "axisymmetric" or not setup.rubs:
+    if not setup.in_plane or not setup.rubs:
         return setup
     longest = COARSER_STEPS * setup.solver.max_step if setup.solver.max_step else setup.depth / FIRST_STEPS
     return replace(setup, solver=setup.solver.model_copy(update={"max_step": longest}))
@@ -172,7 +172,7 @@ def force_error(test: TestResult, other: TestResult, factor: float, setup: Setup
     """The stated error of a test's forces, from those of the second mesh."""
     change = factor * np.maximum.accumulate(np.abs(other.force - test.force))
     shape = setup.block[1].effect if setup.block else 0.0
-    floor = FLOOR[setup.symmetry, setup.solver.element] + shape
+    floor = FLOOR[setup.grown_from, setup.solver.element] + shape
     least = floor + _few_nodes(setup, test.displacement) + _long_steps(setup, test)
     folds = _folds(setup, test.displacement)
     remark = FOLDING if folds[-1] > 2 * floor and setup.indenter.friction != "stick" else ""
@@ -203,7 +203,7 @@ def left_by_correction(depths: Sequence[Array], changes: Sequence[Array], other:
 def _few_nodes(setup: Setup, depths: Array) -> Array:
     """The least relative error (n,) of bricks under a contact that grows: at small depths the contact meets few of their nodes."""
     shape = setup.indenter.geometry
-    if setup.symmetry == "axisymmetric" or shape.edge_radius is not None:
+    if setup.in_plane or shape.edge_radius is not None:
         return np.zeros(len(depths))
     width = edge_width(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
     contacts = [shape.partition(float(depth)) for depth in depths]
@@ -212,7 +212,7 @@ def _few_nodes(setup: Setup, depths: Array) -> Array:
 
 def _long_steps(setup: Setup, test: TestResult) -> float:
     """The relative error of bricks' force by the length of the steps."""
-    if setup.symmetry == "axisymmetric" or not setup.rubs:
+    if setup.in_plane or not setup.rubs:
         return 0.0
     indenter = setup.indenter
     friction = 1.0 if indenter.friction == "stick" else min(float(indenter.friction), 1.0)
@@ -221,7 +221,7 @@ def _long_steps(setup: Setup, test: TestResult) -> float:
 
 
 def _sharp_in_plane(setup: Setup) -> bool:
-    return setup.symmetry == "axisymmetric" and has_sharp_edge(setup.indenter.geometry)
+    return setup.in_plane and has_sharp_edge(setup.indenter.geometry)
 
 
 def _folds(setup: Setup, depths: Array) -> Array:

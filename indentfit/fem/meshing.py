@@ -7,19 +7,19 @@ from indentfit.fem import mesh as bricks
 from indentfit.fem.meridian_mesh import count_meridian, size_of_meridian
 from indentfit.fem.setup import Setup
 
-DIMENSIONS = {"axisymmetric": 2, "quarter": 3}
+DIMENSIONS = {"axisymmetric": 2, "quarter": 3}  # by Setup.grown_from
 
 
 def count(setup: Setup) -> int:
     """Number of elements of a setup's mesh, without making it."""
-    if setup.symmetry == "axisymmetric":
+    if setup.in_plane:
         return count_meridian(setup.sample, setup.indenter, setup.mesh, setup.depth)
-    return bricks.count(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
+    return setup.quarters * bricks.count(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
 
 
 def size(setup: Setup) -> float:
     """Size of a setup's mesh, mm: what all widths of its elements are proportional to."""
-    if setup.symmetry == "axisymmetric":
+    if setup.in_plane:
         return size_of_meridian(setup.sample, setup.indenter, setup.mesh, setup.depth)
     return bricks.size(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
 

@@ -11,6 +11,7 @@ from indentfit.axes import INDENTATION, Axes
 from indentfit.curve import Curve
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+from indentfit.fibres import words
 
 if TYPE_CHECKING:
     from indentfit.fem.simulate import Model
@@ -96,8 +97,8 @@ class TestResult:
     Parameters
     ----------
     name : str
-    angle : int, degrees
-        Angle of the fibres.
+    angle : float, degrees
+        Angle of the fibres to x, in the plane of the sample.
     displacement : array (n,), mm
         The requested depths.
     force : array (n,), mN
@@ -119,12 +120,14 @@ class TestResult:
         What displacement and force are: strain and stress in some tests without an indenter.
     kind, fibres : str
         Kind of the test, and where it is no indentation the direction of the fibres, if there are any.
+    dip : float, degrees
+        Angle of the fibres out of the plane of the sample.
     """
 
     __test__ = False  # not a test of pytest's
 
     name: str
-    angle: int
+    angle: float
     displacement: Array
     force: Array
     facts: SolveFacts = field(default_factory=SolveFacts)
@@ -137,6 +140,7 @@ class TestResult:
     axes: Axes = INDENTATION
     kind: str = "indentation"
     fibres: str | None = None
+    dip: float = 0.0
 
     @property
     def curve(self) -> Curve:
@@ -146,7 +150,7 @@ class TestResult:
     @property
     def direction(self) -> str:
         """The direction of the fibres, in words."""
-        return f"{self.angle}°" if self.kind == "indentation" else f"{self.kind}, {self.fibres or 'no fibres'}"
+        return words(self.angle, self.dip) if self.kind == "indentation" else f"{self.kind}, {self.fibres or 'no fibres'}"
 
     @property
     def last(self) -> Equilibrium:
@@ -185,7 +189,9 @@ class Simulation:
 
 def _direction(test: TestResult) -> dict[str, Any]:
     """The stable keys of a test's direction: the angle of an indentation; kind and fibres of another test."""
-    return {"angle": test.angle} if test.kind == "indentation" else {"angle": None, "kind": test.kind, "fibres": test.fibres}
+    if test.kind == "indentation":
+        return {"angle": test.angle, **({"dip": test.dip} if test.dip else {})}
+    return {"angle": None, "kind": test.kind, "fibres": test.fibres}
 
 
 def _mesh_error(test: TestResult) -> dict[str, Any]:

@@ -2,13 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case.relaxation import Relaxation
 from indentfit.case.tables import Indenter, Mesh, Sample, Solver
-from indentfit.fem.symmetry import Symmetry
+from indentfit.fem.symmetry import PARTS, Part, Symmetry
+from indentfit.fibres import direction
 from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.material import Material
 
@@ -45,7 +47,7 @@ class Setup:
         The tables of a case.
     depth : float, mm
         Largest depth that the indenter will reach.
-    symmetry : "quarter" or "axisymmetric"
+    symmetry : Symmetry
         Which part of the sample is meshed (fem.symmetry).
     block : tuple of (Sample, DiscForBlock), or None
         The block in whose place `sample` is a disc (fem.wide_block).
@@ -58,6 +60,26 @@ class Setup:
     depth: float
     symmetry: Symmetry = "quarter"
     block: tuple[Sample, DiscForBlock] | None = None
+
+    @property
+    def in_plane(self) -> bool:
+        """Whether the meridian plane is meshed, not a part of the sample with bricks."""
+        return self.symmetry == "axisymmetric"
+
+    @property
+    def grown_from(self) -> Literal["axisymmetric", "quarter"]:
+        """What the mesh is made of: the meridian plane, or the quarter from which every other part is grown."""
+        return "axisymmetric" if self.in_plane else "quarter"
+
+    @property
+    def part(self) -> Part:
+        """The part of the sample that is meshed with bricks; where the meridian plane is meshed, that which is shown."""
+        return PARTS["quarter" if self.in_plane else self.symmetry]
+
+    @property
+    def quarters(self) -> int:
+        """How many quarters of the sample are meshed; 1 in the meridian plane."""
+        return 1 if self.in_plane else 4 // self.part.copies
 
     @property
     def rubs(self) -> bool:
@@ -116,8 +138,8 @@ class Press:
     material : Material
     kappa : float, kPa
         Bulk modulus.
-    angle : int, degrees
-        Angle between the fibres and x, the indenter's long side: 0 or 90.
+    angle : float, degrees
+        Angle between the fibres and x, the indenter's long side, in the plane of the sample.
     depths : array (n,), mm
         Depths at which the force is requested, in rising order, above zero.
     name : str
@@ -127,12 +149,20 @@ class Press:
         "friction", "bulk_ratio" (bulk modulus over shear modulus) and "offset" (depth of the contact point, mm).
     in_time : InTime, or None
         How fast the indenter moves, and how the material relaxes; None where the material is elastic.
+    dip : float, degrees
+        Angle of the fibres out of the plane of the sample.
     """
 
     material: Material
     kappa: float
-    angle: int
+    angle: float
     depths: Array
     name: str = ""
     sensitivities: tuple[str, ...] = ()
     in_time: InTime | None = None
+    dip: float = 0.0
+
+    @property
+    def fibre(self) -> Array:
+        """Direction (3,) of the fibres at rest."""
+        return direction(self.angle, self.dip)

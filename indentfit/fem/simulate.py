@@ -34,6 +34,8 @@ from indentfit.fem.newton import Newton
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
+from indentfit.fem.symmetry import held_motions
+from indentfit.fem.tied import Tied
 from indentfit.fem.viscous import Moment, press_in_time
 from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.indenters import has_sharp_edge
@@ -56,7 +58,6 @@ FLAT_STEPS = 4  # steps to the last depth of bricks under a flat face with sharp
 # Below a friction of SLIPPERY points slip all the same.
 RUBBING_STEPS, SLIPPERY = 24, 0.05
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
-FIBRES = {0: np.array([1.0, 0.0, 0.0]), 90: np.array([0.0, 0.0, 1.0])}
 
 
 @dataclass(frozen=True)
@@ -100,9 +101,10 @@ class Model:
         self.body, points = _body(setup, rim)
         self.mesh = self.body.mesh
         self.contact = ContactFace(points, setup.indenter, setup.sample.thickness)
-        self.fixed = Fixed(self.body, self.body.held(setup.sample.base))
-        kind = choice(setup.solver.linear if self.body.copies > 1 else _direct(setup.solver.linear), self.body.n_dofs)
-        modes = self.fixed.freed(rigid_body_modes(self.body.basis.doflocs[:, ::3])) if kind == "pyamg" else None
+        base = setup.sample.base
+        self.fixed = Fixed(self.body, self.body.held(base, held_motions(setup.part, setup.indenter, base)))
+        kind = choice(_direct(setup.solver.linear) if setup.in_plane else setup.solver.linear, self.body.n_dofs)
+        modes = self.fixed.freed(rigid_body_modes(self.body.points())) if kind == "pyamg" else None
         self.solver = LinearSolver(kind, modes, self.contact.surface)
         self.exact = LinearSolver(kind, modes, self.contact.surface)  # for derivatives: they do not touch the path's factors
         self.equations = Equations(self.body, self.contact, self.fixed)
@@ -172,17 +174,17 @@ class Model:
     def _largest_step(self, press: Press) -> float:
         if self.setup.solver.max_step:
             return self.setup.solver.max_step
-        rubs = self.body.copies == 1 and self.setup.rubs and self.contact.friction > SLIPPERY
+        rubs = self.setup.in_plane and self.setup.rubs and self.contact.friction > SLIPPERY
         return float(press.depths[-1]) / RUBBING_STEPS if rubs else np.inf
 
     @property
     def _tolerance(self) -> float:
         tolerance = self.setup.solver.tolerance
-        return tolerance if self.body.copies > 1 else min(tolerance, IN_PLANE)
+        return min(tolerance, IN_PLANE) if self.setup.in_plane else tolerance
 
     @property
     def _first_steps(self) -> int:
-        return FLAT_STEPS if self.body.copies > 1 and has_sharp_edge(self.contact.shape) else FIRST_STEPS
+        return FLAT_STEPS if not self.setup.in_plane and has_sharp_edge(self.contact.shape) else FIRST_STEPS
 
     @property
     def power(self) -> float:
@@ -195,15 +197,16 @@ class Model:
         """The moments of the viscoelastic model in a ramp and a hold, as `viscous.press_in_time` gives and raises them."""
         options = self.setup.solver
         controls = Controls(self._tolerance, options.max_step or np.inf, self._first_steps, progress=progress)
-        loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.angle))
+        loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
         self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):
             return press_in_time(self.equations, loading, self._newton(controls), ramp, relaxation)
 
-    def stiffness(self, material: Material, kappa: float, angle: int) -> float:
+    def stiffness(self, material: Material, kappa: float, angle: float) -> float:
         """Small-strain stiffness of the whole sample, mN/mm, under a flat indenter that slips freely or sticks."""
-        springs = self._springs(material, angle).scaled(RIGID)  # one linear solve: nothing can chatter
-        loading = self._loading(Press(material, kappa, angle, np.zeros(0)), springs)
+        press = Press(material, kappa, angle, np.zeros(0))
+        springs = self._springs(material, press.fibre).scaled(RIGID)  # one linear solve: nothing can chatter
+        loading = self._loading(press, springs)
         self.solver.forget()
         return self.body.copies * untouched(self.equations, loading, self._newton(Controls(self.setup.solver.tolerance))).stiffness
 
@@ -211,7 +214,7 @@ class Model:
         """Numbers of the mesh."""
         smallest = float(np.min(self.body.volume) ** (1 / 3))
         elements, setup = int(self.mesh.nelements), self.setup
-        remarks = [text for text in (setup.remark, _not_as_asked(setup.mesh.elements, elements)) if text]
+        remarks = [text for text in (setup.remark, _not_as_asked(setup.mesh.elements, elements // setup.quarters)) if text]
         return MeshFacts(elements, int(self.body.n_dofs), self.body.element, smallest, setup.symmetry, "; ".join(remarks))
 
     def _solver_facts(self, tests: Sequence[TestResult]) -> SolverFacts:
@@ -247,7 +250,7 @@ class Model:
         raise first
 
     def _second_tries(self) -> tuple[Try, ...]:
-        if self.body.copies == 1:
+        if self.setup.in_plane:
             return SECOND_TRIES_IN_PLANE
         return SECOND_TRIES_ROUND if self.contact.shape.edge_radius is None else SECOND_TRIES
 
@@ -257,13 +260,13 @@ class Model:
             return self
         setup = self.setup
         if attempt.elements < 1:
-            elements = round(attempt.elements * self.mesh.nelements)
+            elements = round(attempt.elements * self.mesh.nelements / setup.quarters)
             setup = replace(setup, mesh=setup.mesh.model_copy(update={"size": None, "elements": elements}))
         return Model(setup, attempt.rim)  # a new model, so that no run depends on the runs before it
 
     def _run(self, attempt: Try, press: Press, controls: Controls) -> TestResult:
         started, before = time.perf_counter(), self._linear_work
-        loading = self._loading(press, self._springs(press.material, press.angle).scaled(attempt.springs))
+        loading = self._loading(press, self._springs(press.material, press.fibre).scaled(attempt.springs))
         newton = self._newton(controls)
         self.solver.forget()
 
@@ -284,7 +287,7 @@ class Model:
     def _result(self, press: Press, path: Sequence[Equilibrium], facts: SolveFacts, loading: Loading) -> TestResult:
         force = self.body.copies * along(path, [point.whole_force for point in path], press, self.power)
         sensitivities = _sensitivities(press, loading.directions, path, self.body.copies, self.power)
-        return TestResult(press.name, press.angle, press.depths, force, facts, sensitivities, tuple(path), self)
+        return TestResult(press.name, press.angle, press.depths, force, facts, sensitivities, tuple(path), self, dip=press.dip)
 
     @property
     def _linear_work(self) -> LinearWork:
@@ -295,26 +298,27 @@ class Model:
 
     def _loading(self, press: Press, springs: Springs) -> Loading:
         bulk = self.solver.bulk(press.kappa, press.material.shear_modulus)
-        return Loading(press.material, press.kappa, bulk, FIBRES[press.angle], springs, self._directions(press))
+        return Loading(press.material, press.kappa, bulk, press.fibre, springs, self._directions(press))
 
     def _directions(self, press: Press) -> tuple[Direction, ...]:
         def stiffness(material: Material) -> float:
-            return self._springs(material, press.angle).normal
+            return self._springs(material, press.fibre).normal
 
         friction = np.inf if self.contact.tied.any() else self.contact.friction
         return directions(press.sensitivities, press.material, press.kappa, stiffness, friction)
 
-    def _springs(self, material: Material, angle: int) -> Springs:
+    def _springs(self, material: Material, fibre: Array) -> Springs:
         """Contact springs in proportion to the sample's stiffness: SHARP times the shear modulus under a sharp edge, where the
         traction is singular; otherwise the stiffness under the indenter, which is higher where fibres run across the indenter."""
         moduli, shape = material.moduli(), self.contact.shape
-        young = moduli["E_along"] if angle == 90 else moduli["E_across"]
+        across = fibre[2] ** 2  # 1 where the fibres run across the indenter, 0 where they run along it
+        young = across * moduli["E_along"] + (1 - across) * moduli["E_across"]
         sharp = has_sharp_edge(shape)
         modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
         stiffness = self.setup.solver.penalty * modulus / self.setup.sample.thickness
-        if self.body.copies == 1 and self.contact.tied.any():
+        if self.setup.in_plane and self.contact.tied.any():
             return Springs(TIED * stiffness / SHARP, TIED * stiffness / SHARP)
-        if self.body.copies == 1 and not sharp:
+        if self.setup.in_plane and not sharp:
             contact = shape.partition(self.setup.depth).half_width
             stiffness *= max(1.0, SMALL * self.setup.sample.thickness / contact)
             return Springs(EDGE_NORMAL * stiffness, EDGE_TANGENTIAL * stiffness)
@@ -345,6 +349,8 @@ class Model:
         if not has_sharp_edge(shape):
             return 0.0
         x, u = self.body.corners(equilibrium.u)
+        sides = np.where(x < 0, -1, 1)  # shapes know the quarter x, z >= 0
+        x, u = sides * x, sides * u
         top = x[1] > self.setup.sample.thickness * (1 - 1e-9)
         return float(np.max(np.abs(shape.motion_off_edge(x[:, top], u[:, top]))) / shape.half_width)
 
@@ -428,20 +434,21 @@ def _slopes(path: Sequence[Equilibrium], press: Press, power: float) -> Array:
     return between.slope(press.depths) if press.in_time is None else press.in_time.forces(press.depths, between.slope)
 
 
-def _body(setup: Setup, rim: float) -> tuple[Solid | Meridian, ContactPoints]:
+def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian, ContactPoints]:
     """The meshed body as the setup asks for it, and the points at which it may touch."""
-    if setup.symmetry == "axisymmetric":
+    if setup.in_plane:
         meridian = Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth))
         return meridian, EdgePoints(meridian)
-    element = setup.solver.element
-    mesh = quarter(setup.sample, setup.indenter, setup.mesh, element, setup.depth, rim)
+    element, part = setup.solver.element, setup.part
+    mesh = quarter(setup.sample, setup.indenter, setup.mesh, element, setup.depth, rim, part.grown)
     if setup.solver.assembly == "forms":
         from indentfit.fem.forms import FormSolid
 
-        solid: Solid = FormSolid(mesh, element)
+        solid: Solid = FormSolid(mesh, element, part)
     else:
-        solid = Solid(mesh, element)
-    return solid, NodePoints(solid, setup.sample.thickness)
+        solid = Solid(mesh, element, part)
+    body = Tied(solid) if part.tied else solid
+    return body, NodePoints(body, setup.sample.thickness)
 
 
 def _direct(linear: str) -> str:

@@ -7,6 +7,7 @@ depth, at small strain: a linear problem, which is solved in a fifth of a second
 
 import functools
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from indentfit.case.tables import Indenter, Mesh, Sample, Solver
 from indentfit.errors import MeshError
 from indentfit.fem.setup import DiscForBlock, Press, Setup
 from indentfit.fem.simulate import Model
-from indentfit.fem.symmetry import symmetry_of
+from indentfit.fem.symmetry import PARTS, symmetry_of
+from indentfit.fibres import Kept
 from indentfit.material import Material, load
 from indentfit.samples import Rectangle
 
@@ -25,7 +27,15 @@ STIFFEST = (
 WIDEST = 0.9  # of the inscribed disc: a wider contact is that of a block
 
 
-def setup_for(sample: Sample, indenter: Indenter, mesh: Mesh, solver: Solver, law: type[Material], depth: float) -> Setup:
+def setup_for(
+    sample: Sample,
+    indenter: Indenter,
+    mesh: Mesh,
+    solver: Solver,
+    law: type[Material],
+    depth: float,
+    fibres: Collection[Kept] = (),
+) -> Setup:
     """The Setup of a case: its symmetry, and the disc in place of a wide block.
 
     Parameters
@@ -34,6 +44,7 @@ def setup_for(sample: Sample, indenter: Indenter, mesh: Mesh, solver: Solver, la
     law : class of the material
     depth : float, mm
         Largest depth of the tests.
+    fibres : symmetries that the fibres of the tests keep
 
     Returns
     -------
@@ -44,7 +55,7 @@ def setup_for(sample: Sample, indenter: Indenter, mesh: Mesh, solver: Solver, la
     MeshError
         The case asks for an axisymmetric solution and is not axisymmetric; the text says why.
     """
-    disc = None if mesh.symmetry == "quarter" else _disc_if_round(sample, indenter, mesh, solver, law, depth)
+    disc = None if mesh.symmetry in PARTS else _disc_if_round(sample, indenter, mesh, solver, law, depth)
     if disc is not None and disc.effect <= mesh.wanted_error:
         return Setup(disc.sample(sample), indenter, mesh, solver, depth, "axisymmetric", (sample, disc))
     if disc is not None and mesh.symmetry == "axisymmetric":
@@ -52,7 +63,7 @@ def setup_for(sample: Sample, indenter: Indenter, mesh: Mesh, solver: Solver, la
             f'mesh.symmetry = "axisymmetric": the sample is not round, and its shape changes the force by up to {disc.effect:.1%}; '
             'leave the key out, write "quarter", or allow as much by mesh.error'
         )
-    return Setup(sample, indenter, mesh, solver, depth, symmetry_of(sample, indenter, mesh, solver, law))
+    return Setup(sample, indenter, mesh, solver, depth, symmetry_of(sample, indenter, mesh, solver, law, fibres))
 
 
 def _disc_if_round(
@@ -60,7 +71,7 @@ def _disc_if_round(
 ) -> DiscForBlock | None:
     """The disc in place of a block where everything else of the case is axisymmetric."""
     disc = DiscForBlock(2 * sample.geometry.outline.inscribed, 0.0).sample(sample)
-    if symmetry_of(disc, indenter, Mesh(), solver, law) == "quarter":
+    if symmetry_of(disc, indenter, Mesh(), solver, law) != "axisymmetric":
         return None
     return disc_for(sample, indenter, depth)
 

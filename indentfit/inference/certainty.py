@@ -376,7 +376,7 @@ def mesh_size(case: Case, model: ForwardModel) -> MeshSize | None:
         return None
     setups = [setup_of(piece) for piece in case.pieces]
     own = round(sum(count(setup) for setup in setups) / len(setups))
-    dimensions = max(DIMENSIONS[setup.symmetry] for setup in setups)
+    dimensions = max(DIMENSIONS[setup.grown_from] for setup in setups)
     elements = model.error.finest if isinstance(model, Corrected) else own
     return MeshSize(elements, ORDER[case.solver.element] / dimensions)
 

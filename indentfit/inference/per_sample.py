@@ -193,7 +193,7 @@ def sample_cases(path: str | Path, specimens: Sequence[Specimen], overrides: Seq
         A specimen lacks a direction of the case (its fit would use another specimen's curve), or two tests have the same direction.
     """
     pooled = read_case(path, overrides)
-    tests = {test.direction: test.name for test in pooled.tests}
+    tests: dict[float | None, str] = {test.direction: test.name for test in pooled.tests}
     if len(tests) < len(pooled.tests):
         raise CaseError(f"{path}: two tests have the same angle; --per-sample needs one test for each direction")
     cases = []
@@ -206,7 +206,7 @@ def sample_cases(path: str | Path, specimens: Sequence[Specimen], overrides: Seq
     return cases
 
 
-def _turned(specimen: Specimen, tests: Mapping[int, str]) -> Specimen:
+def _turned(specimen: Specimen, tests: Mapping[Any, str]) -> Specimen:
     """A specimen of a material without fibres: its only curve is that of the only test, whatever direction the table gives."""
     if len(tests) == len(specimen.curves) == 1:
         return replace(specimen, curves=dict(zip(tests, specimen.curves.values(), strict=True)))

@@ -69,7 +69,7 @@ def refined(
     name, share, known = _most(case, problem, model, solved)
     if known is None or share <= DOMINATES:
         return Refined(solved)
-    kind = "quarter" if any(setup_of(piece).symmetry == "quarter" for piece in case.pieces) else "axisymmetric"
+    kind = "axisymmetric" if all(setup_of(piece).in_plane for piece in case.pieces) else "quarter"
     wanted = (share / (1 - share) if share < 1 else np.inf) ** (0.5 / ORDER[case.solver.element])
     finer = float(np.clip(wanted, min(RATIO[kind], FINEST[kind]), FINEST[kind]))
     if not case.mesh.default:

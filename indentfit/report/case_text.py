@@ -5,10 +5,11 @@ from typing import Any
 
 from indentfit.case import Case, MaterialChoice, Mesh, Range
 from indentfit.case.in_time import ramps_of
-from indentfit.case.laws import YOUNG, has_fibres, own_parameters
+from indentfit.case.laws import YOUNG, has_fibres, kept_by, own_parameters
 from indentfit.case.priors import Prior
 from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, Sample, Test
+from indentfit.fibres import PART_WORDS, part_for
 
 SAYS_POISSON = 50.0  # bulk over shear modulus up to which Poisson's ratio, 0.49, tells more
 
@@ -43,10 +44,12 @@ def case_lines(case: Case) -> Iterator[str]:
     if case.relaxation is not None:
         for name, value in case.relaxation.parameters.items():
             yield f"    {name:<8}{_value(value, 's' if name.startswith('tau') else '1')}"
+    if case.indentations and has_fibres(law):
+        yield from _parts(case)
     ramps = ramps_of(case) if case.relaxation is not None else {}
     for test in case.tests:
         displacements = case.outputs(test)
-        angle = "" if test.angle is None else f"{test.angle} degrees, "
+        angle = "" if test.angle is None else f"{test.angle} degrees, {f'dipping {test.dip:g} degrees, ' if test.dip else ''}"
         if (specimen := case.specimen_of(test)) is not None:
             angle = f"{specimen.words}, {f'fibres {test.fibres}, ' if test.fibres else ''}"
         source = test.curve or test.record or "no curve"
@@ -121,6 +124,14 @@ def _mesh(mesh: Mesh) -> str:
     if mesh.default:
         return f"chosen for an error of the force of at most {mesh.wanted_error:.1%}"
     return f"elements of {mesh.size:g} mm" if mesh.size else f"about {mesh.elements} elements"
+
+
+def _parts(case: Case) -> Iterator[str]:
+    """The part of the sample that is solved for each test, by the symmetry that its fibres keep. Raises MeshError."""
+    for piece in case.pieces:
+        kept = [kept_by(case.law, case.mesh, test) for test in piece.indentations]
+        names = ", ".join(test.name for test in piece.indentations)
+        yield f"  symmetry  {names}: {PART_WORDS[part_for(kept, case.mesh.symmetry)]}"
 
 
 def _value(value: float | Range, unit: str) -> str:

@@ -9,7 +9,8 @@ from indentfit.case.laws import has_fibres
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.fields import Fields, recover
 from indentfit.fem.result import TestResult
-from indentfit.fem.simulate import FIBRES, Model
+from indentfit.fem.simulate import Model
+from indentfit.fibres import direction
 from indentfit.material import Material
 from indentfit.report.folder import write_json
 from indentfit.report.mirror import whole
@@ -17,6 +18,16 @@ from indentfit.report.stress_plots import COMPONENTS, Shown, displacement_pictur
 from indentfit.report.vtu import file_names, write_vtu
 
 PICTURES = "pictures.json"  # what the report shows
+CUT = "seen from outside of its cut face"
+VIEWS = {  # what the pictures show of each part of the sample, and whence
+    "quarter": ("quarter sample", "seen from outside of both planes of symmetry"),
+    "half": ("half sample", CUT),
+    "mirror_x": ("half sample", "seen from outside of its plane of symmetry"),
+    "mirror_z": ("half sample", "seen from outside of its plane of symmetry"),
+    "whole": ("half of the whole sample", CUT),
+    "completed": ("whole sample", "completed by the images of the part that was solved"),
+}
+SEVERAL = "parts of samples"
 COLLECTION = """<?xml version="1.0"?>
 <VTKFile type="Collection" version="0.1">
   <Collection>
@@ -52,8 +63,8 @@ class Solved:
         """A test as pictures show it; a whole sample would be hidden by the indenter, which is left out there."""
         model = test.model or self.model
         indenter = None if mirror else model.setup.indenter.geometry
-        fibre = FIBRES[test.angle] if has_fibres(type(self.material)) else None
-        return Shown(test.name, test.angle, fields, indenter, float(test.displacement[-1]), fibre)
+        fibre = direction(test.angle, test.dip) if has_fibres(type(self.material)) else None
+        return Shown(test.name, test.angle, fields, indenter, float(test.displacement[-1]), fibre, test.dip, not mirror)
 
 
 def write_fields(folder: Path, solved: Solved, choice: FieldChoice = FieldChoice()) -> None:
@@ -87,9 +98,8 @@ def write_series(folder: Path, name: str, solved: Solved, test: TestResult, mirr
 
 def write_pictures(folder: Path, shown: Sequence[Shown], mirror: bool = False) -> None:
     """PNG pictures of tests, one for each component, with their captions for the report."""
-    sample, view = "quarter sample", "seen from outside of both planes of symmetry"
-    if mirror:
-        sample, view = "whole sample", "mirrored from its quarter"
+    seen = list(dict.fromkeys(VIEWS["completed" if mirror else test.fields.part] for test in shown))
+    sample, view = seen[0] if len(seen) == 1 else (SEVERAL, "; ".join(map(" ".join, seen)))
     displacement_picture(shown, folder / "displacement.png")
     pictures = [
         {

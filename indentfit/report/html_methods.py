@@ -41,8 +41,8 @@ def _model(case: CaseFacts, result: FitResult) -> Iterator[str]:
         yield f"The sample ({case.sample}) and the indenter ({case.indenter}) were modelled by finite elements at large strain"
         mesh = result.mesh
         if mesh and mesh.elements:
-            kind = KINDS.get((mesh.symmetry, mesh.element), "elements")
-            part = "the meridian plane" if mesh.symmetry == "axisymmetric" else f"the {mesh.symmetry.replace('_', ' ')} sample"
+            kind = KINDS.get(("axisymmetric" if mesh.symmetry == "axisymmetric" else "bricks", mesh.element), "elements")
+            part = "the meridian plane" if mesh.symmetry == "axisymmetric" else f"the {mesh.part}"
             yield f"with {mesh.elements:,} {kind} of {part} ({mesh.dofs:,} degrees of freedom), with contact by penalty springs."
         else:
             yield "with contact by penalty springs."

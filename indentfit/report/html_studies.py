@@ -138,7 +138,7 @@ def _points(sweep: Sweep) -> Section:
     return Section("points", "Every point", tuple(_points_table(sweep, name, angle) for name, angle in sweep.tests.items()))
 
 
-def _points_table(sweep: Sweep, name: str, angle: int) -> Table:
+def _points_table(sweep: Sweep, name: str, angle: float) -> Table:
     measured = any(point.tests and point.tests[name].rmse is not None for point in sweep.every_point)
     header = ["Point", "Force (mN)", "Change of the force", "Stiffness (mN/mm)", "Change of the stiffness"]
     header += ["RMSE (mN)"] if measured else []

@@ -1,5 +1,6 @@
-"""The quarter of an indenter as pictures show it: its faces in the planes of symmetry, and its top."""
+"""An indenter as pictures show it: its faces in the planes of symmetry, and its top, of a quarter and of its mirror images."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,9 @@ class Outline:
     faces: tuple[Array, ...]
 
 
-def outline(shape: IndenterShape, depth: float, nodes: Array) -> Outline:
-    """The Outline of an indenter whose lowest point is `depth` (mm) below the top of the undeformed sample of nodes (n, 3)."""
+def outline(shape: IndenterShape, depth: float, nodes: Array, sides: Iterable[int] = ()) -> Outline:
+    """The Outline of an indenter whose lowest point is `depth` (mm) below the top of the undeformed sample of nodes (n, 3): of its
+    quarter x, z >= 0, and of the mirror images along the axes `sides` (0 is x, 2 is z)."""
     top, extent = float(nodes[:, 1].max()), np.abs(nodes).max(axis=0)
     bottom, upper = top - depth, top + ABOVE * float(np.ptp(nodes[:, 1]))
     region = shape.partition(max(depth, 1e-9))
@@ -37,7 +39,10 @@ def outline(shape: IndenterShape, depth: float, nodes: Array) -> Outline:
     else:
         x, z = float(along[:, 0].max()), float(across[:, 2].max())
         cap = np.array([[0, upper, 0], [x, upper, 0], [x, upper, z], [0, upper, z]], dtype=float)
-    return Outline((cap, across, along))
+    faces = [cap, across, along]
+    for axis in sides:
+        faces += [face * np.where(np.arange(3) == axis, -1.0, 1.0) for face in faces]
+    return Outline(tuple(faces))
 
 
 def _cut(shape: IndenterShape, axis: int, reach: float, heights: tuple[float, float]) -> Array:

@@ -106,17 +106,18 @@ class SimulatedTest:
     """One simulated test: its curve, and the facts of its solution."""
 
     name: str
-    angle: int | None
+    angle: float | None
     curve: Curve
     facts: SolveFacts
     in_time: TimeCurve | None = None
     kind: str = "indentation"
     fibres: str | None = None
+    dip: float = 0.0
 
     @property
     def direction(self) -> str:
         """The direction of the fibres, in words."""
-        return str(self.angle) if self.kind == "indentation" else f"{self.kind}, {self.fibres or 'no fibres'}"
+        return _angle_words(self.angle, self.dip) if self.kind == "indentation" else f"{self.kind}, {self.fibres or 'no fibres'}"
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,7 @@ class StoredSimulation:
                 TimeCurve.from_json(test["in_time"]) if "in_time" in test else None,
                 test.get("kind", "indentation"),
                 test.get("fibres"),
+                test.get("dip", 0.0),
             )
             for test in value["tests"]
         )
@@ -301,10 +303,15 @@ def _test_facts(test: Mapping[str, Any], case: Mapping[str, Any]) -> TestFacts:
     words.append(_own_words(test, case, "indenter", OwnIndenter, Indenter, _indenter_words))
     own = "; ".join(text for text in words if text)
     end = f"{test['depth_mm']:.4g}" if "depth_mm" in test else f"strain {test['largest_strain']:.4g}"
-    direction = None if test["angle"] is None else str(test["angle"])
+    direction = None if test["angle"] is None else _angle_words(test["angle"], test.get("dip", 0.0))
     if test.get("kind", "indentation") != "indentation":
         direction = ", ".join(test[key] for key in ("kind", "loading", "fibres") if test.get(key))
     return TestFacts(test["name"], direction, source, test["n"], end, test["weight"], own, bool(test.get("synthetic")))
+
+
+def _angle_words(angle: float | None, dip: float) -> str:
+    """An angle in the column of angles, with the dip where the fibres dip."""
+    return f"{angle}, dip {dip:g}" if dip else str(angle)
 
 
 def _own_words(

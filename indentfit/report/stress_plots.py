@@ -22,12 +22,14 @@ from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.arrays import Array, Ints
 from indentfit.fem.fields import Fields
+from indentfit.fibres import words
 from indentfit.indenters.shape import IndenterShape
 from indentfit.report.indenter_outline import Outline, outline
 from indentfit.report.plots import TICKS, _label
 from indentfit.report.style import COLUMN, DOTS, STYLE
 
 Peak = dict[str, Any]
+SIDES = {"quarter": (), "half": (0,), "mirror_x": (2,), "mirror_z": (0,), "whole": (0,)}  # axes of which pictures show both sides
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # in the order of fem.fields
 EYE = np.array([-0.70, 0.62, -1.0])  # from the sample towards the eye
@@ -46,38 +48,48 @@ class Shown:
     Parameters
     ----------
     name : str
-    angle : int, degrees
+    angle, dip : float, degrees
+        Direction of the fibres.
     fields : Fields
     indenter : IndenterShape or None
         The indenter that is drawn, at the depth of the fields, mm; None leaves it out.
     depth : float
     fibre : array (3,) or None
         Direction of the fibres in the undeformed sample.
+    cut : bool
+        Whether half of a whole sample is left out, so that one sees what is under the indenter.
     """
 
     name: str
-    angle: int
+    angle: float
     fields: Fields
     indenter: IndenterShape | None = None
     depth: float = 0.0
     fibre: Array | None = None
+    dip: float = 0.0
+    cut: bool = True
 
     @property
     def words(self) -> str:
-        """The test's name, with the angle of its fibres where it has any."""
-        return self.name if self.fibre is None else f"{self.name} ({self.angle}°)"
+        """The test's name, with the direction of its fibres where it has any."""
+        return self.name if self.fibre is None else f"{self.name} ({words(self.angle, self.dip)})"
+
+    @property
+    def drawn(self) -> Fields:
+        """The fields that are drawn."""
+        return self.fields.pictured if self.cut else self.fields
 
 
 def displacement_picture(tests: Sequence[Shown], path: Path) -> None:
     """u_y of each test, one above the other on one scale. Saves a PNG."""
-    values = [test.fields.displacement[:, 1] for test in tests]
+    values = [test.drawn.displacement[:, 1] for test in tests]
     low, high = min(map(np.min, values)), max(map(np.max, values))
     _picture(tests, values, Scale("Vertical displacement $u_y$ (mm)", "viridis", low, high, "neither"), path)
 
 
 def stress_picture(component: str, tests: Sequence[Shown], path: Path) -> None:
     """One Cauchy stress ("xx") of each test, one above the other on one scale, in blue below zero and in red above. Saves a PNG."""
-    values = [test.fields.nodal_stress[:, COMPONENTS.index(component)] for test in tests]
+    values = [test.drawn.nodal_stress[:, COMPONENTS.index(component)] for test in tests]
     low, high = stress_range(values)
     _picture(tests, values, Scale(rf"$\sigma_{{{component}}}$ (kPa)", _diverging(low, high), low, high, "both"), path)
 
@@ -187,7 +199,7 @@ def _edge(a: int, b: int) -> int:
 def _draw(axes: Axes, test: Shown, value: Array, scale: Scale) -> Any:
     """The visible surface in the colours of nodal values, the far parts first, with fibres and the indenter. Returns what a bar of
     colours needs."""
-    fields = test.fields
+    fields = test.drawn
     x = fields.nodes + fields.displacement
     quads = surface(fields.elements)
     towards = EYE / np.linalg.norm(EYE)
@@ -208,7 +220,7 @@ def _draw(axes: Axes, test: Shown, value: Array, scale: Scale) -> Any:
     if test.fibre is not None:
         axes.add_collection(LineCollection([line @ seen_as for line in _fibres(fields, test.fibre)], colors=INK, linewidths=0.6))
     if test.indenter is not None:
-        _draw_indenter(axes, outline(test.indenter, test.depth, fields.nodes), seen_as)
+        _draw_indenter(axes, outline(test.indenter, test.depth, fields.nodes, SIDES[fields.part]), seen_as)
     _axes_of_space(axes, flat, *seen_as.T)
     axes.set_aspect("equal")
     axes.set_axis_off()
@@ -233,7 +245,7 @@ def _fibres(fields: Fields, fibre: Array) -> list[Array]:
 
 
 def _draw_indenter(axes: Axes, drawn: Outline, seen_as: Array) -> None:
-    """The quarter of the indenter, as clear as glass: its cut faces and its top."""
+    """The indenter above the sample, as clear as glass: the cut faces and the top of its quarters."""
     for face in drawn.faces:
         axes.fill(*(face @ seen_as).T, facecolor=GREY, alpha=0.18, edgecolor="none", zorder=4)
         axes.plot(*(face[[*range(len(face)), 0]] @ seen_as).T, color=GREY, linewidth=0.5, zorder=5)

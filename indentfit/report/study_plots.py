@@ -17,7 +17,7 @@ from indentfit.report.digits import CurveScale, Scale
 from indentfit.report.plots import TICKS, Place, _from_origin, _label, save
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 
-Tests = Mapping[str, int]  # name -> angle, degrees
+Tests = Mapping[str, float]  # name -> angle, degrees
 AtValue = tuple[str, Mapping[str, Curve]]  # value as written, and the curve of each test
 Family = tuple[str, str, Array, Array, Array | None, tuple[float, float] | None]
 OnGrid = tuple[Sequence[str], Sequence[float | None], dict[str, float] | None]

@@ -65,7 +65,7 @@ def overview(sweep: Sweep, path: str | Path | None = None) -> Figure | None:
     return grid_figure(sweep, sweep.tests, sweep.unit, path) if sweep.grid else ranking_figure(sweep, path)
 
 
-def key_figure(sweep: Sweep, key: str, tests: dict[str, int], units: Units, path: str | Path | None = None) -> Figure | None:
+def key_figure(sweep: Sweep, key: str, tests: dict[str, float], units: Units, path: str | Path | None = None) -> Figure | None:
     """Curves at each value of a key, a panel for each test (name -> angle); None where there is nothing to draw."""
     mine = sorted((p for p in sweep.points if key in p.values and p.tests), key=lambda p: _place(p.numbers[key]))
     if not sweep.base.tests or not mine:
@@ -100,7 +100,7 @@ def ranking_figure(sweep: Sweep, path: str | Path | None = None) -> Figure | Non
     return study_plots.ranked(rows, sweep.tests, path) if rows else None
 
 
-def grid_figure(sweep: Sweep, tests: dict[str, int], units: Units, path: str | Path | None = None) -> Figure | None:
+def grid_figure(sweep: Sweep, tests: dict[str, float], units: Units, path: str | Path | None = None) -> Figure | None:
     """Last forces over the grid; None where every point failed."""
     keys = [varied.key for varied in sweep.variations]
     points = [

@@ -19,8 +19,8 @@ from indentfit.runs.closed_form import ClosedForm, closed_forms
 from indentfit.runs.simulated import SimulatedCase
 
 KINDS = {
-    ("quarter", "q1p0"): "eight-node bricks",
-    ("quarter", "q2p1"): "27-node bricks",
+    ("bricks", "q1p0"): "eight-node bricks",
+    ("bricks", "q2p1"): "27-node bricks",
     ("axisymmetric", "q2p1"): "nine-node quadrilaterals",
 }
 
@@ -102,11 +102,9 @@ def _mesh(mesh: MeshFacts) -> Iterator[str]:
     if not mesh.elements:
         yield f"mesh      {mesh.remark}"
         return
-    kind = KINDS[mesh.symmetry, mesh.element]
-    part = "quarter sample" if mesh.symmetry == "quarter" else "axisymmetric, meridian plane"
-    yield (
-        f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, {part}; smallest element {mesh.smallest_mm:.3g} mm"
-    )
+    kind = KINDS["axisymmetric" if mesh.symmetry == "axisymmetric" else "bricks", mesh.element]
+    smallest = f"smallest element {mesh.smallest_mm:.3g} mm"
+    yield f"mesh      {mesh.elements:,} {kind}, {mesh.dofs:,} degrees of freedom, {mesh.part}; {smallest}"
     if mesh.remark:
         yield f"note      {mesh.remark}"
 

@@ -163,7 +163,8 @@ def _result(
         material, depths = law(**at.parameters), test.depths - (0.0 if test.specimen else at.offset)
         kappa = mechanics.material.bulk_modulus(material.shear_modulus)
     pressed = depths > 0
-    press = Press(material, kappa, test.angle, depths[pressed], "", request.sensitivities, test.in_time(mechanics.material))
+    in_time = test.in_time(mechanics.material)
+    press = Press(material, kappa, test.angle, depths[pressed], "", request.sensitivities, in_time, test.dip)
     return model.run(press, None, deadline), pressed
 
 

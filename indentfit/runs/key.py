@@ -52,7 +52,8 @@ class Inputs:
         known = self.tests[test.name]
         depths = np.asarray(known.depths, dtype=float).tolist()
         own = self.own[test.name]
-        return {"parameters": dict(parameters), "angle": test.direction, "depths": depths, "rate": known.rate, **own}
+        dip = {"dip": test.dip} if test.dip else {}
+        return {"parameters": dict(parameters), "angle": test.direction, **dip, "depths": depths, "rate": known.rate, **own}
 
     def hash(self, inputs: Mapping[str, Any]) -> str:
         """SHA-256 of all that decides a run's curve."""
@@ -72,12 +73,12 @@ def versions(law: type) -> dict[str, str | None]:
 
 
 def _own(mechanics: Mechanics, test: int) -> dict[str, Any]:
-    """What decides the curve of a test without an indenter, or of one in a case whose tests have samples or indenters of their own;
-    empty in other cases."""
+    """What decides the curve of a test without an indenter, or of one in a case whose tests need several meshes; empty in other
+    cases."""
     specimen = mechanics.tests[test].specimen
     if specimen is not None:
         return {"specimen": asdict(specimen)}
-    if all(known.alike or known.specimen for known in mechanics.tests):
+    if all(known.alike or known.specimen for known in mechanics.tests) and len(mechanics.kept) == 1:
         return {}
     own = mechanics.of(test)
     return {"own": {**_tables(own), "depth": own.depth, "shapes": _shapes(own)}}

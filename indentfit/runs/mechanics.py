@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from indentfit.arrays import Array
 from indentfit.case.in_time import motion_of
-from indentfit.case.laws import open_law
+from indentfit.case.laws import kept_by, open_law
 from indentfit.case.specimen import Specimen
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
 from indentfit.fem.meshing import resized
 from indentfit.fem.setup import InTime, Setup
 from indentfit.fem.wide_block import setup_for
+from indentfit.fibres import Kept
 from indentfit.material import Material
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ class Indentation:
     Parameters
     ----------
     name : str
-    angle : int, degrees
+    angle, dip : float, degrees
+        Direction of the fibres.
     depths : array (n,), mm
         Displacements at which the force is computed.
     rate : float, mm/s, or None
@@ -40,12 +42,18 @@ class Indentation:
     """
 
     name: str
-    angle: int
+    angle: float
     depths: Array
     rate: float | None = None
     sample: OwnSample | None = None
     indenter: OwnIndenter | None = None
     specimen: Specimen | None = None
+    dip: float = 0.0
+
+    @property
+    def direction(self) -> float:
+        """The angle."""
+        return self.angle
 
     @property
     def alike(self) -> bool:
@@ -86,21 +94,28 @@ class Mechanics:
         return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
 
     def of(self, test: int) -> "Mechanics":
-        """The mechanics of those tests that have the same sample and indenter as one of them, in the tables of which these are; a
-        test without an indenter is alone."""
-        if all(known.alike for known in self.tests):
+        """The mechanics of those tests that have the same sample and indenter as one of them, in the tables of which these are, and
+        fibres that keep the same symmetry; a test without an indenter is alone."""
+        if all(known.alike for known in self.tests) and len(self.kept) == 1:
             return self
         if self.tests[test].specimen is not None:
             return replace(self, tests=(self.tests[test],))
-        sample, indenter = self._tables_of(self.tests[test])
+        sample, indenter, kept = self._common(self.tests[test])
         indentations = [known for known in self.tests if known.specimen is None]
-        same = [known for known in indentations if self._tables_of(known) == (sample, indenter)]
+        same = [known for known in indentations if self._common(known) == (sample, indenter, kept)]
         tests = tuple(replace(known, sample=None, indenter=None) for known in same)
         return replace(self, sample=sample, indenter=indenter, tests=tests)
 
-    def _tables_of(self, test: Indentation) -> tuple[Sample, Indenter]:
+    def _common(self, test: Indentation) -> tuple[Sample, Indenter, Kept]:
+        """What tests on one mesh have in common."""
         sample = test.sample.over(self.sample) if test.sample else self.sample
-        return sample, test.indenter.over(self.indenter) if test.indenter else self.indenter
+        indenter = test.indenter.over(self.indenter) if test.indenter else self.indenter
+        return sample, indenter, kept_by(self.law, self.mesh, test)
+
+    @property
+    def kept(self) -> set[Kept]:
+        """The symmetries that the fibres of the indentations keep, one by one."""
+        return {kept_by(self.law, self.mesh, test) for test in self.tests if test.specimen is None}
 
     @property
     def depth(self) -> float:
@@ -110,7 +125,7 @@ class Mechanics:
     @property
     def setup(self) -> Setup:
         """The Setup of the mesh, for the deepest of the tests. Raises MeshError."""
-        setup = setup_for(self.sample, self.indenter, self.mesh, self.solver, self.law, self.depth)
+        setup = setup_for(self.sample, self.indenter, self.mesh, self.solver, self.law, self.depth, self.kept)
         return setup if self.wider == 1 else resized(setup, self.wider)
 
     def changed(self, changes: dict[str, Any]) -> "Mechanics":
@@ -128,7 +143,8 @@ class Mechanics:
 def indentation_of(case: "Case", test: "Test") -> Indentation:
     """The Indentation of a test of a case."""
     depths = case.outputs(test)
-    return Indentation(test.name, test.direction, depths, _rate(case, test), test.sample, test.indenter, case.specimen_of(test))
+    own = test.sample, test.indenter, case.specimen_of(test)
+    return Indentation(test.name, test.direction, depths, _rate(case, test), *own, test.dip)
 
 
 def _rate(case: "Case", test: "Test") -> float | None:

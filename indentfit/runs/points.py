@@ -83,4 +83,4 @@ def press_of(case: "Case", test: "Test", material: Material) -> Press:
     kappa = case.material.bulk_modulus(material.shear_modulus)
     indentation = indentation_of(case, test)
     in_time = indentation.in_time(material_of(case))
-    return Press(material, kappa, test.direction, indentation.depths, test.name, in_time=in_time)
+    return Press(material, kappa, test.direction, indentation.depths, test.name, in_time=in_time, dip=test.dip)

@@ -193,7 +193,7 @@ class RunPool:
         """The workers, or this process for a single run in the meridian plane: such a run costs less than the start of a worker."""
         if self._workers is None and requests == 1 and not self.cluster and not is_foreign(self.case.law):
             mechanics = mechanics_of(self.case)
-            if not self.case.indentations or mechanics.setup.symmetry == "axisymmetric":
+            if not self.case.indentations or mechanics.setup.in_plane:
                 self._here = self._here or InProcess(mechanics, self.case.fit.time_limit)
                 return self._here
         self._workers = self._workers or self._hired()
@@ -226,7 +226,7 @@ class RunPool:
         """
         ran = [(test, dict(point), runs[0].seconds) for (point, test), runs in list(self._known.items())[-RECENT:]]
 
-        def expected(request: RunRequest) -> tuple[float, float, int]:
+        def expected(request: RunRequest) -> tuple[float, float, float]:
             point, test = request.parameters, self.case.tests[request.test]
             nearest = min(((_apart(point, other), took) for of, other, took in ran if of == request.test), default=(0.0, np.inf))
             return nearest[1], float(self.case.outputs(test)[-1]), test.direction

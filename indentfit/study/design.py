@@ -59,7 +59,7 @@ class FurtherTest:
     ----------
     change : str
         The changed key of the case, or the test of another kind; empty for no change.
-    angle : int, degrees, or None for a test of another kind
+    angle : float, degrees, or None for a test of another kind
     depth : float, mm, or None for a test of another kind
     stderr : dict of parameter -> standard error, in the parameter's unit, or None
     cause : str or None
@@ -71,7 +71,7 @@ class FurtherTest:
     """
 
     change: str
-    angle: int | None
+    angle: float | None
     depth: float | None
     stderr: dict[str, float] | None
     cause: str | None = None
@@ -277,7 +277,7 @@ def _judged(known: _Known, further: _Told) -> FurtherTest:
 
 def _pairs(known: _Known, told: Sequence[_Told], worst: str) -> tuple[FurtherPair, ...]:
     """The best pairs among the best further tests; the best of each change, angle and kind is paired, not each of its depths."""
-    best: dict[tuple[str, int | None], tuple[float, _Told]] = {}
+    best: dict[tuple[str, float | None], tuple[float, _Told]] = {}
     for further in told:
         if further.information is not None:
             error, key = known.stderr(further.information)[worst], (further.test.change, further.test.angle)

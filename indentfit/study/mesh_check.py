@@ -156,7 +156,7 @@ class MeshCheck:
 
     title: str
     case_hash: str
-    tests: dict[str, int]
+    tests: dict[str, float]
     parameters: dict[str, float]
     wanted: float
     element: str

@@ -88,7 +88,8 @@ def plan_mesh_check(case: Case, family: Sequence[str], checks: Checks | None = N
 def own_family(case: Case) -> list[str]:
     """The default family around the case's mesh, as overrides."""
     require_indentations(case, "a mesh-check")
-    own = estimate(case)[0]
+    setups = [setup_of(piece) for piece in case.pieces]
+    own = max(count(setup) / setup.quarters for setup in setups)  # mesh.elements is the number of a quarter
     return [f"mesh.elements={max(20, round(share * own))}" for share in SHARES]
 
 

@@ -112,11 +112,12 @@ def _point(first: Case, case: Case) -> Point | None:
     return point if _decided(there) == _decided(case) else None
 
 
-def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[int, list[float], float | None, list[Any]]]]:
+def _decided(case: Case) -> tuple[list[dict[str, Any]], list[tuple[float, float, list[float], float | None, list[Any]]]]:
     """All that decides the forces of a case, without its parameters."""
     tables = [getattr(case, table).model_dump(exclude={"parameters"}) for table in TABLES]
     tests = [indentation_of(case, test) for test in case.tests]
     own = [[table and table.model_dump() for table in (test.sample, test.indenter)] for test in tests]
     return tables, [
-        (test.angle, test.depths.tolist(), test.rate, [*keys, test.specimen]) for test, keys in zip(tests, own, strict=True)
+        (test.angle, test.dip, test.depths.tolist(), test.rate, [*keys, test.specimen])
+        for test, keys in zip(tests, own, strict=True)
     ]

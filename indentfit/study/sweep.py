@@ -157,7 +157,7 @@ class Sweep:
     base: SweepPoint
     points: tuple[SweepPoint, ...]
     sensitivities: tuple[Sensitivity, ...]
-    tests: dict[str, int]
+    tests: dict[str, float]
     parameters: dict[str, float]
     own: dict[str, float | str | None]
     refits: tuple[Refit, ...] = ()

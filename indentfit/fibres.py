@@ -1,0 +1,90 @@
+"""Directions of fibres, and the symmetries of a centred indenter on its sample that fibres of a direction keep.
+
+Axes: x is the indenter's long side, y the axis of indentation. A direction and its opposite are the same fibres.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.errors import MeshError
+
+Kept = Literal["quarter", "half", "mirror_x", "mirror_z", "whole"]
+"""What of the sample decides on the rest: a quarter (mirror planes x = 0 and z = 0), a half (turned by 180 degrees about y, it is
+the other half), the half beside the mirror plane x = 0 or z = 0, or nothing less than the whole."""
+
+PART_WORDS: dict[Kept, str] = {
+    "quarter": "quarter sample",
+    "half": "half sample, tied to itself by a turn of 180 degrees",
+    "mirror_x": "half sample beside the mirror plane x = 0",
+    "mirror_z": "half sample beside the mirror plane z = 0",
+    "whole": "whole sample",
+}
+
+
+def direction(angle: float, dip: float = 0.0) -> Array:
+    """Unit vector (3,) along fibres, exact where it is an axis.
+
+    Parameters
+    ----------
+    angle : float, degrees
+        Angle from x in the plane of the sample, towards z.
+    dip : float, degrees
+        Angle out of that plane, towards y.
+    """
+    return np.array([_cos(dip) * _cos(angle), _cos(dip - 90), _cos(dip) * _cos(angle - 90)])
+
+
+def kept(angle: float, dip: float = 0.0) -> Kept:
+    """The symmetry that fibres at an angle and a dip, in degrees, keep."""
+    along_x, along_y, along_z = (bool(component) for component in direction(angle, dip))
+    crossing_x, crossing_z = along_x and (along_y or along_z), along_z and (along_x or along_y)  # mirror planes that are broken
+    if not crossing_x and not crossing_z:
+        return "quarter"
+    if not along_y:
+        return "half"
+    if crossing_x and crossing_z:
+        return "whole"
+    return "mirror_z" if crossing_x else "mirror_x"
+
+
+def part_for(directions: Iterable[Kept], asked: str = "auto") -> Kept:
+    """The part of the sample to be solved.
+
+    Parameters
+    ----------
+    directions : symmetries that the directions of the fibres keep, one by one
+    asked : str
+        mesh.symmetry of a case: "quarter", "half" or "whole"; with others it is the least that the directions keep together.
+        A half is the one that they keep.
+
+    Raises
+    ------
+    MeshError
+        The fibres break the symmetry of the part that is asked for.
+    """
+    broken = set(directions) - {"quarter"}
+    least: Kept = "whole" if len(broken) > 1 else broken.pop() if broken else "quarter"
+    if asked == "whole":
+        return "whole"
+    if asked in ("quarter", "half") and least == "whole":
+        text = "fibres that dip at an angle to the indenter's long side leave no symmetry"
+        raise MeshError(f'mesh.symmetry = "{asked}": {text}; leave the key out, or write "whole"')
+    if asked == "quarter" and least != "quarter":
+        text = "fibres neither along nor across the indenter's long side break the symmetry of a quarter"
+        raise MeshError(f'mesh.symmetry = "quarter": {text}; leave the key out, or write "half"')
+    return "half" if asked == "half" and least == "quarter" else least
+
+
+def words(angle: float, dip: float = 0.0) -> str:
+    """A direction for people, such as "30°" or "30°, dipping 45°"."""
+    return f"{angle:g}°" + (f", dipping {dip:g}°" if dip else "")
+
+
+def _cos(degrees: float) -> float:
+    """Cosine that is exact at multiples of 90 degrees."""
+    turn = degrees % 360
+    return {0.0: 1.0, 90.0: 0.0, 180.0: -1.0, 270.0: 0.0}.get(turn, math.cos(math.radians(turn)))
