@@ -25,6 +25,11 @@ coefficient of STICK.
 A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the candidate for contact: flat,
 unilateral, free to slip. A rounded edge is a signed distance in the current configuration.
 
+Springs have to be stiff enough for the pressure p, too (`ContactFace.firm`). In a wave of the surface along the face, of wave
+number k, the pressure pushes the crests into the springs: it gains p k for each unit of sliding and of sinking in, against the
+energies of the springs, e, and of the body, about mu k. So waves grow where p^2 k > 4 e mu, first those of the mesh, whose k is pi
+over the distance of the nodes: under soft springs a deep sphere fails on every mesh, and sooner on a finer one.
+
 Two measures keep a corner of the surface from folding up where the body itself would not:
 - On a face of radius r a point that sticks under the pressure p has the stiffness e_t - p / r against rolling off: the normal turns
   away under the point. Springs of e_t + GRIP p0 / r hold what real friction holds; under softer springs the whole edge buckles.
@@ -46,6 +51,7 @@ from indentfit.indenters import UP, Distance, has_sharp_edge
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
+FIRM = np.pi  # least spring e, in units of p^2 over the shear modulus and the distance of the nodes: four times what waves need
 GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over radius: the pressure may grow in a step
 
 
@@ -110,6 +116,18 @@ class ContactFace:
     def no_change(self) -> History:
         """Derivative of the untouched sample's history: zero."""
         return History(np.zeros(self.weights.shape), np.zeros_like(self.X), np.zeros_like(self.X))
+
+    def firm(self, springs: Springs, state: ContactState, shear_modulus: float) -> Springs:
+        """Springs for the pressures of a state: `springs`, or where these are too soft, as many times doubled as it takes.
+
+        Because a spring is doubled as a whole, it does not change with the pressures from one run to a neighbouring one, and
+        derivatives need not follow the pressures.
+        """
+        if self.tied.all():
+            return springs
+        squared = np.sum(self.weights * state.pressure**2, axis=1) / np.maximum(np.sum(self.weights, axis=1), 1e-300)
+        share = FIRM * np.max(squared / self.points.spacing) / (shear_modulus * springs.normal)
+        return Springs(springs.normal * 2.0 ** np.ceil(np.log2(share)), springs.tangential) if share > 1 else springs
 
     def field(self, u: Array) -> Array:
         """Displacements (n_f, n_q, 3), mm, at the contact points, from the displacements u (n,) of all nodes."""

@@ -22,12 +22,13 @@ GAUSS = 4  # points on each edge of a meridian
 class ContactPoints(Protocol):
     """Where contact is integrated, and how its points hang on the body's displacements.
 
-    X: points (n_f, n_q, 3), mm; weights: their areas (n_f, n_q), mm^2, of one copy of the body; under: (n_f,) of bool, the facets
-    of the top; surface: dofs (n_s,) that the contact acts on, rising.
+    X: points (n_f, n_q, 3), mm; weights: their areas (n_f, n_q), mm^2, of one copy of the body; spacing: distance (n_f,) between
+    the facets' nodes, mm; under: (n_f,) of bool, the facets of the top; surface: dofs (n_s,) that the contact acts on, rising.
     """
 
     X: Array
     weights: Array
+    spacing: Array
     under: Bools
     surface: Ints
 
@@ -73,6 +74,7 @@ class NodePoints:
         self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, 3 * self._nodes], 0, -1))
         counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
         self.weights = np.ascontiguousarray(areas * counts)
+        self.spacing = np.sqrt(areas.sum(axis=1)) / (np.sqrt(areas.shape[1]) - 1)
         self.surface, places = np.unique(self.dofs, return_inverse=True)
         self._places = places.reshape(self.dofs.shape)
         block = 3 * solid.positions[elements, nodes, nodes]
@@ -118,7 +120,7 @@ class EdgePoints:
         length = np.linalg.norm(nodal[:, 1] - nodal[:, 0], axis=1)
         self.X = np.ascontiguousarray(np.concatenate([plane, np.zeros((*plane.shape[:2], 1))], axis=2))
         self.weights = np.pi * length[:, None] * weights * plane[..., 0]  # 2 pi r times half of the length
-        self.under = np.ones(len(facets), dtype=bool)
+        self.spacing, self.under = length / 2, np.ones(len(facets), dtype=bool)
         self.n_dofs, self._dofs = body.n_dofs, dofs
         self.surface, at = np.unique(dofs, return_inverse=True)
         self._places = at.reshape(len(facets), 6)

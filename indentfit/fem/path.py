@@ -74,6 +74,7 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
             _cut_back(newton, step < SMALLEST_STEP * last, depth, error)
             continue
         newton.work.steps += 1
+        springs = equations.face.firm(springs, there.contact, loading.material.shear_modulus)
         loading = loading.stiffened(springs)
         path.append(_augmented(equations, loading, newton, there, LEASH * last).since(here, equations.face, loading.directions))
         if newton.controls.progress is not None:
