@@ -50,6 +50,16 @@ VENDORS = {  # lines above the numbers, columns, separator
     ),
     "FemtoTools": (["Index,Time [s],Displacement [µm],Force [µN]"], (np.arange(N), T, 1e3 * D, 1e3 * F), ","),
     "NanoSuite": (["Time On Sample\tDisplacement Into Surface\tLoad On Sample", "s\tnm\tmN"], (T, 1e6 * D, F), "\t"),
+    "MTS TestSuite": (
+        [
+            "MTS793|MPT|ENU|1|2|/|.|:|1|0|0|A,,,",
+            "Station Name: gel.cfg,,,",
+            "Time,Axial Displacement,Axial Force,Axial Count",
+            "s,mm,kN,segments",
+        ],
+        (T, D, F / 1e6, 1 + np.floor(T)),
+        ",",
+    ),
     "MTS": (["Axial Displacement\tAxial Force\tRunning Time", "mm\tN\ts"], (D, F / 1000, T), "\t"),
     "Shimadzu": (["時間,試験力,ストローク", "sec,N,mm"], (T, F / 1000, D), ","),
     "French tester": (["Temps (s);Allongement (mm);Charge (N)"], (T, D, F / 1000), ";"),
@@ -57,6 +67,7 @@ VENDORS = {  # lines above the numbers, columns, separator
 
 
 PRESETS = {name: name for name in VENDORS} | {
+    "MTS TestSuite": "MTS",
     "Zwick testXpert": "Zwick testXpert",
     "Mach-1": "Biomomentum Mach-1",
     "TA.XT": "Stable Micro Systems TA.XT",
@@ -74,6 +85,75 @@ def test_the_layout_of_a_vendor_is_read_without_a_table(vendor, tmp_path):
     np.testing.assert_allclose(record.force, F, atol=2e-6)
     assert "force" in record.taken and record.notes == ()
     assert vendor not in PRESETS or record.taken.startswith(f"{PRESETS[vendor]}: time ")
+
+
+def rows_of(spelled, separator):
+    """A file of time, position in um and force in uN, each value as it is spelled."""
+    rows = [separator.join(spelled(value) for value in row) for row in zip(T, 1e3 * D + 1500, 1e3 * F, strict=True)]
+    return "\n".join([separator.join(["Time (s)", "Position (um)", "Force (uN)"]), *rows]) + "\n"
+
+
+SPELLED = {  # how a number is spelled, and the separator
+    "thousands in quotes": (lambda value: f'"{value:,.5f}"', ","),
+    "thousands": (lambda value: f"{value:,.5f}", "\t"),
+    "thousands of German": (lambda value: f"{value:,.5f}".translate(str.maketrans(".,", ",.")), ";"),
+    "decimal comma in quotes": (lambda value: '"' + f"{value:.5f}".replace(".", ",") + '"', ","),
+}
+
+
+@pytest.mark.parametrize("how", SPELLED)
+def test_numbers_are_read_however_they_are_spelled(how, tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text(rows_of(*SPELLED[how]))
+    record = read_record(path)
+    np.testing.assert_allclose(record.time, T, atol=1e-6)
+    np.testing.assert_allclose(record.displacement - record.displacement[0], D, atol=1e-7)
+    np.testing.assert_allclose(record.force, F, atol=2e-8)
+
+
+def test_two_columns_between_commas_are_no_thousands(tmp_path):
+    """Rows such as 1,500.250."""
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join(["Position (mm),Force (uN)", *(f"{n // 40},{100 + n}.25" for n in range(N))]))
+    record = read_record(path, Record(rate=100.0))
+    np.testing.assert_allclose(record.force, 1e-3 * (100.25 + np.arange(N)))
+
+
+def test_times_of_the_clock_are_seconds(tmp_path):
+    rows = [f"2026-01-02,23:04:{t:06.3f},{d:.6f},{f:.7f}" for t, d, f in zip(T, D, F, strict=True)]
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join(["Date,Time,Position (mm),Force (mN)", *rows]))
+    np.testing.assert_allclose(read_record(path).time, T, atol=1e-6)
+
+
+def test_tests_side_by_side_are_records_of_their_own(tmp_path):
+    """The second test is half as long."""
+    names = "gel_1,,,gel_2,,\nForce,Distance,Time,Force,Distance,Time\ng,mm,sec,g,mm,sec"
+    rows = [
+        f"{f / 9.80665:.9f},{d:.6f},{t:.2f}," + (f"{2 * f / 9.80665:.9f},{d:.6f},{t:.2f}" if n < N // 2 else ",,")
+        for n, (t, d, f) in enumerate(zip(T, D, F, strict=True))
+    ]
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join([names, *rows]))
+    first, second = read_records(path)
+    assert first.name.endswith("gel_1") and second.name.endswith("gel_2") and not first.notes + second.notes
+    np.testing.assert_allclose(first.force, F, atol=1e-7)
+    np.testing.assert_allclose(second.force, 2 * F[: N // 2], atol=1e-7)
+
+
+def test_a_deflection_in_newtons_is_the_force_and_bends_the_cantilever(tmp_path):
+    """A cantilever of 50 mN/mm takes F / 50 of the travel."""
+    lines = ["# Spring constant: 50 N/m", "Time (s);Z-Axis Sensor [m];Deflection [N]"]
+    path = written(tmp_path / "r.csv", lines, (T, 1e-3 * (D + F / 50), 1e-3 * F), ";")
+    record = read_record(path)
+    np.testing.assert_allclose(record.force, F, atol=1e-9)
+    np.testing.assert_allclose(record.displacement, D, atol=1e-9)
+
+
+def test_the_end_mark_of_a_block_is_no_cut_off_line(tmp_path):
+    path = written(tmp_path / "r.txt", ["<DATA>", "Time, s\tPosition, mm\tLoad, gf"], (T, D, F))
+    path.write_text(path.read_text() + "<END DATA>")
+    assert read_record(path).notes == ()
 
 
 @pytest.mark.parametrize(

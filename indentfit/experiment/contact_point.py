@@ -20,10 +20,10 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Bools
 from indentfit.errors import RecordError
 from indentfit.experiment.baselines import Doubt, fitted
-from indentfit.experiment.loading import Ramp, filtered
+from indentfit.experiment.loading import SHORTEST_FILTER, Ramp, filtered
 from indentfit.experiment.piecewise import POWERS, Piecewise, Stretch, independent, solved, stretch_of
 
 CONFIDENCE = 0.95  # a stated uncertainty is half of this interval
@@ -33,6 +33,7 @@ PULL = 6.0  # standard deviations of the noise by which the force falls below th
 TRIALS = 60  # simulated records that give the uncertainty of the methods `threshold` and `variance_ratio`
 ON_TRUST = 0.45  # share of the change of the force without contact during the loading, where it cannot be seen, that is in doubt
 SURELY = 3.0  # standard errors from which a drift is one
+EVEN = 0.95 * np.sqrt(3.0)  # standard deviations in half of a 95 % interval of an error that is evenly spread, as of rounding
 SIGMAS = 5.0  # standard deviations of the method `threshold`
 
 
@@ -156,16 +157,24 @@ class Approach:
         return independent(self.model.noise)
 
     def pull(self) -> float:
-        """How far the force falls below the baseline close to contact, mN: an adhesive sample pulls; 0 where noise explains it."""
-        stretch, place, depth = self.stretch, self.model.contact, self.depth()
+        """How far the force falls below the baseline close to contact, mN: an adhesive sample pulls; 0 where noise explains it.
+
+        Filters of several lengths look for it: a long one sees a pull under noise, a short one how deep a brief pull is.
+        """
+        stretch, depth = self.stretch, self.depth()
         above = stretch.force - self.model.free(stretch.time, stretch.displacement)
-        near = np.abs(stretch.displacement - place) < 0.3 * depth
+        near = np.abs(stretch.displacement - self.model.contact) < 0.3 * depth
         if min(np.count_nonzero(near), np.count_nonzero(~near)) < stretch.length:
             return 0.0
-        fitted_until = self.model.residual.size  # the ringing of a stage in motion counts as noise
-        smooth = filtered(self.model.residual, stretch.length)
-        scatter = smooth[~near[:fitted_until]].std() if (~near[:fitted_until]).any() else smooth.std()
-        lowest = -float(filtered(above, stretch.length)[near].min())
+        lengths = {SHORTEST_FILTER, max(SHORTEST_FILTER, stretch.length // 4), stretch.length}
+        return max(self._lowest(above, near, length) for length in lengths)
+
+    def _lowest(self, above: Array, near: Bools, length: int) -> float:
+        """How far a force above the baseline (n,), filtered, falls below it near contact; 0 where noise explains it."""
+        smooth = filtered(self.model.residual, length)  # the ringing of a stage in motion counts as noise
+        away = ~near[: smooth.size]
+        scatter = smooth[away].std() if away.any() else smooth.std()
+        lowest = -float(filtered(above, length)[near].min())
         return lowest if lowest > PULL * scatter else 0.0
 
 
@@ -262,7 +271,8 @@ def _variance_ratio(stretch: Stretch, force: Array) -> float:
 
 def reach(model: Piecewise) -> float:
     """Half of the 95 % interval of the fitted contact point, mm."""
-    return float(_quantile(model) * model.stderr)
+    by_noise = np.sqrt(max(model.stderr**2 - model.rounding**2, 0.0))
+    return float(np.hypot(_quantile(model) * by_noise, EVEN * model.rounding))
 
 
 def _quantile(model: Piecewise) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import matmul_toeplitz
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfiltic
 
 from indentfit.arrays import Array
 
@@ -53,12 +53,20 @@ def noise_in(residual: Array) -> CorrelatedNoise:
     n = residual.size
     scale = np.sqrt(uniform_filter1d(residual**2, min(LOCAL, n), mode="nearest"))
     unit = residual / np.maximum(scale, 1e-300 + 1e-9 * scale.max())
-    power = np.abs(np.fft.rfft(unit, 2 * n)) ** 2
-    moments = np.fft.irfft(power)[: ORDER + 1] / n
-    weights = _autoregression(moments, min(ORDER, n // 10), n)
-    response = lfilter([1.0], np.append(1.0, -weights), np.eye(1, 2 * n)[0])
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(response, 4 * n)) ** 2)[:n]
-    return CorrelatedNoise(scale, correlation / correlation[0], weights)
+    most = min(ORDER, n // 10)
+    moments = np.array([unit[: n - lag] @ unit[lag:] for lag in range(most + 1)]) / n
+    weights = _autoregression(moments, most, n)
+    return CorrelatedNoise(scale, _correlation(moments, weights, n), weights)
+
+
+def _correlation(moments: Array, weights: Array, n: int) -> Array:
+    """Correlation (n,) of an autoregression: the moments that it was made of, and then its own recursion."""
+    known = moments[: weights.size + 1] / (moments[0] or 1.0)
+    if n <= known.size or not weights.size:
+        return np.append(known, np.zeros(max(n - known.size, 0)))[:n]
+    poles = np.append(1.0, -weights)
+    further, _ = lfilter([1.0], poles, np.zeros(n - known.size), zi=lfiltic([1.0], poles, known[:0:-1]))
+    return np.concatenate([known, further])
 
 
 def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
@@ -79,7 +87,8 @@ def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
     columns = jacobian / lengths
     bread = np.linalg.pinv(columns.T @ columns)
     sized = columns * noise.scale[:, None]
-    meat = sized.T @ matmul_toeplitz((noise.correlation, noise.correlation), sized)
+    white = not noise.weights.size
+    meat = sized.T @ (sized if white else matmul_toeplitz((noise.correlation, noise.correlation), sized))
     return bread @ meat @ bread * n / max(n - p, 1) / np.outer(lengths, lengths)
 
 

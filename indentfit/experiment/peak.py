@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 
 from indentfit.arrays import Array
 from indentfit.experiment.contact_point import ContactPoint
-from indentfit.experiment.loading import Ramp, filtered
+from indentfit.experiment.loading import Ramp, filtered, noise_of
 from indentfit.experiment.noise import covariance, noise_in
 from indentfit.experiment.piecewise import POWERS, independent, solved
 
@@ -84,20 +84,29 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
             over, reach = largest - fit.force, BY_NOISE * max(noise, scatter)
             chance = CHANCE * scatter < over < reach  # the largest of many noisy values, as in a hold, is too large
             if scatter > QUIET * largest and (chance or (ends and abs(over) < reach)):
-                return Peak(fit.force, max(fit.stderr, 0.5 * scatter))
+                return Peak(fit.force, max(fit.error, 0.5 * scatter))
             return Peak(largest, scatter)
         length *= 1.6
-    return Peak(fit.force, fit.stderr)
+    return Peak(fit.force, fit.error)
 
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """The end of a loading by a parabola over time: its force, mN, the standard error, the samples, and the parabola there."""
+    """The end of a loading by a parabola over time: its force, mN, the standard error, the samples, and the parabola there.
+
+    turning: standard error of the force, mN, because noise of the travel hides where the stage turns.
+    """
 
     force: float
     stderr: float
     part: slice
     values: Array
+    turning: float = 0.0
+
+    @property
+    def error(self) -> float:
+        """The whole standard error, mN."""
+        return float(np.hypot(self.stderr, self.turning))
 
 
 def _fitted(ramp: Ramp, start: int, force: Array) -> _End:
@@ -108,7 +117,9 @@ def _fitted(ramp: Ramp, start: int, force: Array) -> _End:
     terms = np.column_stack([np.ones_like(age), age, age**2])
     values = np.linalg.lstsq(terms, force[begin:stop], rcond=None)[0]
     spread = covariance(terms, noise_in(force[begin:stop] - terms @ values))
-    return _End(float(values[0]), float(np.sqrt(max(spread[0, 0], 0.0))), slice(begin, stop), terms @ values)
+    rate = abs(float(values[1])) / ramp.duration / max(abs(ramp.velocity), 1e-300)  # of the force over the travel, mN/mm
+    stderr = float(np.sqrt(max(spread[0, 0], 0.0)))
+    return _End(float(values[0]), stderr, slice(begin, stop), terms @ values, rate * _blur_at_the_turn(ramp))
 
 
 def _surer(end: _End, ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None) -> _End:
@@ -159,6 +170,14 @@ def _deepest(ramp: Ramp, stop: int) -> float:
     near = max(3, round(0.5 * ramp.length))
     smooth = filtered(ramp.record.displacement, max(SHORTEST, ROUNDED * ramp.length))
     return float(smooth[max(0, stop - near) : ramp.stop + near].max())
+
+
+def _blur_at_the_turn(ramp: Ramp) -> float:
+    """Standard error, mm, of the deepest place: a quadratic filter of m samples lets 9 / (4 m) of the variance pass, and 9 / m at
+    the end of a record."""
+    length = max(SHORTEST, ROUNDED * ramp.length)
+    at_end = AT_ENDS if ramp.stop > ramp.record.time.size - length else 1.0
+    return float(1.5 * at_end * noise_of(ramp.record.displacement) / np.sqrt(length))
 
 
 def _turn(ramp: Ramp, begin: int, stop: int) -> float:

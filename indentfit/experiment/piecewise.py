@@ -27,6 +27,7 @@ BLOCKS = (500, 120)  # numbers of block means whose noise is looked at too: slow
 SLIGHT = 0.03  # share of the force of a power that is nearly zero
 RIDGE = 1e-13  # keeps normal equations solvable
 CLEARLY = 1.2  # ratio of variances from which that of block means counts
+HARMONICS = 50  # of the error of rounding
 POLISHING = 8  # steps of Gauss and Newton
 
 
@@ -119,7 +120,7 @@ class Piecewise:
     """Baseline and polynomial with a contact point, fitted to a stretch.
 
     contact, stderr: mm; coefficients: of the baseline's terms, then one for each power; residual (n,), mN; noise: that of the
-    residual; spread: covariance of the coefficients and the contact point.
+    residual; spread: covariance of the coefficients and the contact point; rounding: the share of stderr, mm, by the converter.
     """
 
     stretch: Stretch
@@ -131,6 +132,7 @@ class Piecewise:
     residual: Array
     noise: CorrelatedNoise
     spread: Array
+    rounding: float = 0.0
 
     def free(self, time: Array, displacement: Array) -> Array:
         """The force without contact (n,), mN, at times and displacements."""
@@ -192,9 +194,9 @@ def fit_of(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> P
     residual = stretch.force - terms @ coefficients
     noise = noise_in(residual)
     spread = _spread(jacobian, residual, noise)
-    rounding = _rounding(stretch, jacobian, place)
+    rounding = _rounding(stretch, jacobian, place, residual)
     stderr = float(np.sqrt(max(spread[-1, -1], 0.0) + stretch.blur**2 + rounding**2))
-    return Piecewise(stretch, powers, baseline, float(place), stderr, coefficients, residual, noise, spread)
+    return Piecewise(stretch, powers, baseline, float(place), stderr, coefficients, residual, noise, spread, rounding)
 
 
 def _spread(jacobian: Array, residual: Array, noise: CorrelatedNoise) -> Array:
@@ -257,14 +259,21 @@ def independent(noise: CorrelatedNoise) -> float:
     return n / max(1.0, 1 + 2 * float(np.sum(noise.correlation[1 : n // 4] * (1 - np.arange(1, n // 4) / n))))
 
 
-def _rounding(stretch: Stretch, jacobian: Array, place: float) -> float:
-    """Standard error of the contact point, mm, because a converter rounds all forces of a quiet baseline to one value."""
+def _rounding(stretch: Stretch, jacobian: Array, place: float, residual: Array) -> float:
+    """Standard error of the contact point, mm, because a converter rounds the forces of a quiet baseline to one value.
+
+    Noise of the size of a step makes the mean of rounded forces right (dither; Widrow, Kollar 2008, Quantization Noise).
+    """
     if not stretch.step:
         return 0.0
-    before = (stretch.displacement < place).astype(float)
+    before = stretch.displacement < place
     lengths = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    shift = float((np.linalg.pinv(jacobian / lengths) @ before)[-1] / lengths[-1])
-    return abs(shift) * stretch.step / np.sqrt(12)
+    shift = float((np.linalg.pinv(jacobian / lengths) @ before.astype(float))[-1] / lengths[-1])
+    scatter = float(np.var(residual[before])) if before.any() else 0.0
+    dither = max(scatter - stretch.step**2 / 12, 0.0) / stretch.step**2  # variance of the noise before it was rounded, in steps
+    orders = np.arange(1, HARMONICS + 1)
+    left = float(np.sum(np.exp(-((2 * np.pi * orders) ** 2) * dither) / (2 * (np.pi * orders) ** 2)))
+    return abs(shift) * stretch.step * np.sqrt(left)
 
 
 def _places(stretch: Stretch) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
@@ -38,12 +39,12 @@ class ProcessResult:
     statistics: Statistics
     means: Mapping[int, MeanCurve]
 
-    @property
+    @functools.cached_property
     def records(self) -> dict[str, ProcessedRecord]:
         """Name -> the record with its contact point, stiffness and relaxation, of every record that could be used."""
         return {outcome.name: outcome.processed for outcome in usable(self.outcomes)}
 
-    @property
+    @functools.cached_property
     def curves(self) -> dict[str, Curve]:
         """Name -> loading curve, of every record that could be used."""
         return {name: record.curve for name, record in self.records.items()}

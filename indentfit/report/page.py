@@ -5,6 +5,7 @@ its hash, and no script.
 """
 
 import base64
+import functools
 import hashlib
 import importlib.metadata
 import io
@@ -59,7 +60,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     kind = "table"
 
-    @property
+    @functools.cached_property  # asked for each cell of a table, which may have hundreds of rows
     def numeric(self) -> list[bool]:
         """Whether each column holds numbers."""
         columns: Iterable[tuple[str, ...]] = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)

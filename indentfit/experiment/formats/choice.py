@@ -123,7 +123,8 @@ def _rank(table: Table, place: int, quantity: str) -> Rank | None:
 def _by_unit(table: Table, quantity: str) -> dict[int, Rank]:
     """Columns that move and have a unit of the quantity, whatever their names: enough where there is one of them."""
     places = [n for n in range(table.width) if KIND.get(column_unit(table, n) or "") == quantity and _moves(table, n)]
-    return {n: (0,) for n in places if not any(map(is_deflection, table.labels(n)))}
+    # a deflection in units of force is the force of the cantilever, one in units of length is no displacement of the indenter
+    return {n: (0,) for n in places if quantity == "force" or not any(map(is_deflection, table.labels(n)))}
 
 
 def _moves(table: Table, place: int) -> bool:

@@ -266,6 +266,8 @@ def _calibrated(source: _Source, place: int, name: str, channel: RecordChannel) 
     """The values of a column in mm, mN or s, and the unit that they were in."""
     target, path = TARGETS[name], source.path
     unit = channel.unit or (target if channel.gain is not None else column_unit(source.table, place))
+    if unit is None and name == "time" and source.table.clock:
+        unit = "s"
     if unit is None:
         raise RecordError(f"{path}: the header does not give the unit of the {name}; give record.{name}.unit, such as {target!r}")
     if unit in ELECTRIC:

@@ -6,8 +6,10 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from indentfit.arrays import Array
-from indentfit.experiment.formats.words import unit_in
+from indentfit.experiment.formats.words import KIND, TARGETS, rank_of, unit_in
 
 FEWEST_ROWS = 20  # of a table that is looked at where a file holds several
 
@@ -32,6 +34,8 @@ class Table:
         Column (from 0) -> its cells, for columns of words.
     above : tuple of str
         The lines of text above the table, and above the first table of the file.
+    clock : bool
+        Whether times were written as those of a clock, and are in seconds now.
     """
 
     header: list[list[str]]
@@ -41,6 +45,7 @@ class Table:
     name: str = ""
     texts: Mapping[int, list[str]] = field(default_factory=dict)
     above: tuple[str, ...] = ()
+    clock: bool = False
 
     @property
     def width(self) -> int:
@@ -58,6 +63,24 @@ class Table:
         units = [row for row in rows[:2] if _is_row_of_units(row)]
         names = next((row for row in rows if not _is_row_of_units(row)), None)
         return [*units, *([names] if names else [])]
+
+    def side_by_side(self) -> list[Table]:
+        """The tables of tests whose columns stand side by side, with the same names again and again; the table itself otherwise."""
+        names = [tuple(self.labels(n)) for n in range(self.width)]
+        period = next((n for n in range(2, self.width // 2 + 1) if self.width % n == 0 and names[n:] == names[:-n]), 0)
+        if not period or not all(names[:period]) or len(set(names[:period])) < period or self.texts:
+            return [self]
+        return [self._group(slice(begin, begin + period)) for begin in range(0, self.width, period)]
+
+    def _group(self, columns: slice) -> Table:
+        """The table of some columns, without the rows after its last numbers, named by the text above its first column."""
+        values = self.values[:, columns]
+        held = np.flatnonzero(np.isfinite(values).any(axis=1))
+        rows = [[*row, *[""] * (self.width - len(row))] for row in self.header if len(row) <= self.width]
+        names = [row[columns.start] for row in rows if row not in self._nearest_rows and row[columns.start]]
+        name = names[-1] if names else f"test {columns.start // (columns.stop - columns.start) + 1}"
+        header = [row[columns] for row in rows]
+        return replace(self, header=header, values=values[: held[-1] + 1 if held.size else 0], name=name)
 
     def _fits(self, row: list[str]) -> bool:
         """Whether a row of the header has a text for each column; cells that are empty at its end do not count."""
@@ -86,8 +109,12 @@ def long_tables(tables: list[Table]) -> list[Table]:
 
 
 def _is_row_of_units(row: list[str]) -> bool:
-    """Whether every cell is a unit, bare or in brackets, a dash or empty, and at least one is a unit."""
+    """Whether every cell is a unit, bare or in brackets, a dash or empty, and at least one is a unit; or some are a unit of length
+    and of force, and the others no names of quantities."""
     cells = [cell.strip("[]()（） ") for cell in row]
+    others = [cell for cell in cells if not unit_in(cell)]
+    if {"displacement", "force"} <= {KIND.get(unit_in(cell) or "") for cell in cells}:
+        return not any(rank_of(cell, quantity) for cell in others for quantity in TARGETS)
     return any(unit_in(cell) for cell in cells) and all(not cell or cell in ("-", "%", "1") or _short_unit(cell) for cell in cells)
 
 

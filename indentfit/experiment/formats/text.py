@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from indentfit.arrays import Array
 from indentfit.case import Record
 from indentfit.errors import RecordError
 from indentfit.experiment.formats.encodings import decoded
+from indentfit.experiment.formats.spelling import plain_numbers, plain_times
 from indentfit.experiment.formats.table import Table, long_tables
 from indentfit.experiment.formats.words import is_stage
 
@@ -30,6 +31,7 @@ MARKER = re.compile(
     r"|((?:test|segment|block|cycle|curve|specimen|prüfung|probe|sample|indent)\s*(?:no\.?|nr\.?|n)?\s*[:#]*\s*\d+)\b",
     re.I,
 )
+END = re.compile(r"\s*(?:<[^<>]*>|\[[^\[\]]*\]|end\b.*)\s*$", re.I)  # the end of a block, which nobody needs to be told of
 GLUED = re.compile(r"^([^\W\d_][^\t;]*?)([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)$")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.ASCII | re.IGNORECASE)
 COMMA_NUMBER = re.compile(r"[-+]?(\d+(,\d+)?|,\d+)([eE][-+]?\d+)?", re.ASCII)
@@ -99,6 +101,7 @@ def text_tables(path: Path, text: str, skip_rows: int) -> list[Table]:
     RecordError
         The text holds no table. The error's text is one line with the file and the remedy.
     """
+    text, clock = plain_times(plain_numbers(text))
     lines = text.splitlines()
     while lines and not lines[-1].strip():
         lines.pop()
@@ -111,8 +114,8 @@ def text_tables(path: Path, text: str, skip_rows: int) -> list[Table]:
         raise RecordError(
             f"{path}: no rows of numbers within {LINES_SEARCHED} lines; export columns of text, or give record.skip_rows"
         )
-    tables = list(_tables(_Lines(path, lines, form), skip_rows, first))
-    return long_tables(tables)
+    tables = [replace(table, clock=clock) for table in _tables(_Lines(path, lines, form), skip_rows, first)]
+    return long_tables([part for table in tables for part in table.side_by_side()])
 
 
 def _searched(lines: list[str], begin: int, skip: int = 0) -> list[str | None]:
@@ -221,14 +224,23 @@ def _table(file: _Lines, above: tuple[str, ...], first: int, stop: int, context:
     header, glued = _header(above, separator, len(kind))
     notes: tuple[str, ...] = ()
     filled = [n for n, line in enumerate(body) if line.strip()]
-    if len(filled) > 1 and stop == len(file.lines) and len(_cells(body[filled[-1]], separator)) < len(kind):
+    last = body[filled[-1]]
+    cut = _has_numbers(last, file.form) and len(_cells(last, separator)) < len(kind)
+    if len(filled) > 1 and stop == len(file.lines) and cut:
         body = body[: filled[-1]]
         notes = ("the last line is cut off and was left out",)
     kept, lone = _without_lone_text(body, file.form, kind)
     values = _numbers(file.path, kept, file.form, first, kind)
     if glued is not None:
         values = np.vstack([glued, values])
-    notes = (*notes, *(f"line {first + n + 1} ({line.strip()[:20]!r}) holds no numbers and was left out" for n, line in lone[:3]))
+    notes = (
+        *notes,
+        *(
+            f"line {first + n + 1} ({line.strip()[:20]!r}) holds no numbers and was left out"
+            for n, line in lone[:3]
+            if not END.match(line)
+        ),
+    )
     texts = _stage_words(kept, header, separator, kind, 0 if glued is None else 1)
     return Table(header, values, first + 1, notes, _marker(above), texts, context)
 
