@@ -29,8 +29,9 @@ FEWEST = 8  # samples of the fit
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
 SURE = 3.0  # standard errors
 FOLLOWS = 25.0  # excess of squares, in squares of noise, below which the indenter's law follows the end of the loading
-AGREE = 2.0  # standard errors within which the law and the parabola agree
-IN_DOUBT = 0.3  # share of their difference that stays in doubt
+AGREE = 2.5  # standard errors within which the law and that with a power more agree
+FAR = 3.0  # standard errors within which the law and the parabola agree
+IN_DOUBT = 0.3  # share of the difference of the law from that with a power more that stays in doubt
 SIGMA_95 = 1.96
 
 
@@ -123,20 +124,32 @@ def _fitted(ramp: Ramp, start: int, force: Array) -> _End:
 
 
 def _surer(end: _End, ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None) -> _End:
-    """The end of a loading by the law of the indenter, fitted to all of the loading, where the parabola does not contradict it."""
+    """The end of a loading by the law of the indenter, fitted to all of the loading, where nothing contradicts it.
+
+    What may contradict the law: the parabola at the end, and the law with a power more, which knows the end better than the parabola
+    does. How far that one is from the law stays in doubt in part.
+    """
     part = slice(contact.index, end.part.stop)
     depth = _deepest(ramp, end.part.stop) - contact.displacement
     beyond = np.maximum(ramp.displacement[part] - contact.displacement, 0.0) / depth
-    law = min((_law(beyond, force[part], POWERS[name]) for name in ([indenter] if indenter else POWERS)), key=_square_of)
+    powers = min(
+        (POWERS[name] for name in ([indenter] if indenter else POWERS)), key=lambda known: _misfit(beyond, force[part], known)
+    )
+    law, freer = _law(beyond, force[part], powers), _law(beyond, force[part], (*powers, powers[-1] + 1.0))
     apart = abs(law.force - end.force)
     rest = force[end.part] - end.values
     excess = _square(law.residual[end.part.start - part.start :]) / max(_square(rest), 1e-300) - 1
-    scatter = np.sqrt(max(end.stderr**2 - law.stderr**2, (0.5 * end.stderr) ** 2))
     if excess * independent(noise_in(rest)) > FOLLOWS or law.stderr > end.stderr:
         return end
-    if apart > AGREE * scatter:  # by chance, or the law does not hold
-        return replace(end, stderr=float(np.hypot(end.stderr, 0.5 * apart)))
-    return replace(end, force=law.force, stderr=float(np.hypot(law.stderr, IN_DOUBT * apart)))
+    if apart > FAR * _scatter(end.stderr, law.stderr) or abs(freer.force - law.force) > AGREE * _scatter(freer.stderr, law.stderr):
+        return replace(end, stderr=float(np.hypot(end.stderr, 0.5 * apart)))  # by chance, or the law does not hold
+    doubt = IN_DOUBT * max(abs(freer.force - law.force), _scatter(freer.stderr, law.stderr))
+    return replace(end, force=law.force, stderr=float(np.hypot(law.stderr, doubt)))
+
+
+def _scatter(wide: float, narrow: float) -> float:
+    """Standard deviation of the difference between an estimate and a surer one of the same samples, by both standard errors."""
+    return float(np.sqrt(max(wide**2 - narrow**2, (0.5 * wide) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +170,10 @@ def _law(beyond: Array, force: Array, powers: tuple[float, ...]) -> _Law:
     return _Law(float(values.sum()), float(np.sqrt(max(variance, 0.0))), residual)
 
 
-def _square_of(law: _Law) -> float:
-    return _square(law.residual)
+def _misfit(beyond: Array, force: Array, powers: tuple[float, ...]) -> float:
+    """Sum of squares, mN^2, that a law of powers leaves."""
+    terms = np.column_stack([beyond**power for power in powers])
+    return _square(force - terms @ solved(terms, force))
 
 
 def _square(values: Array) -> float:
