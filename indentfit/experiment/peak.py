@@ -27,6 +27,7 @@ AT_ENDS = 2.0  # ratio of the noise that a quadratic filter lets pass at the end
 CHANCE = 2.0  # standard deviations by which the largest filtered force may lie above the fit before chance has picked it
 FEWEST = 8  # samples of the fit
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
+STOPPED = 2.5  # standard errors by which the last samples of a record lie behind a stage that moves on
 SURE = 3.0  # standard errors
 FOLLOWS = 25.0  # excess of squares, in squares of noise, below which the indenter's law follows the end of the loading
 AGREE = 2.5  # standard errors within which the law and that with a power more agree
@@ -91,18 +92,28 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
     return Peak(fit.force, fit.error)
 
 
+@dataclass(frozen=True)
+class _Turn:
+    """Where the stage ends its loading: time, s, displacement of the record, mm, and its standard error, mm."""
+
+    time: float
+    place: float
+    blur: float
+
+
 @dataclass(frozen=True, eq=False)
 class _End:
     """The end of a loading by a parabola over time: its force, mN, the standard error, the samples, and the parabola there.
 
-    turning: standard error of the force, mN, because noise of the travel hides where the stage turns.
+    turn: of the stage; turning: standard error of the force, mN, because noise of the travel hides where the stage turns.
     """
 
     force: float
     stderr: float
     part: slice
     values: Array
-    turning: float = 0.0
+    turn: _Turn
+    turning: float
 
     @property
     def error(self) -> float:
@@ -114,23 +125,24 @@ def _fitted(ramp: Ramp, start: int, force: Array) -> _End:
     """The force at the end of loading by a parabola over time."""
     stop = max(ramp.stop - round(ROUNDED * ramp.length), start + FEWEST)
     begin = max(start, stop - max(15, round(FITTED * ramp.samples)))
-    age = (ramp.record.time[begin:stop] - _turn(ramp, begin, stop)) / ramp.duration
+    turn = _turn(ramp, begin, stop)
+    age = (ramp.record.time[begin:stop] - turn.time) / ramp.duration
     terms = np.column_stack([np.ones_like(age), age, age**2])
     values = np.linalg.lstsq(terms, force[begin:stop], rcond=None)[0]
     spread = covariance(terms, noise_in(force[begin:stop] - terms @ values))
     rate = abs(float(values[1])) / ramp.duration / max(abs(ramp.velocity), 1e-300)  # of the force over the travel, mN/mm
     stderr = float(np.sqrt(max(spread[0, 0], 0.0)))
-    return _End(float(values[0]), stderr, slice(begin, stop), terms @ values, rate * _blur_at_the_turn(ramp))
+    return _End(float(values[0]), stderr, slice(begin, stop), terms @ values, turn, rate * turn.blur)
 
 
 def _surer(end: _End, ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None) -> _End:
-    """The end of a loading by the law of the indenter, fitted to all of the loading, where nothing contradicts it.
+    """The end of a loading by the law of the indenter, fitted to the whole loading, where nothing contradicts it.
 
-    What may contradict the law: the parabola at the end, and the law with a power more, which knows the end better than the parabola
-    does. How far that one is from the law stays in doubt in part.
+    What may contradict the law: the parabola at the end, and the law with a power more, which knows the end better than the
+    parabola does. How far that one is from the law stays in doubt in part.
     """
     part = slice(contact.index, end.part.stop)
-    depth = _deepest(ramp, end.part.stop) - contact.displacement
+    depth = end.turn.place - contact.displacement
     beyond = np.maximum(ramp.displacement[part] - contact.displacement, 0.0) / depth
     powers = min(
         (POWERS[name] for name in ([indenter] if indenter else POWERS)), key=lambda known: _misfit(beyond, force[part], known)
@@ -187,24 +199,24 @@ def _deepest(ramp: Ramp, stop: int) -> float:
     return float(smooth[max(0, stop - near) : ramp.stop + near].max())
 
 
-def _blur_at_the_turn(ramp: Ramp) -> float:
-    """Standard error, mm, of the deepest place: a quadratic filter of m samples lets 9 / (4 m) of the variance pass, and 9 / m at
-    the end of a record."""
-    length = max(SHORTEST, ROUNDED * ramp.length)
-    at_end = AT_ENDS if ramp.stop > ramp.record.time.size - length else 1.0
-    return float(1.5 * at_end * noise_of(ramp.record.displacement) / np.sqrt(length))
-
-
-def _turn(ramp: Ramp, begin: int, stop: int) -> float:
-    """Time of the end of loading, s: where the stage, at the velocity that it has before, reaches its deepest place."""
-    record, near, deepest = ramp.record, max(3, round(0.5 * ramp.length)), _deepest(ramp, stop)
+def _turn(ramp: Ramp, begin: int, stop: int) -> _Turn:
+    """The end of loading: the end of a record whose stage moves on to its last sample; otherwise where the stage, at the velocity
+    that it has before, reaches its deepest place."""
+    record, near = ramp.record, max(3, round(0.5 * ramp.length))
     half = slice((begin + stop) // 2, stop)
-    velocity, last = np.polyfit(record.time[half] - record.time[stop - 1], record.displacement[half], 1)
+    line = np.polyfit(record.time[half] - record.time[stop - 1], record.displacement[half], 1)
+    noise = noise_of(record.displacement)
+    if ramp.stop >= record.time.size:
+        late = record.displacement[-SHORTEST:] - np.polyval(line, record.time[-SHORTEST:] - record.time[stop - 1])
+        if late.mean() > -STOPPED * noise / np.sqrt(SHORTEST):
+            ahead = float(record.time[-1] - record.time[stop - 1])
+            return _Turn(float(record.time[-1]), float(np.polyval(line, ahead)), 2 * noise / float(np.sqrt(half.stop - half.start)))
+    deepest, (velocity, last) = _deepest(ramp, stop), line
     ahead = (deepest - last) / velocity if velocity > 0 else 0.0
-    return float(
-        record.time[stop - 1]
-        + np.clip(ahead, 0.0, record.time[min(ramp.stop + near, record.time.size) - 1] - record.time[stop - 1])
-    )
+    most = record.time[min(ramp.stop + near, record.time.size) - 1] - record.time[stop - 1]
+    # a quadratic filter of m samples lets 9 / (4 m) of the variance pass
+    blur = 1.5 * noise / np.sqrt(max(SHORTEST, ROUNDED * ramp.length))
+    return _Turn(float(record.time[stop - 1] + np.clip(ahead, 0.0, most)), deepest, float(blur))
 
 
 def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> Iterator[str]:
