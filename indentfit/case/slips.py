@@ -21,9 +21,8 @@ def backslash_words(line: str) -> str | None:
     text = re.search(r'"([^"]*\\[^"]*)"', line)
     if text is None:
         return None
-    return (
-        f"write paths with slashes, \"{text[1].replace(chr(92) * 2, '/').replace(chr(92), '/')}\", or in single quotes, '{text[1]}'"
-    )
+    slashes = text[1].replace("\\\\", "/").replace("\\", "/")
+    return f"write paths with slashes, \"{slashes}\", or in single quotes, '{text[1]}'"
 
 
 def not_printable(text: str) -> str:
