@@ -3,12 +3,9 @@
 import html.parser
 import inspect
 import json
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import click
@@ -22,14 +19,14 @@ from indentfit.case.keys import keys
 from indentfit.cli import COMMANDS, main
 from indentfit.cli.reference import commands_page
 from indentfit.material import installed
-from indentfit.report.guide import PAGES, chapters, html_page, page_names, page_text, write_site
+from indentfit.report.guide import PAGES, chapters, html_page, page_names, page_text, terms, write_site
+from indentfit.report.guide_examples import BLOCK, TUTORIALS, pictures_of, run_page
 from indentfit.report.guide_parts import generated_parts
+from indentfit.report.page import Picture
 from indentfit.report.schema import READERS
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
-TUTORIALS = ["gel_and_sphere", "punch_on_cartilage", "bar_on_fibres", "raw_records", "several_samples"]  # own_law: test_tutorial.py
-BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)
 MOST_WORDS, MOST_BYTES = 30, 4096
 
 
@@ -153,6 +150,38 @@ def test_every_page_is_in_the_menu_and_every_generated_part_is_used(generated):
     assert used == set(generated)
 
 
+def test_every_word_of_the_glossary_is_linked_where_a_page_uses_it_first(site):
+    words = terms()
+    assert len(words) > 20 and len(set(words.values())) == len(words)
+    linked = 0
+    for page in (*TUTORIALS, "own_law", "which_case", "read_a_result", "search", "accuracy"):
+        html = (site / f"{page}.html").read_text()
+        prose = re.sub(r'<a href="glossary.html#[^>]*>(.*?)</a>', r"\1", html)
+        prose = re.sub(r"<(h\d|a|pre|code|title|details|nav|footer)\b.*?</\1>", " ", prose, flags=re.DOTALL)
+        for word, anchor in words.items():
+            if re.search(rf"(?<![\w-]){re.escape(word)}(?:s|es)?(?![\w-])", prose, re.IGNORECASE):
+                assert html.count(f'href="glossary.html#{anchor}"') == 1, (page, word)
+                linked += 1
+    assert linked > 40
+
+
+def test_a_word_is_linked_once_and_not_in_headings_code_or_links():
+    body = html_page("x", "# The surrogate\n\n`surrogate` [a surrogate](mesh.md), a Surrogate and a surrogate.\n").split("<main")[1]
+    assert body.count("glossary.html#surrogate") == 1
+    assert '<a href="glossary.html#surrogate">Surrogate</a> and a surrogate' in body
+
+
+def test_a_picture_that_was_not_made_is_left_out():
+    text = "# Title\n\nBefore.\n\n![A fit](there/fit.svg)\n\nAfter.\n"
+    without = html_page("x", text).split("<main")[1]
+    assert (
+        "<img" not in without and "figure" not in without and without.count("<p>") == without.count("</p>") == 3
+    )  # and the footer
+    made = {"there/fit.svg": Picture("A fit.", "A fit", source="data:image/png;base64,AA", width=3, height=2)}
+    figure = '<figure><img src="data:image/png;base64,AA" alt="A fit" width="3" height="2"><figcaption>A fit.</figcaption></figure>'
+    assert figure in html_page("x", text, made)
+
+
 def test_markup_in_a_page_is_text():
     assert "<script>" not in html_page("x", "# Title\n\n<script>alert(1)</script>\n")
 
@@ -227,22 +256,12 @@ def test_every_public_name_material_and_kind_of_result_stands_in_the_reference(g
 
 @pytest.mark.guide
 @pytest.mark.parametrize("page", TUTORIALS)
-def test_the_commands_of_a_tutorial_work(page, tmp_path):
-    (tmp_path / "cases").symlink_to(CASES)
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "200"}
-    said = {}
-    for language, text in BLOCK.findall((PAGES / f"{page}.md").read_text()):
-        if language == "python":
-            (tmp_path / re.match(r"# file: (\S+)", text)[1]).write_text(text)
-            continue
-        for line in text.splitlines():
-            before = os.times()
-            done = subprocess.run(shlex.split(line), cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600)
-            after = os.times()
-            said[line] = done.stdout, sum(after[2:4]) - sum(before[2:4])
-            assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
-    print(*(f"{seconds:6.1f} s  {line[:100]}" for line, (_, seconds) in said.items()), sep="\n")
-    assert sum(seconds for _, seconds in said.values()) < 120  # of CPU
+def test_the_commands_of_a_tutorial_work_and_make_its_pictures(page, tmp_path):
+    ran = run_page(page, CASES, tmp_path)
+    print(*(f"{each.seconds:6.1f} s  {each.line[:100]}" for each in ran), sep="\n")
+    assert sum(each.seconds for each in ran) < 120  # of CPU
+    pictures = pictures_of(page, tmp_path)
+    assert pictures and all(picture.alt for picture in pictures.values())
     TRUTHS.get(page, lambda folder: None)(tmp_path)
 
 

@@ -1,7 +1,8 @@
 """The guide as a static site: the Markdown pages of indentfit/guide, and reference pages generated from the code.
 
 A page is Markdown with tables. A line `@@NAME@@` stands for a generated part. The page `index.md` lists all pages under the
-headings of the site's menu. The site loads nothing from a network and runs no script.
+headings of the site's menu. The first use of a word of the glossary on a page is linked to its definition. A picture is shown where
+the examples of its page were run (guide_examples). The site loads nothing from a network and runs no script.
 """
 
 import base64
@@ -20,11 +21,13 @@ from markdown_it.token import Token
 from markupsafe import Markup
 
 from indentfit.errors import InputError, OutputError, suggestion
-from indentfit.report.page import HERE
+from indentfit.report.page import HERE, Picture
 
 PAGES = Path(__file__).parents[1] / "guide"
 ELSEWHERE = {"architecture": PAGES.parent / "ARCHITECTURE.md"}  # pages that lie elsewhere
 GENERATED = re.compile(r"^@@(\w+)@@$", re.MULTILINE)
+TERM = r"(?<![\w-]){}(?:s|es)?(?![\w-])"
+NO_PICTURES: Mapping[str, Picture] = {}
 ITEM = re.compile(r"^- \[([^\]]+)\]\(([^)]+)\)$")
 
 
@@ -74,7 +77,7 @@ def page_text(name: str, generated: Mapping[str, str]) -> str:
     return GENERATED.sub(lambda part: generated[part[1]].strip(), _source(name))
 
 
-def write_site(folder: str | Path, generated: Mapping[str, str]) -> Path:
+def write_site(folder: str | Path, generated: Mapping[str, str], pictures: Mapping[str, Picture] = NO_PICTURES) -> Path:
     """Write the site.
 
     Parameters
@@ -82,6 +85,7 @@ def write_site(folder: str | Path, generated: Mapping[str, str]) -> Path:
     folder : path
         Pages of an earlier site there are replaced.
     generated : mapping of names to Markdown
+    pictures : mapping of their addresses in the pages to pictures
 
     Returns
     -------
@@ -94,7 +98,7 @@ def write_site(folder: str | Path, generated: Mapping[str, str]) -> Path:
         The folder cannot be written.
     """
     folder = Path(folder)
-    pages = {name: html_page(name, page_text(name, generated)) for name in page_names()}
+    pages = {name: html_page(name, page_text(name, generated), pictures) for name in page_names()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, html in pages.items():
@@ -104,11 +108,12 @@ def write_site(folder: str | Path, generated: Mapping[str, str]) -> Path:
     return folder / "index.html"
 
 
-def html_page(name: str, text: str) -> str:
+def html_page(name: str, text: str, pictures: Mapping[str, Picture] = NO_PICTURES) -> str:
     """One page of the site."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = reader.parse(text)
+    tokens = _pictured(reader.parse(text), pictures)
     headings = list(_named(tokens))
+    _link_terms(tokens, name)
     for token in tokens:
         for inner in token.children or ():
             if inner.type == "link_open":
@@ -148,6 +153,78 @@ def _named(tokens: list[Token]) -> Iterator[tuple[str, str, str]]:
             used.add(anchor)
             token.attrSet("id", anchor)
             yield anchor, words, token.tag
+
+
+def terms() -> dict[str, str]:
+    """The words of the glossary, and their anchors."""
+    return {words: anchor_of(words) for words in re.findall(r"^### (.+)$", _source("glossary"), flags=re.MULTILINE)}
+
+
+def _link_terms(tokens: list[Token], page: str) -> None:
+    """Link the first use of each word of the glossary in the prose of a page; in the glossary the first use outside of its own
+    definition."""
+    left, own, heading = terms(), "", False
+    for token in tokens:
+        heading = token.type == "heading_open" or (heading and token.type != "heading_close")
+        if token.type == "inline" and heading:
+            own = token.content if page == "glossary" else ""
+        elif token.type == "inline" and token.children:
+            token.children = list(_linked(token.children, left, own))
+
+
+def _linked(children: list[Token], left: dict[str, str], own: str) -> Iterator[Token]:
+    """Tokens of a line, with links in place of words of the glossary; the words that are linked are taken from `left`."""
+    inside = 0
+    for child in children:
+        inside += (child.type == "link_open") - (child.type == "link_close")
+        if child.type != "text" or inside:
+            yield child
+            continue
+        rest = child.content
+        while found := _next_term(rest, left, own):
+            word, place = found
+            yield _text(rest[: place.start()])
+            yield Token("link_open", "a", 1, attrs={"href": f"glossary.md#{left.pop(word)}"})
+            yield _text(place[0])
+            yield Token("link_close", "a", -1)
+            rest = rest[place.end() :]
+        yield _text(rest)
+
+
+def _next_term(text: str, left: Mapping[str, str], own: str) -> tuple[str, re.Match[str]] | None:
+    """The first word of the glossary in a text, the longest one where several begin there."""
+    found = [(word, place) for word in left if word != own and (place := re.search(TERM.format(re.escape(word)), text, re.I))]
+    return min(found, key=_place_of_term, default=None)
+
+
+def _place_of_term(found: tuple[str, re.Match[str]]) -> tuple[int, int]:
+    return found[1].start(), -len(found[0])
+
+
+def _text(content: str) -> Token:
+    return Token("text", "", 0, content=content)
+
+
+def _pictured(tokens: list[Token], pictures: Mapping[str, Picture]) -> list[Token]:
+    """Tokens of a page with pictures as figures; a picture that was not made is left out, with its paragraph."""
+    kept: list[Token] = []
+    for token in tokens:
+        images = [child for child in token.children or () if child.type == "image"]
+        if token.type != "inline" or not images:
+            kept.append(token)
+            continue
+        shown = [pictures[address] for image in images if (address := str(image.attrGet("src"))) in pictures]
+        kept.pop()  # the paragraph, which a figure cannot stand in
+        kept += [Token("html_block", "", 0, content=f"<figure>{_figure(picture)}</figure>\n") for picture in shown]
+        kept.append(Token("html_block", "", 0, content=""))
+    return [token for n, token in enumerate(kept) if not (token.type == "paragraph_close" and kept[n - 1].type == "html_block")]
+
+
+def _figure(picture: Picture) -> Markup:
+    image = Markup('<img src="{}" alt="{}" width="{}" height="{}">').format(
+        picture.source, picture.alt, picture.width, picture.height
+    )
+    return (picture.svg or image) + Markup("<figcaption>{}</figcaption>").format(picture.caption)
 
 
 def _address(link: str) -> str:
