@@ -162,7 +162,7 @@ def test_every_word_of_the_glossary_is_linked_where_a_page_uses_it_first(site):
             if re.search(rf"(?<![\w-]){re.escape(word)}(?:s|es)?(?![\w-])", prose, re.IGNORECASE):
                 assert html.count(f'href="glossary.html#{anchor}"') == 1, (page, word)
                 linked += 1
-    assert linked > 40
+    assert linked > 30
 
 
 def test_a_word_is_linked_once_and_not_in_headings_code_or_links():

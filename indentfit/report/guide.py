@@ -27,6 +27,7 @@ PAGES = Path(__file__).parents[1] / "guide"
 ELSEWHERE = {"architecture": PAGES.parent / "ARCHITECTURE.md"}  # pages that lie elsewhere
 GENERATED = re.compile(r"^@@(\w+)@@$", re.MULTILINE)
 TERM = r"(?<![\w-]){}(?:s|es)?(?![\w-])"
+TABLE = '<div class="scroll" role="region" tabindex="0" aria-label="Table {}"><table>'  # regions have names of their own
 NO_PICTURES: Mapping[str, Picture] = {}
 ITEM = re.compile(r"^- \[([^\]]+)\]\(([^)]+)\)$")
 
@@ -157,7 +158,7 @@ def _named(tokens: list[Token]) -> Iterator[tuple[str, str, str]]:
 
 def terms() -> dict[str, str]:
     """The words of the glossary, and their anchors."""
-    return {words: anchor_of(words) for words in re.findall(r"^### (.+)$", _source("glossary"), flags=re.MULTILINE)}
+    return {words: anchor_of(words) for words in re.findall(r"^## (.+)$", _source("glossary"), flags=re.MULTILINE)}
 
 
 def _link_terms(tokens: list[Token], page: str) -> None:
@@ -238,7 +239,8 @@ def _address(link: str) -> str:
 
 def _scrolling(html: str) -> str:
     """Tables that scroll by themselves on a narrow page."""
-    html = html.replace("<table>", '<div class="scroll" role="region" tabindex="0" aria-label="Table"><table>')
+    count = itertools.count(1)
+    html = re.sub("<table>", lambda _: TABLE.format(next(count)), html)
     return html.replace("</table>", "</table></div>").replace("<th>", '<th scope="col">')
 
 
