@@ -1,6 +1,7 @@
 """Result folders, figures and field files: whole or not at all, true to the mechanics, and readable by others."""
 
 import csv
+import importlib.metadata
 import itertools
 import json
 import math
@@ -14,6 +15,8 @@ import meshio
 import numpy as np
 import pytest
 from fixtures.cases import CASES, white_matter
+from skfem import ElementHex1, ElementHex2
+from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.curve import Curve
 from indentfit.errors import OutputError
@@ -22,14 +25,16 @@ from indentfit.fem.element import XX, XY, YY, ZZ
 from indentfit.fem.fields import cell_stress, nodal_stress, recover
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
+from indentfit.fibres import direction
 from indentfit.inference.per_sample import PerSample, SampleFit, parameter_spread
 from indentfit.inference.result import ParameterEstimate, Profile
+from indentfit.report.fields import Solved
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
 from indentfit.report.html import write_report
 from indentfit.report.mirror import whole
 from indentfit.report.per_sample import sample_lines
 from indentfit.report.plots import force_displacement, residual
-from indentfit.report.vtu import file_names, write_vtu
+from indentfit.report.vtu import fibre_gradients, file_names, write_vtu
 from indentfit.runs.forward import simulate
 from indentfit.runs.points import setup_of
 
@@ -455,3 +460,32 @@ def test_a_simulation_of_a_case_in_memory_is_said_drawn_written_and_drawn_again(
     assert {test["name"]: test["force_mN"][-1] for test in stored["tests"]} == last
     assert all(f"{force:.5g}" in write_report(tmp_path / "out").read_text(encoding="utf-8") for force in last.values())
     assert read_case(tmp_path / "out" / "case.toml").hash == case.hash
+
+
+def test_a_file_of_fields_holds_the_fibres_before_and_after_the_deformation_and_what_it_was_computed_from(pressed, tmp_path):
+    """I4 of the model's own kinematics is an average of |F a0|^2 over the element, with J^(-2/3) taken out."""
+    model, result, material, kappa = pressed
+    solved = Solved(model, material, kappa, [result])
+    write_vtu(tmp_path / "f.vtu", solved.fields(result, False), solved.origin(result))
+    file = meshio.read(tmp_path / "f.vtu")
+    fibre, deformed = (file.cell_data[name][0] for name in ("fibre", "fibre_deformed"))
+    assert np.allclose(fibre, direction(ANGLE, 0))
+    state = model.body.state(result.last.u, direction(ANGLE, 0))
+    number = len(fibre)
+    isochoric = np.sqrt(state.I[2].reshape(number, -1).mean(axis=1))
+    stretch = np.linalg.norm(deformed, axis=1) / file.cell_data["J"][0] ** (1 / 3)
+    assert np.median(np.abs(stretch - isochoric)) < 0.003 and np.corrcoef(stretch, isochoric)[0, 1] > 0.97
+    told = file.field_data
+    assert told["mu_kPa"] == [material.mu] and told["zeta"] == [material.zeta] and told["kappa_kPa"] == [kappa]
+    assert told["angle_deg"] == [ANGLE] and told["depth_mm"] == pytest.approx([DEPTH])
+    assert bytes(told["test"].astype(np.uint8)).decode() == result.name
+    assert bytes(told["indentfit"].astype(np.uint8)).decode() == importlib.metadata.version("indentfit")
+
+
+@pytest.mark.parametrize("number", [8, 27])
+def test_the_gradient_along_a_fibre_is_exact_for_a_linear_displacement(number):
+    rng = np.random.default_rng(3)
+    reference = {8: ElementHex1, 27: ElementHex2}[number].doflocs[HEX_MAPPING[:number]]
+    nodes = (reference @ (np.eye(3) + 0.2 * rng.random((3, 3))))[None]
+    gradient, fibre = rng.random((3, 3)), np.array([0.6, 0.0, 0.8])
+    assert np.allclose(fibre_gradients(nodes, nodes @ gradient.T, fibre), gradient @ fibre)

@@ -1,5 +1,6 @@
 """The folder fields/ of a result: VTU files of each test, a series of them for ParaView, and pictures for the report."""
 
+import importlib.metadata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from indentfit.material import Material
 from indentfit.report.folder import write_json
 from indentfit.report.mirror import whole
 from indentfit.report.stress_plots import COMPONENTS, Shown, displacement_picture, peak_words, peaks, stress_picture
-from indentfit.report.vtu import file_names, write_vtu
+from indentfit.report.vtu import Origin, file_names, write_vtu
 
 PICTURES = "pictures.json"  # what the report shows
 CUT = "seen from outside of its cut face"
@@ -59,6 +60,20 @@ class Solved:
         fields = recover(self.model, test, self.material, self.kappa, equilibrium)
         return whole(fields) if mirror else fields
 
+    def origin(self, test: TestResult, equilibrium: Equilibrium | None = None) -> Origin:
+        """What the fields of a test were computed from, for their file."""
+        law, values = type(self.material), self.material.values
+        numbers = {
+            name + ("" if known.unit in ("", "1") else f"_{known.unit}"): float(values[name])
+            for name, known in law.parameters.items()
+        }
+        numbers |= {"kappa_kPa": self.kappa, "depth_mm": (equilibrium or test.last).depth}
+        texts = {"test": test.name, "material": law.__name__, "indentfit": importlib.metadata.version("indentfit")}
+        if not has_fibres(law):
+            return Origin(numbers, texts)
+        numbers |= {"angle_deg": float(test.angle), "dip_deg": float(test.dip)}
+        return Origin(numbers, texts, direction(test.angle, test.dip))
+
     def shown(self, test: TestResult, fields: Fields, mirror: bool) -> Shown:
         """A test as pictures show it; a whole sample would be hidden by the indenter, which is left out there."""
         model = test.model or self.model
@@ -79,7 +94,7 @@ def write_fields(folder: Path, solved: Solved, choice: FieldChoice = FieldChoice
         fields = solved.fields(test, choice.whole)
         shown.append(solved.shown(test, fields, choice.whole))
         if choice.vtu:
-            write_vtu(folder / f"{name}.vtu", fields)
+            write_vtu(folder / f"{name}.vtu", fields, solved.origin(test))
         if choice.series:
             write_series(folder, name, solved, test, choice.whole)
     write_pictures(folder, shown, choice.whole)
@@ -91,7 +106,7 @@ def write_series(folder: Path, name: str, solved: Solved, test: TestResult, mirr
     entries = []
     for n, equilibrium in enumerate(test.path):
         file = f"{name}/{name}-{n:03d}.vtu"
-        write_vtu(folder / file, solved.fields(test, mirror, equilibrium))
+        write_vtu(folder / file, solved.fields(test, mirror, equilibrium), solved.origin(test, equilibrium))
         entries.append(f'    <DataSet timestep="{equilibrium.depth:.9g}" part="0" file={quoteattr(file)}/>\n')
     (folder / f"{name}.pvd").write_text(COLLECTION.format("".join(entries)), encoding="utf-8")
 

@@ -182,8 +182,8 @@ def _linked(children: list[Token], left: dict[str, str], own: str) -> Iterator[T
             yield child
             continue
         rest = child.content
-        while found := _next_term(rest, left, own):
-            word, place = found
+        while following := _next_term(rest, left, own):
+            word, place = following
             yield _text(rest[: place.start()])
             yield Token("link_open", "a", 1, attrs={"href": f"glossary.md#{left.pop(word)}"})
             yield _text(place[0])
@@ -194,12 +194,12 @@ def _linked(children: list[Token], left: dict[str, str], own: str) -> Iterator[T
 
 def _next_term(text: str, left: Mapping[str, str], own: str) -> tuple[str, re.Match[str]] | None:
     """The first word of the glossary in a text, the longest one where several begin there."""
-    found = [(word, place) for word in left if word != own and (place := re.search(TERM.format(re.escape(word)), text, re.I))]
-    return min(found, key=_place_of_term, default=None)
+    uses = [(word, place) for word in left if word != own and (place := re.search(TERM.format(re.escape(word)), text, re.I))]
+    return min(uses, key=_place_of_term, default=None)
 
 
-def _place_of_term(found: tuple[str, re.Match[str]]) -> tuple[int, int]:
-    return found[1].start(), -len(found[0])
+def _place_of_term(use: tuple[str, re.Match[str]]) -> tuple[int, int]:
+    return use[1].start(), -len(use[0])
 
 
 def _text(content: str) -> Token:
