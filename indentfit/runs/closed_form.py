@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import stdtrit
 
 from indentfit.arrays import Array
@@ -22,6 +23,7 @@ from indentfit.layer import Layer
 
 SMALL = (0.05, 0.1, 0.2)  # of the indenter's radius and of the thickness: forces up to the first depth that suffices count
 APART, SCATTERS = 0.02, 2.0  # of the modulus, and of its scatter: a fit that differs by less agrees
+NEAR = 0.01  # of the force: the model's and the layer's agree at the deepest point
 FEWEST = 5  # points that count, where fewer lie above that depth
 SUFFICES = 0.05  # relative half-width of the modulus's 95 % interval, by the scatter of the forces
 
@@ -44,6 +46,11 @@ class ClosedForm:
         Number of these forces.
     scatter : float
         Relative half-width of the 95 % interval of both moduli, by the scatter of these forces about the layer's.
+    end : float or None, mN
+        Force of the layer with a shear modulus of 1 kPa at the deepest point of the curve.
+    sphere : float
+        Share by which a sphere resists less there than the paraboloid that stands for it in Hertz's theory and in the layer, by
+        Sneddon (1965, Int J Eng Sci 3:47) on a half-space; 0 for other indenters.
     """
 
     formula: str
@@ -54,6 +61,8 @@ class ClosedForm:
     depth: float
     points: int
     scatter: float
+    end: float | None = None
+    sphere: float = 0.0
 
     def young(self, shear_modulus: float) -> float:
         """Young's modulus of a shear modulus, kPa."""
@@ -78,6 +87,24 @@ class ClosedForm:
             f"mu of the fit is {abs(apart):.1%} {side} that of the elastic layer: the layer takes forces to {self.depth:.3g} mm, "
             f"at small strain and without friction, the fit all forces to {deepest:.3g} mm; finite strain, friction, the sample's "
             "width, or a law that does not follow the curve make the difference"
+        )
+
+    def at_the_end(self, shear_modulus: float, model: Curve) -> str:
+        """How far the model's curve is from the layer of its modulus at the deepest point, and what makes it so; empty where it is
+        not."""
+        if self.end is None:
+            return ""
+        deepest, off = model.displacement[-1], float(model.force[-1]) / (self.end * shear_modulus) - 1
+        if abs(off) <= NEAR:
+            return ""
+        sphere = (
+            f"{self.sphere:.1%} of it because a sphere is no paraboloid, the rest" if self.sphere >= 0.001 and off < 0 else "made"
+        )
+        side = "below" if off < 0 else "above"
+        return (
+            f"at {deepest:.3g} mm the model's force is {abs(off):.1%} {side} that of the layer of the same modulus, {sphere} by "
+            f"finite strain, friction and the sample's width: that much {'lower' if off < 0 else 'higher'} is the modulus that "
+            "Hertz's theory or the layer gives to forces of that depth"
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -123,7 +150,26 @@ def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm 
         if scatter < SUFFICES:
             break
     half, _ = _modulus(_half_space(formula, nu, radius, depth / thickness) * thickness**2, force)
-    return ClosedForm(formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter)
+    deepest = float(curve.displacement[-1])
+    end = float(_forces(formula, layer, radius, np.array([deepest / thickness]))[0] * thickness**2)
+    sphere = _sphere(deepest / shape.half_width) if formula == "Hertz" else 0.0
+    return ClosedForm(formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter, end, sphere)
+
+
+def _sphere(depth: float) -> float:
+    """Share by which a sphere of radius 1 resists less than its paraboloid, at a depth below 1.
+
+    Sneddon 1965, with the radius of contact a: the depth is a/2 ln((1 + a) / (1 - a)), the force, over that of the paraboloid,
+    4/3 depth^1.5, (a^2 + 1)/2 ln((1 + a) / (1 - a)) - a.
+    """
+    if not 0 < depth < 1:
+        return 0.0
+    a = float(brentq(_excess_depth, 1e-9, 1 - 1e-12, args=(depth,)))
+    return float(1 - ((a * a + 1) * np.arctanh(a) - a) / (4 / 3 * depth**1.5))
+
+
+def _excess_depth(a: float, depth: float) -> float:
+    return float(a * np.arctanh(a)) - depth
 
 
 def _modulus(unit: Array, force: Array) -> tuple[float, float]:
