@@ -14,7 +14,7 @@ from indentfit.cli import main
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
-from indentfit.inference.evidence import evidence
+from indentfit.inference.evidence import evidence, under_another_noise
 from indentfit.inference.law_choice import Weighed, choose
 from indentfit.inference.law_curves import PlainCurves
 from indentfit.inference.noise import correlations
@@ -98,6 +98,24 @@ def test_the_evidence_of_a_line_is_the_integral_over_its_slope():
 
     right = quad(density, 1, 4, points=(1.9, 2.0, 2.1), limit=200)[0] / 3
     assert evidence(curves, noise, 0).log == pytest.approx(np.log(right), abs=0.03)
+
+
+@quick
+def test_the_evidence_without_the_error_of_the_mesh_comes_from_the_same_draws(monkeypatch):
+    """The integral over the slope without the mesh, from draws with 5 % of it; and where draws would be too few, from new ones."""
+    problem = line()
+    with_mesh, exact = unknown_noise(problem, 0.05), unknown_noise(problem, 0.0)
+    curves = PlainCurves(problem, None, 2.0 * DEPTHS, np.array([0.3]))
+
+    def density(mu):
+        return np.exp(exact.log_likelihood((mu * DEPTHS)[None])[0])
+
+    right = np.log(quad(density, 1, 4, points=(1.9, 2.0, 2.1), limit=200)[0] / 3)
+    known = evidence(curves, with_mesh, 0)
+    assert abs(known.log - right) > 0.1
+    for enough in (10, 1e9):
+        monkeypatch.setattr("indentfit.inference.evidence.STILL_ENOUGH", enough)
+        assert under_another_noise(known, curves, with_mesh, exact, 0) == pytest.approx(right, abs=0.03)
 
 
 @quick

@@ -196,6 +196,20 @@ def test_a_truth_where_a_prior_ends_is_inside():
     assert 112 < high < 114
 
 
+def test_few_runs_leave_the_surrogate_an_error_of_any_smooth_shape(line):
+    """Three errors of 1 % that rise in proportion to the depth: the next error has the variance of Student's t whose scale three
+    runs and three supposed ones tell, 6 / 4 of theirs, and may have a shape that none of the three had; many runs leave it alone."""
+    rise = 0.01 * (DEPTH / DEPTH[-1])
+    error = replace(line[0].error, surrogate=np.outer(rise, rise), runs=3.0)
+    problem = line[0].posterior.curves.problem
+    covar = joint.next_error(error, problem)
+    assert np.trace(covar) == pytest.approx(6 / 4 * rise @ rise)
+    assert np.linalg.eigvalsh(np.outer(rise, rise))[-2] == pytest.approx(0, abs=1e-12)
+    assert np.linalg.eigvalsh(covar)[-2] > 0.1 * np.linalg.eigvalsh(covar)[-1]
+    many = joint.next_error(replace(error, runs=1e6), problem)
+    np.testing.assert_allclose(many, np.outer(rise, rise), atol=1e-9)
+
+
 def test_the_interval_reaches_to_the_optimum():
     assert reaching([(0.1, 0.2), (0.5, 0.6)], 0.45) == ((0.1, 0.2), (0.45, 0.6))
     assert reaching([(0.1, 0.2)], 0.15) == ((0.1, 0.2),)

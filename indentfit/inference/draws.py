@@ -20,9 +20,9 @@ from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
 
 SHARE = 0.95  # of the posterior that an interval holds
-ROUND, ROUNDS, FEWEST_ROUNDS = 1500, 16, 3  # draws of each round; rounds at most and at least
+ROUND, ROUNDS, FEWEST_ROUNDS = 1500, 30, 3  # draws of each round; rounds at most and at least
 WANTED, ENOUGH = 2500.0, 400.0  # effective number of draws at which drawing ends, and below which draws make no interval
-PARTS = 5  # of the mixture that follows the draws
+PARTS = 6  # of the mixture that follows the draws
 FOLLOWED, STEPS = 2000, 6  # draws that a mixture follows, and steps of EM
 HEAVY = 8.0  # degrees of freedom of the tails of its parts
 WIDER = 1.2  # factor on the covariances of its parts

@@ -23,6 +23,7 @@ STEP = 1e-4  # of the ranges, for derivatives of the curves
 WIDEST = 12.0  # precision of a uniform density over a range of 1
 DRAWS, ROUNDS_OF_DRAWS = 3000, 8  # of each round of importance sampling, whose Gaussian follows the draws before; rounds at most
 ENOUGH = 500  # effective number of draws, after which drawing ends
+STILL_ENOUGH = 100  # effective number of draws that tell the evidence under another noise too
 HEAVY = 5.0  # degrees of freedom of the tails of the draws
 EVERYWHERE = 0.1  # share of draws from all over the ranges
 WORTH = 12.0  # a mode whose log density is this far below the best is left out
@@ -137,6 +138,29 @@ def evidence(curves: LawCurves, noise: UnknownNoise, seed: int) -> Evidence:
             log, effective, places, shares = total - float(np.log(len(tried))), float(1 / np.sum(parts**2)), tried, parts
         proposal = [*of_peaks, _gaussian_of(tried, parts, best.covar)]
     return Evidence(log, laplace, effective, best.z, places, shares)
+
+
+def under_another_noise(known: Evidence, curves: LawCurves, before: UnknownNoise, after: UnknownNoise, seed: int) -> float:
+    """Logarithm of the evidence under another noise: from the draws of an Evidence where they still tell it, else anew.
+
+    Parameters
+    ----------
+    known : Evidence
+        That under the noise `before`.
+    curves : LawCurves
+    before, after : UnknownNoise
+    seed : int
+
+    Returns
+    -------
+    float
+    """
+    drawn = known.shares > 0
+    forces = curves.forces(known.places[drawn])
+    logs = np.log(known.shares[drawn]) + after.log_likelihood(forces) - before.log_likelihood(forces)
+    total = float(logsumexp(logs))
+    effective = float(np.exp(2 * total - logsumexp(2 * logs)))
+    return known.log + total if effective >= STILL_ENOUGH else evidence(curves, after, seed).log
 
 
 def find_peaks(density: Density, seed: int) -> list[Peak]:

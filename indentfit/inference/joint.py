@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import norm, qmc
 from scipy.stats import t as student
 
@@ -37,6 +38,7 @@ RIGHT = 0.3  # largest shift of a coordinate, over its standard error, by the er
 AS_GOOD = 2.0  # growth of chi2 up to which a place is as good as the optimum
 FIRST_NOISE = 0.02  # of a curve's largest force: where the search for the noise begins
 CONFIDENCE = 0.95
+SUPPOSED, SMOOTHLY = 3.0, 0.5  # smooth errors of the surrogate that count beside those of runs; their length, over the depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +53,23 @@ class ModelError:
         Covariance of the error that the correction leaves.
     surrogate : array (N, N) or None
         Covariance of the surrogate's errors, from runs that it predicted; None before there are any.
+    runs : float
+        The number of runs that tell this covariance.
     """
 
     correction: Array
     mesh: Array
     surrogate: Array | None = None
+    runs: float = np.inf
 
     @classmethod
     def none(cls, size: int) -> "ModelError":
         """No error of the mesh, and an unknown one of the surrogate."""
         return cls(np.zeros(size), np.zeros((size, size)))
+
+    def with_surrogate_of(self, other: "ModelError") -> "ModelError":
+        """The same errors of the mesh, with the surrogate's error that another one holds."""
+        return replace(self, surrogate=other.surrogate, runs=other.runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +181,7 @@ def joint_fit(
     first_runs(problem, model, seed, progress.part(0, 0.6))
     proofs: list[Proof] = list(earlier.proofs) if earlier else []
     history: list[HistoryStep] = list(earlier.history) if earlier else []
-    error = replace(error, surrogate=earlier.error.surrogate if earlier else None)
+    error = error.with_surrogate_of(earlier.error) if earlier else replace(error, surrogate=None)
     while True:
         surrogate = learn(problem, model.known)
         if surrogate is None:
@@ -228,8 +237,10 @@ def fitted(
     counted = tuple(used) if used is not None else tuple(test.weight > 0 for test in problem.tests)
     force = curves.measured()
     sizes = np.array([np.abs(force[rows]).max() for rows in curves.slices])
-    of_surrogate = left_out_covar(curves) if error.surrogate is None else error.surrogate
-    model = (error.mesh + of_surrogate) * np.outer(force, force)
+    if error.surrogate is None:
+        of_surrogate, runs = left_out_covar(curves)
+        error = replace(error, surrogate=of_surrogate, runs=runs)
+    model = (error.mesh + next_error(error, problem)) * np.outer(force, force)
     trust = tuple(test.curve.trust for test in problem.tests)
     stated = np.array([test.curve.stated_noise for test in problem.tests])
     posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model, trust, stated), counted)
@@ -239,20 +250,32 @@ def fitted(
         modes = _climbed(posterior, [mode.z for mode in modes])
     posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))
     modes = _climbed(posterior, [mode.z for mode in modes])
-    return JointFit(
-        posterior, modes[0], tuple(modes[1:]), freedom_of(posterior, modes[0]), surrogate, replace(error, surrogate=of_surrogate)
-    )
+    return JointFit(posterior, modes[0], tuple(modes[1:]), freedom_of(posterior, modes[0]), surrogate, error)
 
 
-def left_out_covar(curves: Curves) -> Array:
-    """Covariance of the surrogate's relative errors, (N, N), from the predictions of each run near the optimum from all others."""
+def next_error(error: ModelError, problem: InverseProblem) -> Array:
+    """Covariance (N, N) of the surrogate's relative error at the next place, where few runs tell it: a smooth error of a curve,
+    of the same size, counts as SUPPOSED further runs, and a variance that few runs tell is larger, as that of Student's t is."""
+    known = error.surrogate
+    assert known is not None  # `fitted` has set it
+    if not np.isfinite(error.runs) or not known.any():
+        return known
+    depths = [test.curve.displacement for test in problem.tests]
+    smooth = block_diag(*(np.exp(-0.5 * (np.subtract.outer(d, d) / (SMOOTHLY * np.abs(d).max())) ** 2) for d in depths))
+    total = error.runs * known + SUPPOSED * float(np.mean(np.diag(known))) * smooth
+    return np.asarray(total / (error.runs + SUPPOSED - 2))
+
+
+def left_out_covar(curves: Curves) -> tuple[Array, float]:
+    """Covariance of the surrogate's relative errors, (N, N), from the predictions of each run near the optimum from all others, and
+    the effective number of these runs."""
     surrogate = curves.surrogate
     if surrogate.fitted.left_out is None:
-        return np.zeros((curves.measured().size,) * 2)
+        return np.zeros((curves.measured().size,) * 2), np.inf
     weights = np.array([run.weight for run in surrogate.training])
     errors = _relative(surrogate.fitted.left_out / weights[:, None], np.array([run.curves for run in surrogate.training]))
     shares = weights**4 / np.sum(weights**4)  # the place of interest is where the misfit is small
-    return np.asarray(np.einsum("m,mi,mj->ij", shares, errors, errors))
+    return np.asarray(np.einsum("m,mi,mj->ij", shares, errors, errors)), float(1 / np.sum(shares**2))
 
 
 def _relative(error: Array, force: Array) -> Array:
@@ -390,8 +413,9 @@ def held_out(error: ModelError, errors: Array, earlier: int = 0) -> ModelError:
     so far count as `earlier` rows."""
     if not len(errors):
         return error
-    before = 0.0 if error.surrogate is None else earlier * error.surrogate
-    return replace(error, surrogate=(before + errors.T @ errors) / (earlier * (error.surrogate is not None) + len(errors)))
+    counted = earlier * (error.surrogate is not None)
+    before = 0.0 if error.surrogate is None else counted * error.surrogate
+    return replace(error, surrogate=(before + errors.T @ errors) / (counted + len(errors)), runs=float(counted + len(errors)))
 
 
 def without_surrogate(fit: JointFit) -> Posterior:

@@ -5,7 +5,7 @@ bases, are sampled each; a draw of the result is one of theirs, by their probabi
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -129,7 +129,7 @@ def samples_of(case: Case, problem: InverseProblem, model: Watched, wide: WideFi
     fit = fitted(problem, (), surrogate, ModelError.none(sum(test.curve.force.size for test in problem.tests)), seed)
     if case.fit.uncertain.mesh:
         mesh, _ = mesh_error(case, fit, model)
-        fit = fitted(problem, (), surrogate, replace(mesh, surrogate=fit.error.surrogate), seed)
+        fit = fitted(problem, (), surrogate, mesh.with_surrogate_of(fit.error), seed)
     return sampled([fit], [1.0], ["case"], seed)
 
 

@@ -244,7 +244,7 @@ def _improbable(alternative: WideAlternative) -> float:
 def _with_mesh(fit: JointFit, mesh: ModelError, model: Watched, seed: int, progress: Progress) -> JointFit | None:
     """The fit with the error of the mesh; an optimum that was not proved without this error may be proved beside it."""
     if fit.reached:
-        return _again(fit, replace(mesh, surrogate=fit.error.surrogate), seed)
+        return _again(fit, mesh.with_surrogate_of(fit.error), seed)
     curves = fit.posterior.curves
     return joint_fit(curves.problem, curves.inputs, model, mesh, seed, progress.part(0.8, 1), LIMIT, fit)
 

@@ -20,7 +20,7 @@ from indentfit.case import Case, Range, require_fittable
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError, IndentfitError, LedgerError, Stopped, WorkerError
 from indentfit.experiment.measured import changed_case
-from indentfit.inference.evidence import Evidence, evidence
+from indentfit.inference.evidence import Evidence, evidence, under_another_noise
 from indentfit.inference.fit import FitWithRuns, fit_with_runs
 from indentfit.inference.law_choice import THRESHOLD, Choice, Weighed, choose
 from indentfit.inference.law_curves import LawCurves, alternatives_of
@@ -352,8 +352,7 @@ def _law_fit(law: str, fitted: FitWithRuns | str, mesh: float, seed: int) -> Law
     if isinstance(fitted, str):
         return LawFit(law, cause=fitted)
     alternatives = alternatives_of(fitted)
-    whole, curves, known = total_evidence(fitted, alternatives, mesh, seed)
-    exact = total_evidence(fitted, alternatives, 0.0, seed)[0] if mesh else whole
+    whole, exact, curves, known = total_evidence(fitted, alternatives, mesh, seed)
     force = curves.forces(known.best[None])[0]
     parts, tests = {}, fitted.problem.tests
     for test, row in zip(tests, np.split(force, np.cumsum([test.curve.force.size for test in tests])[:-1]), strict=True):
@@ -377,15 +376,19 @@ def _law_fit(law: str, fitted: FitWithRuns | str, mesh: float, seed: int) -> Law
 
 def total_evidence(
     fitted: FitWithRuns, alternatives: Sequence[tuple[float, LawCurves]], mesh: float, seed: int
-) -> tuple[float, LawCurves, Evidence]:
-    """The log evidence of a law over all alternatives of the case, and the best alternative's curves and Evidence."""
-    weighed = []
-    for prior, curves in alternatives:
-        noise = unknown_noise(fitted.problem, mesh, moves=curves.moves)
-        weighed.append((math.log(max(prior, 1e-300)), curves, evidence(curves, noise, seed)))
-    logs = [prior + known.log for prior, _, known in weighed]
-    _, curves, known = weighed[int(np.argmax(logs))]
-    return float(logsumexp(logs)), curves, known
+) -> tuple[float, float, LawCurves, Evidence]:
+    """The log evidence of a law over all alternatives of the case, the same as if the mesh were exact, and the best alternative's
+    curves and Evidence."""
+    logs, exact, weighed = [], [], []
+    for share, curves in alternatives:
+        prior, noise = math.log(max(share, 1e-300)), unknown_noise(fitted.problem, mesh, moves=curves.moves)
+        known = evidence(curves, noise, seed)
+        without = unknown_noise(fitted.problem, 0.0, moves=curves.moves)
+        logs.append(prior + known.log)
+        exact.append(prior + (under_another_noise(known, curves, noise, without, seed) if mesh else known.log))
+        weighed.append((curves, known))
+    curves, known = weighed[int(np.argmax(logs))]
+    return float(logsumexp(logs)), float(logsumexp(exact)), curves, known
 
 
 def _misfit(measured: Curve, fitted: Curve) -> float:

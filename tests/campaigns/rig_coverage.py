@@ -233,7 +233,7 @@ def fit_of(case, study, runs, truth, curves, noise, number, sample):
         own, other = (learn(there, runs[base, coarse]) for coarse in (False, True))
         first = fitted(there, inputs, own, ModelError.none(sum(f.size for f in measured)), 0)
         mesh, elements = mesh_error(case, first, TwoMeshes(own, other))
-        fit = fitted(there, inputs, own, replace(mesh, surrogate=first.error.surrogate), 0)
+        fit = fitted(there, inputs, own, mesh.with_surrogate_of(first.error), 0)
         alternatives.append(WideAlternative(base, {"sample.base": base}, 0.5, fit, joint_profiles(fit), drawn(fit, number)))
     found = WideFit(problem.measured(measured), tuple(weighed_alternatives(alternatives)), mesh, elements)
     row = {
