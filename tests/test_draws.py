@@ -198,7 +198,7 @@ def test_a_truth_where_a_prior_ends_is_inside():
 
 def test_few_runs_leave_the_surrogate_an_error_of_any_smooth_shape(line):
     """Three errors of 1 % that rise in proportion to the depth: the next error has the variance of Student's t whose scale three
-    runs and three supposed ones tell, 6 / 4 of theirs, and may have a shape that none of the three had; many runs leave it alone."""
+    runs and three supposed ones tell, 6 / 4 of theirs, and may have a shape that none of them had; many runs leave it alone."""
     rise = 0.01 * (DEPTH / DEPTH[-1])
     error = replace(line[0].error, surrogate=np.outer(rise, rise), runs=3.0)
     problem = line[0].posterior.curves.problem
