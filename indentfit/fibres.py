@@ -5,6 +5,7 @@ Axes: x is the indenter's long side, y the axis of indentation. A direction and 
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -49,6 +50,31 @@ def kept(angle: float, dip: float = 0.0) -> Kept:
     if crossing_x and crossing_z:
         return "whole"
     return "mirror_z" if crossing_x else "mirror_x"
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The direction of the fibres in a test.
+
+    Parameters
+    ----------
+    angle, dip : float, degrees
+    turns : bool
+        Whether a fit turns them about y, so that no symmetry may be used that only the angle keeps.
+    """
+
+    angle: float
+    dip: float = 0.0
+    turns: bool = False
+
+    @property
+    def kept(self) -> Kept:
+        """The symmetry that the fibres keep."""
+        return kept(45.0 if self.turns else self.angle, self.dip)
+
+    def turned(self, angle: float) -> "Direction":
+        """The direction turned about y by an angle, degrees."""
+        return replace(self, angle=(self.angle + angle) % 180) if angle else self
 
 
 def part_for(directions: Iterable[Kept], asked: str = "auto") -> Kept:

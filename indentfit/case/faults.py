@@ -153,6 +153,14 @@ def faults_of_fibres(choice: MaterialChoice | None, law: type[Material] | None, 
         yield Fault(("material", "poisson_ratio"), choice.poisson_ratio, text)
 
 
+def faults_of_turn(fit: Fit | None, law: type[Material] | None) -> Iterator[Fault]:
+    """A fault where the angle of fibres is to be fitted, of a material without fibres."""
+    if fit is None or fit.uncertain is None or law is None or has_fibres(law):
+        return
+    if (angle := fit.uncertain.fibre_angle) is not None:
+        yield Fault(("fit", "uncertain", "fibre_angle"), plain(angle), "the material has no fibres; remove it")
+
+
 NEEDED = {
     "angle": "give their angle from x, the indenter's long side, in degrees: 0 along it, 90 across it",
     "fibres": "give their direction: along the load, across it, or normal to the plane of shear or of two stretches",
@@ -384,7 +392,12 @@ def _mesh_too_coarse(thickness: float, mesh: Mesh | None) -> Iterator[Fault]:
         yield Fault(("mesh", "size"), mesh.size, f"exceeds the thickness of {thickness:g} mm; make it smaller")
 
 
-OF_TABLES = {"friction": ("indenter", "friction"), "thickness": ("sample", "thickness"), "base": ("sample", "base")}
+OF_TABLES = {
+    "friction": ("indenter", "friction"),
+    "thickness": ("sample", "thickness"),
+    "base": ("sample", "base"),
+    "fibre_angle": ("sample", "fibre_angle"),
+}
 
 
 def _has_own(parts: Parts, test: Test | None, table: str, key: str) -> bool:
@@ -400,7 +413,7 @@ def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
         return
     uncertain = parts.fit.uncertain
     if not parts.tests:
-        for name in ("friction", "thickness", "base", "offset"):
+        for name in ("friction", "thickness", "base", "offset", "fibre_angle"):
             if getattr(uncertain, name) is not None:
                 text = "no test is an indentation, and other tests do not depend on it; remove it"
                 yield Fault(("fit", "uncertain", name), plain(getattr(uncertain, name)), text)
@@ -409,8 +422,11 @@ def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
         text = "the indenter sticks; give indenter.friction a number"
         yield Fault(("fit", "uncertain", "friction"), plain(uncertain.friction), text)
     for name, (table, key) in OF_TABLES.items():
-        if getattr(uncertain, name) is not None and parts.tests and all(_has_own(parts, test, table, key) for test in parts.tests):
-            text = f"every test has its own {key}, which no fit takes for uncertain; give it in [{table}]"
+        some = any if name == "fibre_angle" else all  # a run's derivatives by this angle turn the fibres of every test
+        if getattr(uncertain, name) is not None and parts.tests and some(_has_own(parts, test, table, key) for test in parts.tests):
+            text = (
+                f"{'a' if some is any else 'every'} test has its own {key}, which no fit takes for uncertain; give it in [{table}]"
+            )
             yield Fault(("fit", "uncertain", name), plain(getattr(uncertain, name)), text)
     given = material and next((key for key in ("kappa", "poisson_ratio") if getattr(material, key) is not None), None)
     if uncertain.bulk_ratio is not None and given:

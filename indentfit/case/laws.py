@@ -7,13 +7,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from indentfit.case.tables import MaterialChoice, Mesh, Range
 from indentfit.errors import MaterialError
-from indentfit.fibres import Kept, kept
+from indentfit.fibres import Direction, Kept
 from indentfit.material import Material, load, trial_values, typed
 
 YOUNG = "young"  # the word for Young's modulus among the parameters
@@ -67,22 +67,12 @@ def has_fibres(law: type[Material]) -> bool:
     return bool(OF_FIBRES & set(law.invariants))
 
 
-class Directed(Protocol):
-    """A test with the direction of its fibres, both in degrees."""
-
-    @property
-    def direction(self) -> float: ...
-
-    @property
-    def dip(self) -> float: ...
-
-
-def kept_by(law: type[Material], mesh: Mesh, test: Directed) -> Kept:
+def kept_by(law: type[Material], mesh: Mesh, fibres: Direction) -> Kept:
     """The part of the sample that decides on the rest in a test, as far as its fibres and the wish of the mesh matter: tests with
     the same part can share a mesh."""
     if not has_fibres(law):
         return "quarter"
-    return "whole" if mesh.symmetry == "whole" else kept(test.direction, test.dip)
+    return "whole" if mesh.symmetry == "whole" else fibres.kept
 
 
 def shear_parameter(law: type[Material]) -> str | None:

@@ -129,6 +129,12 @@ def _dip(value: Any) -> float:
     return float(value)
 
 
+def _turn(value: Any) -> float:
+    if not is_number(value) or not -180 <= value <= 180:
+        raise refusal("must be from -180 to 180, the degrees by which the fibres are turned")
+    return float(value)
+
+
 def one_line(text: str) -> str:
     """A text that is printable on one line; a refusal otherwise."""
     if not text.strip() or not text.isprintable():
@@ -156,6 +162,7 @@ ODDS = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 
 STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"enum": ["stick", "unknown"]}]}
 ANGLE = {"type": "number", "minimum": 0, "exclusiveMaximum": 180}
 DIP = {"type": "number", "minimum": -90, "maximum": 90}
+TURN = {"type": "number", "minimum": -180, "maximum": 180}
 RATIO = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": "unknown"}]}
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -171,6 +178,7 @@ Friction = Annotated[float | Literal["stick", "unknown"], PlainValidator(_fricti
 BulkRatio = Annotated[float | Literal["unknown"], PlainValidator(_bulk_ratio), WithJsonSchema(RATIO)]
 Angle = Annotated[int | float, PlainValidator(_angle), WithJsonSchema(ANGLE), Unit("degrees")]
 Dip = Annotated[float, PlainValidator(_dip), WithJsonSchema(DIP), Unit("degrees")]
+Turn = Annotated[float, PlainValidator(_turn), WithJsonSchema(TURN), Unit("degrees")]
 Odds = Annotated[Share | None, BeforeValidator(_odds), WithJsonSchema(ODDS)]
 Line = Annotated[str, AfterValidator(one_line)]
 Title = Annotated[str, AfterValidator(_printable), Field(max_length=200)]

@@ -22,6 +22,7 @@ from indentfit.case.faults import (
     faults_of_fibres,
     faults_of_parameters,
     faults_of_stiffness,
+    faults_of_turn,
     labels,
     own_table,
 )
@@ -239,7 +240,7 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     parts = Parts(title, **sections)  # type: ignore[arg-type]
     faults += _faults_of_material(parts.material, law, faults)
     parts = parts.with_tests(*_tests_and_curves(tree, sources, parts, faults))
-    faults += faults_of_fibres(parts.material, law, parts.tests)
+    faults += [*faults_of_turn(parts.fit, law), *faults_of_fibres(parts.material, law, parts.tests)]
     if not _asks_for_indenter(tree):
         faults += faults_of_absence(parts, tree)
     faults += faults_across(parts)

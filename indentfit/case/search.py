@@ -10,8 +10,8 @@ from pydantic import Field, WrapValidator
 from indentfit.case.methods import SearchMethod
 from indentfit.case.priors import Prior, PriorOfLength, prior_or_none
 from indentfit.case.quantities import Finite, Odds, Positive, Quantity, Share, Unit, is_number, refusal
+from indentfit.case.ranges import Range, RangeOfAngle
 from indentfit.case.section import Section
-from indentfit.case.tables import Range
 
 LEAST_INPUT = {"friction": 0.0, "bulk_ratio": 1.0, "thickness": 1e-3, "size": 1e-3}  # of the inputs that cannot be lower
 
@@ -40,6 +40,16 @@ def _of_number(value: Any, _: Any) -> float | Prior | Range:
 
 def _of_length(value: Any, _: Any) -> float | Prior | Range:
     return _uncertainty(value, PriorOfLength)
+
+
+def _of_angle(value: Any, _: Any) -> RangeOfAngle | None:
+    if isinstance(value, Range):
+        return RangeOfAngle(**dict(value))
+    if value is None:
+        return None
+    if not isinstance(value, dict):
+        raise refusal("must be {start = ..., min = ..., max = ...}: the angle is fitted")
+    return RangeOfAngle.model_validate(value)
 
 
 Spread = Annotated[float | Prior | Range, WrapValidator(_of_number)]
@@ -76,6 +86,11 @@ class Uncertain(Section):
         default=None,
         examples=[0.3],
         description="probability that the base is not as sample.base says (sliding or bonded); true means 0.5",
+    )
+    fibre_angle: Annotated[RangeOfAngle | None, WrapValidator(_of_angle), Unit("degrees")] = Field(
+        default=None,
+        examples=[{"start": 0.0, "min": -45.0, "max": 45.0}],
+        description="range of sample.fibre_angle, which is then fitted: the fibres of all tests turn together",
     )
     mesh: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = Field(
         default=1.0,

@@ -29,12 +29,14 @@ from indentfit.case.quantities import (
     Quantity,
     Radius,
     Shape,
+    Turn,
     one_line,
     refusal,
 )
 from indentfit.case.ranges import Range, fixed_or_range
 from indentfit.case.relaxation import Relaxation, Seconds, Velocity
 from indentfit.case.section import Section, either, known
+from indentfit.case.solving import Solver as Solver
 from indentfit.curve import Curve
 from indentfit.material import Fibres, Kind
 from indentfit.shapes import Registry, keys_of
@@ -64,6 +66,9 @@ class Sample(Section):
     base: Literal["sliding", "bonded", "unknown"] = Field(
         description="support of the sample: the sample slides on it, or is bonded to it (the force can differ by half); "
         "if unknown, a fit tries both"
+    )
+    fibre_angle: Turn = Field(
+        default=0.0, description="angle by which the sample's fibres are turned from the angles that the tests state"
     )
 
     @property
@@ -481,20 +486,3 @@ class Test(Section):
             yield "hold", "needs the ramp before it; give test.rate or test.ramp"
         if {"curve", "record"} & given and "points" in given:
             yield "points", "belongs to a test with a depth or a strain; the points of a curve are those of its file"
-
-
-class Solver(Section):
-    """How the mechanics are solved; the defaults suit every case that was tested."""
-
-    place = "solver"
-
-    assembly: Literal["compiled", "forms"] = Field(default="compiled", description="element loop: compiled, or the slow forms")
-    linear: Literal["auto", "pardiso", "superlu", "pyamg"] = Field(default="auto", description="linear solver")
-    element: Literal["q1p0", "q2p1"] = Field(
-        default="q2p1", description="finite element: eight-node bricks (q1p0) or quadratic ones (q2p1)"
-    )
-    tolerance: Annotated[float, Field(gt=0, le=0.01, allow_inf_nan=False)] = Field(
-        default=1e-3, description="relative residual at equilibrium; what it withholds of the force is added back"
-    )
-    penalty: Positive = Field(default=1.0, description="factor on the contact stiffness")
-    max_step: Length | None = Field(default=None, examples=[0.05], description="largest step of the indenter")

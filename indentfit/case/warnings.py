@@ -32,6 +32,7 @@ def warnings_of(case: Case) -> Iterator[str]:
     yield from _unstable(case)
     yield from _compressible(case)
     yield from _unknown(case)
+    yield from _mirrored(case)
     for test, curve in zip(case.tests, case.curves, strict=True):
         yield from (f"test.{test.name}: {note}" for note in (curve.notes if curve else ()))
         if test.kind != "indentation":
@@ -49,6 +50,19 @@ def warnings_of(case: Case) -> Iterator[str]:
             yield f"every test is {case.tests[0].kind} {case.tests[0].fibres} the fibres: this cannot distinguish the fibre terms"
             return
         yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
+
+
+def _mirrored(case: Case) -> Iterator[str]:
+    """A warning where the angle of the fibres is fitted to tests that cannot tell it from its mirror image: a force is the same at
+    opposite angles between fibres and indenter, and those of these tests change places when the fibres turn the other way."""
+    places = {test.direction % 90 for test in case.indentations}
+    if "fibre_angle" in case.fit.uncertain.fitted and len(places) == 1:
+        (place,) = places
+        other = f"{place:g} and {place + 90:g} degrees"
+        yield (
+            f"fit.uncertain.fibre_angle is fitted to tests at {other} only, or at one of them: an angle and its opposite fit "
+            "equally well; add a test between them"
+        )
 
 
 def _compressible(case: Case) -> Iterator[str]:

@@ -23,6 +23,7 @@ from indentfit.case.faults import (
     faults_of_freedom,
     faults_of_parameters,
     faults_of_stiffness,
+    faults_of_turn,
     labels,
     start_values,
 )
@@ -40,7 +41,7 @@ from indentfit.case.unknown import faults_in_time, with_priors
 from indentfit.case.warnings import warnings_of
 from indentfit.curve import Curve, require_loading
 from indentfit.errors import CaseError, CurveError, MaterialError
-from indentfit.fibres import Kept
+from indentfit.fibres import Direction, Kept
 from indentfit.material import Material
 
 
@@ -128,7 +129,12 @@ class Case(BaseModel):
         law = self._law_or_fault()
         raise_disagreements(type(self), faults_of_absence(self._parts(), self.model_fields_set))
         faults = list(faults_of_parameters(self.material, law)) or list(faults_of_stiffness(self.material, law))
-        faults += [*faults_of_fibres(self.material, law, self.tests), *faults_across(self._parts()), *self._faults_of_curves()]
+        faults += [
+            *faults_of_turn(self.fit, law),
+            *faults_of_fibres(self.material, law, self.tests),
+            *faults_across(self._parts()),
+            *self._faults_of_curves(),
+        ]
         raise_disagreements(type(self), faults)
         return self
 
@@ -193,6 +199,11 @@ class Case(BaseModel):
         """The indenter of a test: the table [indenter], with the test's own keys."""
         return test.indenter.over(self.indenter) if test.indenter else self.indenter
 
+    def fibres_of(self, test: Test) -> Direction:
+        """The direction of the fibres in a test: as it says, turned by the sample's own angle."""
+        turns = "fibre_angle" in self.fit.uncertain.fitted
+        return Direction(test.direction, test.dip, turns).turned(self.sample_of(test).fibre_angle)
+
     def shares(self, table: str, key: str) -> bool:
         """Whether an indentation takes a key of [sample] or [indenter] from there, and has none of its own."""
         own = [getattr(test, table) for test in self.indentations]
@@ -206,7 +217,7 @@ class Case(BaseModel):
         for n, test in enumerate(self.tests):
             if test.kind != "indentation":
                 continue
-            own = self.sample_of(test), self.indenter_of(test), kept_by(self.law, self.mesh, test)
+            own = self.sample_of(test), self.indenter_of(test), kept_by(self.law, self.mesh, self.fibres_of(test))
             group = next((rows for known, rows in groups if known == own), None)
             if group is None:
                 groups.append((own, [n]))
@@ -267,6 +278,10 @@ class Case(BaseModel):
             mode="json",
             exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
         )
+        if not facts["sample"]["fibre_angle"]:
+            del facts["sample"]["fibre_angle"]
+        if facts["fit"]["uncertain"]["fibre_angle"] is None:
+            del facts["fit"]["uncertain"]["fibre_angle"]
         for test, curve in zip(facts["tests"], self.curves, strict=True):
             del test["record"]  # the curve that the record became decides a result
             for own in ("sample", "indenter", *OF_SPECIMENS):
@@ -276,6 +291,8 @@ class Case(BaseModel):
                 del test["kind"]
             if not test["dip"]:
                 del test["dip"]
+            if test.get("sample") and test["sample"]["fibre_angle"] is None:
+                del test["sample"]["fibre_angle"]
             contact = [curve.contact] if curve is not None and curve.contact else []
             times = [curve.time.tolist()] if curve is not None and curve.time is not None and self.material.relaxation else []
             test["curve"] = curve and [*(column.tolist() for column in curve.columns), *times, *contact]

@@ -1,4 +1,5 @@
-"""Quantities by which a path can be differentiated: parameters of the material, friction, the bulk ratio and the offset."""
+"""Quantities by which a path can be differentiated: parameters of the material, friction, the bulk ratio, the offset, and the angle
+of the fibres."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,6 +12,10 @@ from indentfit.material import REST, Material
 
 NUDGE = 1e-5  # relative step of the one numerical derivative, that of the springs' stiffness
 OFFSET = "offset"  # of the contact point, mm: F(d - offset)
+FIBRE_ANGLE = "fibre_angle"  # degrees by which the fibres are turned
+# Places, degrees, and weights of the derivative by the fibres' angle at fixed displacements: forces are smooth functions of the
+# angle that change over tens of degrees, so that the error of this rule of the fourth order is that of round-off.
+TURNS = ((-0.1, 1 / 0.6), (-0.05, -8 / 0.6), (0.05, 8 / 0.6), (0.1, -1 / 0.6))
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,8 @@ class Direction:
         Relative change of the contact springs.
     friction : float
         Change of the coefficient of friction.
+    turned : tuple of (weight, array (3,))
+        Directions of the fibres whose internal forces, times their weights, add up to the change of the forces.
     """
 
     name: str
@@ -34,6 +41,7 @@ class Direction:
     kappa: float = 0.0
     springs: float = 0.0
     friction: float = 0.0
+    turned: tuple[tuple[float, Array], ...] = ()
 
 
 def directions(
@@ -44,7 +52,8 @@ def directions(
     Parameters
     ----------
     names
-        Parameters of the material, "friction", "bulk_ratio" (kappa over shear modulus), and "offset", which needs none.
+        Parameters of the material, "friction", "bulk_ratio" (kappa over shear modulus), and "offset" and
+        "fibre_angle", which are not among the results (`of_fibre_angle`).
     kappa : float, kPa
     stiffness : function
         Material -> stiffness of the contact springs, whose relative change is found by differences.
@@ -68,10 +77,25 @@ def directions(
             ways.append(Direction(name, kappa=material.shear_modulus))
         elif name == "friction" and np.isfinite(friction):
             ways.append(Direction(name, friction=1.0))
-        elif name != OFFSET:
-            known = ", ".join([*type(material).parameters, "friction", "bulk_ratio", OFFSET])
+        elif name not in (OFFSET, FIBRE_ANGLE):
+            known = ", ".join([*type(material).parameters, "friction", "bulk_ratio", OFFSET, FIBRE_ANGLE])
             raise InputError(f"no sensitivity to {name!r} here; known: {known} (friction: where it is a number)")
     return tuple(ways)
+
+
+def of_fibre_angle(fibre: Callable[[float], Array], stiffness: Callable[[Array], float]) -> Direction:
+    """The Direction of an angle about y, degrees, by which the fibres are turned.
+
+    Parameters
+    ----------
+    fibre : function
+        Angle by which the fibres are turned -> their direction (3,).
+    stiffness : function
+        Direction of the fibres -> stiffness of the contact springs.
+    """
+    turned = tuple((weight, fibre(angle)) for angle, weight in TURNS)
+    springs = sum(weight * stiffness(there) for weight, there in turned) / stiffness(fibre(0.0))
+    return Direction(FIBRE_ANGLE, springs=springs, turned=turned)
 
 
 def _of_parameter(name: str, material: Material, kappa: float, stiffness: Callable[[Material], float]) -> Direction:

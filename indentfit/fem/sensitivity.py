@@ -178,6 +178,12 @@ def _along(back: _Back, way: Direction, history: History) -> ContactChange:
 def _body_forces(there: Linearisation, way: Direction, u: Array, state: BodyState) -> Array:
     """Derivative (n,) of the body's internal forces at fixed u."""
     body, fibre = there.increment.equations.body, there.increment.loading.fibre
+    if way.turned:
+        material, pressure = there.increment.loading.material, body.pressure(state, there.increment.loading.kappa)
+        return sum(
+            (weight * body.residual(u, body.state(u, turned), material, pressure, turned) for weight, turned in way.turned),
+            np.zeros_like(u),
+        )
     gradient = np.zeros_like(state.I) if way.gradient is None else way.gradient(state.I)
     return body.forces(u, gradient, body.pressure(state, way.kappa), fibre)
 

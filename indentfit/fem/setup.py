@@ -146,7 +146,8 @@ class Press:
         Name of the test, for messages.
     sensitivities : names
         Quantities by which the force is differentiated: parameters of the material (the bulk modulus follows the shear modulus),
-        "friction", "bulk_ratio" (bulk modulus over shear modulus) and "offset" (depth of the contact point, mm).
+        "friction", "bulk_ratio" (bulk modulus over shear modulus), "offset" (depth of the contact point, mm) and "fibre_angle"
+        (angle about y by which the fibres are turned, degrees).
     in_time : InTime, or None
         How fast the indenter moves, and how the material relaxes; None where the material is elastic.
     dip : float, degrees
@@ -165,4 +166,8 @@ class Press:
     @property
     def fibre(self) -> Array:
         """Direction (3,) of the fibres at rest."""
-        return direction(self.angle, self.dip)
+        return self.turned(0.0)
+
+    def turned(self, angle: float) -> Array:
+        """Direction (3,) of the fibres at rest, turned about y by an angle, degrees."""
+        return direction(self.angle + angle, self.dip)

@@ -17,7 +17,7 @@ from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work
 from indentfit.fem.deadline import NEVER, Deadline
-from indentfit.fem.directions import OFFSET, Direction, directions
+from indentfit.fem.directions import FIBRE_ANGLE, OFFSET, Direction, directions, of_fibre_angle
 from indentfit.fem.element import Solid
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.equilibrium import Equilibrium
@@ -305,7 +305,20 @@ class Model:
             return self._springs(material, press.fibre).normal
 
         friction = np.inf if self.contact.tied.any() else self.contact.friction
-        return directions(press.sensitivities, press.material, press.kappa, stiffness, friction)
+        ways = directions(press.sensitivities, press.material, press.kappa, stiffness, friction)
+        if FIBRE_ANGLE not in press.sensitivities:
+            return ways
+        return (*ways, self._by_fibre_angle(press))
+
+    def _by_fibre_angle(self, press: Press) -> Direction:
+        """The Direction of the fibres' angle. Where the part has a mirror plane, the force is an even function of this angle."""
+        if not {"turn"} & self.setup.part.motions:
+            return Direction(FIBRE_ANGLE)
+
+        def stiffness(fibre: Array) -> float:
+            return self._springs(press.material, fibre).normal
+
+        return of_fibre_angle(press.turned, stiffness)
 
     def _springs(self, material: Material, fibre: Array) -> Springs:
         """Contact springs in proportion to the sample's stiffness: SHARP times the shear modulus under a sharp edge, where the

@@ -7,6 +7,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Range
+from indentfit.case.ranges import RangeOfAngle
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.limits import Limit
 from indentfit.inference.plain import span
@@ -40,20 +41,22 @@ def verdict(value: float, interval: Sequence[float] | Array, bounds: Range, at_b
     """
     low, high = interval
     half = max(value - low, high - value)
-    share = half / abs(value) if value else np.inf
+    size = bounds.scale or abs(value)
+    share = half / size if size else np.inf
     cure = limit.cure(DETERMINED / share) if np.isfinite(share) and share > 0 else ""
     within = f"any value in {low:.3g}-{high:.3g} fits within {limit.words}{f'; {cure}' if cure else ''}"
     if at_bound:
         place = f"at its {at_bound} bound ({bounds.min if at_bound == 'lower' else bounds.max:g})"
         if low <= bounds.min and high >= bounds.max:
             return f"{place}; not determined by these curves: {within}"
-        return f"{place}: {beyond(interval, at_bound)}"
+        again = "; directions go on beyond it: move the range" if isinstance(bounds, RangeOfAngle) else ""
+        return f"{place}: {beyond(interval, at_bound)}{again}"
     if low <= bounds.min and high >= bounds.max:
         return f"not determined by these curves: {within}"
     limited = f"; limited by {limit.words}{f': {cure}' if cure else ''}"
     if share <= DETERMINED:
-        return f"determined (+-{_percent(share)} %){limited}"
-    if high - low <= WEAKLY * abs(high + low):
+        return f"determined (+-{f'{half:.2g} degrees' if bounds.scale else f'{_percent(share)} %'}){limited}"
+    if high - low <= WEAKLY * (2 * bounds.scale if bounds.scale else abs(high + low)):
         return f"weakly determined: {span((low, high))}{limited}"
     return f"not determined by these curves: {within}"
 

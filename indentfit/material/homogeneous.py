@@ -24,7 +24,7 @@ Kind = Literal["shear", "uniaxial", "biaxial"]
 Fibres = Literal["along", "across", "normal"]
 AXES: dict[str, int] = {"along": 0, "across": 1, "normal": 2}  # of the fibres
 FREE = {"uniaxial": [1, 2], "biaxial": [2]}  # axes along which no stress acts
-NO_EFFECT = ("friction", "offset")  # inputs of an indentation, of which these states have none
+NO_EFFECT = ("friction", "offset", "fibre_angle")  # inputs of an indentation, of which these states have none
 STEP = 0.05  # largest step of a logarithmic stretch on the way to the wanted one
 ITERATIONS, TOLERANCE = 30, 1e-13  # of Newton's method; of the shear modulus
 DEVIATOR = np.eye(3) - 1 / 3
@@ -72,8 +72,8 @@ class HomogeneousState:
         strain : array (n,)
             Amount of shear, or |stretch - 1|, not negative.
         names : names of sensitivities
-            Parameters of the material, which the bulk modulus follows as it follows the shear modulus; "bulk_ratio"; "friction" and
-            "offset", by which nothing changes.
+            Parameters of the material, which the bulk modulus follows as it follows the shear modulus; "bulk_ratio"; "friction",
+            "offset" and "fibre_angle", by which nothing changes.
 
         Returns
         -------

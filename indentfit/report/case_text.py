@@ -66,7 +66,7 @@ def case_lines(case: Case) -> Iterator[str]:
             yield f"    its sample    {sample_words(case.sample_of(test))}"
         if test.indenter:
             yield f"    its indenter  {indenter_words(case.indenter_of(test))}"
-    for name in ("friction", "bulk_ratio", "thickness", "size", "base", "offset"):
+    for name in ("friction", "bulk_ratio", "thickness", "size", "base", "offset", "fibre_angle"):
         if stated := getattr(case.fit.uncertain, name):
             yield f"  uncertain {name}: {_doubt(name, stated)}"
     free = ", ".join([*case.free, *(case.relaxation.free if case.relaxation else {})]) or "none"
@@ -129,7 +129,7 @@ def _mesh(mesh: Mesh) -> str:
 def _parts(case: Case) -> Iterator[str]:
     """The part of the sample that is solved for each test, by the symmetry that its fibres keep. Raises MeshError."""
     for piece in case.pieces:
-        kept = [kept_by(case.law, case.mesh, test) for test in piece.indentations]
+        kept = [kept_by(case.law, case.mesh, case.fibres_of(test)) for test in piece.indentations]
         names = ", ".join(test.name for test in piece.indentations)
         yield f"  symmetry  {names}: {PART_WORDS[part_for(kept, case.mesh.symmetry)]}"
 

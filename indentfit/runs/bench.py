@@ -157,14 +157,15 @@ def _result(
     """The TestResult of a request, and the displacements of the test at which the indenter presses; before contact, F = 0."""
     test, law = mechanics.tests[request.test], mechanics.law
     at = split_point(law, request.parameters)
-    mechanics = mechanics.changed(at.changes).of(request.test)
-    model = model if at.same_model else ready_model(mechanics)
+    before, mechanics = mechanics.of(request.test), mechanics.changed(at.changes).of(request.test)
+    model = model if at.same_model and before.kept == mechanics.kept else ready_model(mechanics)
     with blamed(law):
         material, depths = law(**at.parameters), test.depths - (0.0 if test.specimen else at.offset)
         kappa = mechanics.material.bulk_modulus(material.shear_modulus)
     pressed = depths > 0
     in_time = test.in_time(mechanics.material)
-    press = Press(material, kappa, test.angle, depths[pressed], "", request.sensitivities, in_time, test.dip)
+    fibres = mechanics.fibres(test)
+    press = Press(material, kappa, fibres.angle, depths[pressed], "", request.sensitivities, in_time, fibres.dip)
     return model.run(press, None, deadline), pressed
 
 

@@ -31,6 +31,7 @@ class Inputs:
         self.tests = {test.name: test for test in mechanics.tests}
         self.own = {test.name: _own(mechanics, n) for n, test in enumerate(mechanics.tests)}
         self.versions = versions(mechanics.law)
+        self.turns = mechanics.turns
         self.common = {
             "format": FORMAT,
             **_tables(mechanics),
@@ -52,8 +53,8 @@ class Inputs:
         known = self.tests[test.name]
         depths = np.asarray(known.depths, dtype=float).tolist()
         own = self.own[test.name]
-        dip = {"dip": test.dip} if test.dip else {}
-        return {"parameters": dict(parameters), "angle": test.direction, **dip, "depths": depths, "rate": known.rate, **own}
+        fibres = {**({"dip": test.dip} if test.dip else {}), **({"turns": True} if self.turns else {})}
+        return {"parameters": dict(parameters), "angle": test.direction, **fibres, "depths": depths, "rate": known.rate, **own}
 
     def hash(self, inputs: Mapping[str, Any]) -> str:
         """SHA-256 of all that decides a run's curve."""

@@ -12,7 +12,7 @@ from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, O
 from indentfit.fem.meshing import resized
 from indentfit.fem.setup import InTime, Setup
 from indentfit.fem.wide_block import setup_for
-from indentfit.fibres import Kept
+from indentfit.fibres import Direction, Kept
 from indentfit.material import Material
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Indentation:
     ----------
     name : str
     angle, dip : float, degrees
-        Direction of the fibres.
+        Direction of the fibres, as the test states it.
     depths : array (n,), mm
         Displacements at which the force is computed.
     rate : float, mm/s, or None
@@ -49,11 +49,6 @@ class Indentation:
     indenter: OwnIndenter | None = None
     specimen: Specimen | None = None
     dip: float = 0.0
-
-    @property
-    def direction(self) -> float:
-        """The angle."""
-        return self.angle
 
     @property
     def alike(self) -> bool:
@@ -77,6 +72,8 @@ class Mechanics:
     tests : tuple of Indentation
     wider : float
         The factor by which elements are wider than `mesh` says.
+    turns : bool
+        Whether a fit turns the fibres.
     """
 
     sample: Sample
@@ -87,6 +84,7 @@ class Mechanics:
     folder: Path
     tests: tuple[Indentation, ...]
     wider: float = 1.0
+    turns: bool = False
 
     @property
     def law(self) -> type[Material]:
@@ -110,12 +108,17 @@ class Mechanics:
         """What tests on one mesh have in common."""
         sample = test.sample.over(self.sample) if test.sample else self.sample
         indenter = test.indenter.over(self.indenter) if test.indenter else self.indenter
-        return sample, indenter, kept_by(self.law, self.mesh, test)
+        return sample, indenter, kept_by(self.law, self.mesh, self.fibres(test))
+
+    def fibres(self, test: Indentation) -> Direction:
+        """The direction of the fibres in a test, turned by its sample's own angle."""
+        sample = test.sample.over(self.sample) if test.sample else self.sample
+        return Direction(test.angle, test.dip, self.turns).turned(sample.fibre_angle)
 
     @property
     def kept(self) -> set[Kept]:
         """The symmetries that the fibres of the indentations keep, one by one."""
-        return {kept_by(self.law, self.mesh, test) for test in self.tests if test.specimen is None}
+        return {kept_by(self.law, self.mesh, self.fibres(test)) for test in self.tests if test.specimen is None}
 
     @property
     def depth(self) -> float:
@@ -158,7 +161,8 @@ def _rate(case: "Case", test: "Test") -> float | None:
 def mechanics_of(case: "Case") -> Mechanics:
     """The Mechanics of a case."""
     tests = tuple(indentation_of(case, test) for test in case.tests)
-    return Mechanics(case.sample, case.indenter, case.mesh, case.solver, material_of(case), case.folder, tests)
+    turns = "fibre_angle" in case.fit.uncertain.fitted
+    return Mechanics(case.sample, case.indenter, case.mesh, case.solver, material_of(case), case.folder, tests, turns=turns)
 
 
 def material_of(case: "Case") -> MaterialChoice:

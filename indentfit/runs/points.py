@@ -15,9 +15,15 @@ from indentfit.runs.run import Point
 if TYPE_CHECKING:
     from indentfit.case import Case, Test
 
-UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm"}
-KEYS = {"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio", "thickness": "sample.thickness"}
-OF_MODEL = ("sample.", "indenter.", "mesh.", "solver.")  # a change of these keys needs another model
+UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm", "fibre_angle": "degrees"}
+TURNED = "sample.fibre_angle"
+KEYS = {
+    "friction": "indenter.friction",
+    "bulk_ratio": "material.bulk_ratio",
+    "thickness": "sample.thickness",
+    "fibre_angle": TURNED,
+}
+OF_MODEL = ("sample.", "indenter.", "mesh.", "solver.")  # a change of these keys needs another model, but see `same_model`
 
 
 @dataclass(frozen=True)
@@ -40,8 +46,9 @@ class SplitPoint:
 
     @property
     def same_model(self) -> bool:
-        """Whether the model without the changes can compute the point: only bulk modulus and displacements change."""
-        return not any(key.startswith(OF_MODEL) for key in self.changes)
+        """Whether the model without the changes can compute the point, unless its fibres keep another symmetry: only bulk modulus,
+        displacements and the angle of the fibres change."""
+        return not any(key.startswith(OF_MODEL) for key in self.changes if key != TURNED)
 
 
 def split_point(law: type[Material], point: Point) -> SplitPoint:
@@ -83,4 +90,5 @@ def press_of(case: "Case", test: "Test", material: Material) -> Press:
     kappa = case.material.bulk_modulus(material.shear_modulus)
     indentation = indentation_of(case, test)
     in_time = indentation.in_time(material_of(case))
-    return Press(material, kappa, test.direction, indentation.depths, test.name, in_time=in_time, dip=test.dip)
+    fibres = case.fibres_of(test)
+    return Press(material, kappa, fibres.angle, indentation.depths, test.name, in_time=in_time, dip=fibres.dip)
