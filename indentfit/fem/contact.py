@@ -273,8 +273,8 @@ class ContactFace:
         """Nodal forces (n,), mN, of tractions (n_f, n_q, 3), kPa."""
         return self.points.spread(traction)
 
-    def add_tangent(self, state: ContactState, values: Array) -> Array:
-        """Add the contact's tangent to the CSR values (nnz,) of the body's tangent.
+    def add_tangent(self, state: ContactState, values: Array | None = None) -> Array:
+        """Add the contact's tangent to the CSR values (nnz,) of the body's tangent, where they are given.
 
         Returns
         -------

@@ -40,8 +40,8 @@ class ContactPoints(Protocol):
         """Nodal forces (n,), mN, of tractions (n_f, n_q, 3), kPa."""
         ...
 
-    def add_stiffness(self, stiffness: Array, values: Array) -> Array:
-        """Add the tangent of stiffnesses (n_f, n_q, 3, 3), kPa/mm, to CSR values (nnz,).
+    def add_stiffness(self, stiffness: Array, values: Array | None) -> Array:
+        """Add the tangent of stiffnesses (n_f, n_q, 3, 3), kPa/mm, to CSR values (nnz,), where they are given.
 
         Returns
         -------
@@ -88,10 +88,11 @@ class NodePoints:
         np.add.at(out, self.dofs, self._signs * (self.weights[..., None] * traction))
         return out
 
-    def add_stiffness(self, stiffness: Array, values: Array) -> Array:
+    def add_stiffness(self, stiffness: Array, values: Array | None) -> Array:
         blocks = self._signs[..., :, None] * self._signs[..., None, :] * (self.weights[..., None, None] * stiffness)
         dense = np.zeros((self.surface.size,) * 2)
-        np.add.at(values, self._entries, blocks)
+        if values is not None:
+            np.add.at(values, self._entries, blocks)
         np.add.at(dense, (self._places[..., :, None], self._places[..., None, :]), blocks)
         return dense
 
@@ -140,13 +141,14 @@ class EdgePoints:
         np.add.at(out, self._dofs, np.einsum("fq,qa,fqi->fai", self.weights, self._shape, traction[..., :2]))
         return out
 
-    def add_stiffness(self, stiffness: Array, values: Array) -> Array:
+    def add_stiffness(self, stiffness: Array, values: Array | None) -> Array:
         n_f = len(self._dofs)
         blocks = np.einsum("fq,qa,qb,fqij->faibj", self.weights, self._shape, self._shape, stiffness[..., :2, :2]).reshape(
             n_f, 6, 6
         )
         dense = np.zeros((self.surface.size,) * 2)
-        np.add.at(values, self._entries, blocks)
+        if values is not None:
+            np.add.at(values, self._entries, blocks)
         np.add.at(dense, (self._places[:, :, None], self._places[:, None, :]), blocks)
         return dense
 

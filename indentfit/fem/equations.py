@@ -176,6 +176,21 @@ class Increment:
         )
         return Linearisation(self, at, state, contact, dilatation, residual, _norm(residual), _norm(forces), tangent)
 
+    def balance(self, at: Iterate) -> "Balance | None":
+        """The Balance at an iterate; None where an element is inside out."""
+        body, face, fixed, loading = self.equations.body, self.equations.face, self.equations.fixed, self.loading
+        state = body.state(at.u, loading.fibre)
+        if not state.valid:
+            return None
+        contact = self.contact(at.u)
+        forces = face.residual(contact)
+        residual = body.residual(at.u, state, loading.material, at.pressure, loading.fibre) + forces
+        if loading.memory is not None:
+            residual += loading.memory.forces(at.u)
+        gap = body.pressure(state, loading.kappa) - at.pressure
+        whole = residual + fixed.dilatation(body.dilatation_map(at.u)).T @ gap.ravel()
+        return Balance(at, fixed.freed(residual), gap, contact, _norm(fixed.freed(whole)), _norm(forces))
+
     def merit(self, at: Iterate, dampers: Dampers | None = None) -> float:
         """Norm of the residual, mN, at an iterate with the forces of dampers; infinite where an element is inside out."""
         body, fibre = self.equations.body, self.loading.fibre
@@ -196,6 +211,32 @@ class Increment:
     def linear_pressure(self, dilatation: Array, du: Array) -> Array:
         """Change of the pressure modes along du (n,), linearised; dilatation: the body's dilatation_map."""
         return self.loading.kappa * np.einsum("emni,eni->em", dilatation, du[self.equations.body.dofs])
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The forces of an increment at one iterate, without their derivative.
+
+    Parameters
+    ----------
+    at : Iterate
+    residual : array (n,), mN
+        With the iterated pressures.
+    gap : array (n_el, n_m)
+        The pressure modes that follow from the displacements, less the iterated ones.
+    contact : ContactState
+    unbalanced : float, mN
+        Norm of the residual with the pressures that follow from the displacements.
+    contact_force : float, mN
+        Norm of the contact's nodal forces.
+    """
+
+    at: Iterate
+    residual: Array = field(repr=False)
+    gap: Array = field(repr=False)
+    contact: ContactState = field(repr=False)
+    unbalanced: np.float64
+    contact_force: np.float64
 
 
 @dataclass(frozen=True, eq=False)

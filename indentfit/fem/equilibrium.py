@@ -108,6 +108,7 @@ def equilibrium_of(
     """
     increment, contact = there.increment, there.contact
     face, loading = increment.equations.face, increment.loading
+    fresh = solver.refresh()
     by_depth = increment.equations.fixed.freed(face.by_depth(contact))
     # a low accuracy of the motion serves to predict a step; a requested stiffness needs full accuracy
     motion = solver.solve(there.tangent, -by_depth, sensitivity.ACCURACY if at_rest else None, deadline=deadline)
@@ -115,7 +116,7 @@ def equilibrium_of(
     penalty_error = face.penalty_error(contact, rate, loading.springs)
     derivatives = None
     if loading.directions and increment.changes:
-        exact.forget()  # many solves with this tangent, to an accuracy that a stale factor reaches slowly
+        exact.borrow(solver if fresh else None)  # a stale factor reaches their accuracy slowly
         derivatives = sensitivity.path_derivatives(there, exact, deadline, motion if at_rest else None)
     return Equilibrium(
         depth=increment.depth,

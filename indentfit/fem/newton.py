@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.arrays import Array
+from indentfit.fem.contact_first import approached
 from indentfit.fem.controls import Controls, Work
 from indentfit.fem.equations import Dampers, Increment, Iterate, Linearisation
 from indentfit.fem.equilibrium import Equilibrium, equilibrium_of
@@ -26,7 +27,7 @@ class Newton:
     work: Work
 
     def equilibrium(self, increment: Increment, at: Iterate, most: int = MAX_ITERATIONS) -> tuple[Equilibrium, int]:
-        """The Equilibrium of an increment from an iterate near it, and the number of iterations.
+        """The Equilibrium of an increment from an iterate near it, and the number of iterations; `contact_first` is tried before.
 
         Raises
         ------
@@ -34,11 +35,13 @@ class Newton:
             No equilibrium after `most` iterations, or after three steps in a row that were shortened to less than half.
         OutOfTime
         """
+        near = approached(increment, at, self.solver, self.controls)
+        at, before = (at, 0) if near is None else (near.at, near.iterations)
         hard, tolerance = 0, self.controls.tolerance
         for iteration in range(most):
             here = self.linearised(increment, at)
             if here.balanced(tolerance):
-                return self.settled(here), iteration
+                return self.settled(here), before + iteration
             self.work.iterations += 1
             enough = 0.1 * tolerance * here.contact_force
             du = self.solver.solve(here.tangent, -here.residual, enough=enough, deadline=self.controls.deadline)

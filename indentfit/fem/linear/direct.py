@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from indentfit.arrays import Array
-from indentfit.fem.linear.factor import Apply
+from indentfit.fem.linear.factor import Apply, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
 MAX_KRYLOV = 15  # GMRES steps on a stale factor before a new one is cheaper
@@ -48,6 +48,9 @@ class DirectFactor:
         B0, that of the earlier tangent.
     inverse : tangent -> (r (n,) -> x (n,))
         The earlier body, with the contact of a tangent where the library can bring it in, inverted.
+    inverse_around : OnSurface -> (r (n,) -> x (n,)), or None
+        The earlier body inverted, with the contact's dofs moved by a function.
+    light : bool
     only_for : Tangent, or None
         The earlier tangent, where a new factor costs less than the steps that this one would take on another.
     """
@@ -55,6 +58,8 @@ class DirectFactor:
     bulk: float
     dilatation: sp.csr_matrix | None = field(repr=False)
     inverse: Callable[[Tangent], Apply] = field(repr=False)
+    inverse_around: Callable[[OnSurface], Apply] | None = field(default=None, repr=False)
+    light: bool = False
     only_for: Tangent | None = field(default=None, repr=False)
 
     def outdated(self, tangent: Tangent) -> bool:
@@ -63,12 +68,26 @@ class DirectFactor:
 
     def preconditioner(self, tangent: Tangent) -> Apply:
         """The earlier form, with pressures where the tangent has them."""
-        apply, B = self.inverse(tangent), self.dilatation
-        if tangent.dilatation is None or B is None:
+        apply = self.inverse(tangent)
+        return apply if tangent.dilatation is None else self._mixed(apply, tangent.kappa, tangent.bulk, tangent.mu)
+
+    @property
+    def goes_around(self) -> bool:
+        return self.inverse_around is not None and self.only_for is None
+
+    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+        """The form with pressures, with the contact's dofs moved by a function."""
+        assert self.inverse_around is not None
+        return self._mixed(self.inverse_around(solve), kappa, bulk, mu)
+
+    def _mixed(self, apply: Apply, kappa: float, tangent_bulk: float, mu: float) -> Apply:
+        """The form with pressures of an inverse, for a tangent with these moduli."""
+        if self.dilatation is None:
             return apply
-        n, kappa, bulk, BT = tangent.whole.shape[0], tangent.kappa, self.bulk, B.T
-        rest = max(0.0, 1 - bulk / kappa) / (bulk + SCHUR * tangent.mu)  # flexibility that the factor lacks
-        flexibility = 1 / bulk if bulk >= tangent.bulk == kappa else 1 / kappa + rest
+        B, bulk = self.dilatation, self.bulk
+        n, BT = B.shape[1], B.T
+        rest = max(0.0, 1 - bulk / kappa) / (bulk + SCHUR * mu)  # flexibility that the factor lacks
+        flexibility = 1 / bulk if bulk >= tangent_bulk == kappa else 1 / kappa + rest
 
         def with_pressures(r: Array) -> Array:
             g = r[n:] / kappa

@@ -9,6 +9,11 @@ from indentfit.fem.linear.tangent import Tangent
 Apply = Callable[[Array], Array]  # r -> an approximation of K⁻¹ r, in the form with the pressures where the tangent has them
 
 
+Inverse = Callable[[Array], Apply]  # C (n_s, n_s) -> b -> (S + C)⁻¹ b, for the Schur complement S of a body on the contact's dofs
+# S (n_s, n_s), its Inverse, and b (n_s,) -> displacements (n_s,) of the contact's dofs, by any law that S and the contact obey
+OnSurface = Callable[[Array, Inverse, Array], Array]
+
+
 class Factor(Protocol):
     """An approximate inverse made of one tangent, which preconditions solves with this tangent and with later ones.
 
@@ -25,6 +30,21 @@ class Factor(Protocol):
         It maps residuals (n,) to solutions (n,) where the tangent has no dilatation, else (n + n_p,) to (n + n_p,) in the form
         of `krylov.Mixed`. A tangent that cannot be inverted gives infinities or NaN, not an error: the residual shows them.
         """
+        ...
+
+    @property
+    def light(self) -> bool:
+        """Whether each equilibrium shall have a factor of its own, for its derivatives and for the step that follows."""
+        ...
+
+    @property
+    def goes_around(self) -> bool:
+        """Whether the factor has a Schur complement on the contact's dofs, and costs more than a few of its uses."""
+        ...
+
+    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+        """As the preconditioner of a tangent with these moduli, but the motion of the contact's dofs is what `solve` makes of it.
+        For a factor that goes around only."""
         ...
 
 

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import THREADS, compiled, on_threads
-from indentfit.fem.linear.factor import Apply
+from indentfit.fem.linear.factor import Apply, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
 OUTDATED = 5  # nodes of the contact in another state than the hierarchy's: each costs a step or two, a hierarchy 20
@@ -78,6 +78,11 @@ class MultigridFactor:
     cycle: "Cycle" = field(repr=False)
     nodes: Ints
     contact: Array | None = None
+    light = goes_around = False
+
+    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+        """It does not go around: there is no Schur complement."""
+        raise NotImplementedError
 
     def outdated(self, tangent: Tangent) -> bool:
         """Whether so many points stick, slip or touch that did not that a new hierarchy is cheaper than the steps they take."""

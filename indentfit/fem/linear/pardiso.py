@@ -21,13 +21,16 @@ import scipy.sparse as sp
 
 from indentfit.arrays import Array, Ints
 from indentfit.fem.linear.direct import DirectFactor, DirectFactoriser
-from indentfit.fem.linear.factor import Apply
+from indentfit.fem.linear.factor import Apply, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
 THREADS_PAY = 20_000  # dofs from which the library's threads gain more than they cost
 # Numbers of a factor for each dof, up to which making a factor costs less than the 7 to 9 steps that an earlier one would take. In
 # the meridian plane a factor of 900 dofs costs as much as 3 steps, one of 6,000 dofs as much as 5; that of bricks costs 30.
 CHEAP_FILL = 80
+# Up to here each equilibrium has a factor of its own: it serves the derivatives, and saves the next step iterations. A factor of
+# 4,000 dofs costs as much as 15 uses of it, one of 28,000 dofs (fill 650) as much as 45.
+LIGHT_FILL = 500
 ANALYSIS, FACTOR, SOLVE, FORWARD, BACKWARD, RELEASE = 11, 22, 33, 331, 333, -1
 SYMMETRIC_INDEFINITE = -2
 FILL = 17  # place of the number of non-zeros in the factors among PARDISO's settings
@@ -70,9 +73,13 @@ class Pardiso(DirectFactoriser):
         """Raises RuntimeError where the matrix is singular."""
         if self._library is None:
             self._library = _Library(_Pattern.of(tangent.factorised, self._surface), self._kind)
-        interface = _Interface(self._library.factorize(tangent.factorised))
-        only_for = tangent if self._library.fill < CHEAP_FILL else None
-        return DirectFactor(tangent.bulk, tangent.dilatation, functools.partial(self._library.inverse, interface), only_for)
+        library, interface = self._library, _Interface(self._library.factorize(tangent.factorised))
+        around = functools.partial(library.inverse_around, interface) if interface.S.size else None
+        light = library.fill < LIGHT_FILL
+        only_for = tangent if library.fill < CHEAP_FILL else None
+        return DirectFactor(
+            tangent.bulk, tangent.dilatation, functools.partial(library.inverse, interface), around, light, only_for
+        )
 
 
 @dataclass(frozen=True)
@@ -134,14 +141,20 @@ class _Library:
 
     def inverse(self, interface: "_Interface", tangent: Tangent) -> Apply:
         """r -> the inverse of the factorised body with the contact of a tangent."""
-        surface = self._pattern.surface
-        if tangent.contact is None or not surface.size:
+        if tangent.contact is None or not self._pattern.surface.size:
             return lambda r: self.call(SOLVE, r)[: r.size]
-        together = interface.inverse(tangent.contact)
+        return self._moved(interface.inverse(tangent.contact))
+
+    def inverse_around(self, interface: "_Interface", solve: OnSurface) -> Apply:
+        """r -> the inverse of the factorised body whose dofs on the surface are moved by a function."""
+        return self._moved(functools.partial(solve, interface.S, interface.nearly_exact))
+
+    def _moved(self, on_surface: Apply) -> Apply:
+        surface = self._pattern.surface
 
         def apply(r: Array) -> Array:
             x = self.call(FORWARD, r)[: r.size]
-            x[surface] = together(x[surface])
+            x[surface] = on_surface(x[surface])
             return self.call(BACKWARD, x)[: r.size]
 
         return apply
@@ -184,10 +197,11 @@ class _Interface:
     """
 
     UNCHANGED = 1e-3  # change of an entry, of the largest, that is left to GMRES
+    SMALL = 800  # dofs up to which new factors are always cheap
     FEW = 0.15  # share of the dofs up to which the correction is cheaper than new factors
 
     def __init__(self, S: Array) -> None:
-        self._S = S
+        self.S = S
         self._factorised: tuple[Array, Any] | None = None  # C, and LU factors of S + C
 
     def inverse(self, C: Array) -> Apply:
@@ -202,8 +216,16 @@ class _Interface:
         solved = functools.partial(_solved, lu)
         return _corrected(solved, change[np.ix_(dofs, dofs)], dofs, C.shape[0]) if dofs.size else solved
 
+    def nearly_exact(self, C: Array) -> Apply:
+        """r -> (S + C)⁻¹ r, exact where that is cheap."""
+        if C.shape[0] > self.SMALL:
+            return self.inverse(C)
+        if self._factorised is not None and np.array_equal(self._factorised[0], C):
+            return functools.partial(_solved, self._factorised[1])
+        return self._factorize(C)
+
     def _factorize(self, C: Array) -> Apply:
-        factors = dense.lapack.dgetrf(self._S + C)[:2]
+        factors = dense.lapack.dgetrf(self.S + C)[:2]
         self._factorised = C, factors
         return functools.partial(_solved, factors)
 

@@ -10,7 +10,7 @@ from indentfit.errors import ConvergenceError
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.linear import krylov
 from indentfit.fem.linear.choice import choice
-from indentfit.fem.linear.factor import Factor, Factoriser
+from indentfit.fem.linear.factor import Apply, Factor, Factoriser, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
 
@@ -79,6 +79,32 @@ class LinearSolver:
     def forget(self) -> None:
         """Factorise again at the next solve."""
         self._factor = None
+
+    def refresh(self) -> bool:
+        """Whether the next solve makes a new factor: because there is none, or the one at hand is light."""
+        if self._factor is not None and self._factor.light:
+            self._factor = None
+        return self._factor is None
+
+    def borrow(self, other: "LinearSolver | None") -> None:
+        """Use the factor of another solver of the same tangents next; with None, make a new one."""
+        self._factor = None if other is None else other._factor
+
+    def renew(self, tangent: Tangent) -> None:
+        """Make a new factor, of a tangent. Raises ConvergenceError where the matrix is singular."""
+        self._factor = None
+        self._factor = self._factorised(tangent)
+
+    @property
+    def goes_around(self) -> bool:
+        """Whether there is a factor at hand that serves `around`."""
+        return self._factor is not None and self._factor.goes_around
+
+    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+        """`Factor.around` of the factor at hand."""
+        assert self._factor is not None
+        self._did(krylov_iterations=1)
+        return self._factor.around(solve, kappa, bulk, mu)
 
     def sharpen(self) -> bool:
         """Make more exact factors from now on; False where the library has none."""
