@@ -24,6 +24,7 @@ from indentfit.fem.linear.solver import LinearSolver
 MOST, NEW_FACTORS = 24, 2  # iterations, and factors made in them
 FOR_A_FACTOR = 4  # iterations of Newton's that the need of a new factor stands for
 PATIENCE, PACE = 4, 0.5  # iterations on a factor, after which the residual has to fall by this factor in each, on average
+SAFE = 0.9  # share of the tolerance that ends the iteration: its residual is a few per cent off
 LOST = 3.0  # growth of the residual, over the smallest, at which the iteration is given up
 LEASH = 3.0  # largest motion of a point in one iteration, in units of the increment's leash: the contact is solved, not linearised
 MOST_ON_SURFACE, SOLVED = 12, 1e-2  # iterations of the contact's own equations, and the share of their residual that may be left
@@ -54,10 +55,10 @@ def approached(increment: Increment, at: Iterate, solver: LinearSolver, controls
     best, sizes, steps, made = None, [], _Steps(), 0
     for _ in range(MOST):
         controls.deadline.check()
-        here = increment.balance(at)
+        here = increment.balance(at, solver.dilatation)
         if here is None or (best is not None and not here.unbalanced < LOST * best.unbalanced):
             return None
-        if here.unbalanced <= controls.tolerance * here.contact_force:
+        if here.unbalanced <= SAFE * controls.tolerance * here.contact_force:
             return Approach(at, made)
         best = here if best is None or here.unbalanced < best.unbalanced else best
         sizes.append(here.unbalanced)

@@ -176,8 +176,8 @@ class Increment:
         )
         return Linearisation(self, at, state, contact, dilatation, residual, _norm(residual), _norm(forces), tangent)
 
-    def balance(self, at: Iterate) -> "Balance | None":
-        """The Balance at an iterate; None where an element is inside out."""
+    def balance(self, at: Iterate, dilatation: sp.csr_matrix) -> "Balance | None":
+        """The Balance at an iterate, with the dilatation (n_p, n) of displacements near by; None where an element is inside out."""
         body, face, fixed, loading = self.equations.body, self.equations.face, self.equations.fixed, self.loading
         state = body.state(at.u, loading.fibre)
         if not state.valid:
@@ -188,7 +188,7 @@ class Increment:
         if loading.memory is not None:
             residual += loading.memory.forces(at.u)
         gap = body.pressure(state, loading.kappa) - at.pressure
-        whole = residual + fixed.dilatation(body.dilatation_map(at.u)).T @ gap.ravel()
+        whole = residual + dilatation.T @ gap.ravel()
         return Balance(at, fixed.freed(residual), gap, contact, _norm(fixed.freed(whole)), _norm(forces))
 
     def merit(self, at: Iterate, dampers: Dampers | None = None) -> float:
@@ -226,7 +226,7 @@ class Balance:
         The pressure modes that follow from the displacements, less the iterated ones.
     contact : ContactState
     unbalanced : float, mN
-        Norm of the residual with the pressures that follow from the displacements.
+        Norm of the residual with the pressures that follow from the displacements, by the dilatation of displacements near by.
     contact_force : float, mN
         Norm of the contact's nodal forces.
     """

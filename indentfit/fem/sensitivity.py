@@ -137,42 +137,46 @@ def path_derivatives(
     -------
     PathDerivatives
     """
-    back = _Back(there, solver, deadline)
-    changes, ways = there.increment.changes or (), there.increment.loading.directions
-    along = tuple(_along(back, way, history) for way, history in zip(ways, changes, strict=True))
-    face = there.increment.equations.face
+    increment = there.increment
+    face, fixed = increment.equations.face, increment.equations.fixed
+    ways, histories = increment.loading.directions, increment.changes or ()
+    here = [_Along(there, way, history) for way, history in zip(ways, histories, strict=True)]
+
+    def solved(forces: Sequence[Array]) -> Array:
+        """Displacements (n_d, n) that balance changes of the forces (n,)."""
+        return solver.solve_each(there.tangent, -np.array([fixed.freed(each) for each in forces]), ACCURACY, deadline)
+
+    along = tuple(each.change(du) for each, du in zip(here, solved([each.forces() for each in here]), strict=True))
     force = np.array([face.total(change.traction) for change in along])
     if at_rest is None:
         return PathDerivatives(force, along, tuple(np.zeros_like(change.traction) for change in along))  # `since` sets them
-    rates = tuple(_rate_at_rest(back, way, at_rest) for way in ways)
+    start = [_AlongAtRest(there, way, at_rest) for way in ways]
+    rates = tuple(each.rate(du) for each, du in zip(start, solved([each.forces() for each in start]), strict=True))
     return PathDerivatives(force, along, rates, np.array([face.total(rate) for rate in rates]))
 
 
 @dataclass(frozen=True, eq=False)
-class _Back:
-    """Back-substitution with the tangent of a linearisation."""
+class _Along:
+    """An equilibrium along one Direction, with the change of the contact's history."""
 
     there: Linearisation
-    solver: LinearSolver
-    deadline: Deadline
+    way: Direction
+    history: History
 
-    def solve(self, forces: Array) -> Array:
-        """Displacements (n,) that balance a change of the forces (n,)."""
-        self.there.increment.equations.fixed.freed(forces)
-        return self.solver.solve(self.there.tangent, -forces, ACCURACY, deadline=self.deadline)
+    def forces(self) -> Array:
+        """Derivative (n,) of the residual at fixed u."""
+        there, held = self.there, self._contact(np.zeros_like(self.there.contact.place))
+        return _body_forces(there, self.way, there.at.u, there.state) + there.increment.equations.face.spread(held.traction)
 
+    def change(self, du: Array) -> ContactChange:
+        """Change of the contact with displacements du (n,)."""
+        return self._contact(self.there.increment.equations.face.field(du))
 
-def _along(back: _Back, way: Direction, history: History) -> ContactChange:
-    """Change of the contact at an equilibrium along one Direction, with the change of the history."""
-    there, increment = back.there, back.there.increment
-    face, springs, contact = increment.equations.face, increment.loading.springs, there.contact
-
-    def change(place: Array) -> ContactChange:
-        return face.change(contact, springs, springs.scaled(way.springs), way.friction, history, place)
-
-    held = change(np.zeros_like(contact.place))
-    du = back.solve(_body_forces(there, way, there.at.u, there.state) + face.spread(held.traction))
-    return change(face.field(du))
+    def _contact(self, place: Array) -> ContactChange:
+        increment = self.there.increment
+        springs = increment.loading.springs
+        stiffer = springs.scaled(self.way.springs)
+        return increment.equations.face.change(self.there.contact, springs, stiffer, self.way.friction, self.history, place)
 
 
 def _body_forces(there: Linearisation, way: Direction, u: Array, state: BodyState) -> Array:
@@ -188,14 +192,31 @@ def _body_forces(there: Linearisation, way: Direction, u: Array, state: BodyStat
     return body.forces(u, gradient, body.pressure(state, way.kappa), fibre)
 
 
-def _rate_at_rest(back: _Back, way: Direction, motion: Array) -> Array:
-    """Change of the traction's rate of the untouched sample, which follows from the tangent at rest."""
-    there, increment = back.there, back.there.increment
-    body, face, loading = increment.equations.body, increment.equations.face, increment.loading
-    assert there.contact.D is not None  # a linearisation has the contact's derivative
-    small = AT_REST * motion
-    D = face.stiffness_change(there.contact, loading.springs.scaled(way.springs))
-    held = np.einsum("fqij,fqj->fqi", D, face.field(motion) + UP)
-    forces = _body_forces(there, way, small, body.state(small, loading.fibre)) / AT_REST
-    change = back.solve(forces + face.spread(held))
-    return held + np.einsum("fqij,fqj->fqi", there.contact.D, face.field(change))
+@dataclass(frozen=True, eq=False)
+class _AlongAtRest:
+    """The untouched sample along one Direction; motion (n,): du/dd."""
+
+    there: Linearisation
+    way: Direction
+    motion: Array = field(repr=False)
+
+    def forces(self) -> Array:
+        """Derivative (n,), by the direction, of the residual's derivative by the depth."""
+        increment = self.there.increment
+        body, face, loading = increment.equations.body, increment.equations.face, increment.loading
+        small = AT_REST * self.motion
+        return _body_forces(self.there, self.way, small, body.state(small, loading.fibre)) / AT_REST + face.spread(self._held())
+
+    def rate(self, change: Array) -> Array:
+        """Change of the traction's rate, with that of the motion (n,)."""
+        return self._held() + np.einsum("fqij,fqj->fqi", self.there.contact.stiffness, self._face.field(change))
+
+    def _held(self) -> Array:
+        """Change of the traction's rate at fixed motion."""
+        springs = self.there.increment.loading.springs.scaled(self.way.springs)
+        D = self._face.stiffness_change(self.there.contact, springs)
+        return np.einsum("fqij,fqj->fqi", D, self._face.field(self.motion) + UP)
+
+    @property
+    def _face(self) -> ContactFace:
+        return self.there.increment.equations.face

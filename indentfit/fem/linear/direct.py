@@ -46,7 +46,7 @@ class DirectFactor:
         Bulk modulus with which the earlier tangent was assembled.
     dilatation : CSR matrix (n_p, n)
         B0, that of the earlier tangent.
-    inverse : tangent -> (r (n,) -> x (n,))
+    inverse : tangent -> (r (n,) or (k, n) -> x alike)
         The earlier body, with the contact of a tangent where the library can bring it in, inverted.
     inverse_around : OnSurface -> (r (n,) -> x (n,)), or None
         The earlier body inverted, with the contact's dofs moved by a function.
@@ -66,6 +66,10 @@ class DirectFactor:
         """Where the factor is that of another tangent, and a new one is cheap."""
         return self.only_for is not None and tangent is not self.only_for
 
+    def inverse_of(self, tangent: Tangent) -> Apply | None:
+        """As the protocol says; None where the form with pressures is needed."""
+        return self.inverse(tangent) if tangent.dilatation is None or tangent.bulk == tangent.kappa else None
+
     def preconditioner(self, tangent: Tangent) -> Apply:
         """The earlier form, with pressures where the tangent has them."""
         apply = self.inverse(tangent)
@@ -73,7 +77,7 @@ class DirectFactor:
 
     @property
     def goes_around(self) -> bool:
-        return self.inverse_around is not None and self.only_for is None
+        return self.inverse_around is not None and self.dilatation is not None and self.only_for is None
 
     def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
         """The form with pressures, with the contact's dofs moved by a function."""

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Protocol
 
+import scipy.sparse as sp
+
 from indentfit.arrays import Array
 from indentfit.fem.linear.tangent import Tangent
 
@@ -30,6 +32,16 @@ class Factor(Protocol):
         It maps residuals (n,) to solutions (n,) where the tangent has no dilatation, else (n + n_p,) to (n + n_p,) in the form
         of `krylov.Mixed`. A tangent that cannot be inverted gives infinities or NaN, not an error: the residual shows them.
         """
+        ...
+
+    def inverse_of(self, tangent: Tangent) -> Apply | None:
+        """The inverse, up to the factor's precision, of the tangent that the factor was made of, for many right-hand sides (k, n);
+        None where it is no good as such."""
+        ...
+
+    @property
+    def dilatation(self) -> sp.csr_matrix | None:
+        """That of the tangent that the factor was made of."""
         ...
 
     @property

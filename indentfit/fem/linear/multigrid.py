@@ -78,11 +78,15 @@ class MultigridFactor:
     cycle: "Cycle" = field(repr=False)
     nodes: Ints
     contact: Array | None = None
-    light = goes_around = False
+    light, goes_around, dilatation = False, False, None
 
     def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
         """It does not go around: there is no Schur complement."""
         raise NotImplementedError
+
+    def inverse_of(self, tangent: Tangent) -> None:
+        """None: a cycle is far from the inverse."""
+        return None
 
     def outdated(self, tangent: Tangent) -> bool:
         """Whether so many points stick, slip or touch that did not that a new hierarchy is cheaper than the steps they take."""

@@ -137,12 +137,12 @@ class _Library:
         if not self._analysed:
             self.call(ANALYSIS)
             self._analysed = True
-        return self.call(FACTOR)[: n_s**2].reshape(n_s, n_s).astype(float)
+        return self.call(FACTOR, size=max(n_s**2, 1))[: n_s**2].reshape(n_s, n_s).astype(float)
 
     def inverse(self, interface: "_Interface", tangent: Tangent) -> Apply:
         """r -> the inverse of the factorised body with the contact of a tangent."""
         if tangent.contact is None or not self._pattern.surface.size:
-            return lambda r: self.call(SOLVE, r)[: r.size]
+            return lambda r: self.call(SOLVE, r)
         return self._moved(interface.inverse(tangent.contact))
 
     def inverse_around(self, interface: "_Interface", solve: OnSurface) -> Apply:
@@ -153,22 +153,23 @@ class _Library:
         surface = self._pattern.surface
 
         def apply(r: Array) -> Array:
-            x = self.call(FORWARD, r)[: r.size]
-            x[surface] = on_surface(x[surface])
-            return self.call(BACKWARD, x)[: r.size]
+            x = self.call(FORWARD, r)
+            x[..., surface] = on_surface(x[..., surface])
+            return self.call(BACKWARD, x)
 
         return apply
 
-    def call(self, phase: int, b: Array | None = None) -> Any:
-        """What PARDISO writes in one of its phases, in its own precision. Raises RuntimeError."""
+    def call(self, phase: int, b: Array | None = None, size: int = 1) -> Any:
+        """What PARDISO writes in one of its phases, in its own precision: of right-hand sides b (n,) or (k, n) the solutions, else
+        numbers (size,). Raises RuntimeError."""
         pattern = self._pattern
         n = pattern.marks.size
-        x = np.zeros(max(n, pattern.surface.size**2 if phase == FACTOR else 0), dtype=self._kind)
-        b = np.zeros(n, dtype=self._kind) if b is None else b.astype(self._kind)
+        x = np.zeros(max(n, size) if b is None else b.shape, dtype=self._kind)
+        b = np.zeros(n, dtype=self._kind) if b is None else np.ascontiguousarray(b, dtype=self._kind)
         error = ctypes.c_int32(0)
         self._routine(
             _place(self._handle, ctypes.c_int64), _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n),
-            _place(self._values), _place(pattern.indptr), _place(pattern.indices), _place(pattern.marks), _number(1),
+            _place(self._values), _place(pattern.indptr), _place(pattern.indices), _place(pattern.marks), _number(b.size // n),
             _place(self._settings), _number(0), _place(b), _place(x), ctypes.byref(error),
         )  # fmt: skip
         if error.value:
@@ -232,18 +233,18 @@ class _Interface:
 
 def _corrected(solved: Apply, D: Array, dofs: Ints, n: int) -> Apply:
     """The inverse on n dofs after a change D on some of them."""
-    unit = np.zeros((n, dofs.size))
-    unit[dofs, np.arange(dofs.size)] = 1
+    unit = np.zeros((dofs.size, n))
+    unit[np.arange(dofs.size), dofs] = 1
     W = solved(unit)
-    small = dense.lapack.dgetrf(np.eye(dofs.size) + D @ W[dofs])[:2]
+    small = dense.lapack.dgetrf(np.eye(dofs.size) + D @ W[:, dofs].T)[:2]
 
     def corrected(r: Array) -> Array:
         x = solved(r)
-        return x - W @ dense.lu_solve(small, D @ x[dofs], check_finite=False)
+        return x - dense.lu_solve(small, D @ x[..., dofs].T, check_finite=False).T @ W
 
     return corrected
 
 
 def _solved(factors: Any, r: Array) -> Array:
     with np.errstate(all="ignore"):
-        return dense.lu_solve(factors, r, check_finite=False)
+        return dense.lu_solve(factors, r.T, check_finite=False).T

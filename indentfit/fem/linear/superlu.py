@@ -15,7 +15,7 @@ class SuperLU(DirectFactoriser):
         """Raises RuntimeError where the matrix is singular."""
         options = {"SymmetricMode": True}
         lu = spla.splu(tangent.whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options=options)
-        return DirectFactor(tangent.bulk, tangent.dilatation, lambda _: lu.solve)
+        return DirectFactor(tangent.bulk, tangent.dilatation, lambda _: lambda r: lu.solve(r.T).T)
 
     def sharper(self) -> None:
         """None: its factors are in double precision."""
