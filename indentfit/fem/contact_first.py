@@ -114,6 +114,8 @@ class _Contact:
             if size <= SOLVED * wanted:
                 break
             step = inverse(self._fixed.without(self._face.add_tangent(contact), self._face.surface))(left)
+            if not np.isfinite(step).all():
+                break  # S + C is singular
             for share in SHARES:
                 moved = d + share * step
                 there = self._at(moved)
