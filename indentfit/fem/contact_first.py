@@ -26,7 +26,9 @@ FOR_A_FACTOR = 4  # iterations of Newton's that the need of a new factor stands 
 PATIENCE, PACE = 4, 0.5  # iterations on a factor, after which the residual has to fall by this factor in each, on average
 SAFE = 0.9  # share of the tolerance that ends the iteration: its residual is a few per cent off
 LOST = 3.0  # growth of the residual, over the smallest, at which the iteration is given up
-LEASH = 3.0  # largest motion of a point in one iteration, in units of the increment's leash: the contact is solved, not linearised
+# Largest motions of a point in one iteration of all and in one on the surface, in units of the increment's leash: the contact is
+# solved, not linearised.
+LEASH, LEASH_ON_SURFACE = 3.0, 10.0
 MOST_ON_SURFACE, SOLVED = 12, 1e-2  # iterations of the contact's own equations, and the share of their residual that may be left
 UNSOLVED = 0.3  # share from which on the contact counts as not solved
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step of the contact's own iteration, tried one after the other
@@ -116,6 +118,7 @@ class _Contact:
             step = inverse(self._fixed.without(self._face.add_tangent(contact), self._face.surface))(left)
             if not np.isfinite(step).all():
                 break  # S + C is singular
+            step *= min(1.0, LEASH_ON_SURFACE * self._increment.leash / max(np.abs(step).max(), 1e-300))
             for share in SHARES:
                 moved = d + share * step
                 there = self._at(moved)
