@@ -36,6 +36,7 @@ WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may
 SCREENED = 200  # samples with which baselines are screened
 DYING = 0.35  # of the duration of the stretch: the time constant from which that of a drift is sought that dies out
 UNSEEN = 0.15  # probability, at least, of a drift that the force does not show
+LARGEST_RATIO = 200.0  # an F ratio above it is as sure
 TELLING = 0.3  # of the depth: the travel before contact that tells a drift
 CERTAIN = 1.96  # standard deviations in half of a 95 % interval
 
@@ -105,7 +106,7 @@ def _with_baseline(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewi
     Long waves that may be a toe of the contact are not fitted: they put contact in doubt.
     """
     fit, doubt = _straight(stretch, powers)
-    dying, doubt = _bent(fit) if fit.baseline.kind == "drift" else (fit, doubt)
+    dying, doubt = _bent(fit, doubt) if fit.baseline.kind == "drift" else (fit, doubt)
     hidden = stretch.drifts and _is_hidden(fit)
     if not stretch.drifts or not (hidden or _uneven(fit)):
         return dying, doubt
@@ -151,38 +152,41 @@ def _may_be_a_toe(fit: Piecewise, best: Piecewise) -> bool:
 
 
 def _straight(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, Doubt]:
-    """The fit with a drift where the force shows one, else with a constant baseline and the doubt because of an unseen drift.
+    """The fit with a drift where the force shows one, else with a constant baseline; and the doubt because of the other.
 
-    The doubt is the spread of both fits under the weights of Schwarz's criterion, that of a drift no less than UNSEEN.
+    The doubt is the spread of both fits under the weights of Schwarz's criterion, that of an unseen drift no less than UNSEEN.
     """
     still = fit_of(stretch, powers, Baseline("constant"))
     if not stretch.drifts:
         return still, Doubt()
     fit = fit_of(stretch, powers, Baseline("drift"))
     ratio = _ratio(still, fit)
+    last = (stretch.time[-1:], stretch.displacement[-1:])
+    apart = float(fit.free(*last)[0] - still.free(*last)[0])
+    weight = 1 / (1 + np.sqrt(independent(fit.noise)) * np.exp(-min(ratio, LARGEST_RATIO) / 2))  # of the drift
     if ratio > SURE["drift"]:
-        return fit, Doubt()
+        reach = float(np.sqrt(1 - weight)) * CERTAIN
+        return fit, Doubt(reach * abs(fit.contact - still.contact), reach * abs(apart))
     first, deepest = float(stretch.displacement.min()), float(stretch.displacement.max())
     if still.contact - first < TELLING * (deepest - still.contact):
         return still, Doubt()
-    share = max(1 / (1 + np.sqrt(independent(fit.noise)) * np.exp(-ratio / 2)), UNSEEN)
-    last = (stretch.time[-1:], stretch.displacement[-1:])
-    apart = float(fit.free(*last)[0] - still.free(*last)[0])
-    reach = float(np.sqrt(share)) * CERTAIN
+    reach = float(np.sqrt(max(weight, UNSEEN))) * CERTAIN
     return still, Doubt(reach * abs(fit.contact - still.contact), reach * float(np.hypot(apart, fit.free_error())))
 
 
-def _bent(fit: Piecewise) -> tuple[Piecewise, Doubt]:
-    """The fit with a drift that dies out in place of a straight one, where the force shows it; else how far it would move both."""
+def _bent(fit: Piecewise, doubt: Doubt) -> tuple[Piecewise, Doubt]:
+    """The fit with a drift that dies out in place of a straight one, where the force shows it; else how far it would move both,
+    beside the doubt that there is."""
     stretch = fit.stretch
     bent = fit_of(stretch, fit.powers, Baseline("decay", DYING * float(np.ptp(stretch.time))))
     ratio = _ratio(fit, bent)
     if ratio > SURE["decay"]:
         return bent, Doubt()
     if ratio < -AGREE:
-        return fit, Doubt()
+        return fit, doubt
     last = (stretch.time[-1:], stretch.displacement[-1:])
-    return fit, Doubt(abs(bent.contact - fit.contact), abs(float(bent.free(*last)[0] - fit.free(*last)[0])))
+    zero = abs(float(bent.free(*last)[0] - fit.free(*last)[0]))
+    return fit, Doubt(float(np.hypot(doubt.contact, bent.contact - fit.contact)), float(np.hypot(doubt.zero, zero)))
 
 
 def _uneven(fit: Piecewise) -> bool:

@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 from indentfit.arrays import Array
 from indentfit.experiment.contact_point import ContactPoint
 from indentfit.experiment.loading import Ramp, filtered, noise_of
-from indentfit.experiment.noise import covariance, noise_in
+from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 from indentfit.experiment.piecewise import POWERS, independent, solved
 
 LONGEST = 0.05  # of the duration of the ramp: longer than a period of the rig's ringing
@@ -27,6 +27,8 @@ AT_ENDS = 2.0  # ratio of the noise that a quadratic filter lets pass at the end
 CHANCE = 2.0  # standard deviations by which the largest filtered force may lie above the fit before chance has picked it
 FEWEST = 8  # samples of the fit
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
+FEWEST_BEFORE = 40  # samples before contact that tell its noise
+SLOW = 0.5  # share of the samples that are independent, below which noise is slow
 STOPPED = 2.5  # standard errors by which the last samples of a record lie behind a stage that moves on
 SURE = 3.0  # standard errors
 FOLLOWS = 25.0  # excess of squares, in squares of noise, below which the indenter's law follows the end of the loading
@@ -69,7 +71,8 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
     longest = LONGEST * ramp.samples
     smooth = filtered(force[:stop], longest)
     length = float(SHORTEST)
-    fit, record_end = _surer(_fitted(ramp, start, force), ramp, contact, force, indenter), ramp.record.time.size
+    loading = _Loading(ramp, contact, force, _slow_noise(force[:start]))
+    fit, record_end = _surer(_fitted(loading), loading, indenter), ramp.record.time.size
     if longest < CLEARLY_SHORTER * SHORTEST:
         rough = float(np.std((force[:stop] - filtered(force[:stop], CORNER))[ramp.low : ramp.high]))
         if 2 * rough < STEADY * smooth[start:].max():  # hardly any noise, and a corner of few samples that no filter would keep
@@ -90,6 +93,38 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
             return Peak(largest, scatter)
         length *= 1.6
     return Peak(fit.force, fit.error)
+
+
+@dataclass(frozen=True, eq=False)
+class _Loading:
+    """A ramp with its contact point, the whole force (n,), mN, counted from its zero, and the noise before contact if slow."""
+
+    ramp: Ramp
+    contact: ContactPoint
+    force: Array
+    slow: CorrelatedNoise | None
+
+    def variance(self, terms: Array, residual: Array) -> Array:
+        """Covariance of least-squares values of terms (n, p), by their residual or by slow noise, whichever is larger.
+
+        A parabola at the end of a loading takes slow noise for its own, and leaves a residual that knows nothing of it.
+        """
+        own = covariance(terms, noise_in(residual))
+        if self.slow is None:
+            return own
+        n = residual.size
+        correlation = np.append(self.slow.correlation, np.zeros(n))[:n]
+        size = float(np.sqrt(np.mean(self.slow.scale**2)))
+        seen = covariance(terms, CorrelatedNoise(np.full(n, size), correlation, self.slow.weights))
+        return seen if seen.sum() > own.sum() else own
+
+
+def _slow_noise(before: Array) -> CorrelatedNoise | None:
+    """The noise of the forces (n,) before contact, where few of them are independent; None where it is not slow, or not known."""
+    if before.size < FEWEST_BEFORE:
+        return None
+    noise = noise_in(before - before.mean())
+    return noise if independent(noise) < SLOW * before.size else None
 
 
 @dataclass(frozen=True)
@@ -121,33 +156,35 @@ class _End:
         return float(np.hypot(self.stderr, self.turning))
 
 
-def _fitted(ramp: Ramp, start: int, force: Array) -> _End:
+def _fitted(loading: _Loading) -> _End:
     """The force at the end of loading by a parabola over time."""
+    ramp, force, start = loading.ramp, loading.force, loading.contact.index
     stop = max(ramp.stop - round(ROUNDED * ramp.length), start + FEWEST)
     begin = max(start, stop - max(15, round(FITTED * ramp.samples)))
     turn = _turn(ramp, begin, stop)
     age = (ramp.record.time[begin:stop] - turn.time) / ramp.duration
     terms = np.column_stack([np.ones_like(age), age, age**2])
     values = np.linalg.lstsq(terms, force[begin:stop], rcond=None)[0]
-    spread = covariance(terms, noise_in(force[begin:stop] - terms @ values))
+    spread = loading.variance(terms, force[begin:stop] - terms @ values)
     rate = abs(float(values[1])) / ramp.duration / max(abs(ramp.velocity), 1e-300)  # of the force over the travel, mN/mm
     stderr = float(np.sqrt(max(spread[0, 0], 0.0)))
     return _End(float(values[0]), stderr, slice(begin, stop), terms @ values, turn, rate * turn.blur)
 
 
-def _surer(end: _End, ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None) -> _End:
+def _surer(end: _End, loading: _Loading, indenter: str | None) -> _End:
     """The end of a loading by the law of the indenter, fitted to the whole loading, where nothing contradicts it.
 
     What may contradict the law: the parabola at the end, and the law with a power more, which knows the end better than the
     parabola does. How far that one is from the law stays in doubt in part.
     """
+    ramp, contact, force = loading.ramp, loading.contact, loading.force
     part = slice(contact.index, end.part.stop)
     depth = end.turn.place - contact.displacement
     beyond = np.maximum(ramp.displacement[part] - contact.displacement, 0.0) / depth
     powers = min(
         (POWERS[name] for name in ([indenter] if indenter else POWERS)), key=lambda known: _misfit(beyond, force[part], known)
     )
-    law, freer = _law(beyond, force[part], powers), _law(beyond, force[part], (*powers, powers[-1] + 1.0))
+    law, freer = (_law(loading, beyond, force[part], known) for known in (powers, (*powers, powers[-1] + 1.0)))
     apart = abs(law.force - end.force)
     rest = force[end.part] - end.values
     excess = _square(law.residual[end.part.start - part.start :]) / max(_square(rest), 1e-300) - 1
@@ -173,12 +210,12 @@ class _Law:
     residual: Array
 
 
-def _law(beyond: Array, force: Array, powers: tuple[float, ...]) -> _Law:
+def _law(loading: _Loading, beyond: Array, force: Array, powers: tuple[float, ...]) -> _Law:
     """The law of powers of the depth (n,), 1 at the deepest place."""
     terms = np.column_stack([beyond**power for power in powers])
     values = solved(terms, force)
     residual = force - terms @ values
-    variance = float(covariance(terms, noise_in(residual)).sum())  # of the sum of both values
+    variance = float(loading.variance(terms, residual).sum())  # of the sum of the values
     return _Law(float(values.sum()), float(np.sqrt(max(variance, 0.0))), residual)
 
 
