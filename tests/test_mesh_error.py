@@ -11,7 +11,7 @@ from fixtures.strips import long_strip, stiffness_per_length
 from indentfit.case import Indenter, Mesh, Sample, Solver
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
-from indentfit.fem.mesh_error import FLOOR, second, with_mesh_errors
+from indentfit.fem.mesh_error import FLOOR, folded, left_by_correction, second, with_mesh_errors
 from indentfit.fem.meshing import count
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
@@ -54,6 +54,31 @@ def test_a_sharp_edge_that_slides_at_large_strain_states_its_own_error_and_the_r
     punch = {"shape": "cylinder", "diameter": 2.0, "friction": 0}
     deep, shallow = (stated(punch, "bonded", [d / 2, d], 0.3, elements=60).mesh_error for d in (0.1, 0.001))
     assert "edge_radius" in deep.remark and not shallow.remark
+
+
+NARROW = {"shape": "cylinder", "diameter": 0.3, "friction": 0}  # on a layer of thickness 1
+
+
+def test_a_sharp_edge_folds_in_and_its_band_holds_the_force_of_a_rounded_edge():
+    """A rounded edge gives less than the sharp edge in whose place it stands, and its meshes agree: what it gives more is error."""
+    depths = [0.04, 0.08]
+    sharp, rounded, coarse = (
+        stated({**NARROW, "edge_radius": radius}, "bonded", depths, 0.4995, error=error)
+        for radius, error in ((0.0, 0.01), (0.015, 0.01), (0.015, 0.03))
+    )
+    assert rounded.force == pytest.approx(coarse.force, rel=0.005)
+    missing = rounded.force[-1] - sharp.force[-1]
+    assert 0.01 * sharp.force[-1] < missing < sharp.mesh_error.band[-1]
+
+
+def test_what_a_fit_leaves_uncertain_holds_the_folds_of_a_sharp_edge_whatever_two_meshes_say():
+    """The band of a punch that slips is half of the squared depth over its radius: two standard deviations of a fit's forces."""
+    setup = Setup(Sample(**LAYER, base="bonded"), Indenter(**NARROW), Mesh(), Solver(), 0.06, "axisymmetric")
+    depths = np.array([0.015, 0.03, 0.06])
+    (covar,) = left_by_correction([depths], [np.zeros(3)], second(setup))
+    np.testing.assert_allclose(2 * np.sqrt(np.diag(covar)), 0.5 * (depths / 0.15) ** 2, rtol=0.1)
+    assert folded(setup, depths) and not folded(setup, depths / 100)
+    assert not folded(replace(setup, indenter=Indenter(**{**NARROW, "friction": "stick"})), depths)
 
 
 @pytest.mark.skipif(not (SHARED / "oracles").is_dir(), reason="../shared/oracles is not here")

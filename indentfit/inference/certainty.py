@@ -333,7 +333,7 @@ def _of_mesh(model: ForwardModel) -> list[str]:
     if not isinstance(model, Corrected):
         return []
     error = model.error
-    return [CORRECTED.format(most=error.most, elements=error.elements, sd=error.sd)]
+    return [CORRECTED.format(most=error.most, elements=error.elements, sd=error.sd), *([error.remark] if error.remark else [])]
 
 
 def _free(problem: InverseProblem, candidate: Candidate) -> dict[str, float]:

@@ -64,7 +64,7 @@ def refined(
     -------
     Refined
     """
-    if not isinstance(model, Corrected):
+    if not isinstance(model, Corrected) or model.error.remark:  # where a finer mesh errs as much, none is tried
         return Refined(solved)
     name, share, known = _most(case, problem, model, solved)
     if known is None or share <= DOMINATES:

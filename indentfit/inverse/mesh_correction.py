@@ -13,7 +13,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.fem.mesh_error import SecondMesh, compared, left_by_correction, second
+from indentfit.fem.mesh_error import FOLDING, SecondMesh, compared, folded, left_by_correction, second
 from indentfit.fem.meshing import count, resized, size
 from indentfit.inverse.derivatives import Underivable, last_cause
 from indentfit.inverse.exploration import Watched
@@ -39,12 +39,15 @@ class MeshError:
         Number of elements of the mesh with which the finest mesh was compared; of several meshes, their mean.
     finest : int
         Number of elements of the finest mesh that was used, likewise.
+    remark : str
+        Why meshes say little about the error, and what would help; mostly empty. Curves are not corrected then.
     """
 
     correction: tuple[Array, ...]
     covar: tuple[Array, ...]
     elements: int
     finest: int
+    remark: str = ""
 
     def independent(self, test: int) -> Array:
         """Independent errors of one standard deviation each, relative, whose covariance is that of a test, (k, n)."""
@@ -100,7 +103,13 @@ def mesh_error_at(
     counts = np.array([(count(setup), count(other.setup)) for setup, other in zip(setups, others, strict=True)])
     least, most = (round(float(np.mean(end))) for end in (counts.min(axis=1), counts.max(axis=1)))
     corrections, covars = zip(*(parts[n] for n in range(len(problem.tests))), strict=True)
-    return MeshError(corrections, covars, least, most)
+    return MeshError(corrections, covars, least, most, FOLDING if any(_folds(problem, piece) for piece in case.pieces) else "")
+
+
+def _folds(problem: InverseProblem, piece: Case) -> bool:
+    """Whether the surface folds in at a sharp edge in a test of one mesh."""
+    names = {test.name for test in piece.tests}
+    return any(folded(setup_of(piece), test.curve.displacement) for test in problem.tests if test.test in names)
 
 
 def _forces(problem: InverseProblem, model: ForwardModel, points: Sequence[Mapping[str, Any]]) -> list[tuple[Array, ...]]:
@@ -118,8 +127,8 @@ def _left(
     """Correction, and covariance of what it leaves, of each of some tests of one mesh."""
     changes = [_relative(there[n] - own[n], own[n]) for n in tests]
     depths = [problem.tests[n].curve.displacement for n in tests]
-    for change, covar in zip(changes, left_by_correction(depths, changes, other), strict=True):
-        yield other.gain * change, covar
+    for change, depth, covar in zip(changes, depths, left_by_correction(depths, changes, other), strict=True):
+        yield 0.0 * change if folded(other.setup, depth) else other.gain * change, covar
 
 
 def _without_mesh(n: int) -> tuple[Array, Array]:
