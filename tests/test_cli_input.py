@@ -344,7 +344,9 @@ print("HEAVY", [name for name in {HEAVY} if name in sys.modules])"""
     assert done.stdout.rstrip().endswith("HEAVY []")
 
 
-@pytest.mark.parametrize("case", sorted(folder.name for folder in CASES.iterdir() if folder.name != "own_material"))
+@pytest.mark.parametrize(
+    "case", sorted(folder.name for folder in CASES.iterdir() if folder.name not in ("own_material", "benchmarks"))
+)
 def test_validating_a_case_of_an_installed_material_imports_no_library_that_is_slow(case):
     """Those of raw records from the second time on: their curves are kept."""
     path = CASES / case / "case.toml"

@@ -1,8 +1,10 @@
 """What is installed: a wheel holds every module and page of the package, and the materials as indentfit.materials."""
 
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -37,3 +39,17 @@ def test_python_m_indentfit_is_the_command():
     done = subprocess.run([sys.executable, "-m", "indentfit", "--version"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
     assert done.stdout.startswith("indentfit ")
+
+
+ON_CONDA = {"matplotlib": "matplotlib-base"}  # names that differ
+
+
+def test_the_release_has_one_version_and_the_conda_recipe_the_requirements_of_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe, version = (ROOT / ".ci" / "conda" / "recipe.yaml").read_text(), project["version"]
+    assert f'version: "{version}"' in recipe and f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"\n## [{version}] - " in (ROOT / "CHANGELOG.md").read_text()
+    run = re.search(r"\n  run:\n(.*?)\n  run_constraints:\n(.*?)\n\n", recipe, re.DOTALL)
+    listed = dict(re.findall(r"- ([\w-]+) (>=[\d.]+)", run[1] + run[2]))
+    wanted = dict(re.match(r"([\w-]+)(>=[\d.]+)", line).groups() for line in project["dependencies"])
+    assert listed == {ON_CONDA.get(name, name): least for name, least in wanted.items()}
