@@ -227,13 +227,15 @@ def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAl
 
 def _telling_ends(weighed: Sequence[WideAlternative]) -> list[list[tuple[int, Array]]]:
     """Coordinates and places of those ends of profiles, for each alternative, that are ends of the mixture's intervals: the
-    outermost ends of the alternatives that are not improbable. Runs at the other ends would tell the result little."""
+    outermost ends of the alternatives that are not improbable. Runs at the other ends would tell the result little, and so would
+    those at a bound of the range, where the interval ends anyway."""
     counted = [n for n, known in enumerate(weighed) if known.probability > 1 - mixture.CERTAIN]
     ends: list[list[tuple[int, Array]]] = [[] for _ in weighed]
     for k in weighed[0].paths:
         for side, outermost in ((0, min), (1, max)):
             n = outermost(counted, key=[known.paths[k].interval[side] for known in weighed].__getitem__)
-            ends[n].append((k, weighed[n].paths[k].ends()[side]))
+            if weighed[n].paths[k].interval[side] != float(side):
+                ends[n].append((k, weighed[n].paths[k].ends()[side]))
     return ends
 
 

@@ -79,7 +79,7 @@ SPHERE = {
     "tests": [{"name": "press"}],
 }
 STUDIES = {
-    "sphere": Study(SPHERE, 1.2, {"mu": (0.7, 1.5), "alpha": (2.0, 12.0)}, 200, 60),
+    "sphere": Study(SPHERE, 1.2, {"mu": (0.7, 1.5), "alpha": (2.0, 12.0)}, 200, 108),
     "strip": Study({}, 0.33, {"mu": (1.0, 2.0), "zeta": (1.0, 9.0), "phi": (0.2, 3.0)}, 400, 60),
 }
 
@@ -160,8 +160,11 @@ def trained(case, study, folder):
         for base, problem in wide.items():
             places = qmc.Sobol(len(problem.searched), seed=3).random(256)[: study.trained]
             for n, name in enumerate(problem.searched):
-                if -1 < problem.warps.get(name, 0) < 0:  # half of the runs where friction acts
-                    places[::2, n] *= -problem.warps[name]
+                warp = problem.warps.get(name, 0)
+                if -1 < warp < 0:  # half of the runs where friction acts
+                    places[::2, n] *= -warp
+                elif warp <= -1:  # evenly in the logarithm, as the truths
+                    places[:, n] = ((1 - warp) ** places[:, n] - 1) / -warp
             for key in ({}, wider):
                 points = []
                 for place in places:
