@@ -54,6 +54,12 @@ def profile():
     return plots.profile("zeta", Profile((3, 4, 5), (4, 0, 4), 4.0, (3, 5), runs), ParameterEstimate(4.0, "1"))
 
 
+def steep():
+    """A profile whose run at one end lies a thousand axes high: its marker takes no room."""
+    runs = (ConfirmedPoint(value=3.0, chi2=8000.0, predicted=4.0), ConfirmedPoint(value=5.0, chi2=4.1, predicted=4.0))
+    return plots.profile("Jm", Profile((3, 4, 5), (4, 0, 4), 4.0, (3, 5), runs), ParameterEstimate(4.0, "1"))
+
+
 def course():
     return study_plots.course([9.0, 3.0, 4.0, 0.2], ["ga", "ga", "ga", "gauss-newton"])
 
@@ -68,6 +74,7 @@ FIGURES = {
     "convergence, one": lambda: convergence(1),
     "cost": cost,
     "profile": profile,
+    "steep profile": steep,
     "course": course,
 }
 
@@ -144,3 +151,10 @@ def test_axes_of_small_samples_are_in_small_units():
     axes = study_plots.mesh_convergence([("press", "Force (mN)", h, 70 + h, None, None)], None).axes[0]
     assert axes.get_xlabel() == "Element size h (µm)" and axes.lines[0].get_xdata()[0] == pytest.approx(1.0)
     assert study_plots.course([2e-5, 5e-6], ["first", "last"]).axes[0].get_ylabel() == "Best objective (nN)"
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_run_far_above_the_axes_leaves_them_their_room():
+    figure = steep()
+    figure.draw_without_rendering()
+    assert figure.axes[0].get_position().height > 0.5

@@ -120,7 +120,8 @@ def _profile(ax: Axes, name: str, profile: Profile, parameter: ParameterEstimate
         ax.axhline(profile.limit, color="0.4", linewidth=0.6, linestyle=DASHES[1])
     ax.axvspan(*profile.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
     ax.axvline(parameter.value, color="0.4", linewidth=0.6)
-    runs = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None]
+    # a marker is not clipped: one far above the axes would leave no room for them
+    runs = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None and point.chi2 <= top]
     if runs:  # markers without any, not clipped, count as one at the figure's corner
         marks = _markers((COLOURS[1], "o", "")) | {"zorder": 3}
         ax.plot([value for value, _ in runs], [height for _, height in runs], **marks)

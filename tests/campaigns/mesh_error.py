@@ -10,8 +10,9 @@ Each line states the error, the band, and the processor time of the case. The la
 the band (plus the reference's own error) holds the error, and give the median of band over error. Exit code 1 where fewer than 95 %
 hold or the median is above 4.
 
-Measured, layer: 96 of 96 solved, the band holds 99.0 %, median of band over error 2.0, largest error 0.37 %, median 0.05 %. Strain
-and bricks were last measured before the plane had rings about sharp edges.
+Measured, layer: 96 of 96 solved, the band holds 99.0 %, median of band over error 2.0, largest error 0.37 %, median 0.05 %. Strain:
+40 of 40 solved, the band holds all, median of band over error 2.0, largest error 0.15 %, median 0.03 %. Bricks were last measured
+before contact springs grew with the pressure.
 """
 
 import argparse

@@ -14,6 +14,9 @@ Measured at commit 2aaa391: to 40 % 223 of 224 solved (5 at a later try), median
 of a tenth of the thickness without friction, 2.5 and 4.2 of their radii deep on a sliding base: the sample lies against the shaft
 with hardly any pressure, and points there chatter. The slow ones are punches with an edge of 3 to 13 % of their radius, pressed
 deeper than twice their radius.
+
+The first 60 cases at commit aded7c7, whose contact springs grow with the pressure: all solved to their full depth (2 at a later
+try), median 0.9 s and largest 15.5 s of processor time.
 """
 
 import argparse
