@@ -142,6 +142,13 @@ def test_rates_and_holds_are_further_tests_of_a_material_that_relaxes(monkeypatc
     assert not [test for test in found.candidates if test.kind != "indentation"]
 
 
+def test_a_modulus_known_from_elsewhere_counts_in_a_design(springs):
+    """Its information is that of its own standard deviation: here of a spring, whose stress is 2 mu per unit of strain."""
+    case = white_matter(MU, "fit.prior={shear_across=[2.0, 0.1]}", "fit.method=least_squares")
+    plain, known = (design(each, noise=0.5).stderr["mu"] for each in (white_matter(MU), case))
+    assert known**-2 - plain**-2 == pytest.approx((2 / 0.1) ** 2, rel=1e-6)
+
+
 def test_other_kinds_and_pairs_are_ranked(springs):
     """Simple shear of a spring, by hand; the best pair is better than any of its tests alone."""
     found = design(springs, noise=0.5)

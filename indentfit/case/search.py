@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from pydantic import Field, WrapValidator
+from pydantic import BeforeValidator, Field, WrapValidator
 
 from indentfit.case.methods import SearchMethod
 from indentfit.case.priors import Prior, PriorOfLength, prior_or_none
-from indentfit.case.quantities import Finite, Odds, Positive, Quantity, Share, Unit, is_number, refusal
+from indentfit.case.quantities import Finite, Odds, Positive, Quantity, Share, Unit, as_tuple, is_number, refusal
 from indentfit.case.ranges import Range, RangeOfAngle
 from indentfit.case.section import Section
 
@@ -128,6 +128,41 @@ class Uncertain(Section):
             yield "size", "must be a standard deviation or a prior"
 
 
+Modulus = Annotated[Positive, Quantity("kPa")]
+KnownModulus = Annotated[tuple[Modulus, Modulus], BeforeValidator(as_tuple), Quantity("kPa")]
+
+
+class KnownModuli(Section):
+    """Small-strain moduli of the same tissue that are known from elsewhere (shear waves, elastography, rheometry), each with its
+    standard deviation."""
+
+    place = "fit.prior"
+
+    shear: KnownModulus | None = Field(
+        default=None, examples=[[1.2, 0.1]], description="shear modulus and its standard deviation, of a material without fibres"
+    )
+    young: KnownModulus | None = Field(
+        default=None, examples=[[3.6, 0.3]], description="Young's modulus and its standard deviation, of a material without fibres"
+    )
+    shear_along: KnownModulus | None = Field(
+        default=None, examples=[[2.1, 0.1]], description="shear modulus in a plane with the fibres and its standard deviation"
+    )
+    shear_across: KnownModulus | None = Field(
+        default=None, examples=[[1.2, 0.1]], description="shear modulus in the plane across the fibres and its standard deviation"
+    )
+    young_along: KnownModulus | None = Field(
+        default=None, examples=[[20.0, 2.0]], description="Young's modulus along the fibres and its standard deviation"
+    )
+    young_across: KnownModulus | None = Field(
+        default=None, examples=[[4.5, 0.4]], description="Young's modulus across the fibres and its standard deviation"
+    )
+
+    @property
+    def given(self) -> dict[str, tuple[float, float]]:
+        """Name -> value and standard deviation, kPa, of the moduli that are known."""
+        return {name: pair for name, pair in self if pair is not None}
+
+
 class Fit(Section):
     """How the parameters are searched for."""
 
@@ -163,3 +198,4 @@ class Fit(Section):
         description="published parameters to compare the result with, such as mu = 1.49",
     )
     uncertain: Uncertain = Field(default=Uncertain.untouched(), description="table of the uncertain inputs")
+    prior: KnownModuli = Field(default=KnownModuli.untouched(), description="table of small-strain moduli known from elsewhere")

@@ -282,9 +282,11 @@ class Case(BaseModel):
             del facts["sample"]["fibre_angle"]
         if facts["fit"]["uncertain"]["fibre_angle"] is None:
             del facts["fit"]["uncertain"]["fibre_angle"]
+        if not self.fit.prior.given:
+            del facts["fit"]["prior"]
         for test, curve in zip(facts["tests"], self.curves, strict=True):
             del test["record"]  # the curve that the record became decides a result
-            for own in ("sample", "indenter", *OF_SPECIMENS):
+            for own in ("sample", "indenter", "control", *OF_SPECIMENS):
                 if test[own] is None:
                     del test[own]
             if test["kind"] == "indentation":

@@ -11,6 +11,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case, require_fittable
 from indentfit.case.draining import draining
+from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
 from indentfit.inference.certainty import Certainty, certainty
@@ -118,6 +119,7 @@ def fit_with_runs(
     stop: Callable[[], int] | None = None,
 ) -> FitWithRuns:
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
+    given, case = case, with_prior_tests(case)
     require_fittable(case)
     if case.fit.posterior:
         require_emcee()
@@ -125,7 +127,7 @@ def fit_with_runs(
     pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
     whole, stated = Progress(progress), with_offset_of_records(case)
     elastic = elastic_case(case)
-    if ledger is not None and elastic is not case:
+    if ledger is not None and elastic is not given:
         ledger = ledger.of(elastic)
     with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool:
         model = pool if problem.kernel is None else Relaxing(pool, problem.kernel)

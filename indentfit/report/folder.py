@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from indentfit.case import Case, write_case
+from indentfit.case.prior_tests import is_prior_test
 from indentfit.curve import Curve
 from indentfit.errors import OutputError
 
@@ -190,7 +191,7 @@ def copy_case(case: Case, folder: PathLike) -> tuple[str, ...]:
 def _files_named(case: Case) -> Iterator[tuple[str, str, str, str]]:
     """Key, file name, folder for it, and what the key holds after the name, of each file that the case names."""
     for test in case.tests:
-        if isinstance(test.curve, str):
+        if isinstance(test.curve, str) and not (case.path and is_prior_test(test)):
             yield f"test.{test.name}.curve", test.curve, "curves", ""
         if test.record is not None:
             yield f"test.{test.name}.record", test.record, "records", ""

@@ -20,6 +20,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case, Test, require_free, require_indentations
 from indentfit.case.in_time import GRID
 from indentfit.case.laws import has_fibres
+from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.hereditary import Ramp
@@ -218,7 +219,7 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
         Parameters at which the information is computed; by default the start values.
     noise : float, mN
         Standard deviation of a force; by default 1 % of the largest force of the case's tests. Stresses of tests of other kinds
-        have the same share of their largest.
+        have the same share of their largest. Standard deviations that a curve or [fit.prior] states are taken instead.
     execution : Execution
         Progress, workers and cluster of the runs.
 
@@ -234,7 +235,8 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
         The case's own tests have no derivatives.
     """
     require_free(case)
-    require_indentations(case, "design", all_of_them=True)
+    require_indentations(case, "design")
+    case = with_prior_tests(case)
     given, execution = dict(parameters or case.start_values()), execution or Execution()
     remarks = tuple(seen_sentences(case, case.relaxation.at(given).numbers)) if case.relaxation else ()
     in_time, elastic = InTime.of(case, given), elastic_case(case)
@@ -242,11 +244,15 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     own, runs = _own(elastic, values, execution)
     if in_time is not None:
         own = in_time.own(own)
-    largest = max(float(known.forces.max()) for known in own)
+    pressed = [test.kind == "indentation" for test in case.tests]
+    largest = max(float(known.forces.max()) for known, press in zip(own, pressed, strict=True) if press)
     noise = noise or NOISE * largest
+    sizes = [largest if press else float(np.abs(known.forces).max()) for known, press in zip(own, pressed, strict=True)]
+    rows = zip(case.curves, sizes, strict=True)
+    stated = [noise / largest * size if curve is None or curve.sd is None else curve.sd for curve, size in rows]
     ranges = {**elastic.free, **(in_time.relaxation.free if in_time else {})}
     prior = np.diag([12 / (bounds.max - bounds.min) ** 2 for bounds in ranges.values()])
-    information = prior + sum(known.information(noise) for known in own)
+    information = prior + sum(known.information(sd) for known, sd in zip(own, stated, strict=True))
     known = _Known(values, tuple(ranges), information, noise, noise / largest)
     told, used = _told(elastic, in_time, known, execution)
     now, whole = known.stderr(np.zeros_like(prior)), {**values, **(in_time.values if in_time else {})}
@@ -316,7 +322,7 @@ def _further_tests(
     change: str, variant: Case, in_time: InTime | None, known: _Known, execution: Execution
 ) -> tuple[list[_Told], int]:
     """The further tests of one variant, at all angles and depths, from one run each to the deepest; and the number of runs."""
-    deepest = max(float(variant.outputs(test)[-1]) for test in variant.tests)
+    deepest = max(float(variant.outputs(test)[-1]) for test in variant.indentations)
     allowed = [factor for factor in DEPTHS if factor * deepest <= DEEPEST * variant.sample.thickness] or [DEPTHS[0]]
     cause, used, angles = "", 0, ANGLES if has_fibres(variant.law) else ANGLES[:1]
     points, effort = GRID if in_time else 6 * POINTS, EFFORTS["variant" if change else "as it is"]

@@ -38,9 +38,10 @@ class Curves:
     slopes: Array
     shape: IndenterShape | None = field(default=None, repr=False)
 
-    def information(self, noise: float) -> Array:
-        """Fisher's information (p, p) of forces with white noise, mN."""
-        return np.asarray(self.slopes.T @ self.slopes / noise**2)
+    def information(self, noise: float | Array) -> Array:
+        """Fisher's information (p, p) of forces with white noise, mN, of one size or of one for each point."""
+        rows = self.slopes / np.reshape(noise, (-1, 1))
+        return np.asarray(rows.T @ rows)
 
     def to(self, depth: float, points: int) -> Curves:
         """Some points up to a depth, mm, in nearly equal steps."""
