@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar with an estimate on a terminal, otherwise (or quiet, verbose, with a log) a line every ten seconds.
+"""Progress on stderr: a bar with an estimate on a terminal, otherwise (or quiet, verbose, with a log) a line every five seconds.
 
 with progress("fit", total=240) as step:
     step(12, "objective 0.91 mN")
@@ -14,7 +14,8 @@ from indentfit.cli.speech import Voice, voice
 
 Step = Callable[..., None]  # called with (done, note)
 
-INTERVAL, OFTEN = 10.0, 1.0  # seconds between two lines, usually and where the command is to be verbose
+FIRST_ESTIMATE = 0.05  # share of the work that is done before its end is estimated
+INTERVAL, OFTEN = 5.0, 1.0  # seconds between two lines, usually and where the command is to be verbose
 
 
 @contextlib.contextmanager
@@ -34,19 +35,21 @@ def _bar(title: str, total: float) -> Iterator[Step]:
 
     columns = [
         parts.TextColumn("{task.description}", markup=False),
-        parts.BarColumn(),
-        parts.TaskProgressColumn(),
+        parts.BarColumn(bar_width=20),
+        parts.TextColumn("{task.fields[share]}", markup=False),
         parts.TimeElapsedColumn(),
-        parts.TextColumn("left"),
-        parts.TimeRemainingColumn(),
         parts.TextColumn("{task.fields[note]}", markup=False),
     ]
+    started = time.monotonic()
     # stdout holds the result: rich must not write there
     with parts.Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
-        task = bar.add_task(title, total=total, note="")
+        task = bar.add_task(title, total=None, share="", note="preparing")  # the bar moves to and fro until something is done
 
         def step(done: float, note: str = "") -> None:
-            bar.update(task, completed=done, note=note)
+            share = _share(done, total)
+            left = _left(share, time.monotonic() - started)
+            words = ", ".join(word for word in (note or "preparing" if not share else note, left) if word)
+            bar.update(task, total=total if share else None, completed=done, share=f"{share:.0%}" if share else "", note=words)
 
         yield step
 
@@ -64,10 +67,20 @@ class _Lines:
         if now - self.spoken < (min(INTERVAL, OFTEN) if self.voice.verbose else INTERVAL):
             return
         self.spoken = now
-        share = min(max(done / self.total, 0.0), 1.0) if self.total else 1.0
+        share = _share(done, self.total)
         past = now - self.started
-        left = f", about {_duration(past * (1 - share) / share)} left" if share > 0 else ""
-        self.voice.say(f"{self.title}: {share:.0%} after {_duration(past)}{left}{f'; {note}' if note else ''}")
+        left = _left(share, past)
+        words = f"{share:.0%} after {_duration(past)}" if share else f"{note or 'preparing'} for {_duration(past)}"
+        self.voice.say(f"{self.title}: {words}{left and f', {left}'}{f'; {note}' if note and share else ''}")
+
+
+def _share(done: float, total: float) -> float:
+    return min(max(done / total, 0.0), 1.0) if total else 1.0
+
+
+def _left(share: float, past: float) -> str:
+    """The time that is left, in words; nothing where too little is done to tell."""
+    return f"about {_duration(past * (1 - share) / share)} left" if FIRST_ESTIMATE <= share < 1 else ""
 
 
 def _duration(seconds: float) -> str:

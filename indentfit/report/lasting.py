@@ -117,6 +117,7 @@ def fit_in_folder(case: Case, place: Place, conduct: Conduct, fields: bool) -> t
         clear(folder)
         with saying_what_is_kept(ledger):
             result = fit(case, conduct.progress, ledger=ledger, cluster=conduct.cluster, stop=conduct.stop)
+            conduct.progress(1.0, "stresses at the optimum, pictures and report" if fields else "report")
         return result, fill_fit(folder, result, fields, _warning(conduct.say))
 
 
