@@ -14,11 +14,12 @@ the fits, so that a campaign goes on where it was stopped. Prints for each noise
 the exact binomial 99 % band about 95 %, how often it was called determined though outside, and the median of its interval's width
 over the width of the posterior's by emcee (of the first `--posterior` truths). Exit code 1 where a coverage is below its band.
 
-Seen so far (sphere, 158 truths; 28 November 2026; the sets of 95 % alone, without what profiles add within those of 98.5 %; surrogates
-of 60 runs, few of them at small bulk ratios): mu 46 of 53, 51 of 53 and 49 of 52 inside at 0.1, 1 and 5 % noise, alpha 46, 49 and 49; at
-0.1 % the surrogates err by 1 to 4 % at the smallest bulk ratios, and 7 of 43 "determined" mu are outside. With 48 more runs for each
-base, 48 truths: mu 11 of 13, 14 of 15, 18 of 20, alpha 11, 15, 16. All intervals but one had 2,500 effective draws; widths are 0.97 and
-1.02 times those by emcee (two parameters at 5 %); a fit takes 1.7 s of CPU, without profiles.
+Seen so far (sphere, 158 truths; 28 November 2026; the sets of 95 % alone, without what profiles add within those of 98.5 %;
+surrogates of 60 runs, few of them at small bulk ratios): mu 46 of 53, 51 of 53 and 49 of 52 inside at 0.1, 1 and 5 % noise,
+alpha 46, 49 and 49; at 0.1 % the surrogates err by 1 to 4 % at the smallest bulk ratios, and 7 of 43 "determined" mu are
+outside. With 48 more runs for each base, 48 truths: mu 11 of 13, 14 of 15, 18 of 20, alpha 11, 15, 16. All intervals but one
+had 2,500 effective draws; widths are 0.97 and 1.02 times those by emcee (two parameters at 5 %); a fit takes 1.7 s of CPU,
+without profiles.
 """
 
 import argparse
