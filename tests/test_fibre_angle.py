@@ -15,6 +15,7 @@ from indentfit.fem.simulate import Model
 from indentfit.inference.verdicts import verdict
 from indentfit.material import load
 from indentfit.runs.forward import simulate
+from indentfit.study.design import angles_of
 
 PAPER = load("transversely_isotropic")(mu=1.49, zeta=4.68, phi=0.68)
 FIBRES = {"model": "transversely_isotropic", "parameters": PAPER.values}
@@ -107,6 +108,16 @@ def test_angles_that_no_curve_can_tell_apart_are_warned_of(tmp_path):
 
     assert "an angle and its opposite fit equally well" in warned(0, 90)[0]
     assert not warned(0, 45, 90)
+
+
+@pytest.mark.quick
+def test_design_tries_an_oblique_bar_where_the_direction_of_the_fibres_matters(tmp_path):
+    def tried(*angles, **fitting):
+        return angles_of(read_case(angled(tmp_path, angles, **fitting)))
+
+    assert tried(0, 90) == (0, 90)
+    assert tried(0, 30) == tried(0, 90, fit={"uncertain": {"fibre_angle": RANGE}}) == (0, 90, 45)
+    assert tried(0, material={"model": "neo_hookean", "parameters": {"mu": 1.0}}) == (0,)
 
 
 @pytest.mark.quick

@@ -40,7 +40,7 @@ SPECIMEN_POINTS = 12
 BEST, PAIRS = 12, 10  # further tests that are paired, and pairs that are kept
 DEEPEST = 0.2  # of the thickness: equilibria at larger depths may not be found
 POINTS = 24  # points of each further test
-ANGLES = (0, 90)
+ANGLES, OBLIQUE = (0, 90), 45  # degrees
 EFFORTS = {  # what a further test needs
     "as it is": "the same rig",
     "variant": "another indenter or lubrication",
@@ -324,7 +324,7 @@ def _further_tests(
     """The further tests of one variant, at all angles and depths, from one run each to the deepest; and the number of runs."""
     deepest = max(float(variant.outputs(test)[-1]) for test in variant.indentations)
     allowed = [factor for factor in DEPTHS if factor * deepest <= DEEPEST * variant.sample.thickness] or [DEPTHS[0]]
-    cause, used, angles = "", 0, ANGLES if has_fibres(variant.law) else ANGLES[:1]
+    cause, used, angles = "", 0, angles_of(variant)
     points, effort = GRID if in_time else 6 * POINTS, EFFORTS["variant" if change else "as it is"]
     while allowed:
         tests = tuple(Test(name=f"{angle}", angle=angle, depth=allowed[-1] * deepest, points=points) for angle in angles)
@@ -343,6 +343,15 @@ def _further_tests(
             told += _at_rates(tried, curves, min(deepest, allowed[-1] * deepest), in_time, known)
         return told, used
     return [_Told(FurtherTest(change, angle, deepest, None, cause, effort=effort), None) for angle in angles], used
+
+
+def angles_of(case: Case) -> tuple[int, ...]:
+    """The angles between fibres and indenter at which further tests are tried, degrees: also an oblique one where the case has one
+    or fits the fibres' angle, because its tests take 2 to 3 times as long."""
+    if not has_fibres(case.law):
+        return ANGLES[:1]
+    oblique = "fibre_angle" in case.fit.uncertain.fitted or any(test.direction % 90 for test in case.indentations)
+    return (*ANGLES, OBLIQUE) if oblique else ANGLES
 
 
 def _at_depths(
