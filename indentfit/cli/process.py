@@ -81,7 +81,7 @@ def command(
     from indentfit.case import read_record_table
     from indentfit.experiment.file_case import FileCase
     from indentfit.experiment.mean_case import MeanCase
-    from indentfit.report.folder import json_text, refuse_existing
+    from indentfit.report.folder import json_text, refuse_existing, stamped
     from indentfit.report.record_folder import Listener, drawn_names, write_process
 
     if listed and not raw:
@@ -113,7 +113,7 @@ def command(
     drawn = len(drawn_names(result, figures))
     with progress("draw", total=drawn) as step:
         write_process(result, output, figures, overwrite, case, Listener(_warn, step))
-    click.echo(json_text(result.as_json()) if as_json else f"{result.summary()}\nwritten     {output}")
+    click.echo(json_text(stamped(result.as_json())) if as_json else f"{result.summary()}\nwritten     {output}")
     if figures is None and drawn < len(result.records) and not as_json:
         click.echo(f"figures     of the {drawn} poorest of {len(result.records)} records; --figures draws all")
     if as_case and not as_json:

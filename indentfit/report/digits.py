@@ -13,7 +13,7 @@ STEPS = {
     "mm": (("mm", 1.0), ("um", 1e3), ("nm", 1e6)),
     "mN": (("mN", 1.0), ("uN", 1e3), ("nN", 1e6)),
 }
-LEAST = 0.01  # a largest number below this, in a unit, is told in the next smaller unit
+LEAST = 0.05  # a largest number below this, in a unit, is told in the next smaller unit
 
 
 @dataclass(frozen=True)

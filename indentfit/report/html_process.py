@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from indentfit.experiment.judgement import RATINGS
 from indentfit.experiment.replicates import Spread
 from indentfit.report.digits import Scale
 from indentfit.report.html_case import CITATION, number
@@ -14,14 +15,15 @@ from indentfit.report.schema import Stored
 from indentfit.report.stored_process import StoredProcess, StoredRecord
 
 RECORDS = (
-    "Record", "Stiffness (mN/mm)", "R²", "Contact (mm)", "Velocity (mm/s)", "Strain rate (1/s)", "Depth (mm)", "Peak (mN)",
-    "G∞/G0", "Remarks",
+    "Record", "Rating", "Stiffness (mN/mm)", "R²", "Contact (mm)", "Velocity (mm/s)", "Strain rate (1/s)", "Depth (mm)",
+    "Peak (mN)", "G∞/G0", "Remarks",
 )  # fmt: skip
+HERTZ = "E/(1-ν²) by Hertz (kPa)"
 SPREADS = ("Of", "Records", "Mean", "Standard deviation", "95 % interval of the mean", "Median", "Outliers")
 DIFFERENCES = ("Test", "Number", "p", "95 % interval of the difference (mN/mm)")
 ERRORS = (
-    "The uncertainty of a contact point is half of its 95 % interval, that of a stiffness one standard error. Outliers are shown, "
-    "and every number counts them."
+    "The uncertainty of a contact point is half of its 95 % interval, that of a stiffness one standard error, that of a Hertz "
+    "modulus half of the 95 % interval by the scatter of the samples alone. Outliers are shown, and every number counts them."
 )
 LARGEST = 400_000  # bytes of an SVG that is put into the page; a larger one is shown as PNG
 DRAWN = (
@@ -47,18 +49,41 @@ def _records(result: StoredProcess) -> Section:
     known = result.records.values()
     depth, peak = Scale.of((record.depth for record in known), "mm"), Scale.of((record.peak for record in known), "mN")
     rows = [_row(name, record, name in outlying, depth, peak) for name, record in result.records.items()]
+    hertz = any(record.hertz for record in known)
     units = {"(mm)": f"({depth.symbol})", "(mm/s)": f"({depth.symbol}/s)", "(mN)": f"({peak.symbol})"}
     heads = tuple(functools.reduce(lambda head, unit: head.replace(*unit), units.items(), head) for head in RECORDS)
-    parts: list[Part] = [Text(ERRORS), Table("Records that could be used", heads, tuple(rows))]
+    if hertz:
+        heads = (*heads[:-1], HERTZ, heads[-1])
+        rows = [(*row[:-1], _hertz(record), row[-1]) for row, record in zip(rows, known, strict=True)]
+    parts: list[Part] = [Text(ERRORS), *_ratings(result), Table("Records that could be used", heads, tuple(rows))]
     if result.problems:
         parts.append(Table("Records that could not be used", ("Record", "Problem"), tuple(result.problems.items())))
     return Section("records", "Records", tuple(parts))
+
+
+def _ratings(result: StoredProcess) -> Iterator[Text]:
+    """How many records are good, fair and poor."""
+    words = [_rating(record) for record in result.records.values()]
+    counts = [f"{words.count(rating)} {rating}" for rating in RATINGS if rating in words]
+    if counts:
+        yield Text(f"Rated {', '.join(counts)}: by noise, drift, the approach, and how well the contact point is known.")
+
+
+def _rating(record: StoredRecord) -> str:
+    return record.rating.partition(":")[0] or "–"
+
+
+def _hertz(record: StoredRecord) -> str:
+    if record.hertz is None:
+        return "–"
+    return f"{number(record.hertz[0])} ± {number(record.hertz[1], 2)}"
 
 
 def _row(name: str, record: StoredRecord, outlying: bool, depth: Scale, peak: Scale) -> tuple[str, ...]:
     remarks = [*(["outlier?"] if outlying else []), *record.notes]
     return (
         name,
+        _rating(record),
         f"{record.slope:.4g} ± {record.slope_stderr:.2g}",
         f"{record.r_squared:.4f}",
         depth.text_with_error(record.contact, record.contact_uncertainty).replace("+-", "±"),
@@ -113,9 +138,16 @@ def _pictures(folder: Path, result: StoredProcess) -> Iterator[Section]:
     pictures = []
     for name, record in result.records.items():
         alt = f"Record {name}: contact at {record.contact:.4f} mm, stiffness {record.slope:.4g} mN/mm"
-        pictures.append(_picture(folder, Path(record.curve).stem, DRAWN.format(name=name), alt))
+        pictures.append(_picture(folder, Path(record.curve).stem, f"{DRAWN.format(name=name)}{_judged(record)}", alt))
     if shown := tuple(picture for picture in pictures if picture):
         yield Section("figures", "Figures of the records", (Figures(shown),))
+
+
+def _judged(record: StoredRecord) -> str:
+    """The rating of a record, how its contact point was found, and what was taken from the file, for the caption of its figure."""
+    rating = f" Rating: {record.rating}." if record.rating else ""
+    taken = f" Taken: {record.taken}; contact {record.method.replace('_', ' ')}." if record.taken else ""
+    return rating + taken
 
 
 def _picture(folder: Path, stem: str, caption: str, alt: str) -> Picture | None:

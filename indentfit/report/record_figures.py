@@ -21,7 +21,8 @@ from indentfit.report.style import COLOURS, COLUMN, STYLE
 
 MOST_POINTS = 3000  # of a line: more than a printed column resolves
 GREY = "0.6"
-READABLE = {"frameon": True, "framealpha": 0.85, "edgecolor": "none", "facecolor": "white"}  # over lines
+TALL = 1.05  # height of a record's figure, with the legends below it, in columns
+BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.22), "ncols": 2}  # a legend that hides no samples
 
 
 def process_figure(result: ProcessResult, name: str | None) -> Figure:
@@ -43,12 +44,12 @@ def process_figure(result: ProcessResult, name: str | None) -> Figure:
 def record_figure(name: str, record: ProcessedRecord) -> Figure:
     """Figure of a record: force and displacement over time, force over displacement, and the hold where it was fitted."""
     with matplotlib.rc_context(STYLE):
-        figure, axes = _figure(3 if record.relaxation else 2)
+        figure, axes = _figure(3 if record.relaxation else 2, TALL)
         _over_time(axes[0], record)
         _over_displacement(axes[1], record)
         if record.relaxation:
             _hold(axes[2], record, record.relaxation)
-        figure.suptitle(_plain(name), fontsize=8)
+        figure.suptitle("\n".join([_plain(name), *textwrap.wrap(str(record.judgement), 90)]), fontsize=8)
     return figure
 
 
@@ -69,8 +70,8 @@ def replicate_figure(result: ProcessResult) -> Figure:
     return figure
 
 
-def _figure(panels: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(panels * 0.95 * COLUMN, 0.8 * COLUMN), layout="constrained")
+def _figure(panels: int, height: float = 0.8) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(panels * 0.95 * COLUMN, height * COLUMN), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, list(figure.subplots(1, panels))
 
@@ -104,7 +105,7 @@ def _over_time(axes: Axes, processed: ProcessedRecord) -> None:
     depth = scale.displacement.factor * (ramp.displacement[part] - processed.contact.displacement)
     other.plot(*_thinned(time, depth), color=COLOURS[2], linestyle="--", linewidth=0.8)
     other.set_ylabel(f"Displacement ({scale.displacement.symbol}), dashed")
-    axes.legend(loc="upper left", **READABLE)
+    axes.legend(**BELOW)
 
 
 def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
@@ -125,11 +126,11 @@ def _over_displacement(axes: Axes, processed: ProcessedRecord) -> None:
     axes.axvspan(-long * reach, long * reach, color=COLOURS[1], alpha=0.3, linewidth=0, label=f"contact ± {words}")
     _judged(axes, processed, long)
     _label_curve(axes, scale)
-    axes.legend(**READABLE)
+    axes.legend(**BELOW)
 
 
 def _judged(axes: Axes, processed: ProcessedRecord, long: float) -> None:
-    """The force's zero, the stretch that the contact point was fitted to, where other methods put it, and the rating in words."""
+    """The force's zero, the stretch that the contact point was fitted to, and where other methods put it."""
     contact, last = processed.contact, axes.get_xlim()
     axes.axhline(0, color="black", linewidth=0.6, linestyle=":", label="zero of the force")
     if contact.stretch:
@@ -141,7 +142,6 @@ def _judged(axes: Axes, processed: ProcessedRecord, long: float) -> None:
         if last[0] < where < last[1]:
             axes.axvline(where, color="0.4", linestyle=dashes, linewidth=0.7, label=method.replace("_", " "))
     axes.set_xlim(*last)
-    axes.set_title("\n".join(textwrap.wrap(str(processed.judgement), 60)), fontsize=6)
 
 
 def _hold(axes: Axes, processed: ProcessedRecord, series: Prony) -> None:

@@ -13,7 +13,7 @@ from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
 from indentfit.experiment.relaxation import Prony
 from indentfit.experiment.replicates import Difference, MeanCurve, Spread, Statistics
-from indentfit.report.digits import Scale
+from indentfit.report.digits import Scale, quantity
 from indentfit.report.vtu import file_names
 
 FORMAT = "indentfit.process/2"
@@ -196,7 +196,7 @@ def _source_lines(name: str, record: ProcessedRecord) -> Iterator[str]:
     """What was taken from the file, how contact and zero were found, the Hertz modulus, and the rating of the record."""
     contact = record.contact
     if record.record.taken:
-        where = f"contact {contact.method}, zero {contact.baseline:.4g} mN"
+        where = f"contact {contact.method}, zero {quantity(contact.baseline, 'mN')}"
         yield f"taken       {name}: {record.record.taken}; {where}"
     if record.hertz:
         yield f"Hertz       {name}: {hertz_words(record.hertz)}"

@@ -30,6 +30,12 @@ class StoredRecord:
     curve : str
         CSV of the loading curve, relative to the folder.
     notes : tuple of sentences
+    rating, taken : str
+        The rating in words, and what was taken from the file; empty where the folder is of an older version.
+    method : str
+        Of the contact point.
+    hertz : (modulus, half of its 95 % interval) or None, kPa
+        E / (1 - nu^2) by Hertz, where the radius of a sphere is known.
     """
 
     slope: float
@@ -44,6 +50,10 @@ class StoredRecord:
     relaxation: Prony | None
     curve: str
     notes: tuple[str, ...]
+    rating: str = ""
+    taken: str = ""
+    method: str = ""
+    hertz: tuple[float, float] | None = None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "StoredRecord":
@@ -62,6 +72,10 @@ class StoredRecord:
             relaxation=None if series is None else TypeAdapter(Prony).validate_python(_with_nan(series)),
             curve=value["curve"],
             notes=tuple(value["notes"]),
+            rating=value.get("rating", ""),
+            taken=value.get("taken", ""),
+            method=contact.get("method", ""),
+            hertz=None if (hertz := value.get("hertz")) is None else (hertz["modulus"], hertz["interval"]),
         )
 
 
