@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar with an estimate on a terminal, otherwise (or quiet, verbose, with a log) a line every five seconds.
+"""Progress on stderr: a bar with an estimate on a terminal, otherwise (or quiet, verbose, with a log) a line every ten seconds.
 
 with progress("fit", total=240) as step:
     step(12, "objective 0.91 mN")
@@ -15,7 +15,7 @@ from indentfit.cli.speech import Voice, voice
 Step = Callable[..., None]  # called with (done, note)
 
 FIRST_ESTIMATE = 0.05  # share of the work that is done before its end is estimated
-INTERVAL, OFTEN = 5.0, 1.0  # seconds between two lines, usually and where the command is to be verbose
+INTERVAL, OFTEN = 10.0, 1.0  # seconds between two lines, usually and where the command is to be verbose
 
 
 @contextlib.contextmanager
