@@ -41,11 +41,11 @@ binomial 99 % band; flagged, held of them; refused; median half width over depth
     noisy_travel     179  172  162-177    20   20    1   0.36 %
     steps            167  156  151-165    32   31    1   0.62 %
 
-Not measured anew: in_contact. Not passed: rest_first and coarse_approach hold one more than the band allows (their intervals
-count a drift that might hide and does not); 3 peaks of 2,776 without a flag are off by up to 1.51 % (retract, slight_drift).
-Records whose baseline drifts, and slow noise and ringing, were measured after the last change, the others just before it: it
-does not touch them. Flags are on 1 % of ordinary records (approach, hold, rest_first, two_speeds, retract, uneven, blocks) with
-noise below 0.7 % of the peak, on 9 % at 0.7 to 1.3 %, on 33 % at 1.3 to 2 %; 8.1 % of all.
+Not measured anew: in_contact. Not passed: slight_drift holds one too few, rest_first and coarse_approach hold one more than the
+band allows (their intervals count a drift that might hide and does not); 3 peaks of 2,776 without a flag are off by up to 1.51
+% (retract, slight_drift). Records whose baseline drifts, and slow noise and ringing, were measured after the last change, the
+others just before it: it does not touch them. Flags are on 1 % of ordinary records (approach, hold, rest_first, two_speeds,
+retract, uneven, blocks) with noise below 0.7 % of the peak, on 9 % at 0.7 to 1.3 %, on 33 % at 1.3 to 2 %; 8.1 % of all.
 """
 
 import argparse
