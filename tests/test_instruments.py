@@ -284,6 +284,13 @@ def test_a_deflection_that_a_stated_stiffness_takes_off_needs_no_note(tmp_path):
     assert "minus force / 0.05 mN/mm" in record.taken and record.notes == ()
 
 
+@pytest.mark.parametrize(("column", "notes"), [("Travel (nm)", 1), ("Displacement (nm)", 1), ("Indentation (nm)", 0)])
+def test_a_travel_under_nanonewtons_asks_for_the_cantilever(tmp_path, column, notes):
+    """Without its stiffness E was 5.5 % low, and nothing said so."""
+    record = read_record(written(tmp_path / "r.txt", [f"Time (s)\t{column}\tForce (nN)"], (T, 1e6 * D, 1e6 * F)))
+    assert len(record.notes) == notes and all("give record.stiffness" in note for note in record.notes)
+
+
 class StubCurve(dict):
     """What afmformats gives of a curve: columns and metadata."""
 

@@ -28,6 +28,7 @@ from indentfit.experiment.record import CUT_OFF, FEWEST, RawRecord, Stated
 from indentfit.units import unit_factor
 
 FEWEST_READ = 20  # rows of numbers that are read at all; a record needs FEWEST
+OF_CANTILEVERS = ("nN", "pN")  # units of forces that only the bending of a cantilever measures
 TRAVEL = 2  # rank of the first words (`words.WORDS`) that name the travel of a stage, and not an indentation
 
 
@@ -247,7 +248,7 @@ def _is_travel(source: _Source, place: int) -> bool:
 
 
 def _travel_notes(source: _Source, travel: _Travel) -> Iterator[str]:
-    """A note where a deflection of the cantilever is not subtracted from a travel."""
+    """Notes where the bending of a cantilever is not subtracted from a travel: that of a column, or one that was not stated."""
     place, deflection = travel.place, deflection_column(source.table)
     own = [rank[0] for label in source.table.labels(place) if (rank := rank_of(label, "displacement"))]
     indentation = bool(own) and min(own) == 0
@@ -256,6 +257,16 @@ def _travel_notes(source: _Source, travel: _Travel) -> Iterator[str]:
             f"the file has a column {source.label(deflection)!r} that is not subtracted from {source.label(place)!r}: the travel "
             "is more than the indentation; give record.displacement.minus"
         )
+    elif deflection is None and not indentation and source.settings.compliance is None and _force_unit(source) in OF_CANTILEVERS:
+        yield (
+            f"forces in {_force_unit(source)} are measured by what a cantilever bends, and {source.label(place)!r} may hold that "
+            "bending: give record.stiffness, the cantilever's spring constant; no need where the column is the indentation itself"
+        )
+
+
+def _force_unit(source: _Source) -> str | None:
+    channel = source.settings.force
+    return channel.unit or column_unit(source.table, chosen_column(source.path, source.table, "force", channel))
 
 
 def _in(source: _Source, place: int, unit: str) -> str:
