@@ -64,8 +64,8 @@ def test_a_test_with_a_depth_and_tables_of_the_search_and_the_solver():
 
 
 def test_every_fault_of_every_table_comes_at_once_and_names_its_key_without_a_file():
-    lines = faults(sample={**DISC, "thickness": -1}, tests=[{"name": "a", "angle": 3, "depth": 1}], fit=3, frobnicate=1)
-    assert [line.split(": ")[0] for line in lines] == ["sample.thickness = -1", "test.0.angle = 3", "fit = 3", "frobnicate = 1"]
+    lines = faults(sample={**DISC, "thickness": -1}, tests=[{"name": "a", "angle": "x", "depth": 1}], fit=3, frobnicate=1)
+    assert [line.split(": ")[0] for line in lines] == ["sample.thickness = -1", 'test.0.angle = "x"', "fit = 3", "frobnicate = 1"]
 
 
 @pytest.mark.parametrize(
@@ -135,5 +135,5 @@ def test_keys_of_a_case_in_memory_are_changed_as_those_of_a_file():
     assert changed.curves[0].force.tolist() == FORCE.tolist()
     assert changed_case(case(), []).hash == case().hash
     with pytest.raises(CaseError) as caught:
-        changed_case(case(), ["fit.sed=3", "test.press.angle=3"])
-    assert [line.split(":")[0] for line in caught.value.faults] == ["fit.sed = 3", "test.press.angle = 3"]
+        changed_case(case(), ["fit.sed=3", "test.press.angle=x"])
+    assert [line.split(":")[0] for line in caught.value.faults] == ["fit.sed = 3", 'test.press.angle = "x"']

@@ -163,7 +163,7 @@ def test_a_curve_from_a_spreadsheet_is_read(case, content):
 
 def test_validate_lists_every_error_at_once(case):
     text = case.read_text().replace("thickness = 3.3", "thickness = -1").replace("friction = 0.5", "friction = -1")
-    case.write_text(text.replace("angle = 90", "angle = 30"))
+    case.write_text(text.replace("angle = 90", "angle = 'across'"))
     (case.parent / "curves" / "parallel.csv").unlink()
     lines = refused(run("validate", case, "--set", "fit.sed=3", "--set", "nonsense"))
     keys = [line.split(": ")[1].split(" = ")[0] for line in lines]

@@ -146,7 +146,7 @@ def test_young_s_modulus_has_the_interval_of_mu(tmp_path):
     assert (known["E"].value, known["E"].stderr, known["E"].total) == pytest.approx((5.2, 0.26, 0.52))
     assert (known["nu"].value, known["nu"].fixed) == (pytest.approx(0.3), True)
     fitted = result(moduli=known)
-    assert [line.split()[:2] for line in fit_lines(fitted)][1:4] == [["mu", "2"], ["E", "5.2"], ["nu", "0.3"]]
+    assert [line.split()[:2] for line in fit_lines(fitted)][1:4] == [["mu", "2.00"], ["E", "5.20"], ["nu", "0.3"]]
     assert FitResult.from_json(fitted.as_json()).moduli == known
 
 

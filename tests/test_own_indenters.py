@@ -68,7 +68,7 @@ def test_a_sphere_and_a_punch_on_one_gel_give_its_modulus(fitted):
     assert known.value == pytest.approx(MU, rel=0.01)
     assert known.interval[0] <= MU <= known.interval[1] and known.interval[1] - known.interval[0] < 0.06 * MU
     assert set(fitted.rmse) == {"sphere", "punch"}
-    assert "each sample and indenter has a mesh of its own: sphere " in fitted.mesh.remark
+    assert "each sample, indenter and symmetry has a mesh of its own: sphere " in fitted.mesh.remark
 
 
 def test_each_curve_is_that_of_a_case_of_its_own(both):

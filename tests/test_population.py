@@ -122,6 +122,6 @@ def test_the_command_fits_samples_as_one_population(tmp_path):
         len(value["per_sample"]["samples"]) == 6 and (out / "population.png").is_file() and (out / "s0" / "report.html").is_file()
     )
     stored = read_result(out).result
-    assert json.loads(json.dumps(stored.as_json())) == value
+    assert json.loads(json.dumps(stored.as_json())) | {key: value[key] for key in ("versions", "written")} == value
     assert CliRunner().invoke(main, ["report", str(out)]).exit_code == 0
     assert "treated / none" in (out / "report.html").read_text()

@@ -74,7 +74,8 @@ def test_the_json_begins_with_its_format_and_is_what_the_folder_holds(replicates
 def test_a_figure_of_a_record_or_of_the_replicates(replicates):
     whole, record = replicates.plot(), replicates.plot("S1 90°")
     assert isinstance(whole, matplotlib.figure.Figure) and len(whole.axes) == 3
-    assert record.get_suptitle() == "S1 90°"
+    name, rating = record.get_suptitle().splitlines()
+    assert name == "S1 90°" and rating.startswith("good: noise ")
     with pytest.raises(RecordError, match="no record 'S3'; the records are S1 0°, S1 90°"):
         replicates.plot("S3")
 

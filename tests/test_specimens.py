@@ -88,7 +88,8 @@ def test_a_fit_of_shear_and_tension_finds_the_truth(tmp_path):
         test.model_copy(update={"strain": None, "points": 25, "curve": curve}) for test, curve in zip(tests, noisy, strict=True)
     ]
     measured = [
-        Test(**{key: value for key, value in dict(test).items() if value is not None and key != "points"}) for test in measured
+        Test(**{key: value for key, value in dict(test).items() if value is not None and key not in ("points", "dip")})
+        for test in measured
     ]
     result = fit(case_of(measured, FREE))
     assert result.success

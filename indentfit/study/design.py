@@ -86,7 +86,7 @@ class FurtherTest:
     @property
     def whole_words(self) -> str:
         """The test in words, with its angle and depth."""
-        return self.words if self.angle is None else f"{self.words}, angle {self.angle}, to {self.depth:.3g} mm"
+        return self.words if self.angle is None else f"{self.words}, angle {self.angle}°, to {self.depth:.3g} mm"
 
 
 @dataclass(frozen=True)
