@@ -13,6 +13,7 @@ from indentfit.fem.contact_state import History, Springs
 from indentfit.fem.element import Solid
 from indentfit.fem.equations import Linearisation
 from indentfit.fem.mesh import quarter
+from indentfit.indenters.distances import from_ball_on_shaft
 
 UP = np.array([0.0, 1.0, 0.0])
 SPRINGS = Springs(normal=1000.0, tangential=300.0)  # kPa/mm
@@ -489,3 +490,11 @@ def test_a_residual_without_contact_is_an_infinite_share_of_the_contact_force():
     for force, share in ((0.0, np.inf), (4.0, 0.5)):
         here = SimpleNamespace(unbalanced=np.float64(2.0), contact_force=np.float64(force))
         assert Linearisation.share.fget(here) == share
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_the_middle_of_a_ball_has_no_normal_and_no_warning():
+    """An iterate may stray there: it is refused, since its forces are no numbers, and a user reads nothing of it."""
+    found = from_ball_on_shaft(2.0, np.array([[0.0, 2.0, 0.0], [0.0, 0.0, 0.0]]), 0.0)
+    assert np.isnan(found.normal[0]).all() and found.normal[1].tolist() == [0.0, -1.0, 0.0]
+    assert found.gap.tolist() == [-2.0, 0.0]

@@ -55,9 +55,10 @@ def from_ball_on_shaft(radius: float, x: Array, bottom: float) -> Distance:
     above = away[..., 1] > 0
     away[..., 1] = np.where(above, 0.0, away[..., 1])
     length = np.sqrt(np.einsum("...i,...i->...", away, away))
-    n = away / length[..., None]
     free = np.eye(3) - above[..., None, None] * UP[:, None] * UP
-    return Distance(length - radius, n, (free - _square(n)) / length[..., None, None])
+    with np.errstate(divide="ignore", invalid="ignore"):  # no normal on the line itself: an iterate that strays there is refused
+        n = away / length[..., None]
+        return Distance(length - radius, n, (free - _square(n)) / length[..., None, None])
 
 
 @dataclass(frozen=True)
