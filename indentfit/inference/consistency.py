@@ -13,12 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Ints
 from indentfit.inference.agreement import TestPrediction
+from indentfit.inference.many import ManyCurves, Problems
 from indentfit.inference.noise import correlations, errors
 from indentfit.inverse.exploration import FINEST
 from indentfit.inverse.problem import InverseProblem
@@ -72,6 +74,11 @@ class _Whitened:
     inverses: tuple[Array, ...]
     freedom: tuple[float, ...]
 
+    @property
+    def many(self) -> ManyCurves:
+        """The curves at many places."""
+        return ManyCurves(self.problem, self.surrogate)
+
     @classmethod
     def of(
         cls, problem: InverseProblem, surrogate: Surrogate, heavy: Sequence[int], x: Array, common: Sequence[Sequence[Array]]
@@ -117,11 +124,9 @@ class _Whitened:
     def _split(self, rows: Array) -> list[Array]:
         return np.split(rows, np.cumsum([force.size for force in self.measured])[:-1])
 
-    def best(self, tests: Sequence[int], starts: Sequence[Array], changed: tuple[int, Array] | None = None) -> tuple[Array, float]:
-        """The parameters that follow some tests best, and the squares that are left; changed: another curve for one test."""
-        measured = list(self.measured)
-        if changed is not None:
-            measured[changed[0]] = changed[1]
+    def best(self, tests: Sequence[int], starts: Sequence[Array]) -> tuple[Array, float]:
+        """The parameters that follow some tests best, and the squares that are left."""
+        measured = self.measured
 
         def residuals(x: Array) -> Array:
             curves = self.curves(x)
@@ -140,15 +145,27 @@ class _Whitened:
         best = min(ends, key=_cost)
         return best.x, float(2 * best.cost)
 
+    def best_of_many(self, tests: Sequence[int], starts: Array, n: int, drawn: Array) -> Array:
+        """The squares (m,) that are left of the best fits to some tests, with the rows of `drawn` (m, n_rows) as the curve of test
+        n; starts: (m, n_free)."""
+        rows = np.split(np.arange(sum(force.size for force in self.measured)), np.cumsum([f.size for f in self.measured])[:-1])
+        roots = block_diag(*(self.inverses[k] for k in tests))
+        own = np.concatenate([rows[k] for k in tests])
+        measured = np.tile(np.concatenate(self.measured), (len(drawn), 1))
+        measured[:, rows[n]] = drawn
+
+        def residuals(places: Array, numbers: Ints) -> Array:
+            return (self.many.curves(places) - measured[numbers])[:, own] @ roots.T
+
+        def slopes(places: Array, numbers: Ints) -> Array:
+            return np.asarray(roots @ self.many.slopes(places)[:, own])
+
+        return Problems(residuals, slopes).minimised(starts)[1]
+
     def squares(self, tests: Sequence[int], x: Array) -> Array:
         """The weighted squares (m,) of some tests at many sets of parameters, (m, n_free)."""
-        problem = self.problem
-        factor = np.ones(len(x))
-        if problem.scale is not None:
-            low, high = problem.factor_bounds()
-            factor = low + x[:, problem.number(problem.scale)] * (high - low)
         rows = np.cumsum([0, *(force.size for force in self.measured)])
-        curves = factor[:, None] * self.surrogate.curves(x[:, problem.searched_numbers])
+        curves = self.many.curves(x)
         left = [(curves[:, rows[n] : rows[n + 1]] - self.measured[n]) @ self.inverses[n].T for n in tests]
         return np.sum([np.sum(part**2, axis=1) for part in left], axis=0)
 
@@ -181,11 +198,10 @@ class _Split:
             p = self._by_draws(n, others, theirs, left, statistic, np.random.default_rng(seed))
         return TestPrediction(p, off)
 
-    def _growth(self, n: int, starts: Sequence[Array], left: float, curve: Array | None = None) -> float:
-        """The growth of the squares by one set of parameters for all tests; curve: another curve of test n."""
-        changed = None if curve is None else (n, curve)
-        own, alone = self.whitened.best((n,), starts, changed)
-        _, all_together = self.whitened.best(self.heavy, [*starts, own] if curve is None else starts, changed)
+    def _growth(self, n: int, starts: Sequence[Array], left: float) -> float:
+        """The growth of the squares by one set of parameters for all tests."""
+        own, alone = self.whitened.best((n,), starts)
+        _, all_together = self.whitened.best(self.heavy, [*starts, own])
         return max(all_together - alone - left, 0.0)
 
     def _by_fisher(self, n: int, others: Sequence[int], statistic: float) -> float:
@@ -204,15 +220,16 @@ class _Split:
         self, n: int, others: Sequence[int], theirs: Array, left: float, statistic: float, rng: np.random.Generator
     ) -> float:
         """The share of curves of test n, drawn from their distribution given the others, that are as far from the prediction."""
-        whitened, larger = self.whitened, 0
-        freedom = whitened.freedom[n]
-        for number, x in enumerate(self._drawn(others, theirs, left, rng), start=1):
+        whitened, freedom, starts, drawn = self.whitened, self.whitened.freedom[n], self._drawn(others, theirs, left, rng), []
+        for x in starts:
             size = np.sqrt(freedom / rng.chisquare(freedom)) if np.isfinite(freedom) else 1.0
             noise = size * whitened.roots[n] @ rng.standard_normal(len(whitened.roots[n]))
-            larger += self._growth(n, [x], left, whitened.curves(x)[n] + noise) >= statistic
-            if larger == ENOUGH:
-                return larger / number
-        return (1 + larger) / (1 + DRAWS)
+            drawn.append(whitened.curves(x)[n] + noise)
+        alone, together = (whitened.best_of_many(tests, starts, n, np.array(drawn)) for tests in ((n,), self.heavy))
+        far = np.maximum(together - alone - left, 0.0) >= statistic
+        if far.sum() < ENOUGH:
+            return float((1 + far.sum()) / (1 + DRAWS))
+        return ENOUGH / float(1 + np.flatnonzero(far)[ENOUGH - 1])
 
     def _drawn(self, others: Sequence[int], theirs: Array, left: float, rng: np.random.Generator) -> Array:
         """DRAWS sets of parameters from their distribution given the other tests, uniform within the bounds before these tests:

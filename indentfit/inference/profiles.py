@@ -1,6 +1,6 @@
 """Profile likelihoods on a surrogate: each parameter is moved while the others are fitted again; runs confirm the ends."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,8 @@ from indentfit.runs.forward import Evaluation, ForwardModel, Report
 OUTWARDS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0)  # of the way from the value to a bound
 SHOWN = 17  # values of a profile in the result
 BEYOND = 0.3  # of the interval's width: range of the shown values beyond the interval
+SURE = 0.05  # error of a prediction by the jackknife, over the root of a profile's limit, up to which an end needs no run
+BELIED = 2.0  # times its error by the jackknife: where a run is farther from its prediction, and not within SURE, all ends are run
 SAME_RUN = 0.1  # of the intervals: ends of profiles that are this near each other share a run
 
 
@@ -97,11 +99,29 @@ class Proving:
     most: int | None = None
 
     def prove(self, paths: Mapping[str, ProfilePath], report: Report | None = None) -> dict[str, tuple[ConfirmedPoint, ...]]:
-        """Run the ends of profiles; ends that are near each other share a run, and ends that are not run have no ConfirmedPoint."""
+        """Run the ends of profiles; ends that are near each other share a run, and ends that are not run have no ConfirmedPoint.
+
+        Where the surrogate predicts ends surely enough, the least sure one is run, and the others only where it was not as
+        predicted.
+        """
         problem = self.problem
         widths = np.array([np.ptp([problem.unit(name, end) for end in path.interval]) for name, path in paths.items()])
         ends = {name: path.ends() for name, path in paths.items()}
         points = self._farthest(_apart(np.concatenate([*ends.values()]), widths))[: self.most]
+        limits = [path.limit for path in paths.values()]
+        doubts = [self._doubt(x, limits) for x in points]
+        first = [x for x, doubt in zip(points, doubts, strict=True) if doubt > SURE] or [points[k] for k in np.argsort(doubts)[-1:]]
+        confirmed = self._run(first, ends, widths, report)
+        allowed = {name: max(SURE, BELIED * max(doubts, default=0.0)) * np.sqrt(path.limit) for name, path in paths.items()}
+        if len(first) == len(points) or all(_as_predicted(confirmed[name], allowed[name]) for name in confirmed):
+            return confirmed
+        return self._run(points, ends, widths, report)
+
+    def _run(
+        self, points: list[Array], ends: Mapping[str, Array], widths: Array, report: Report | None
+    ) -> dict[str, tuple[ConfirmedPoint, ...]]:
+        """The ends that runs at some points prove."""
+        problem = self.problem
         runs = evaluate_at_reference(problem, self.model, [problem.parameters(x) for x in points], report)
         x = problem.units(self.candidate.parameters)
         promised = estimate(problem, self.surrogate, self.known.weights, x)[1]
@@ -111,6 +131,15 @@ class Proving:
             numbers = [_near(end, points, widths) for end in pair]
             confirmed[name] = tuple(self._confirmed(n, points[k], runs[k], least) for k in numbers if k is not None)
         return confirmed
+
+    def _doubt(self, x: Array, limits: Sequence[float]) -> float:
+        """The error of the root of chi2 at x by the jackknife, over that of the nearest limit."""
+        problem = self.problem
+        lost = problem.factor(problem.parameters(x)) * self.surrogate.spread(x[problem.searched_numbers])
+        by_test = np.split(lost, np.cumsum([test.curve.force.size for test in problem.tests])[:-1], axis=1)
+        rows = zip(problem.tests, by_test, self.known.weights, strict=True)
+        squares = sum(weight * float(np.sum((test.curve.trust * part) ** 2)) for test, part, weight in rows if weight)
+        return float(np.sqrt(squares * max(_factor(self.known, n) / limit for n, limit in enumerate(limits))))
 
     def _farthest(self, points: list[Array]) -> list[Array]:
         """Points (n_free,) in units of the ranges, those farthest from the surrogate's runs first."""
@@ -139,6 +168,14 @@ class Proving:
     def _squares(self, forces: tuple[Array, ...]) -> float:
         rows = zip(self.problem.tests, forces, self.known.weights, strict=True)
         return sum(weight * float(np.sum((test.curve.trust * (force - test.curve.force)) ** 2)) for test, force, weight in rows)
+
+
+def _as_predicted(points: tuple[ConfirmedPoint, ...], allowed: float) -> bool:
+    """Whether runs at ends of a profile are as near their predictions as allowed, by the roots of chi2."""
+    return all(
+        point.chi2 is not None and point.predicted is not None and abs(np.sqrt(point.chi2) - np.sqrt(point.predicted)) <= allowed
+        for point in points
+    )
 
 
 def _apart(ends: Array, widths: Array) -> list[Array]:

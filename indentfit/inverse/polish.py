@@ -90,7 +90,7 @@ def _step(problem: InverseProblem, candidate: Candidate, slopes: tuple[Array, ..
         weights = [np.sqrt(w / max(np.linalg.norm(r + d @ step), floor)) for w, r, d in parts]
         A = np.concatenate([s * d for s, (_, _, d) in zip(weights, parts, strict=True)])
         b = -np.concatenate([s * r for s, (_, r, _) in zip(weights, parts, strict=True)])
-        step = scipy.optimize.lsq_linear(A, b, bounds, tol=1e-14).x
+        step = scipy.optimize.lsq_linear(A, b, bounds, method="bvls", tol=1e-14).x
         if value(step) >= value(best) * (1 - 1e-10):
             break
         best = step

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from indentfit.arrays import Array, Bools
+from indentfit.arrays import Array, Bools, Ints
 from indentfit.inverse import polynomials
 from indentfit.inverse.derivatives import given_by
 from indentfit.inverse.polynomials import OF_SLOPES, warp
@@ -66,6 +66,8 @@ class Fitted:
         Root mean square error of the prediction of each run from all others, as a share of max(misfit, floor).
     left_out : array (m, N) or None
         Errors of the predictions of each run from all others, in the same shares.
+    shifts : array (m, coefficients, N) or None, mN
+        What the coefficients lose where each run is left out.
     """
 
     betas: Array
@@ -73,6 +75,7 @@ class Fitted:
     coefficients: Array
     error: float
     left_out: Array | None = None
+    shifts: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +149,17 @@ class Surrogate:
         if not self.fitted.betas.size:
             return np.repeat(self.fitted.coefficients, len(places), axis=0)
         return polynomials.values(places, self.fitted.betas, self.degree) @ self.fitted.coefficients
+
+    def spread(self, place: Array) -> Array:
+        """The jackknife's errors of the curves at one place (d,), (m, N) mN at the reference scale.
+
+        Each row is what the curves lose where one of the m runs is left out; infinite where a run alone determines a coefficient.
+        """
+        fitted = self.fitted
+        if fitted.shifts is None:
+            return np.full((1, sum(test.curve.force.size for test in self.problem.tests)), np.inf)
+        lost = polynomials.values(self.of_runs(place)[None], fitted.betas, fitted.degree)[0] @ fitted.shifts
+        return lost if self.problem.kernel is None or self.of_measured else self._relaxed(lost, self._values(place))
 
     def _slopes_of_runs(self, places: Array) -> Array:
         betas, coefficients = self.fitted.betas, self.fitted.coefficients
@@ -320,16 +334,20 @@ def _best_fit(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Fit
     are given, and its coefficients are expected to be small.
     """
     best: Fitted | None = None
-    betas, d = problem.betas, len(problem.searched)
+    betas, d, rows = problem.betas, len(problem.searched), _Rows.of(training)
     if problem.warps:
-        return fit_polynomial(training, betas, widest_degree(d), expected=True)
+        return _fit_rows(rows, betas, widest_degree(d), expected=True)
+    tried: set[tuple[float, ...]] = set()
     for _ in range(2 if d > 1 else 1):
         for n in range(d):
             for beta in BETAS:
                 trial = betas.copy()
                 trial[n] = beta
+                if tuple(trial) in tried:
+                    continue
+                tried.add(tuple(trial))
                 for degree in DEGREES:
-                    fitted = fit_polynomial(training, trial, degree)
+                    fitted = _fit_rows(rows, trial, degree)
                     if fitted and (best is None or fitted.error < best.error):
                         best = fitted
             betas = best.betas if best else betas
@@ -347,52 +365,80 @@ def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int, e
     With `expected`, coefficients are expected to be the smaller the higher their degree (SMALLER): runs then may be few, and a
     polynomial does not run away where there are none.
     """
+    return _fit_rows(_Rows.of(training), betas, degree, expected)
+
+
+def _fit_rows(rows: "_Rows", betas: Array, degree: int, expected: bool = False) -> Fitted | None:
     d = len(betas)
-    places = np.array([run.place for run in training])
-    values, by_t = polynomials.values(places, betas, degree), polynomials.by_t(places, betas, degree)
-    ahead = polynomials.stretch(places, betas)  # dt/du, (m, d)
-    rows, targets, owners = [], [], []
-    for n, run in enumerate(training):
-        slopes = run.slopes
-        given = [] if slopes is None else [k for k in range(d) if np.isfinite(slopes[0, k])]
-        rows.append(run.weight * values[n])
-        targets.append(run.weight * run.curves)
-        if slopes is not None:
-            shares = {k: OF_SLOPES * run.weight * (min(1.0, ahead[n, k]) if -1 < betas[k] < 0 else 1.0) for k in given}
-            rows += [shares[k] * by_t[k][n] for k in given]  # where friction has no effect, its derivative by t is mostly chatter
-            targets += [shares[k] * slopes[:, k] / ahead[n, k] for k in given]
-        owners += [n] * (1 + len(given))
-    if (len(rows) < polynomials.SPARE * values.shape[1] and not expected) or len(training) < 2:
+    if (len(rows.owners) < polynomials.SPARE * len(polynomials.powers(d, degree)) and not expected) or len(rows.places) < 2:
         return None
-    A, b = np.array(rows), np.array(targets)
+    A, b = rows.weighted(betas, degree)
     if expected:
-        A = np.vstack([A, np.diag(_expected(training, d, degree))])
-        b = np.vstack([b, np.zeros((values.shape[1], b.shape[1]))])
+        A = np.vstack([A, np.diag(_expected(rows, d, degree))])
+        b = np.vstack([b, np.zeros((A.shape[1], b.shape[1]))])
     Q, R = np.linalg.qr(A)
     if np.abs(np.diag(R)).min() < 1e-8 * np.abs(np.diag(R)).max():
         return None
     coefficients = np.linalg.solve(R, Q.T @ b)
-    left_out = _left_out(Q, b - A @ coefficients, np.array(owners))
-    error = np.inf if left_out is None else float(np.sqrt(np.mean(np.square(left_out))))
-    return Fitted(betas, degree, coefficients, error, left_out)
+    left_out = _left_out(Q, b - A @ coefficients, rows.owners)
+    if left_out is None:
+        return Fitted(betas, degree, coefficients, np.inf)
+    errors, shifts = left_out
+    return Fitted(betas, degree, coefficients, float(np.sqrt(np.mean(np.square(errors)))), errors, np.linalg.solve(R, shifts))
 
 
-def _expected(training: Sequence[TrainingRun], d: int, degree: int) -> Array:
+def _expected(rows: "_Rows", d: int, degree: int) -> Array:
     """Weights of the expectation that each coefficient is 0, (coefficients,)."""
     totals = np.array([sum(powers) for powers in polynomials.powers(d, degree)])
-    return np.asarray(max(run.weight for run in training) * UNEXPLAINED / SMALLER**totals)
+    return np.asarray(rows.weights.max() * UNEXPLAINED / SMALLER**totals)
 
 
-def _left_out(Q: Array, residuals: Array, owners: Array) -> Array | None:
-    """Weighted errors of the prediction of each run from all others, from the projection on the fit's columns, (m, N)."""
-    errors = []
-    for n in range(owners[-1] + 1):
-        rows = np.flatnonzero(owners == n)
-        kept = np.eye(rows.size) - Q[rows] @ Q[rows].T
-        if np.linalg.eigvalsh(kept)[0] < 1e-6:
-            return None  # this run alone determines a coefficient, so the error is unknown
-        errors.append(np.linalg.solve(kept, residuals[rows])[0])
-    return np.array(errors)
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The equations of a fit to runs: of each run (`owners`) its curve (`kinds` 0), and its slopes by each parameter k (k + 1)."""
+
+    places: Array
+    weights: Array
+    owners: Ints
+    kinds: Ints
+    targets: Array  # curves and slopes by the place, (1 + d, m, N)
+
+    @classmethod
+    def of(cls, training: Sequence[TrainingRun]) -> "_Rows":
+        places, curves = np.array([run.place for run in training]), np.array([run.curves for run in training])
+        none = np.full((*curves.shape[1:], places.shape[1]), np.nan)
+        slopes = np.array([none if run.slopes is None else run.slopes for run in training])
+        owners, kinds = np.nonzero(np.column_stack([np.ones(len(places), dtype=bool), np.isfinite(slopes[:, 0])]))
+        targets = np.concatenate([curves[None], np.moveaxis(slopes, 2, 0)])
+        return cls(places, np.array([run.weight for run in training]), owners, kinds, targets)
+
+    def weighted(self, betas: Array, degree: int) -> tuple[Array, Array]:
+        """The weighted equations of a polynomial: matrix (R, coefficients) and right sides (R, N)."""
+        ahead = polynomials.stretch(self.places, betas)  # dt/du, (m, d)
+        blocks = np.stack([polynomials.values(self.places, betas, degree), *polynomials.by_t(self.places, betas, degree)])
+        # where friction has no effect, its derivative by t is mostly chatter
+        chatter = np.where((betas > -1) & (betas < 0), np.minimum(1.0, ahead), 1.0)
+        shares = self.weights * np.concatenate([np.ones((1, len(self.weights))), OF_SLOPES * chatter.T])
+        per_t = shares / np.concatenate([np.ones((1, len(self.weights))), ahead.T])
+        at = self.kinds, self.owners
+        return shares[at][:, None] * blocks[at], per_t[at][:, None] * self.targets[at]
+
+
+def _left_out(Q: Array, residuals: Array, owners: Ints) -> tuple[Array, Array] | None:
+    """Weighted errors of the prediction of each run from all others, (m, N), and what R times the coefficients loses without it,
+    (m, coefficients, N), from the projection on the columns of the fit Q R; None where a run alone determines a coefficient."""
+    counts = np.bincount(owners)
+    errors, first = np.empty((len(counts), residuals.shape[1])), np.searchsorted(owners, np.arange(len(counts)))
+    shifts = np.empty((len(counts), Q.shape[1], residuals.shape[1]))
+    for count in np.unique(counts):
+        runs = np.flatnonzero(counts == count)
+        rows = first[runs][:, None] + np.arange(count)
+        kept = np.eye(count) - Q[rows] @ np.swapaxes(Q[rows], 1, 2)
+        if np.linalg.eigvalsh(kept)[:, 0].min() < 1e-6:
+            return None
+        unpredicted = np.linalg.solve(kept, residuals[rows])
+        errors[runs], shifts[runs] = unpredicted[:, 0], np.swapaxes(Q[rows], 1, 2) @ unpredicted
+    return errors, shifts
 
 
 def _key(problem: InverseProblem, evaluation: Evaluation) -> tuple[float, ...]:

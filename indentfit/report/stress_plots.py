@@ -17,7 +17,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from scipy.interpolate import LinearNDInterpolator
+from matplotlib.tri import LinearTriInterpolator, Triangulation
 from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.arrays import Array, Ints
@@ -231,17 +231,23 @@ def _fibres(fields: Fields, fibre: Array) -> list[Array]:
     """Lines (n, 3) on the deformed top along the fibres, at equal distances; nothing for fibres that do not lie in the top."""
     nodes = fields.nodes
     top = nodes[:, 1] > nodes[:, 1].max() - 1e-6 * np.ptp(nodes[:, 1])
-    plane = nodes[top][:, [0, 2]]
+    quads = surface(fields.elements)
+    quads = quads[top[quads].all(axis=1)]
+    plane = nodes[:, [0, 2]]
     along = np.array([fibre[0], fibre[2]])
-    if np.linalg.norm(along) < 1e-6 or top.sum() < 4:
+    if np.linalg.norm(along) < 1e-6 or not quads.size:
         return []
     along /= np.linalg.norm(along)
     across = np.array([-along[1], along[0]])
-    moved = LinearNDInterpolator(plane, (nodes + fields.displacement)[top])
-    (first, last), (low, high) = ((float(np.min(plane @ way)), float(np.max(plane @ way))) for way in (along, across))
+    triangles = Triangulation(plane[:, 0], plane[:, 1], np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    moved = [LinearTriInterpolator(triangles, values) for values in (nodes + fields.displacement).T]
+    (first, last), (low, high) = ((np.min(plane[top] @ way), np.max(plane[top] @ way)) for way in (along, across))
     steps = np.linspace(first, last, 120)[:, None] * along
-    lines = [moved(steps + place * across) for place in np.linspace(low, high, LINES + 2)[1:-1]]
-    return [line[np.isfinite(line[:, 0])] for line in lines if np.isfinite(line[:, 0]).sum() > 1]
+    lines = []
+    for place in np.linspace(low, high, LINES + 2)[1:-1]:
+        line = np.column_stack([by(*(steps + place * across).T).filled(np.nan) for by in moved])
+        lines.append(line[np.isfinite(line[:, 0])])
+    return [line for line in lines if len(line) > 1]
 
 
 def _draw_indenter(axes: Axes, drawn: Outline, seen_as: Array) -> None:
