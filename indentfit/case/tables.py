@@ -6,18 +6,22 @@ that `init` writes, the reference page and the JSON schema are generated from th
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import Field, PlainValidator, WithJsonSchema, WrapValidator, create_model, model_validator
+import numpy as np
+from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, create_model
 from pydantic.fields import FieldInfo
 
-from indentfit import elastic, indenters, samples
+from indentfit import indenters, samples
+from indentfit.arrays import Array, Ints
 from indentfit.case import specimen
+from indentfit.case.materials import Layer as Layer
+from indentfit.case.materials import MaterialChoice as MaterialChoice
 from indentfit.case.quantities import (
     Angle,
-    BulkRatio,
     Dip,
     Friction,
     HalfAngle,
@@ -25,27 +29,24 @@ from indentfit.case.quantities import (
     Line,
     NotNegative,
     Positive,
-    Pressure,
     Quantity,
     Radius,
     Shape,
     Turn,
+    as_tuple,
     one_line,
     refusal,
 )
-from indentfit.case.ranges import Range, fixed_or_range
-from indentfit.case.relaxation import Relaxation, Seconds, Velocity
+from indentfit.case.relaxation import Seconds, Velocity
 from indentfit.case.section import Section, either, known
 from indentfit.case.solving import Solver as Solver
 from indentfit.curve import Curve
 from indentfit.material import Fibres, Kind
 from indentfit.shapes import Registry, keys_of
 
-DEFAULT_BULK_RATIO = 1000.0
-LARGEST_BULK_RATIO = 2e5  # the solver takes this ratio for an exactly incompressible sample
-BULK = ("bulk_ratio", "kappa", "poisson_ratio")  # the keys that say how compressible a material is
 MESH_ERRORS = (0.001, 0.1)  # range of the errors by the mesh that a case may ask for
 USUAL_MESH_ERROR = 0.01
+SAME_THICKNESS = 1e-6  # relative difference of the layers' thicknesses from that of the sample, by round-off
 Table = TypeVar("Table", bound=Section)
 SIZE = (  # the factors are those of fem.mesh.FAMILIES
     "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
@@ -70,6 +71,26 @@ class Sample(Section):
     fibre_angle: Turn = Field(
         default=0.0, description="angle by which the sample's fibres are turned from the angles that the tests state"
     )
+    layer: Annotated[tuple[Layer, ...], BeforeValidator(as_tuple)] = Field(
+        default=(), description="list of layers, the top one first, each with its own material; in place of the table [material]"
+    )
+
+    @property
+    def interfaces(self) -> tuple[float, ...]:
+        """Depths of the interfaces between layers below the top, mm. Where a run changes the thickness of the sample, all layers
+        change in proportion."""
+        total = sum(layer.thickness for layer in self.layer)
+        depths = itertools.accumulate(layer.thickness * self.thickness / total for layer in self.layer)
+        return tuple(depths)[:-1]
+
+    @property
+    def top_thickness(self) -> float:
+        """Thickness of the layer that the indenter touches, mm; of a sample without layers its own."""
+        return min((*self.interfaces, self.thickness))
+
+    def layer_at(self, height: Array) -> Ints:
+        """Numbers (n,) of the layers, from 0 at the top, at heights (n,) above the base, mm."""
+        return np.searchsorted(np.array(self.interfaces), self.thickness - height)
 
     @property
     def geometry(self) -> samples.SampleShape:
@@ -84,6 +105,18 @@ class Sample(Section):
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
         yield from self.of_shape(samples.SHAPES)
+        if self.layer:
+            yield from self._faults_of_layers(self.layer)
+
+    def _faults_of_layers(self, layers: tuple[Layer, ...]) -> Iterator[tuple[str, str]]:
+        """Layers that are called alike, or that do not add up to the sample."""
+        names = [layer.name for layer in layers]
+        if double := next((name for n, name in enumerate(names) if name in names[:n]), None):
+            yield "layer", f"two layers are called {double}; give each a name of its own"
+        total = sum(layer.thickness for layer in layers)
+        if known(self.thickness) and abs(total - self.thickness) > SAME_THICKNESS * self.thickness:
+            parts = " + ".join(f"{layer.thickness:g}" for layer in layers)
+            yield "thickness", f"the layers add up to {parts} = {total:.6g} mm; correct sample.thickness, or a layer's"
 
 
 class Indenter(Section):
@@ -264,87 +297,6 @@ class Mesh(Section):
         given = [key for key in ("size", "elements", "error") if getattr(self, key, None) is not None]
         for key in given[1:]:
             yield key, f"mesh.{given[0]} is given too; keep one of them"
-
-
-class MaterialChoice(Section):
-    """The material: an installed model, `file.py:Class`, or a typed energy, with its parameters."""
-
-    place = "material"
-    rivals = either("model", "energy") | either("bulk_ratio", "kappa", "poisson_ratio")
-
-    model: Line | None = Field(
-        default=None,
-        examples=["transversely_isotropic"],
-        description="name of an installed material (`indentfit materials` lists them), or file.py:Class, which runs that file",
-    )
-    energy: Line | None = Field(
-        default=None,
-        examples=["mu/2*(I1 - 3)"],
-        description="energy instead of a model, a formula in I1, I2, I4, I5, the principal stretches l1, l2, l3 and the parameters",
-    )
-    parameters: dict[str, Annotated[float | Range, WrapValidator(fixed_or_range)]] = Field(
-        default_factory=dict,
-        description="parameters of the material, each a number, or {start, min, max} to be fitted; young (kPa) may stand for the "
-        "shear modulus of an isotropic law",
-    )
-    bulk_ratio: BulkRatio | None = Field(
-        default=None,
-        examples=[DEFAULT_BULK_RATIO],
-        description='bulk modulus over shear modulus, or "unknown" (20 to 5000); without kappa and poisson_ratio 1000 by default',
-    )
-    kappa: Pressure | None = Field(default=None, examples=[1490.0], description="bulk modulus, instead of bulk_ratio")
-    poisson_ratio: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] | None = Field(
-        default=None,
-        examples=[0.45],
-        description="Poisson's ratio nu, instead of bulk_ratio = 2 (1 + nu) / (3 (1 - 2 nu)); 0.5 is exactly incompressible; for "
-        "materials without fibres",
-    )
-    relaxation: Relaxation | None = Field(default=None, description="table of the relaxation of the stress in time")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _nearly_incompressible(cls, keys: Any) -> Any:
-        if isinstance(keys, dict) and all(keys.get(name) is None for name in BULK):
-            return {**keys, "bulk_ratio": DEFAULT_BULK_RATIO}
-        return keys
-
-    @property
-    def bulk_over_shear(self) -> float | None:
-        """Bulk modulus over shear modulus: `bulk_ratio`, or that of `poisson_ratio` (inf at 0.5); None where `kappa` is given."""
-        if self.poisson_ratio is not None:
-            return elastic.bulk_ratio(self.poisson_ratio)
-        assert not isinstance(self.bulk_ratio, str)  # a case has a value in place of `unknown`
-        return self.bulk_ratio
-
-    def bulk_modulus(self, shear_modulus: float) -> float:
-        """kappa in kPa, for a material of this shear modulus, kPa."""
-        if self.kappa is not None:
-            return self.kappa
-        assert self.bulk_over_shear is not None  # one of the three is always there
-        return min(self.bulk_over_shear, LARGEST_BULK_RATIO) * shear_modulus
-
-    def poisson_ratio_at(self, shear_modulus: float) -> float:
-        """Poisson's ratio of a material of this shear modulus, kPa."""
-        ratio = self.bulk_over_shear
-        return elastic.poisson_ratio(self.bulk_modulus(shear_modulus) / shear_modulus if ratio is None else ratio)
-
-    def shear_modulus_of(self, young: float) -> float:
-        """The shear modulus of a material of this Young's modulus, both kPa."""
-        if self.kappa is not None:
-            return elastic.shear_modulus_beside(young, self.kappa)
-        assert self.bulk_over_shear is not None
-        return elastic.shear_modulus(young, self.bulk_over_shear)
-
-    def disagreements(self) -> Iterator[tuple[str, str]]:
-        given = self.model_fields_set
-        if {"model", "energy"} <= given:
-            yield "energy", "material.model is given too; keep one of them"
-        if not {"model", "energy"} & given:
-            yield "model", f"missing; give the {type(self).model_fields['model'].description}; or give material.energy"
-        bulk = [name for name in BULK if name in given and dict(self).get(name) is not None]
-        if len(bulk) > 1:
-            others = " and ".join(f"material.{name}" for name in bulk[:-1])
-            yield bulk[-1], f"{others} {'is' if len(bulk) == 2 else 'are'} given too; keep one of them"
 
 
 def _file_or_curve(value: Any) -> str | Curve | None:

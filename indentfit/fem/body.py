@@ -3,10 +3,24 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
 import scipy.sparse as sp
 
 from indentfit.arrays import Array, Ints
 from indentfit.material import Material
+
+Bulk = float | Array
+"""A bulk modulus, kPa: of all elements, or of each of them, (n_el, 1)."""
+
+
+def per_element(bulk: Bulk, n_el: int) -> Array:
+    """The bulk modulus of each element, (n_el,), kPa."""
+    return np.ascontiguousarray(np.broadcast_to(np.ravel(bulk), n_el), dtype=float)
+
+
+def per_mode(bulk: Bulk, means: Array) -> Bulk:
+    """The bulk modulus of each pressure mode, (n_el * n_m,), kPa, of means (n_el, n_m); a number remains one."""
+    return bulk if isinstance(bulk, float | int) else np.broadcast_to(bulk, means.shape).ravel()
 
 
 @dataclass(frozen=True)
@@ -83,7 +97,7 @@ class Body(Protocol):
         """
         ...
 
-    def pressure(self, state: BodyState, kappa: float) -> Array:
+    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
         """Pressure modes (n_el, n_m) of a state, kappa (theta - means), in kPa times the modes' own unit."""
         ...
 
@@ -104,9 +118,9 @@ class Body(Protocol):
         state: BodyState,
         material: Material,
         pressure: Array,
-        kappa: float,
+        kappa: Bulk,
         fibre: Array,
-        bulk: float | None = None,
+        bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         """Forces and tangent of one Newton iteration.
 

@@ -78,7 +78,7 @@ def approached(increment: Increment, at: Iterate, solver: LinearSolver, controls
 def _change(increment: Increment, here: Balance, solver: LinearSolver) -> Iterate | None:
     """What one iteration would do; None where the contact was not solved."""
     loading = increment.loading
-    apply = solver.around(_Contact(increment, here).solve, loading.kappa, loading.tangent_bulk, loading.material.shear_modulus)
+    apply = solver.around(_Contact(increment, here).solve, *loading.per_mode(increment.equations.body.means))
     try:
         x = apply(-np.concatenate([here.residual, here.gap.ravel()]))
     except ConvergenceError:

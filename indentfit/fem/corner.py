@@ -29,6 +29,8 @@ class Corner:
         Of the punch.
     reach, thickness : floats, mm
         Radius and thickness of the sample.
+    top : float, mm
+        Thickness of the layer that the punch touches, in which the block lies.
     width : float, mm
         Wanted width of the elements at the corner.
     divisions : int
@@ -38,13 +40,14 @@ class Corner:
     radius: float
     reach: float
     thickness: float
+    top: float
     width: float
     divisions: int
 
     @property
     def block(self) -> float:
         """Half-width of the block of rings, mm."""
-        return BLOCK * min(self.radius, self.thickness, self.reach - self.radius)
+        return BLOCK * min(self.radius, self.top, self.reach - self.radius)
 
     @property
     def core(self) -> float:

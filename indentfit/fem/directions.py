@@ -1,14 +1,15 @@
 """Quantities by which a path can be differentiated: parameters of the material, friction, the bulk ratio, the offset, and the angle
 of the fibres."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.errors import InputError
-from indentfit.material import REST, Material
+from indentfit.fem.body import Bulk
+from indentfit.material import REST, Layered, Material, parts_of
 
 NUDGE = 1e-5  # relative step of the one numerical derivative, that of the springs' stiffness
 OFFSET = "offset"  # of the contact point, mm: F(d - offset)
@@ -26,7 +27,7 @@ class Direction:
     ----------
     gradient : function or None
         I (4, n) -> change (4, n) of the energy's derivatives by the invariants, kPa.
-    kappa : float, kPa
+    kappa : float, or array (n_el, 1), kPa
         Change of the bulk modulus.
     springs : float
         Relative change of the contact springs.
@@ -38,23 +39,44 @@ class Direction:
 
     name: str
     gradient: Callable[[Array], Array] | None = None
-    kappa: float = 0.0
+    kappa: Bulk = 0.0
     springs: float = 0.0
     friction: float = 0.0
     turned: tuple[tuple[float, Array], ...] = ()
 
 
+@dataclass(frozen=True)
+class Solids:
+    """The material of a run, which may be that of several layers.
+
+    Attributes
+    ----------
+    material : Material
+    placed : Material
+        What the body asks of it, which knows the layer of each integration point.
+    kappas : tuple of float, kPa
+        Bulk modulus of each layer.
+    of_elements : function
+        Moduli of the layers -> modulus of each element (n_el, 1); the number itself, where there is one.
+    """
+
+    material: Material
+    placed: Material
+    kappas: tuple[float, ...]
+    of_elements: Callable[[Sequence[float]], Bulk]
+
+
 def directions(
-    names: Iterable[str], material: Material, kappa: float, stiffness: Callable[[Material], float], friction: float
+    names: Iterable[str], solid: Solids, stiffness: Callable[[Material], float], friction: float
 ) -> tuple[Direction, ...]:
     """The Direction of each name.
 
     Parameters
     ----------
-    names
+    names : iterable of str
         Parameters of the material, "friction", "bulk_ratio" (kappa over shear modulus), and "offset" and
         "fibre_angle", which are not among the results (`of_fibre_angle`).
-    kappa : float, kPa
+    solid : Solids
     stiffness : function
         Material -> stiffness of the contact springs, whose relative change is found by differences.
     friction : float
@@ -71,14 +93,14 @@ def directions(
     """
     ways = []
     for name in names:
-        if name in type(material).parameters:
-            ways.append(_of_parameter(name, material, kappa, stiffness))
+        if name in type(solid.material).parameters:
+            ways.append(_of_parameter(name, solid, stiffness))
         elif name == "bulk_ratio":
-            ways.append(Direction(name, kappa=material.shear_modulus))
+            ways.append(Direction(name, kappa=solid.of_elements([part.shear_modulus for part in parts_of(solid.material)])))
         elif name == "friction" and np.isfinite(friction):
             ways.append(Direction(name, friction=1.0))
         elif name not in (OFFSET, FIBRE_ANGLE):
-            known = ", ".join([*type(material).parameters, "friction", "bulk_ratio", OFFSET, FIBRE_ANGLE])
+            known = ", ".join([*type(solid.material).parameters, "friction", "bulk_ratio", OFFSET, FIBRE_ANGLE])
             raise InputError(f"no sensitivity to {name!r} here; known: {known} (friction: where it is a number)")
     return tuple(ways)
 
@@ -98,14 +120,17 @@ def of_fibre_angle(fibre: Callable[[float], Array], stiffness: Callable[[Array],
     return Direction(FIBRE_ANGLE, springs=springs, turned=turned)
 
 
-def _of_parameter(name: str, material: Material, kappa: float, stiffness: Callable[[Material], float]) -> Direction:
+def _of_parameter(name: str, solid: Solids, stiffness: Callable[[Material], float]) -> Direction:
+    material, placed = solid.material, solid.placed
     row = list(type(material).parameters).index(name)
-    at_rest = material.parameter_gradient(REST)[row]
-    relative = kappa / material.shear_modulus
+    number, own = material.place_of(name) if isinstance(material, Layered) else (0, name)
+    part, kappas = parts_of(material)[number], [0.0] * len(solid.kappas)
+    at_rest = part.parameter_gradient(REST)[list(type(part).parameters).index(own)]
+    kappas[number] = solid.kappas[number] / part.shear_modulus * float(2 * at_rest[:2].sum())
     return Direction(
         name,
-        gradient=lambda I: material.parameter_gradient(I)[row],
-        kappa=relative * float(2 * at_rest[:2].sum()),
+        gradient=lambda I: placed.parameter_gradient(I)[row],
+        kappa=solid.of_elements(kappas),
         springs=_relative_change(name, material, stiffness),
     )
 

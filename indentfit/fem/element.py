@@ -21,7 +21,7 @@ from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import THREADS, compiled, on_stack, on_threads
-from indentfit.fem.body import BodyState
+from indentfit.fem.body import BodyState, Bulk, per_element
 from indentfit.fem.symmetry import PARTS, Part
 from indentfit.material import Material, checked_derivatives
 
@@ -103,7 +103,7 @@ class Solid:
         smallest = self._run(self._loop.kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
         return BodyState(I, theta, bool(min(smallest) > 0))
 
-    def pressure(self, state: BodyState, kappa: float) -> Array:
+    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
         """Pressure modes (n_el, n_m) that belong to a state, tension positive."""
         return kappa * (state.theta - self.means)
 
@@ -119,7 +119,7 @@ class Solid:
         return out
 
     def tangent(
-        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: float, fibre: Array, bulk: float | None = None
+        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: Bulk, fibre: Array, bulk: Bulk | None = None
     ) -> tuple[Array, Array]:
         """Internal forces (n,) at the pressure modes that follow from u, and CSR data (nnz,) of the consistent tangent.
 
@@ -131,7 +131,7 @@ class Solid:
         target = self.pressure(state, kappa)
         self._run(
             self._loop.tangent, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
-            kappa if bulk is None else bulk, d1, d2, self.indptr, self.positions, out, values,
+            per_element(kappa if bulk is None else bulk, len(self.dofs)), d1, d2, self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values
 
@@ -542,7 +542,7 @@ def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
                         D[s, t] += J * p if s != t else -J * p
                 _add_dilatation(g, modes[e], q, w * J, n_p, B)
                 _add_stiffness(g, D, tau, w, N_N, n_p, Dg, sg, K)
-            _add_bulk(B, kappa, N_N, K)
+            _add_bulk(B, kappa[e], N_N, K)
             _scatter_force(dofs[e], fe, out)
             _scatter_stiffness(dofs[e], positions[e], indptr, K, values)
 

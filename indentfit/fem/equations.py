@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError
-from indentfit.fem.body import Body, BodyState
+from indentfit.fem.body import Body, BodyState, Bulk, per_mode
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import ContactFace
 from indentfit.fem.contact_state import ContactState, History, Springs
@@ -58,10 +58,12 @@ class Loading:
     Parameters
     ----------
     material : Material
-    kappa : float, kPa
-        Bulk modulus.
-    tangent_bulk : float, kPa
+    kappa : float, or array (n_el, 1), kPa
+        Bulk modulus; an array where the sample has layers.
+    tangent_bulk : float, or array (n_el, 1), kPa
         Bulk modulus with which tangents are assembled (fem.linear).
+    mu : float, or array (n_el, 1), kPa
+        Shear modulus, as far as linear solvers need one.
     fibre : array (3,)
         Direction of the fibres at rest.
     springs : Springs
@@ -73,12 +75,17 @@ class Loading:
     """
 
     material: Material
-    kappa: float
-    tangent_bulk: float
+    kappa: Bulk
+    tangent_bulk: Bulk
+    mu: Bulk
     fibre: Array
     springs: Springs
     directions: tuple[Direction, ...] = ()
     memory: Memory | None = None
+
+    def per_mode(self, means: Array) -> tuple[Bulk, Bulk, Bulk]:
+        """kappa, tangent_bulk and mu of each pressure mode (n_el * n_m,), where they are not those of the whole body."""
+        return per_mode(self.kappa, means), per_mode(self.tangent_bulk, means), per_mode(self.mu, means)
 
     def softened(self) -> "Loading":
         """This loading with softer springs, as after a cutback."""
@@ -165,14 +172,15 @@ class Increment:
         dense = fixed.without(face.add_tangent(contact, whole), face.surface)
         fixed.restore(whole, values)
         dilatation = body.dilatation_map(at.u)
+        kappa, bulk, mu = loading.per_mode(body.means)
         tangent = Tangent(
             whole=body.matrix(whole),
             body=body.matrix(values),
             contact=dense,
             dilatation=fixed.dilatation(dilatation),
-            kappa=loading.kappa,
-            bulk=loading.tangent_bulk,
-            mu=loading.material.shear_modulus,
+            kappa=kappa,
+            bulk=bulk,
+            mu=mu,
         )
         return Linearisation(self, at, state, contact, dilatation, residual, _norm(residual), _norm(forces), tangent)
 
@@ -287,7 +295,7 @@ class Linearisation:
 
     def _rounded(self) -> bool:
         """Whether the iterated pressures differ from those of the displacements by round-off."""
-        floor = ROUND_OFF * self.increment.loading.kappa * np.abs(self.increment.equations.body.means).max()
+        floor = ROUND_OFF * np.max(self.increment.loading.kappa) * np.abs(self.increment.equations.body.means).max()
         return bool(np.abs(self.pressure - self.at.pressure).max() <= floor)
 
     @property

@@ -40,6 +40,8 @@ class Fields:
         Pressure on the undeformed area; zero where the sample does not touch the indenter.
     part : str
         The part of the sample that they belong to, a key of fem.symmetry.PARTS.
+    layer : array (n_el,) or None
+        Number of each element's layer, from 1 at the top; None for a sample without layers.
     """
 
     nodes: Array
@@ -50,6 +52,7 @@ class Fields:
     volume_ratio: Array
     contact_pressure: Array
     part: str = "quarter"
+    layer: Ints | None = None
 
     @property
     def pictured(self) -> "Fields":
@@ -67,10 +70,13 @@ class Fields:
             volume_ratio=self.volume_ratio[behind],
             contact_pressure=self.contact_pressure[nodes],
             part=self.part,
+            layer=None if self.layer is None else self.layer[behind],
         )
 
 
-def recover(model: Model, result: TestResult, material: Material, kappa: float, equilibrium: Equilibrium | None = None) -> Fields:
+def recover(
+    model: Model, result: TestResult, material: Material, kappa: float | tuple[float, ...], equilibrium: Equilibrium | None = None
+) -> Fields:
     """Fields of a test.
 
     Parameters
@@ -79,8 +85,8 @@ def recover(model: Model, result: TestResult, material: Material, kappa: float, 
         The model that ran the test; the result of a later try brings its own model.
     result : TestResult
     material : Material
-    kappa : float, kPa
-        Bulk modulus that the test was simulated with.
+    kappa : float or tuple of float, kPa
+        Bulk modulus that the test was simulated with, or that of each layer.
     equilibrium : Equilibrium
         One of `result.path`; by default the last.
 
@@ -92,7 +98,8 @@ def recover(model: Model, result: TestResult, material: Material, kappa: float, 
     model = result.model or model
     (body, u), fibre = model.body.unfolded(equilibrium.u), direction(result.angle, result.dip)
     state = body.state(u, fibre)
-    stress = body.stress(u, state, material, body.pressure(state, kappa), fibre)
+    bulk = model.of_elements(kappa if isinstance(kappa, tuple) else (kappa,))
+    stress = body.stress(u, state, model.placed(material), body.pressure(state, bulk), fibre)
     n = body.dofs.shape[2]
     fields = Fields(
         nodes=body.basis.doflocs[:, ::n].T,
@@ -103,6 +110,7 @@ def recover(model: Model, result: TestResult, material: Material, kappa: float, 
         volume_ratio=state.theta[:, 0] / body.means[:, 0],
         contact_pressure=model.contact.points.nodal_mean(equilibrium.contact.pressure),
         part="quarter" if model.setup.in_plane else model.setup.symmetry,
+        layer=model.layer + 1 if model.setup.sample.layer else None,
     )
     return fields if n == 3 else revolved(fields)
 
@@ -155,6 +163,7 @@ def revolved(fields: Fields) -> Fields:
         cell_stress=_turned(cells, middles),
         volume_ratio=np.tile(np.repeat(fields.volume_ratio, 4), SECTORS),
         contact_pressure=np.tile(fields.contact_pressure, SECTORS + 1),
+        layer=None if fields.layer is None else np.tile(np.repeat(fields.layer, 4), SECTORS),
     )
 
 

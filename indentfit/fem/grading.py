@@ -83,6 +83,16 @@ def graded(start: float, stop: float, grading: Grading, at: float, least: int = 
     return nodes
 
 
+def continued(start: float, stop: float, grading: Grading, least: int = 1) -> Array:
+    """Positions from start to stop, whose spacing follows the grading's width at the distance from 0, which lies before start, mm;
+    the number of elements as `graded` takes it."""
+    fine, count = _elements_up_to(start, stop, grading, 0.0)
+    number = max(least, round(count[-1] * _rounding(start, stop, grading, 0.0, least)))
+    nodes = np.interp(np.linspace(0, count[-1], number + 1), count, fine)
+    nodes[0], nodes[-1] = start, stop
+    return nodes
+
+
 def _elements_up_to(start: float, stop: float, grading: Grading, at: float) -> tuple[Array, Array]:
     """Points between start and stop, and the number of elements of the wanted width from start to each, a fraction."""
     fine = np.linspace(start, stop, 4001)

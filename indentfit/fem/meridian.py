@@ -18,7 +18,7 @@ from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
 
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import compiled, on_stack
-from indentfit.fem.body import BodyState
+from indentfit.fem.body import BodyState, Bulk, per_element
 from indentfit.fem.element import (
     _at_point,
     _directions,
@@ -93,7 +93,7 @@ class Meridian:
         smallest = _LOOPS.kinematics(u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
         return BodyState(I, theta, bool(smallest > 0))
 
-    def pressure(self, state: BodyState, kappa: float) -> Array:
+    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
         return kappa * (state.theta - self.means)
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
@@ -111,16 +111,16 @@ class Meridian:
         state: BodyState,
         material: Material,
         pressure: Array,
-        kappa: float,
+        kappa: Bulk,
         fibre: Array,
-        bulk: float | None = None,
+        bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
         d1, d2 = checked_derivatives(material, "gradient", state.I), checked_derivatives(material, "hessian", state.I)
         target = self.pressure(state, kappa)
         _LOOPS.tangent(
-            u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target, kappa if bulk is None else bulk, d1, d2,
-            self.indptr, self.positions, out, values,
+            u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
+            per_element(kappa if bulk is None else bulk, len(self.dofs)), d1, d2, self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values
 
@@ -331,7 +331,7 @@ def _tangent(
                     D[s, t] += J * p if s != t else -J * p
             _add_dilatation(g, modes[e], q, w * J, B)
             _add_stiffness(g, D, tau, w, E, DE, K)
-        _scatter(dofs[e], positions[e], indptr, B, kappa, K, values)
+        _scatter(dofs[e], positions[e], indptr, B, kappa[e], K, values)
 
 
 @_kernel

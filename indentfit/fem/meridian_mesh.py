@@ -11,6 +11,7 @@ elastic layers; the scale falls with the wanted error as its power SHRINK (measu
 """
 
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -33,6 +34,7 @@ DIVISIONS = 2.0  # elements along half of a side of the rings about a sharp edge
 # Narrower elements than the depth over DEPTHS fold up at a sharp edge: where the sample slips under it, and where it sticks. Where
 # it slips, meshes of a twelfth to a sixth of the depth folded or not, by chance, already at a depth of 8 % of the punch's radius.
 DEPTHS = {"free": 4.0, "stick": 48.0}
+OF_LAYER, WIDE = 0.5, 8.0  # width at the contact's end, of the top layer's thickness; and how much narrower it may make elements
 FAR = 0.4  # largest width, of the thickness; in the radial direction far from the contact, of the radius
 COARSEST, COARSEST_SHARP = (
     50.0,
@@ -44,17 +46,24 @@ FINEST = 1e-6  # place nearest to an end, and least width, of a line's length
 
 @dataclass(frozen=True)
 class _Task:
-    """What a mesh is made for: radius, thickness and largest depth, mm, and the indenter."""
+    """What a mesh is made for: radius, thickness, depths of interfaces between layers and largest depth, mm, and the indenter."""
 
     radius: float
     thickness: float
     shape: IndenterShape
     depth: float
     sticks: bool
+    interfaces: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, sample: Sample, indenter: Indenter, depth: float) -> "_Task":
-        return cls(sample.geometry.outline.reach, sample.thickness, indenter.geometry, depth, indenter.friction == "stick")
+        reach, sticks = sample.geometry.outline.reach, indenter.friction == "stick"
+        return cls(reach, sample.thickness, indenter.geometry, depth, sticks, sample.interfaces)
+
+    @property
+    def top(self) -> float:
+        """Thickness of the layer that the indenter touches, mm."""
+        return min((*self.interfaces, self.thickness))
 
     @property
     def contact(self) -> float:
@@ -134,8 +143,10 @@ def _plane(task: _Task, scale: float) -> MeshQuad:
 def _finest(task: _Task) -> float:
     """Width at the contact's end of the mesh of scale 1, mm."""
     if has_sharp_edge(task.shape):
-        return EDGE * min(task.contact, task.thickness)
+        return EDGE * min(task.contact, task.top)
     finest = task.contact / CONTACT
+    if task.interfaces:
+        finest = min(finest, max(OF_LAYER * task.top, finest / WIDE))
     return min(finest, task.shape.edge_radius / ROUND) if task.shape.edge_radius else finest
 
 
@@ -143,9 +154,29 @@ def _corner(task: _Task, scale: float) -> list[Array]:
     """Patches of the mesh under a sharp edge. A coarser mesh is coarser at the edge too where elements may not be narrower."""
     folds = max(scale, 1.0) * task.depth / DEPTHS["stick" if task.sticks else "free"]
     width, divisions = max(scale * _finest(task), folds), max(1, round(DIVISIONS * scale**-0.5))
-    corner = Corner(task.contact, task.radius, task.thickness, width, divisions)
-    far_r, far_y = _far(task, scale)
-    return corner.patches(functools.partial(_grown, far_r), functools.partial(_grown, far_y))
+    corner = Corner(task.contact, task.radius, task.thickness, task.top, width, divisions)
+    far_r, _ = _far(task, scale)
+
+    def down(width: float, _: float) -> Array:
+        return _downwards(task, scale, lambda depth: width + SLOPE * (depth - corner.block), corner.block) - corner.block
+
+    return corner.patches(functools.partial(_grown, far_r), down)
+
+
+def _downwards(task: _Task, scale: float, width: Callable[[Array], Array], first: float = 0.0) -> Array:
+    """Depths of mesh lines from a first one down to the base, mm, that follow a width, a function of the depth; there is a line on
+    each interface, and no layer has fewer elements across than FAR asks for, nor has what lies near it much wider ones."""
+    ends = [0.0, *task.interfaces, task.thickness]
+    layers = list(itertools.pairwise(ends))
+
+    def narrow(depth: Array) -> Array:
+        near = [
+            scale * FAR * (low - high) + SLOPE * np.maximum(np.maximum(high - depth, depth - low), 0.0) for high, low in layers
+        ]
+        return np.minimum(width(depth), np.min(near, axis=0))
+
+    lines = [_spaced(max(high, first), low, narrow) for high, low in layers if low > first]
+    return np.concatenate([lines[0], *(more[1:] for more in lines[1:])])
 
 
 def _grown(far: float, width: float, end: float) -> Array:
@@ -161,14 +192,14 @@ def _far(task: _Task, scale: float) -> tuple[float, float]:
 def _lines(task: _Task, scale: float) -> tuple[Array, Array]:
     """Radii and heights of the mesh lines, mm; a line is on the circle of a flat punch with a rounded edge."""
     a, R, h, edge = task.contact, task.radius, task.thickness, scale * _finest(task)
-    far_r, far_y = _far(task, scale)
+    far_r, _ = _far(task, scale)
     if task.shape.edge_radius is None:
         radii = _spaced(0, R, lambda r: np.minimum(edge + SLOPE * np.maximum(r - BEYOND * a, 0), far_r))
     else:
         begin = a - task.shape.edge_radius  # of the rounded edge, over which the contact's end moves
         inner = _spaced(0, a, lambda r: np.minimum(edge + SLOPE * np.maximum(begin - r, 0), far_r))
         radii = np.concatenate([inner, _spaced(a, R, lambda r: np.minimum(edge + SLOPE * (r - a), far_r))[1:]])
-    heights = h - _spaced(0, h, lambda t: np.minimum(edge + SLOPE * t, far_y))[::-1]
+    heights = h - _downwards(task, scale, lambda t: edge + SLOPE * t)[::-1]
     heights[0], heights[-1] = 0.0, h
     return radii, heights
 

@@ -10,6 +10,7 @@ element is at the indenter's edge, at the sample's rim and far away.
 """
 
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,7 @@ from indentfit.arrays import Array, Bools
 from indentfit.case import Indenter, Mesh, Sample
 from indentfit.case.tables import USUAL_MESH_ERROR
 from indentfit.fem.bricks import extrude, merge, quadratic
-from indentfit.fem.grading import Grading, graded
+from indentfit.fem.grading import Grading, continued, graded
 from indentfit.fem.plane import patches
 from indentfit.indenters import Band, IndenterShape, Rings
 from indentfit.samples import Outline
@@ -68,13 +69,14 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class _Task:
-    """The sample, indenter and depth for which a mesh is made; thickness and largest depth in mm."""
+    """The sample, indenter and depth for which a mesh is made; thickness, largest depth and depths of interfaces in mm."""
 
     thickness: float
     outline: Outline
     indenter: IndenterShape
     depth: float
     family: Family
+    interfaces: tuple[float, ...] = ()
 
     @property
     def finest(self) -> float:
@@ -84,7 +86,9 @@ class _Task:
     @classmethod
     def of(cls, sample: Sample, indenter: Indenter, element: str, depth: float | None) -> "_Task":
         depth = depth or sample.thickness / 10
-        return cls(sample.thickness, sample.geometry.outline, indenter.geometry, depth, FAMILIES[element])
+        return cls(
+            sample.thickness, sample.geometry.outline, indenter.geometry, depth, FAMILIES[element], sample.interfaces
+        )
 
 
 def quarter(
@@ -224,9 +228,17 @@ def _parts(task: _Task, size: float, rim: float = 1.0, scaled: bool = True) -> t
     grading = _grading(task, size, rim)
     if scaled:
         grading = replace(grading, base=_grading(task, _base_size(task), rim))
-    layers = task.thickness - graded(0, task.thickness, grading, at=0, least=2)[::-1]
-    layers[0], layers[-1] = 0.0, task.thickness
-    return patches(task.outline, task.indenter.partition(task.depth), grading), layers
+    return patches(task.outline, task.indenter.partition(task.depth), grading), _heights(task, grading)
+
+
+def _heights(task: _Task, grading: Grading) -> Array:
+    """Heights of the mesh lines, of which there is one on each interface between layers of the sample."""
+    first, *rest = (*task.interfaces, task.thickness)
+    depths = [graded(0, first, grading, at=0, least=2)]
+    depths += [continued(*ends, grading)[1:] for ends in itertools.pairwise((first, *rest))]
+    heights = task.thickness - np.concatenate(depths)[::-1]
+    heights[0], heights[-1] = 0.0, task.thickness
+    return heights
 
 
 def _grading(task: _Task, size: float, rim: float) -> Grading:

@@ -136,8 +136,8 @@ class Press:
     Parameters
     ----------
     material : Material
-    kappa : float, kPa
-        Bulk modulus.
+    kappa : float or tuple of float, kPa
+        Bulk modulus; of each layer, from the top, where the sample has layers.
     angle : float, degrees
         Angle between the fibres and x, the indenter's long side, in the plane of the sample.
     depths : array (n,), mm
@@ -155,13 +155,18 @@ class Press:
     """
 
     material: Material
-    kappa: float
+    kappa: float | tuple[float, ...]
     angle: float
     depths: Array
     name: str = ""
     sensitivities: tuple[str, ...] = ()
     in_time: InTime | None = None
     dip: float = 0.0
+
+    @property
+    def kappas(self) -> tuple[float, ...]:
+        """Bulk modulus of each layer, kPa; of a sample without layers its own."""
+        return self.kappa if isinstance(self.kappa, tuple) else (self.kappa,)
 
     @property
     def fibre(self) -> Array:

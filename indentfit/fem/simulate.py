@@ -11,13 +11,14 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
+from indentfit.fem.body import Bulk
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work
 from indentfit.fem.deadline import NEVER, Deadline
-from indentfit.fem.directions import FIBRE_ANGLE, OFFSET, Direction, directions, of_fibre_angle
+from indentfit.fem.directions import FIBRE_ANGLE, OFFSET, Direction, Solids, directions, of_fibre_angle
 from indentfit.fem.element import Solid
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.equilibrium import Equilibrium
@@ -39,7 +40,7 @@ from indentfit.fem.tied import Tied
 from indentfit.fem.viscous import Moment, press_in_time
 from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.indenters import has_sharp_edge
-from indentfit.material import Material, blamed
+from indentfit.material import Layered, Material, blamed, parts_of
 
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
 NEAR = 0.25  # difference from the number of elements that a case asks for, that is not mentioned
@@ -100,6 +101,7 @@ class Model:
         started = time.perf_counter()
         self.body, points = _body(setup, rim)
         self.mesh = self.body.mesh
+        self.layer = setup.sample.layer_at(self.mesh.p[1, self.mesh.t].mean(axis=0))  # number of each element's, from the top
         self.contact = ContactFace(points, setup.indenter, setup.sample.thickness)
         base = setup.sample.base
         self.fixed = Fixed(self.body, self.body.held(base, held_motions(setup.part, setup.indenter, base)))
@@ -297,15 +299,26 @@ class Model:
         return Newton(self.solver, self.exact, controls, Work())
 
     def _loading(self, press: Press, springs: Springs) -> Loading:
-        bulk = self.solver.bulk(press.kappa, press.material.shear_modulus)
-        return Loading(press.material, press.kappa, bulk, press.fibre, springs, self._directions(press))
+        material, mus = self.placed(press.material), [part.shear_modulus for part in parts_of(press.material)]
+        bulks = [self.solver.bulk(kappa, mu) for kappa, mu in zip(press.kappas, mus, strict=True)]
+        kappa, bulk, mu = (self.of_elements(moduli) for moduli in (press.kappas, bulks, mus))
+        return Loading(material, kappa, bulk, mu, press.fibre, springs, self._directions(press, material))
 
-    def _directions(self, press: Press) -> tuple[Direction, ...]:
+    def placed(self, material: Material) -> Material:
+        """A material where the body has it: that of layers knows the layer of each integration point."""
+        return material.placed(np.repeat(self.layer, self.body.weights.shape[1])) if isinstance(material, Layered) else material
+
+    def of_elements(self, values: Sequence[float]) -> Bulk:
+        """A modulus of each element (n_el, 1), of those of the layers; the number itself, where there is one."""
+        return values[0] if len(values) == 1 else np.array(values)[self.layer][:, None]
+
+    def _directions(self, press: Press, placed: Material) -> tuple[Direction, ...]:
         def stiffness(material: Material) -> float:
             return self._springs(material, press.fibre).normal
 
         friction = np.inf if self.contact.tied.any() else self.contact.friction
-        ways = directions(press.sensitivities, press.material, press.kappa, stiffness, friction)
+        solid = Solids(press.material, placed, press.kappas, self.of_elements)
+        ways = directions(press.sensitivities, solid, stiffness, friction)
         if FIBRE_ANGLE not in press.sensitivities:
             return ways
         return (*ways, self._by_fibre_angle(press))

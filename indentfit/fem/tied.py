@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from indentfit.arrays import Array, Bools, Ints
 from indentfit.errors import MeshError
-from indentfit.fem.body import BodyState
+from indentfit.fem.body import BodyState, Bulk
 from indentfit.fem.element import Solid, sparsity
 from indentfit.material import Material
 
@@ -74,7 +74,7 @@ class Tied:
     def state(self, u: Array, fibre: Array) -> BodyState:
         return self.solid.state(self._all(u), fibre)
 
-    def pressure(self, state: BodyState, kappa: float) -> Array:
+    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
         return self.solid.pressure(state, kappa)
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
@@ -84,7 +84,7 @@ class Tied:
         return self._summed(self.solid.forces(self._all(u), gradient, pressure, fibre))
 
     def tangent(
-        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: float, fibre: Array, bulk: float | None = None
+        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: Bulk, fibre: Array, bulk: Bulk | None = None
     ) -> tuple[Array, Array]:
         forces, values = self.solid.tangent(self._all(u), state, material, pressure, kappa, fibre, bulk)
         return self._summed(forces), self._gather(values)

@@ -183,6 +183,7 @@ def _step(here: Moment, dt: float, equations: Equations, loading: Loading, newto
     now = replace(
         loading,
         material=cast(Material, _Stiffer(loading.material, factor)),
+        mu=factor * loading.mu,
         memory=Memory(at_rest, equations.body.matrix(values)),
     )
     time, leash = here.time + dt, elastic.LEASH * ramp.depth

@@ -69,9 +69,10 @@ def setup_for(
 def _disc_if_round(
     sample: Sample, indenter: Indenter, mesh: Mesh, solver: Solver, law: type[Material], depth: float
 ) -> DiscForBlock | None:
-    """The disc in place of a block where everything else of the case is axisymmetric."""
+    """The disc in place of a block where everything else of the case is axisymmetric. A block with layers remains a block: how far
+    the load spreads in it, and so how much its sides matter, depends on the parameters."""
     disc = DiscForBlock(2 * sample.geometry.outline.inscribed, 0.0).sample(sample)
-    if symmetry_of(disc, indenter, Mesh(), solver, law) != "axisymmetric":
+    if sample.layer or symmetry_of(disc, indenter, Mesh(), solver, law) != "axisymmetric":
         return None
     return disc_for(sample, indenter, depth)
 

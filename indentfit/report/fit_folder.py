@@ -73,7 +73,7 @@ def _write_stresses(folder: Path, case: Case, result: FitResult, warn: Callable[
     except ConvergenceError as error:
         warn(f"no stress pictures: {error}")
         return
-    kappa = there.material.bulk_modulus(material.shear_modulus)
+    kappa = there.material.bulk_moduli(material)
     simulation = together(there, pieces)
     assert simulation is not None  # every piece is solved
     write_fields(folder, Solved(pieces[0].model, material, kappa, simulation.tests))

@@ -45,6 +45,7 @@ def _joined(fields: Fields, axes: tuple[int, ...]) -> Fields:
         cell_stress=np.concatenate([part.cell_stress for part in both]),
         volume_ratio=np.concatenate([part.volume_ratio for part in both]),
         contact_pressure=merged("contact_pressure"),
+        layer=None if fields.layer is None else np.tile(fields.layer, 2),
     )
 
 

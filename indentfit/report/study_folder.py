@@ -71,7 +71,7 @@ def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldCh
             write_time_curves(folder / "time_curves.csv", over_time)
             force_over_time(over_time, folder / "force_time")
         if choice is not None and simulated.model is not None:
-            kappa = case.material.bulk_modulus(simulated.material.shear_modulus)
+            kappa = case.material.bulk_moduli(simulated.material)
             indented = [test for test in simulated.tests if test.kind == "indentation"]
             write_fields(folder / "fields", Solved(simulated.model, simulated.material, kappa, indented), choice)
         write_report(folder)

@@ -3,7 +3,8 @@
 Points are undeformed, in mm ("warp by vector" with displacement_mm deforms them). Point arrays: displacement_mm,
 cauchy_stress_kPa (xx yy zz xy yz xz), pressure_kPa (minus the mean normal stress, compression positive) and
 contact_pressure_kPa (on the undeformed area; zero where nothing touches). Cell arrays, means of the element:
-cauchy_stress_kPa, pressure_kPa, J; and, where the material has fibres, fibre (its direction in the undeformed sample) and
+cauchy_stress_kPa, pressure_kPa, J; of a sample with layers layer (1 at the top; stresses at the nodes of an interface are means
+of both sides); and, where the material has fibres, fibre (its direction in the undeformed sample) and
 fibre_deformed (F a0 in the middle of the element: its length is the stretch along the fibre).
 
 Field data say what was computed: each parameter (mu_kPa), kappa_kPa, angle_deg, dip_deg and depth_mm; and as texts the test, the
@@ -60,6 +61,8 @@ def write_vtu(path: Path, fields: Fields, origin: Origin | None = None) -> None:
         "pressure_kPa": [pressure(fields.cell_stress)],
         "J": [fields.volume_ratio],
     }
+    if fields.layer is not None:
+        on_cells["layer"] = [fields.layer.astype(np.int32)]
     if origin.fibre is not None:
         on_cells["fibre"] = [np.tile(origin.fibre, (len(cells), 1))]
         on_cells["fibre_deformed"] = [origin.fibre + fibre_gradients(fields.nodes[cells], fields.displacement[cells], origin.fibre)]

@@ -161,7 +161,7 @@ def _result(
     model = model if at.same_model and before.kept == mechanics.kept else ready_model(mechanics)
     with blamed(law):
         material, depths = law(**at.parameters), test.depths - (0.0 if test.specimen else at.offset)
-        kappa = mechanics.material.bulk_modulus(material.shear_modulus)
+        kappa = mechanics.material.bulk_moduli(material)
     pressed = depths > 0
     in_time = test.in_time(mechanics.material)
     fibres = mechanics.fibres(test)

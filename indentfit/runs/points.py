@@ -87,7 +87,7 @@ def setup_of(case: "Case") -> Setup:
 
 def press_of(case: "Case", test: "Test", material: Material) -> Press:
     """The Press that one test of a case is, on a material."""
-    kappa = case.material.bulk_modulus(material.shear_modulus)
+    kappa = case.material.bulk_moduli(material)
     indentation = indentation_of(case, test)
     in_time = indentation.in_time(material_of(case))
     fibres = case.fibres_of(test)

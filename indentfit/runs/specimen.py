@@ -50,7 +50,7 @@ class SpecimenModel:
         (deadline or NEVER).check()
         started, specimen = time.perf_counter(), self.specimen
         with blamed(type(press.material)):
-            solved = specimen.state.solve(press.material, press.kappa, specimen.strains(press.depths), press.sensitivities)
+            solved = specimen.state.solve(press.material, press.kappas[0], specimen.strains(press.depths), press.sensitivities)
         if progress is not None:
             progress(1.0)
         slopes = {name: specimen.area * row for name, row in solved.sensitivities.items()}
@@ -60,7 +60,7 @@ class SpecimenModel:
 
 def simulated_specimens(case: "Case", material: Material, progress: Callable[..., None] | None = None) -> Iterator[TestResult]:
     """The TestResult of each test of a case that needs no indenter, on a material."""
-    kappa = case.material.bulk_modulus(material.shear_modulus)
+    kappa = case.material.bulk_moduli(material)
     for test in case.tests:
         specimen = case.specimen_of(test)
         if specimen is not None:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from indentfit.arrays import Array
-from indentfit.fem.linear.factor import Apply, OnSurface
+from indentfit.fem.linear.factor import Apply, Moduli, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
 MAX_KRYLOV = 15  # GMRES steps on a stale factor before a new one is cheaper
@@ -42,7 +42,7 @@ class DirectFactor:
 
     Parameters
     ----------
-    bulk : float, kPa
+    bulk : float, or array (n_p,), kPa
         Bulk modulus with which the earlier tangent was assembled.
     dilatation : CSR matrix (n_p, n)
         B0, that of the earlier tangent.
@@ -55,7 +55,7 @@ class DirectFactor:
         The earlier tangent, where a new factor costs less than the steps that this one would take on another.
     """
 
-    bulk: float
+    bulk: float | Array
     dilatation: sp.csr_matrix | None = field(repr=False)
     inverse: Callable[[Tangent], Apply] = field(repr=False)
     inverse_around: Callable[[OnSurface], Apply] | None = field(default=None, repr=False)
@@ -68,7 +68,7 @@ class DirectFactor:
 
     def inverse_of(self, tangent: Tangent) -> Apply | None:
         """As the protocol says; None where the form with pressures is needed."""
-        return self.inverse(tangent) if tangent.dilatation is None or tangent.bulk == tangent.kappa else None
+        return self.inverse(tangent) if tangent.dilatation is None or tangent.as_stiff else None
 
     def preconditioner(self, tangent: Tangent) -> Apply:
         """The earlier form, with pressures where the tangent has them."""
@@ -79,19 +79,20 @@ class DirectFactor:
     def goes_around(self) -> bool:
         return self.inverse_around is not None and self.dilatation is not None and self.only_for is None
 
-    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+    def around(self, solve: OnSurface, kappa: Moduli, bulk: Moduli, mu: Moduli) -> Apply:
         """The form with pressures, with the contact's dofs moved by a function."""
         assert self.inverse_around is not None
         return self._mixed(self.inverse_around(solve), kappa, bulk, mu)
 
-    def _mixed(self, apply: Apply, kappa: float, tangent_bulk: float, mu: float) -> Apply:
+    def _mixed(self, apply: Apply, kappa: Moduli, tangent_bulk: Moduli, mu: Moduli) -> Apply:
         """The form with pressures of an inverse, for a tangent with these moduli."""
         if self.dilatation is None:
             return apply
         B, bulk = self.dilatation, self.bulk
         n, BT = B.shape[1], B.T
-        rest = max(0.0, 1 - bulk / kappa) / (bulk + SCHUR * mu)  # flexibility that the factor lacks
-        flexibility = 1 / bulk if bulk >= tangent_bulk == kappa else 1 / kappa + rest
+        rest = np.maximum(0.0, 1 - bulk / kappa) / (bulk + SCHUR * mu)  # flexibility that the factor lacks
+        enough = np.logical_and(np.greater_equal(bulk, tangent_bulk), np.equal(tangent_bulk, kappa))
+        flexibility = np.where(enough, 1 / bulk, 1 / kappa + rest)
 
         def with_pressures(r: Array) -> Array:
             g = r[n:] / kappa

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from indentfit.arrays import Array
 from indentfit.fem.linear.tangent import Tangent
 
+Moduli = float | Array  # kPa, of the whole body or of each pressure mode (n_p,)
 Apply = Callable[[Array], Array]  # r -> an approximation of K⁻¹ r, in the form with the pressures where the tangent has them
 
 
@@ -54,7 +55,7 @@ class Factor(Protocol):
         """Whether the factor has a Schur complement on the contact's dofs, and costs more than a few of its uses."""
         ...
 
-    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+    def around(self, solve: OnSurface, kappa: Moduli, bulk: Moduli, mu: Moduli) -> Apply:
         """As the preconditioner of a tangent with these moduli, but the motion of the contact's dofs is what `solve` makes of it.
         For a factor that goes around only."""
         ...

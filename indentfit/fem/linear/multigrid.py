@@ -20,7 +20,7 @@ import scipy.sparse as sp
 
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import THREADS, compiled, on_threads
-from indentfit.fem.linear.factor import Apply, OnSurface
+from indentfit.fem.linear.factor import Apply, Moduli, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
 OUTDATED = 5  # nodes of the contact in another state than the hierarchy's: each costs a step or two, a hierarchy 20
@@ -80,7 +80,7 @@ class MultigridFactor:
     contact: Array | None = None
     light, goes_around, dilatation = False, False, None
 
-    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+    def around(self, solve: OnSurface, kappa: Moduli, bulk: Moduli, mu: Moduli) -> Apply:
         """It does not go around: there is no Schur complement."""
         raise NotImplementedError
 

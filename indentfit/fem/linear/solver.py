@@ -11,7 +11,7 @@ from indentfit.errors import ConvergenceError
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.linear import krylov
 from indentfit.fem.linear.choice import choice
-from indentfit.fem.linear.factor import Apply, Factor, Factoriser, OnSurface
+from indentfit.fem.linear.factor import Apply, Factor, Factoriser, Moduli, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
 REFINEMENTS = 5  # of solutions by a factor in single precision, which gains five digits or so in each
@@ -109,7 +109,7 @@ class LinearSolver:
         assert self._factor is not None and self._factor.dilatation is not None
         return self._factor.dilatation
 
-    def around(self, solve: OnSurface, kappa: float, bulk: float, mu: float) -> Apply:
+    def around(self, solve: OnSurface, kappa: Moduli, bulk: Moduli, mu: Moduli) -> Apply:
         """`Factor.around` of the factor at hand."""
         assert self._factor is not None
         self._did(krylov_iterations=1)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
 import scipy.sparse as sp
 
 from indentfit.arrays import Array
@@ -21,11 +22,11 @@ class Tangent:
         The contact's part on the solver's surface dofs, dense.
     dilatation : CSR matrix (n_p, n)
         B, the derivative of the pressure modes of J by the displacements.
-    kappa : float, kPa
-        Bulk modulus.
-    bulk : float, kPa
+    kappa : float, or array (n_p,), kPa
+        Bulk modulus; an array has that of each pressure mode.
+    bulk : float, or array (n_p,), kPa
         The bulk modulus that `whole` and `body` are assembled with.
-    mu : float, kPa
+    mu : float, or array (n_p,), kPa
         A shear modulus.
     """
 
@@ -33,9 +34,9 @@ class Tangent:
     body: sp.csr_matrix | None = field(default=None, repr=False)
     contact: Array | None = field(default=None, repr=False)
     dilatation: sp.csr_matrix | None = field(default=None, repr=False)
-    kappa: float = 0.0
-    bulk: float = 0.0
-    mu: float = 0.0
+    kappa: float | Array = 0.0
+    bulk: float | Array = 0.0
+    mu: float | Array = 0.0
 
     @property
     def factorised(self) -> sp.csr_matrix:
@@ -44,6 +45,12 @@ class Tangent:
 
     def product(self, x: Array) -> Array:
         """K x (n,)."""
-        if self.dilatation is None or self.bulk == self.kappa:
+        if self.dilatation is None or self.as_stiff:
             return self.whole @ x
-        return self.whole @ x + self.dilatation.T @ ((self.kappa - self.bulk) * (self.dilatation @ x))
+        rest = np.reshape(self.kappa - self.bulk, (-1, *(1,) * (x.ndim - 1)))
+        return self.whole @ x + self.dilatation.T @ (rest * (self.dilatation @ x))
+
+    @property
+    def as_stiff(self) -> bool:
+        """Whether the matrix is assembled with the bulk modulus itself."""
+        return bool(np.all(self.bulk == self.kappa))
