@@ -214,7 +214,7 @@ def package_with_own(file, home):
 def test_a_bulk_modulus_computed_otherwise_takes_no_run_of_the_old_ledger(tmp_path):
     """Reported in issue 16: with kappa scaled by 0.01, `fit --reuse` gave the old parameters without a word."""
     before, _ = fitted(tmp_path / "before")
-    file = package_with_own("case/tables.py", tmp_path / "home")
+    file = package_with_own("case/materials.py", tmp_path / "home")
     again, said = fitted(tmp_path / "again", "--reuse", str(tmp_path / "before"), home=tmp_path / "home")
     assert again["reused"] == again["runs"] > 0  # the copy itself is the same code
     changed, times = re.subn(r"return (min\(self.bulk_over_shear, .*\) \* shear_modulus)", r"return 0.01 * (\1)", file.read_text())

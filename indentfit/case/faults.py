@@ -13,6 +13,8 @@ from pydantic import ValidationError
 from indentfit.axes import INDENTATION, Axes
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
+from indentfit.case.layers import OF_LAYERS, faults_of_layers
+from indentfit.case.materials import LayersChoice
 from indentfit.case.messages import MISSING, Fault, Key, key_of, unknown, wording
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
@@ -21,7 +23,7 @@ from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnTable, Rang
 from indentfit.curve import Curve, not_loading_only
 from indentfit.errors import MaterialError
 from indentfit.indenters import IndenterShape, Rings
-from indentfit.material import Material, blamed, require_derivable, shipped
+from indentfit.material import Material, blamed, laws_of, require_derivable, shipped
 from indentfit.motion import Motion
 
 DEEPEST_INDENTATION = 0.5  # of the thickness
@@ -59,12 +61,16 @@ class Parts:
 # Parameters
 
 
-def faults_of_parameters(choice: MaterialChoice | None, law: type[Material] | None) -> Iterator[Fault]:
+def faults_of_parameters(choice: MaterialChoice | None, law: type[Material] | None, table: Key = ("material",)) -> Iterator[Fault]:
     """Faults where the parameters are not those of the law, or outside its own bounds."""
     if choice is None or law is None or choice.parameters is None:
         return
-    place: Key = ("material", "parameters")
-    if faults := list(_faults_of_young(choice, law)):
+    if isinstance(choice, LayersChoice):
+        for layer in choice.layers:
+            yield from faults_of_parameters(layer.choice, laws_of(law)[layer.name], (*OF_LAYERS, layer.name))
+        return
+    place: Key = (*table, "parameters")
+    if faults := list(_faults_of_young(choice, law, place)):
         yield from faults
         return
     given = own_parameters(choice, law)
@@ -88,17 +94,17 @@ def _words_of(law: type[Material]) -> list[str]:
     return [*law.parameters, *([YOUNG] if shear_parameter(law) else [])]
 
 
-def _faults_of_young(choice: MaterialChoice, law: type[Material]) -> Iterator[Fault]:
+def _faults_of_young(choice: MaterialChoice, law: type[Material], place: Key) -> Iterator[Fault]:
     """Young's modulus beside the shear modulus, or too large for the bulk modulus."""
     young, name = choice.parameters.get(YOUNG), shear_parameter(law)
     if young is None or name is None or YOUNG in law.parameters:
         return
     if name in choice.parameters:
-        yield Fault(("material", "parameters", YOUNG), plain(young), f"{name} is given too; keep one of them")
+        yield Fault((*place, YOUNG), plain(young), f"{name} is given too; keep one of them")
     numbers = (young.min, young.start, young.max) if isinstance(young, Range) else (young,)
     if choice.kappa is not None and max(numbers) >= 9 * choice.kappa:
         text = f"must stay below 9 kappa = {9 * choice.kappa:g} kPa; raise material.kappa, or give poisson_ratio in its place"
-        yield Fault(("material", "parameters", YOUNG), plain(young), text)
+        yield Fault((*place, YOUNG), plain(young), text)
 
 
 def _outside_of_the_law(place: Key, name: str, value: float | Range, parameter: Any) -> Iterator[Fault]:
@@ -112,8 +118,12 @@ def _outside_of_the_law(place: Key, name: str, value: float | Range, parameter: 
             yield Fault(where, number, f"the model needs at most {parameter.max:g}; lower it")
 
 
-def faults_of_stiffness(choice: MaterialChoice, law: type[Material]) -> Iterator[Fault]:
+def faults_of_stiffness(choice: MaterialChoice, law: type[Material], table: Key = ("material",)) -> Iterator[Fault]:
     """A fault where the material has no positive stiffness at the start values."""
+    if isinstance(choice, LayersChoice):
+        for layer in choice.layers:
+            yield from faults_of_stiffness(layer.choice, laws_of(law)[layer.name], (*OF_LAYERS, layer.name))
+        return
     try:
         with np.errstate(all="ignore"), blamed(law):
             if not shipped(law):
@@ -125,7 +135,7 @@ def faults_of_stiffness(choice: MaterialChoice, law: type[Material]) -> Iterator
     except MaterialError as error:
         wrong = str(error)
     if wrong:
-        yield Fault(("material", "parameters"), MISSING, f"{wrong}; change the start values")
+        yield Fault((*table, "parameters"), MISSING, f"{wrong}; change the start values")
 
 
 def start_values(choice: MaterialChoice, law: type[Material]) -> dict[str, float]:
@@ -148,8 +158,12 @@ def faults_of_fibres(choice: MaterialChoice | None, law: type[Material] | None, 
         key = "angle" if test is None or test.kind in (None, "indentation") else "fibres"
         if test is not None and getattr(test, key) is None and key not in test.model_fields_set:
             yield Fault(("test", label, key), MISSING, f"missing; the material has fibres: {NEEDED[key]}")
-    if choice is not None and choice.poisson_ratio is not None:
-        text = "the material has fibres, and no single Poisson's ratio; give bulk_ratio or kappa in its place"
+    text = "the material has fibres, and no single Poisson's ratio; give bulk_ratio or kappa in its place"
+    if isinstance(choice, LayersChoice):
+        for layer in choice.layers:
+            if layer.poisson_ratio is not None and has_fibres(laws_of(law)[layer.name]):
+                yield Fault((*OF_LAYERS, layer.name, "poisson_ratio"), layer.poisson_ratio, text.replace(" or kappa", ""))
+    elif choice is not None and choice.poisson_ratio is not None:
         yield Fault(("material", "poisson_ratio"), choice.poisson_ratio, text)
 
 
@@ -213,6 +227,7 @@ def _faults_of_axes(label: str, test: Test, curve: Curve, axes: Axes) -> Iterato
 def faults_across(parts: Parts) -> Iterator[Fault]:
     """Faults between tables that are each correct."""
     yield from _equal_names(parts.tests)
+    yield from faults_of_layers(parts)
     for label, test, curve in zip(labels([test and test.name for test in parts.tests]), parts.tests, parts.curves, strict=True):
         if test is not None and test.kind is not None:
             yield from _faults_of_specimen(label, test, curve, parts.material)

@@ -52,6 +52,8 @@ class KeyFacts:
         None where the key has no default, or no example.
     inner : Section class or None
         The class of the key's table, where the key is a table.
+    several : bool
+        Whether the key is a list of such tables.
     """
 
     table: str
@@ -65,6 +67,7 @@ class KeyFacts:
     default: Any
     example: Any
     inner: type[Section] | None
+    several: bool = False
 
     @property
     def key(self) -> str:
@@ -112,6 +115,7 @@ def _facts(table: str, name: str, field: FieldInfo) -> KeyFacts:
         default=None if inner else default,
         example=field.examples[0] if field.examples else None if inner else default,
         inner=inner,
+        several=inner is not None and any(get_origin(part) is tuple for part in parts),
     )
 
 
@@ -154,7 +158,8 @@ def _word(kind: Any) -> str:
     if origin is Literal:
         return ", ".join(f'"{value}"' if isinstance(value, str) else str(value) for value in get_args(kind))
     if origin is tuple:
-        return "list of numbers"
+        tables = any(isinstance(part, type) and issubclass(part, Section) for part in get_args(kind))
+        return "list of tables" if tables else "list of numbers"
     if origin is dict or (isinstance(kind, type) and issubclass(kind, Section)):
         return "table"
     return WORDS.get(kind, "")

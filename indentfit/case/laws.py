@@ -5,16 +5,17 @@ Also its parameters by the law's own names, where the table gives Young's modulu
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from indentfit.case.tables import MaterialChoice, Mesh, Range
+from indentfit.case.materials import LayersChoice, MaterialChoice
+from indentfit.case.tables import Mesh, Range
 from indentfit.errors import MaterialError
 from indentfit.fibres import Direction, Kept
-from indentfit.material import Material, load, trial_values, typed
+from indentfit.material import Layered, Material, laws_of, layered, load, trial_values, typed
 
 YOUNG = "young"  # the word for Young's modulus among the parameters
 OF_FIBRES = {"I4", "I5"}  # invariants that depend on a direction
@@ -51,6 +52,13 @@ def open_law(model: str | None, energy: str | None, names: Sequence[str], folder
     return _installed(model)
 
 
+def law_of_choice(choice: MaterialChoice, folder: Path) -> type[Material]:
+    """The class that a table [material] asks for, or that of the materials of layers; raises as `open_law` does."""
+    if isinstance(choice, LayersChoice):
+        return layered({layer.name: law_of_choice(layer.choice, folder) for layer in choice.layers})
+    return open_law(choice.model, choice.energy, tuple(choice.parameters), folder)
+
+
 @functools.cache
 def _installed(name: str) -> type[Material]:
     return load(name)
@@ -60,6 +68,12 @@ def plugin_file(model: str | None, folder: Path) -> Path | None:
     """The file of a model given as file.py:Class, relative to the case; None for an installed model."""
     file, colon, _ = (model or "").rpartition(":")
     return (folder / file).resolve() if colon and file.endswith(".py") else None
+
+
+def plugin_files(choice: MaterialChoice, folder: Path) -> dict[str, Path]:
+    """Model as the case names it -> its file, of each law that the case takes from a file."""
+    models = [layer.model for layer in choice.layers] if isinstance(choice, LayersChoice) else [choice.model]
+    return {model: file for model in models if model and (file := plugin_file(model, folder))}
 
 
 def has_fibres(law: type[Material]) -> bool:
@@ -78,7 +92,7 @@ def kept_by(law: type[Material], mesh: Mesh, fibres: Direction) -> Kept:
 def shear_parameter(law: type[Material]) -> str | None:
     """The parameter that is the small-strain shear modulus itself, whatever the values of the others; None for a law without one,
     and for a law with fibres, which has several shear moduli."""
-    return None if has_fibres(law) else _shear_parameter(law)  # type: ignore[arg-type]
+    return None if has_fibres(law) or issubclass(law, Layered) else _shear_parameter(law)  # type: ignore[arg-type]
 
 
 @functools.cache
@@ -97,6 +111,9 @@ def _shear_parameter(law: Any) -> str | None:
 def own_parameters(choice: MaterialChoice, law: type[Material]) -> dict[str, float | Range]:
     """The parameters of a [material] table by the names of the law: `young` becomes the shear modulus."""
     given = choice.parameters
+    if isinstance(choice, LayersChoice):
+        own = {layer.name: own_parameters(layer.choice, laws_of(law)[layer.name]) for layer in choice.layers}
+        return {f"{name}.{parameter}": value for name, values in own.items() for parameter, value in values.items()}
     if YOUNG not in given or YOUNG in law.parameters:
         return given
     name = shear_parameter(law)
@@ -127,11 +144,20 @@ def isotropic_moduli(choice: MaterialChoice, law: type[Material], values: Mappin
     Returns
     -------
     dict of str to float
-        Empty for a material with fibres, which has no single Young's modulus.
+        Empty for a material with fibres, which has no single Young's modulus. Those of a layer are called LAYER.E and so on.
     """
+    if isinstance(choice, LayersChoice):
+        return dict(_moduli_of_layers(choice, law, values))
     if has_fibres(law):
         return {}
     mu = law(**{name: values[name] for name in law.parameters}).shear_modulus
     nu = choice.poisson_ratio_at(mu)
     own = {} if shear_parameter(law) else {"mu": mu}
     return {**own, "E": 2 * mu * (1 + nu), "nu": nu}
+
+
+def _moduli_of_layers(choice: LayersChoice, law: type[Material], values: Mapping[str, float]) -> Iterator[tuple[str, float]]:
+    for layer in choice.layers:
+        own = {name.partition(".")[2]: value for name, value in values.items() if name.startswith(f"{layer.name}.")}
+        moduli = isotropic_moduli(layer.choice, laws_of(law)[layer.name], own)
+        yield from ((f"{layer.name}.{name}", value) for name, value in moduli.items())

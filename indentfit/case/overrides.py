@@ -8,15 +8,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from indentfit import indenters, samples
+from indentfit.case.layers import path_in_layers
 from indentfit.case.messages import Fault, Key
 from indentfit.case.relaxation import Relaxation
-from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Test
+from indentfit.case.tables import Indenter, Layer, MaterialChoice, Mesh, Test
 from indentfit.errors import suggestion
 from indentfit.shapes import Registry, keys_of
 
 Tree = dict[str, Any]
 
-WITH_RIVALS = Indenter, Mesh, MaterialChoice, Relaxation, Test
+WITH_RIVALS = Indenter, Layer, Mesh, MaterialChoice, Relaxation, Test
 RIVALS = {model.place: model.rivals for model in WITH_RIVALS}  # setting a key removes its rivals
 
 
@@ -79,6 +80,8 @@ def _path_of_key(tree: Tree, name: str) -> Key:
     section, _, rest = name.partition(".")
     if section == "test" and rest:
         return _path_in_test(tree, rest)
+    if in_layer := path_in_layers(tree, name):
+        return in_layer
     steps = tuple(name.split("."))
     if section == "material" and len(steps) > 1 and steps[1] not in MaterialChoice.model_fields:
         parameters = table_of(tree, "material").get("parameters")
@@ -105,7 +108,7 @@ def _put(tree: Any, key: Key, value: Any) -> None:
         if isinstance(tree, list) and not isinstance(step, int):
             raise LookupError(f"{'.'.join(map(str, tables[:n]))} is a list, not a table; check the key")
         inner = tree.setdefault(step, {}) if isinstance(tree, dict) else tree[step]
-        if isinstance(inner, int | float) and tables[:2] == ["material", "parameters"]:
+        if isinstance(inner, int | float) and "parameters" in tables[:-1]:
             raise LookupError(f"{step} is a fixed number; set {'.'.join(map(str, tables))}={{start=..., min=..., max=...}}")
         if not isinstance(inner, dict | list):
             raise LookupError(f"{'.'.join(map(str, tables[: n + 1]))} is not a table; check the key")
@@ -131,6 +134,8 @@ def _drop_rivals(tree: Tree, key: Key, given: set[Key]) -> None:
 
 def _section_of(tables: Sequence[str | int]) -> str:
     """The table whose keys a table has: [test.sample] has those of [sample]."""
+    if tables[:2] == ["sample", "layer"]:
+        return Layer.place
     if tables == ["material", "relaxation"]:
         return Relaxation.place
     own = tables[2:3] if tables[:1] == ["test"] and len(tables) > 2 else tables[:1]

@@ -28,6 +28,8 @@ from indentfit.case.faults import (
 )
 from indentfit.case.keys import SECTIONS
 from indentfit.case.laws import YOUNG
+from indentfit.case.layers import OF_LAYERS, label_of, named, tables_of_layers, with_materials
+from indentfit.case.materials import LayersChoice
 from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable, short, unknown, wording
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
@@ -40,7 +42,7 @@ from indentfit.case.whole import Case
 from indentfit.case.write import case_tree
 from indentfit.curve import Curve, read_curve
 from indentfit.errors import CaseError, CurveError, MaterialError, RecordError
-from indentfit.material import Material
+from indentfit.material import Layered, Material, layered
 from indentfit.units import number_in
 
 KEYS = ("title", *SECTIONS, "test")
@@ -169,8 +171,10 @@ def _raise(faults: list[Fault], path: Path | None, tree: Tree, given: set[Key]) 
     """Raise a CaseError with a line for each fault, where there are any."""
     if not faults:
         return
-    named = dict(enumerate(labels(_names(tests_of(tree)))))
-    given = {tuple(named[step] if isinstance(step, int) else step for step in key) for key in given}
+    names, layers = dict(enumerate(labels(_names(tests_of(tree))))), tables_of_layers(tree)
+    given = {named(key, layers) for key in given}
+    given = {tuple(names[step] if isinstance(step, int) else step for step in key) for key in given}
+    faults = [fault._replace(key=named(fault.key, layers)) for fault in faults]
     raise CaseError(list(dict.fromkeys(line(path, fault, given) for fault in faults)))
 
 
@@ -229,14 +233,18 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     """The parts of a case that can be read; the faults of the others are appended to `faults`."""
     faults += [Fault((key,), tree[key], unknown(key, KEYS, sections=SECTIONS)) for key in tree if key not in KEYS]
     title = _title(tree, faults)
-    law = _law(table_of(tree, "material"), sources, faults)
-    _convert_parameters(tree, law, faults)
+    law = _laws_of_layers(tree, sources, faults) if tables_of_layers(tree) else _law(table_of(tree, "material"), sources, faults)
+    if not tables_of_layers(tree):
+        _convert_parameters(table_of(tree, "material"), law, faults)
     absent = [name for name in OF_INDENTER if name not in tree and not _asks_for_indenter(tree)]
     sections: dict[str, Any] = {name: SECTIONS[name].untouched() for name in absent}
     sections |= {
-        name: _section(model, (name,), _keys(tree, name), faults) for name, model in SECTIONS.items() if name not in absent
+        name: _section(model, (name,), _keys(tree, name), faults)
+        for name, model in SECTIONS.items()
+        if name not in absent and not (name == "material" and name not in tree and tables_of_layers(tree))
     }
-    sections = with_priors(sections)
+    sample = sections.get("sample")
+    sections = with_priors(with_materials({"material": None, **sections}, (sample and sample.layer) or ()))
     parts = Parts(title, **sections)  # type: ignore[arg-type]
     faults += _faults_of_material(parts.material, law, faults)
     parts = parts.with_tests(*_tests_and_curves(tree, sources, parts, faults))
@@ -323,7 +331,20 @@ def _what_is_right(model: type[Table], keys: Tree, wrong: set[str]) -> Table:
 # The material
 
 
-def _law(keys: Tree, sources: Sources, faults: list[Fault]) -> type[Material] | None:
+def _laws_of_layers(tree: Tree, sources: Sources, faults: list[Fault]) -> type[Material] | None:
+    """The class of the materials of layers, whose parameters are converted; None where one of them cannot be opened."""
+    laws, tables = {}, tables_of_layers(tree)
+    for number, keys in enumerate(tables):
+        if not isinstance(keys, dict):
+            continue
+        place = (*OF_LAYERS, number)
+        laws[label_of(tables, number)] = law = _law(keys, sources, faults, place)
+        _convert_parameters(keys, law, faults, place)
+    known = {name: law for name, law in laws.items() if law is not None}
+    return layered(known) if len(known) == len(tables) else None
+
+
+def _law(keys: Tree, sources: Sources, faults: list[Fault], place: Key = ("material",)) -> type[Material] | None:
     """The class that a [material] table asks for; None without openers, and with a fault where the class cannot be opened."""
     model, energy, parameters = keys.get("model"), keys.get("energy"), keys.get("parameters")
     if sources.openers is None or (model is None) == (energy is None):
@@ -334,13 +355,13 @@ def _law(keys: Tree, sources: Sources, faults: list[Fault]) -> type[Material] | 
     try:
         return sources.openers.law(model, energy, tuple(parameters) if isinstance(parameters, dict) else (), sources.folder)
     except (MaterialError, OSError) as error:
-        faults.append(Fault(("material", key), named, str(error)))
+        faults.append(Fault((*place, key), named, str(error)))
         return None
 
 
-def _convert_parameters(tree: Tree, law: type[Material] | None, faults: list[Fault]) -> None:
-    """Turn strings with a unit among the parameters into numbers in the law's unit."""
-    parameters = table_of(tree, "material").get("parameters")
+def _convert_parameters(material: Tree, law: type[Material] | None, faults: list[Fault], where: Key = ("material",)) -> None:
+    """Turn strings with a unit among the parameters of a material into numbers in the law's unit."""
+    parameters = material.get("parameters")
     if not isinstance(parameters, dict):
         return
     for name, value in parameters.items():
@@ -352,7 +373,7 @@ def _convert_parameters(tree: Tree, law: type[Material] | None, faults: list[Fau
             try:
                 table[key] = _number(unit, table[key])
             except ValueError as error:
-                place = ("material", "parameters", name) + ((key,) if table is value else ())
+                place = (*where, "parameters", name) + ((key,) if table is value else ())
                 faults.append(Fault(place, table[key], str(error)))
                 table[key] = MISSING
 
@@ -366,10 +387,10 @@ def _number(unit: str | None, text: str) -> float:
 
 def _faults_of_material(choice: MaterialChoice | None, law: type[Material] | None, known: Iterable[Fault]) -> list[Fault]:
     """Faults of the parameters; where these have none, faults of the stiffness that the parameters give."""
-    if law is None or choice is None:
+    if law is None or choice is None or issubclass(law, Layered) != isinstance(choice, LayersChoice):
         return []
     faults = list(faults_of_parameters(choice, law))
-    if faults or any(fault.key[0] == "material" for fault in known):
+    if faults or any(fault.key[0] == "material" or fault.key[:2] == OF_LAYERS for fault in known):
         return faults
     return list(faults_of_stiffness(choice, law))
 

@@ -12,7 +12,7 @@ from indentfit.case.keys import SECTIONS, TABLES, KeyFacts, facts_of_keys
 from indentfit.case.section import Section
 from indentfit.case.tables import Test
 
-NEEDED = ("material", "test")  # sample and indenter where a test is an indentation
+NEEDED = ("test",)  # material unless the sample has layers, sample and indenter where a test is an indentation
 QUANTITY = {"type": "string", "description": "a number with its unit, such as 1490 Pa"}
 INTRODUCTION = """\
 # Keys of a case file
@@ -33,7 +33,8 @@ def json_schema() -> dict[str, Any]:
     models: list[type[Section]] = [*SECTIONS.values(), Test]
     _, schema = models_json_schema([(model, "validation") for model in models], ref_template="#/$defs/{model}")
     definitions = _without_null(schema["$defs"])
-    definitions["MaterialChoice"]["properties"]["parameters"]["additionalProperties"]["anyOf"].append(QUANTITY)
+    for name in ("MaterialChoice", "Layer"):
+        definitions[name]["properties"]["parameters"]["additionalProperties"]["anyOf"].append(QUANTITY)
     tables: dict[str, Any] = {name: {"$ref": f"#/$defs/{model.__name__}"} for name, model in SECTIONS.items()}
     tables["test"] = {"type": "array", "minItems": 1, "items": {"$ref": "#/$defs/Test"}}
     return {
@@ -42,6 +43,7 @@ def json_schema() -> dict[str, Any]:
         "type": "object",
         "properties": {"title": {"type": "string", "maxLength": 200}, **tables},
         "required": list(NEEDED),
+        "anyOf": [{"required": ["material"]}, {"required": ["sample"], "properties": {"sample": {"required": ["layer"]}}}],
         "additionalProperties": False,
         "$defs": definitions,
     }
@@ -60,17 +62,17 @@ def _without_null(schema: Any) -> Any:
     return inner
 
 
-def _table(model: type[Section], place: str) -> Iterator[str]:
+def _table(model: type[Section], place: str, several: bool = False) -> Iterator[str]:
     """The rows of a table, and of the tables inside of it."""
     keys = [key for key in facts_of_keys(model, place) if key.table == place]
-    yield f"## {'[[test]]' if model is Test else f'[{place}]'}"
+    yield f"## [[{place}]]" if several or model is Test else f"## [{place}]"
     yield from ("", " ".join((model.__doc__ or "").split("\n\n")[0].split()), "")
     yield from ("| key | unit | default | values | meaning |", "|---|---|---|---|---|")
     yield from (_row(key) for key in keys)
     yield ""
     for key in keys:
         if key.inner:
-            yield from _table(key.inner, key.key)
+            yield from _table(key.inner, key.key, key.several)
 
 
 def _row(key: KeyFacts) -> str:

@@ -37,6 +37,7 @@ from indentfit.case.quantities import (
     one_line,
     refusal,
 )
+from indentfit.case.ranges import Range as Range
 from indentfit.case.relaxation import Seconds, Velocity
 from indentfit.case.section import Section, either, known
 from indentfit.case.solving import Solver as Solver
@@ -192,6 +193,8 @@ def _own_keys_of(table: type[Section]) -> Callable[[type[Table]], type[Table]]:
     def with_keys(model: type[Table]) -> type[Table]:
         keys: dict[str, Any] = {}
         for name, field in table.model_fields.items():
+            if name == "layer":  # layers are those of all tests
+                continue
             kind: Any = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
             keys[name] = (kind | None, _not_needed(field))
         return create_model(model.__name__, __base__=model, __module__=model.__module__, __doc__=model.__doc__, **keys)

@@ -55,7 +55,7 @@ def _table(model: type[Section]) -> Iterator[str]:
         if key.inner and behind:
             yield from row(f"# {key.name} = {toml_value(key.example)}", key.meaning)
         elif key.inner:
-            yield from ("", *_inner(key.inner))
+            yield from ("", *_inner(key.inner, key.several))
         elif key.kind == "table" and model is not MaterialChoice:
             yield from (
                 "",
@@ -69,10 +69,10 @@ def _table(model: type[Section]) -> Iterator[str]:
     yield ""
 
 
-def _inner(model: type[Section]) -> Iterator[str]:
-    """A table inside of another, commented out."""
+def _inner(model: type[Section], several: bool) -> Iterator[str]:
+    """A table inside of another, commented out; `several`: it is one of a list."""
     yield from comment_lines((model.__doc__ or "").split("\n\n")[0])
-    yield f"# [{model.place}]"
+    yield f"# [[{model.place}]]" if several else f"# [{model.place}]"
     for key in facts_of_keys(model):
         yield from _key(key, None, "# ")
 

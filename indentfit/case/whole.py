@@ -28,7 +28,8 @@ from indentfit.case.faults import (
     start_values,
 )
 from indentfit.case.in_time import GRID, relaxation_of
-from indentfit.case.laws import kept_by, open_law, own_parameters, plugin_file
+from indentfit.case.laws import kept_by, law_of_choice, own_parameters, plugin_files
+from indentfit.case.layers import OF_LAYERS, with_materials
 from indentfit.case.messages import MISSING, Fault, line, lines
 from indentfit.case.quantities import Title
 from indentfit.case.recording import Record
@@ -104,6 +105,8 @@ class Case(BaseModel):
         if not isinstance(keys, dict):
             return keys
         keys = with_priors(keys)
+        sample = keys.get("sample")
+        keys = with_materials(keys, sample.layer if isinstance(sample, Sample) else (sample or {}).get("layer") or ())
         if keys.get("curves"):
             return keys
         tests = keys.get("tests", keys.get("test", ()))
@@ -159,6 +162,8 @@ class Case(BaseModel):
         try:
             return self.law
         except MaterialError as error:
+            if self.sample.layer:
+                raise_disagreements(type(self), [Fault(OF_LAYERS, MISSING, str(error))])
             key = "model" if self.material.energy is None else "energy"
             raise_disagreements(type(self), [Fault(("material", key), getattr(self.material, key), str(error))])
             raise
@@ -166,7 +171,7 @@ class Case(BaseModel):
     @property
     def law(self) -> type[Material]:
         """The class of the material; a file of the class that the case names is run. Raises MaterialError."""
-        return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
+        return law_of_choice(self.material, self.folder)
 
     @property
     def synthetic(self) -> tuple[str, ...]:
@@ -278,6 +283,8 @@ class Case(BaseModel):
             mode="json",
             exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
         )
+        if not facts["sample"]["layer"]:
+            del facts["sample"]["layer"]
         if not facts["sample"]["fibre_angle"]:
             del facts["sample"]["fibre_angle"]
         if facts["fit"]["uncertain"]["fibre_angle"] is None:
@@ -298,9 +305,11 @@ class Case(BaseModel):
             contact = [curve.contact] if curve is not None and curve.contact else []
             times = [curve.time.tolist()] if curve is not None and curve.time is not None and self.material.relaxation else []
             test["curve"] = curve and [*(column.tolist() for column in curve.columns), *times, *contact]
-        if plugin := plugin_file(self.material.model, self.folder):  # the content of the file, not its place
-            code = hashlib.sha256(plugin.read_bytes()).hexdigest()
-            facts["material"]["model"] = facts["material"]["model"].rpartition(":")[2] + " " + code
+        for model, plugin in plugin_files(self.material, self.folder).items():  # the content of the file, not its place
+            code = model.rpartition(":")[2] + " " + hashlib.sha256(plugin.read_bytes()).hexdigest()
+            facts["material"]["model"] = facts["material"]["model"].replace(model, code)
+            for layer in facts["sample"].get("layer", ()):
+                layer["model"] = code if layer["model"] == model else layer["model"]
         return hashlib.sha256(json.dumps(facts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def warnings(self) -> list[str]:

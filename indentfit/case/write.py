@@ -9,7 +9,7 @@ from typing import Any
 import tomli_w
 
 from indentfit.case.curves import file_for
-from indentfit.case.laws import plugin_file
+from indentfit.case.laws import plugin_files
 from indentfit.case.whole import Case
 from indentfit.curve import write_curve
 from indentfit.errors import OutputError
@@ -32,6 +32,8 @@ def case_toml(case: Case) -> str:
 def case_tree(case: Case) -> dict[str, Any]:
     """The tables of a case as a file holds them, without keys that have their default value."""
     tree = case.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude={"path", "overrides", "curves"})
+    if case.sample.layer:
+        tree.pop("material")  # it is that of the layers
     return {name: table for name, table in _without_none(tree).items() if table != {}}
 
 
@@ -62,10 +64,12 @@ def write_case(case: Case, folder: str | Path) -> Path:
                 test["curve"] = file_for(test["name"], taken)
                 (folder / test["curve"]).parent.mkdir(parents=True, exist_ok=True)
                 write_curve(folder / test["curve"], curve)
-        if plugin := plugin_file(case.material.model, case.folder):
+        for model, plugin in plugin_files(case.material, case.folder).items():
             (folder / "plugins").mkdir(parents=True, exist_ok=True)
             shutil.copyfile(plugin, folder / "plugins" / plugin.name)
-            tree["material"]["model"] = f"plugins/{plugin.name}:{tree['material']['model'].rpartition(':')[2]}"
+            for table in (tree.get("material", {}), *tree["sample"].get("layer", ())):
+                if table.get("model") == model:
+                    table["model"] = f"plugins/{plugin.name}:{model.rpartition(':')[2]}"
         (folder / "case.toml").write_text(tomli_w.dumps(tree), encoding="utf-8", newline="\n")
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error

@@ -170,9 +170,7 @@ def _downwards(task: _Task, scale: float, width: Callable[[Array], Array], first
     layers = list(itertools.pairwise(ends))
 
     def narrow(depth: Array) -> Array:
-        near = [
-            scale * FAR * (low - high) + SLOPE * np.maximum(np.maximum(high - depth, depth - low), 0.0) for high, low in layers
-        ]
+        near = [scale * FAR * (low - high) + SLOPE * np.maximum(np.maximum(high - depth, depth - low), 0.0) for high, low in layers]
         return np.minimum(width(depth), np.min(near, axis=0))
 
     lines = [_spaced(max(high, first), low, narrow) for high, low in layers if low > first]

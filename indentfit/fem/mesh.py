@@ -86,9 +86,7 @@ class _Task:
     @classmethod
     def of(cls, sample: Sample, indenter: Indenter, element: str, depth: float | None) -> "_Task":
         depth = depth or sample.thickness / 10
-        return cls(
-            sample.thickness, sample.geometry.outline, indenter.geometry, depth, FAMILIES[element], sample.interfaces
-        )
+        return cls(sample.thickness, sample.geometry.outline, indenter.geometry, depth, FAMILIES[element], sample.interfaces)
 
 
 def quarter(

@@ -31,7 +31,7 @@ from indentfit.inverse.objective import Target, rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
 from indentfit.inverse.wide import of_records, with_offset_of_records
-from indentfit.runs.closed_form import closed_forms
+from indentfit.runs.closed_form import closed_forms, left_out
 from indentfit.runs.forward import Evaluation, ForwardModel, of_relaxation
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.pieces import Piece, mesh_of, pieces_of
@@ -306,6 +306,7 @@ def _with_moduli(case: Case, result: FitResult) -> FitResult:
     said = [(name, form.beside(shear_modulus, result.measured[name].displacement[-1])) for name, form in forms.items()]
     said += [(name, form.at_the_end(shear_modulus, result.curves[name])) for name, form in forms.items() if name in result.curves]
     notes = (*result.notes, *(f"{name}: {why}" for name, why in said if why and result.objective is not None))
+    notes = (*notes, *left_out(case))
     return replace(result, moduli=moduli(case, result), closed_forms=forms, notes=notes)
 
 

@@ -60,7 +60,7 @@ def _moduli(case: Case, values: dict[str, float]) -> dict[str, float]:
 
 
 def _estimate(case: Case, result: FitResult, values: dict[str, float], modulus: str, value: float) -> ParameterEstimate:
-    unit = UNITS[modulus]
+    unit = UNITS[modulus.rpartition(".")[2]]
     changing = [name for name in result.free if _changes(case, result, values, name, modulus)]
     if not changing:
         return ParameterEstimate(value, unit, fixed=True)

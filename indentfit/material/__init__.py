@@ -17,7 +17,7 @@ from indentfit.material.conformance import Check, check, isochoric_stress
 from indentfit.material.functions import FUNCTIONS, Term, exp, log, positive, sqrt
 from indentfit.material.homogeneous import Fibres, HomogeneousState, Kind
 from indentfit.material.kinematics import INVARIANTS, REST, invariant_gradients, invariants
-from indentfit.material.layered import Layered, laws_of, layered, parts_of
+from indentfit.material.layers import Layered, laws_of, layered, parts_of
 from indentfit.material.model import GROUP, Material, require_derivable, shipped
 from indentfit.material.parameter import Parameter
 from indentfit.material.plugins import blamed, checked_derivatives, foreign_code, installed, load

@@ -10,6 +10,7 @@ from indentfit.case.priors import Prior
 from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, Sample, Test
 from indentfit.fibres import PART_WORDS, part_for
+from indentfit.material import Layered, Material
 
 SAYS_POISSON = 50.0  # bulk over shear modulus up to which Poisson's ratio, 0.49, tells more
 
@@ -36,11 +37,15 @@ def case_lines(case: Case) -> Iterator[str]:
         yield f"  sample    {sample_words(sample)}"
         yield f"  indenter  {indenter_words(indenter)}"
         yield f"  mesh      {_mesh(case.mesh)}"
-    part, law = case.material, case.law
-    yield f"  material  {part.model or part.energy}, {_bulk(part, has_fibres(law))}"
-    for name, value in own_parameters(part, law).items():
-        young = f" (young {_value(part.parameters[YOUNG], 'kPa')})" if name not in part.parameters else ""
-        yield f"    {name:<8}{_value(value, law.parameters[name].unit)}{young}"
+    law = case.law
+    for layer in case.sample.layer:
+        bulk = _bulk(layer.choice, has_fibres(law))
+        yield f"  layer     {layer.name}, {layer.thickness:g} mm: {layer.model or layer.energy}, {bulk}"
+        yield from _parameters(layer.choice, law.laws[layer.name] if issubclass(law, Layered) else law, f"{layer.name}.")
+    if not case.sample.layer:
+        part = case.material
+        yield f"  material  {part.model or part.energy}, {_bulk(part, has_fibres(law))}"
+        yield from _parameters(part, law)
     if case.relaxation is not None:
         for name, value in case.relaxation.parameters.items():
             yield f"    {name:<8}{_value(value, 's' if name.startswith('tau') else '1')}"
@@ -73,6 +78,13 @@ def case_lines(case: Case) -> Iterator[str]:
     yield f"  fit       {case.fit.method}, seed {case.fit.seed}; free parameters: {free}"
 
 
+def _parameters(part: MaterialChoice, law: type[Material], prefix: str = "") -> Iterator[str]:
+    """The parameters of a material, of a layer with its name before theirs."""
+    for name, value in own_parameters(part, law).items():
+        young = f" (young {_value(part.parameters[YOUNG], 'kPa')})" if name not in part.parameters else ""
+        yield f"    {prefix + name + ' ':<8}{_value(value, law.parameters[name].unit)}{young}"
+
+
 def _doubt(name: str, stated: Any) -> str:
     """How uncertain an input is, in words."""
     if isinstance(stated, Prior):
@@ -100,7 +112,9 @@ def _end(case: Case, test: Test, last: float) -> str:
 
 def sample_words(sample: Sample) -> str:
     """A table [sample] in words."""
-    return f"{sample.geometry.words()}, thickness {sample.thickness:g} mm, {sample.base} base"
+    layers = ", ".join(f"{layer.name} {layer.thickness:g} mm" for layer in sample.layer)
+    layered = f" (layers from the top: {layers})" if layers else ""
+    return f"{sample.geometry.words()}, thickness {sample.thickness:g} mm{layered}, {sample.base} base"
 
 
 def indenter_words(indenter: Indenter) -> str:

@@ -12,7 +12,7 @@ from indentfit.fem.fields import Fields, recover
 from indentfit.fem.result import TestResult
 from indentfit.fem.simulate import Model
 from indentfit.fibres import direction
-from indentfit.material import Material
+from indentfit.material import Material, laws_of
 from indentfit.report.folder import write_json
 from indentfit.report.mirror import whole
 from indentfit.report.stress_plots import COMPONENTS, Shown, displacement_picture, peak_words, peaks, stress_picture
@@ -48,11 +48,11 @@ class FieldChoice:
 
 @dataclass(frozen=True)
 class Solved:
-    """Simulated tests with their model, their material and its bulk modulus, kPa."""
+    """Simulated tests with their model, their material and its bulk modulus, kPa, or that of each layer."""
 
     model: Model
     material: Material
-    kappa: float
+    kappa: float | tuple[float, ...]
     tests: Sequence[TestResult]
 
     def fields(self, test: TestResult, mirror: bool, equilibrium: Equilibrium | None = None) -> Fields:
@@ -67,7 +67,12 @@ class Solved:
             name + ("" if known.unit in ("", "1") else f"_{known.unit}"): float(values[name])
             for name, known in law.parameters.items()
         }
-        numbers |= {"kappa_kPa": self.kappa, "depth_mm": (equilibrium or test.last).depth}
+        kappas = (
+            {"kappa_kPa": self.kappa}
+            if not isinstance(self.kappa, tuple)
+            else {f"{name}.kappa_kPa": kappa for name, kappa in zip(laws_of(law), self.kappa, strict=True)}
+        )
+        numbers |= {**kappas, "depth_mm": (equilibrium or test.last).depth}
         texts = {"test": test.name, "material": law.__name__, "indentfit": importlib.metadata.version("indentfit")}
         if not has_fibres(law):
             return Origin(numbers, texts)

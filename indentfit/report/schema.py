@@ -333,7 +333,9 @@ def _own_words(
 
 
 def _sample_words(table: Mapping[str, Any]) -> str:
-    return f"{_shape_words(samples.SHAPES, table)}, thickness {table['thickness']:.4g} mm, {table['base']} base"
+    layers = ", ".join(f"{layer['name']} {layer['thickness']:.4g} mm" for layer in table.get("layer") or ())
+    layered = f" (layers from the top: {layers})" if layers else ""
+    return f"{_shape_words(samples.SHAPES, table)}, thickness {table['thickness']:.4g} mm{layered}, {table['base']} base"
 
 
 def _indenter_words(table: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
 from indentfit.report.digits import CurveScale, quantity
 from indentfit.report.first_screen import doubts_of, first_lines, pieces_words, value_words
-from indentfit.runs.closed_form import ClosedForm, closed_forms
+from indentfit.runs.closed_form import ClosedForm, closed_forms, left_out
 from indentfit.runs.simulated import SimulatedCase
 
 KINDS = {
@@ -32,6 +32,7 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
     for tests in _of_equal_displacement(simulation.tests):
         yield from _table(tests, has_fibres(case.law))
         yield ""
+    yield from (f"note      {sentence}" for sentence in left_out(case))
     yield from closed_lines(closed_forms(case, {test.name: test.curve for test in simulation.tests}, material.shear_modulus))
     if isinstance(simulation, SimulatedCase) and simulation.misfits:
         off = ", ".join(f"{name} {100 * share:.3g} %" for name, share in simulation.misfits.items())
@@ -57,7 +58,7 @@ def _material(case: Case, material: Material) -> Iterator[str]:
         for name, parameter in parameters.items()
     )
     moduli = isotropic_moduli(case.material, case.law, material.values)
-    beside = "".join(f", {name} = {value:.4g}{'' if name == 'nu' else ' kPa'}" for name, value in moduli.items())
+    beside = "".join(f", {name} = {value:.4g}{'' if name.endswith('nu') else ' kPa'}" for name, value in moduli.items())
     yield f"{case.material.model or case.material.energy}: {values}{beside}"
     if case.relaxation is not None:
         yield f"relaxes: {case.relaxation.words()}; forces over displacement are those of the ramp"

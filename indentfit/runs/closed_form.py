@@ -6,7 +6,7 @@ resists 1 % less at a depth of 0.15 radii and 4 % less at half a radius; under o
 sharp edge has a force at all. Spheres and flat punches on materials without fibres have them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -125,13 +125,22 @@ def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) 
     Returns
     -------
     dict of test -> ClosedForm
-        Empty for a material with fibres, and for one that relaxes.
+        Empty for a material with fibres, for one that relaxes, and for a sample with layers.
     """
-    if has_fibres(case.law) or case.material.relaxation is not None:
+    if has_fibres(case.law) or case.material.relaxation is not None or case.sample.layer:
         return {}
     nu = case.material.poisson_ratio_at(shear_modulus)
     forms = {test.name: _closed_form(case, test, curves[test.name], nu) for test in case.indentations if test.name in curves}
     return {name: form for name, form in forms.items() if form is not None}
+
+
+def left_out(case: Case) -> Iterator[str]:
+    """Why curves of round indenters have no closed form, where the sample has layers."""
+    if case.sample.layer and any(formula_of(case.indenter_of(test).geometry) for test in case.indentations):
+        yield (
+            "no modulus by Hertz's theory, Sneddon's punch or the elastic layer stands beside: they are those of one material, and "
+            "the sample has layers"
+        )
 
 
 def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm | None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from indentfit.case import Case, Test
 from indentfit.fem.linear.choice import choice
+from indentfit.material import Layered, Material, laws_of
 from indentfit.runs import closure
 from indentfit.runs.mechanics import Mechanics, mechanics_of
 
@@ -66,9 +67,10 @@ def code() -> str:
     return closure.of_runs().hash
 
 
-def versions(law: type) -> dict[str, str | None]:
+def versions(law: type[Material]) -> dict[str, str | None]:
     """Versions of the third-party packages that a run of this law imports; None for a package that is not installed."""
-    first_names = {*closure.of_runs().foreign, *ALWAYS}.union(*(part.foreign for part in _of_bases(law)))
+    bases = [part for own in laws_of(law).values() for part in _of_bases(own)]
+    first_names = {*closure.of_runs().foreign, *ALWAYS}.union(*(part.foreign for part in bases))
     known = {name: closure.version_of(name) for name in sorted(first_names)}
     return known | {"machine": platform.machine(), "system": platform.system()}
 
@@ -86,7 +88,8 @@ def _own(mechanics: Mechanics, test: int) -> dict[str, Any]:
 
 
 def _tables(mechanics: Mechanics) -> dict[str, Any]:
-    return {"sample": mechanics.sample.model_dump(mode="json"), "indenter": mechanics.indenter.model_dump(mode="json")}
+    sample = mechanics.sample.model_dump(mode="json", exclude={"layer": {"__all__": {"parameters"}}})
+    return {"sample": sample, "indenter": mechanics.indenter.model_dump(mode="json")}
 
 
 def _shapes(mechanics: Mechanics) -> list[str]:
@@ -100,6 +103,8 @@ def _shapes(mechanics: Mechanics) -> list[str]:
 def _material(mechanics: Mechanics) -> dict[str, Any]:
     """The material: its typed energy, or its name and the code of its class and base classes."""
     law = mechanics.law
+    if issubclass(law, Layered):  # the table of the sample holds typed energies, and the bulk modulus of each layer
+        return {name: [list(part.parameters), [known.hash for known in _of_bases(part)]] for name, part in law.laws.items()}
     if mechanics.material.energy is not None:
         return {"energy": mechanics.material.energy, "parameters": list(law.parameters)}
     return {"class": law.__qualname__, "parameters": list(law.parameters), "code": [part.hash for part in _of_bases(law)]}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from indentfit.arrays import Array
 from indentfit.case.in_time import motion_of
-from indentfit.case.laws import kept_by, open_law
+from indentfit.case.laws import kept_by, law_of_choice
 from indentfit.case.specimen import Specimen
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
 from indentfit.fem.meshing import resized
@@ -89,7 +89,7 @@ class Mechanics:
     @property
     def law(self) -> type[Material]:
         """The class of the material; a file of the class that the case names is run. Raises MaterialError."""
-        return open_law(self.material.model, self.material.energy, tuple(self.material.parameters), self.folder)
+        return law_of_choice(self.material, self.folder)
 
     def of(self, test: int) -> "Mechanics":
         """The mechanics of those tests that have the same sample and indenter as one of them, in the tables of which these are, and

@@ -14,6 +14,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.errors import Stopped
+from indentfit.material import Material, laws_of
 from indentfit.runs.bench import Bench
 from indentfit.runs.cluster import Cluster
 from indentfit.runs.forward import Evaluation, Report
@@ -246,9 +247,10 @@ class RunPool:
         return Evaluation(dict(point), forces, None, seconds, facts, derivatives)
 
 
-def is_foreign(law: type) -> bool:
+def is_foreign(law: type[Material]) -> bool:
     """Whether a law is third-party code, which may never return, so that its runs need a process that can be ended."""
-    return any(base.__module__.partition(".")[0] not in ("indentfit", "builtins") for base in law.__mro__)
+    laws = laws_of(law).values()
+    return any(base.__module__.partition(".")[0] not in ("indentfit", "builtins") for own in laws for base in own.__mro__)
 
 
 def cores() -> int:

@@ -103,10 +103,10 @@ def layered(laws: Mapping[str, type[Material]]) -> type[Layered]:
 @functools.cache
 def _class_of(sources: tuple[tuple[Any, ...], ...]) -> type[Layered]:
     """The class of layers, each a name and where a pickle finds its law: the class, or a function with its arguments."""
-    laws = {name: source if isinstance(source, type) else source(*rest) for name, source, *rest in sources}
+    laws: dict[str, type[Material]] = {name: source if not rest else source(*rest) for name, source, *rest in sources}
     invariants = dict.fromkeys(invariant for law in laws.values() for invariant in law.invariants)
     words = "; ".join(f"{name}: {' '.join((law.__doc__ or '').split())}" for name, law in laws.items())
-    cls = type("Layers", (Layered,), {"__doc__": words, "laws": laws, "_source": (_class_of, sources)})
+    cls: type[Layered] = type("Layers", (Layered,), {"__doc__": words, "laws": laws, "_source": (_class_of, sources)})
     cls.parameters = {f"{name}.{own}": known for name, law in laws.items() for own, known in law.parameters.items()}
     cls.invariants = tuple(invariants)
     return cls
