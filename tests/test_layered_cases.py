@@ -1,0 +1,131 @@
+"""Cases whose sample has layers: their keys, their faults, and the names of their parameters. tests/test_layered.py has the mechanics."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from indentfit import Case, Curve, Test, read_case
+from indentfit.case import Indenter, Sample
+from indentfit.case.keys import facts_of_keys
+from indentfit.case.tables import Layer
+from indentfit.case.template import toml_value
+from indentfit.case.write import case_toml, write_case
+from indentfit.errors import CaseError
+from indentfit.experiment.measured import changed_case
+
+SKIN = """
+[sample]
+shape = "disc"
+diameter = "60 mm"
+thickness = "11.5 mm"
+base = "bonded"
+
+[[sample.layer]]
+name = "skin"
+thickness = "1.5 mm"
+model = "ogden"
+parameters = { mu = { start = "20 kPa", min = 2, max = 200 }, alpha = 4 }
+
+[[sample.layer]]
+name = "fat"
+thickness = "10 mm"
+model = "neo_hookean"
+poisson_ratio = 0.49
+parameters = { young = 4.47 }
+
+[indenter]
+shape = "sphere"
+radius = 3
+friction = 0
+
+[[test]]
+name = "press"
+depth = 1
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(SKIN)
+    return path
+
+
+def test_parameters_are_called_by_their_layers(file):
+    case = read_case(file)
+    assert case.start_values() == {"skin.mu": 20, "skin.alpha": 4, "fat.mu": pytest.approx(4.47 / 2 / 1.49)}
+    assert list(case.free) == ["skin.mu"] and case.law.scale is None
+    assert case.material.bulk_moduli(case.law(**case.start_values())) == pytest.approx((20e3, 1.5 * 2 * 1.49 / 3 / 0.02))
+
+
+def test_a_written_case_is_the_same_case(file, tmp_path):
+    case = read_case(file)
+    assert "material" not in tomllib.loads(case_toml(case))
+    assert read_case(write_case(case, tmp_path / "copy")).hash == case.hash
+    assert changed_case(case, ["fat.parameters={mu=2}"]).hash != case.hash
+
+
+def test_a_case_without_layers_keeps_its_hash():
+    """That of 0.3.0, of which results are stored."""
+    case = Case(
+        sample=Sample(shape="disc", diameter=14, thickness=3.3, base="bonded"),
+        indenter=Indenter(shape="sphere", radius=1.0, friction=0.0),
+        material={"model": "neo_hookean", "parameters": {"mu": 1.0}},
+        tests=[Test("press", curve=Curve(np.arange(1, 6) / 10, np.arange(1, 6) * 1.0))],
+    )
+    assert case.hash.startswith("d90378bc10de106c")
+
+
+def test_a_case_in_memory_has_layers():
+    layers = [Layer(name=name, thickness=1.0, model="neo_hookean", parameters={"mu": mu}) for name, mu in (("a", 1.0), ("b", 2.0))]
+    case = Case(
+        sample=Sample(shape="disc", diameter=14, thickness=2.0, base="bonded", layer=layers),
+        indenter=Indenter(shape="sphere", radius=1.0, friction=0.0),
+        tests=[Test("press", depth=0.1)],
+    )
+    assert case.start_values() == {"a.mu": 1.0, "b.mu": 2.0}
+    assert case.sample.interfaces == (1.0,)
+    thicker = case.sample.with_key("thickness", 4.0)  # as a run with another thickness has it
+    assert thicker.interfaces == (2.0,) and list(thicker.layer_at(np.array([0.5, 3.5]))) == [1, 0]
+
+
+@pytest.mark.parametrize(
+    "key", [key for key in facts_of_keys(Layer) if key.name not in ("name", "thickness")], ids=lambda key: key.name
+)
+def test_the_example_of_a_layers_key_is_a_value_that_the_key_takes(file, key):
+    read_case(file, [f"fat.{key.name}={toml_value(key.example)}", *(["fat.parameters={mu=2}"] if key.name == "energy" else [])])
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("sample.thickness=10", "sample.thickness = 10.0: the layers add up to 1.5 + 10 = 11.5 mm"),
+        ("fat.thickness=5 cm", "the layers add up to 1.5 + 50 = 51.5 mm"),
+        ("fat.name=skin", "two layers are called skin; give each a name of its own"),
+        ("fat.name=my fat", "sample.layer.my fat.name = \"my fat\""),
+        ("fat.zeta=3", "sample.layer.fat.parameters.zeta = 3.0: unknown parameter; known here: mu, young"),
+        ("skin.mu=bla", "sample.layer.skin.parameters.mu = \"bla\": must be a number in kPa"),
+        ("skin.mu={start=5, min=7, max=9}", "sample.layer.skin.parameters.mu.start: is below min = 7"),
+        ("skin.alpha=0", "sample.layer.skin.parameters"),
+        ("fat.bulk_ratio=unknown", "sample.layer.fat.bulk_ratio: must be a number in a layer"),
+        ("fat.model=nohooke", "sample.layer.fat.model = \"nohooke\": no material"),
+        ("sample.layer.fet.mu=3", "no such layer; ... did you mean fat"),
+        ("material.model=neo_hookean", "material: each layer has a material of its own; remove this table"),
+        ("test.press.sample={thickness=4}", "test.press.sample.thickness = 4.0: the layers add up to"),
+        ("fit.prior.shear=[1, 0.1]", "fit.prior.shear = [1.0, 0.1]: is the modulus of one material"),
+        ("material.relaxation={g=[0.3], tau=[2]}", "material: each layer has a material of its own"),
+    ],
+)  # fmt: skip
+def test_a_fault_names_its_layer_its_reason_and_its_remedy(file, override, words):
+    with pytest.raises(CaseError) as refused:
+        read_case(file, [override])
+    for part in words.split(" ... "):
+        assert part in str(refused.value)
+
+
+def test_a_test_without_an_indenter_needs_one_material(file):
+    more = SKIN + '[[test]]\nname = "shear"\nkind = "shear"\nstrain = 0.1\n'
+    file.write_text(more)
+    with pytest.raises(CaseError, match="test.shear.kind = .*the sample has layers; remove this test"):
+        read_case(file)
