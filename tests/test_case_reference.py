@@ -116,7 +116,7 @@ def test_the_tables_behind_a_hash_can_be_opened(case, tmp_path):
 @pytest.mark.parametrize("key", EVERY)
 def test_the_reference_page_has_a_row_for_every_key(key):
     facts = EVERY[key]
-    heading = "## [[test]]" if facts.table == "test" else f"## [{facts.table}]"
+    heading = f"## [[{facts.table}]]" if facts.table in ("test", "sample.layer") else f"## [{facts.table}]"
     table = reference_page().split(heading + "\n")[1].split("\n## ")[0]
     (row,) = [row for row in table.split("\n") if row.startswith(f"| `{facts.name}` |")]
     assert f"| {facts.unit} |" in row and row.endswith(f" {facts.meaning} |")

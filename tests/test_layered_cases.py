@@ -1,4 +1,4 @@
-"""Cases whose sample has layers: their keys, their faults, and the names of their parameters. tests/test_layered.py has the mechanics."""
+"""Cases whose sample has layers: keys, faults, and names of parameters. tests/test_layered.py has the mechanics."""
 
 import tomllib
 
@@ -106,9 +106,9 @@ def test_the_example_of_a_layers_key_is_a_value_that_the_key_takes(file, key):
         ("fat.name=my fat", "sample.layer.my fat.name = \"my fat\""),
         ("fat.zeta=3", "sample.layer.fat.parameters.zeta = 3.0: unknown parameter; known here: mu, young"),
         ("skin.mu=bla", "sample.layer.skin.parameters.mu = \"bla\": must be a number in kPa"),
-        ("skin.mu={start=5, min=7, max=9}", "sample.layer.skin.parameters.mu.start: is below min = 7"),
+        ("skin.mu={start=5, min=7, max=9}", "sample.layer.skin.parameters.mu.start = 5.0: is below min = 7"),
         ("skin.alpha=0", "sample.layer.skin.parameters"),
-        ("fat.bulk_ratio=unknown", "sample.layer.fat.bulk_ratio: must be a number in a layer"),
+        ("fat.bulk_ratio=unknown", "sample.layer.fat.bulk_ratio = \"unknown\": must be a number in a layer"),
         ("fat.model=nohooke", "sample.layer.fat.model = \"nohooke\": no material"),
         ("sample.layer.fet.mu=3", "no such layer; ... did you mean fat"),
         ("material.model=neo_hookean", "material: each layer has a material of its own; remove this table"),
@@ -127,5 +127,5 @@ def test_a_fault_names_its_layer_its_reason_and_its_remedy(file, override, words
 def test_a_test_without_an_indenter_needs_one_material(file):
     more = SKIN + '[[test]]\nname = "shear"\nkind = "shear"\nstrain = 0.1\n'
     file.write_text(more)
-    with pytest.raises(CaseError, match="test.shear.kind = .*the sample has layers; remove this test"):
+    with pytest.raises(CaseError, match="the sample has layers; remove this test"):
         read_case(file)
