@@ -35,7 +35,8 @@ DECAYS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # time constants that are tried, of t
 WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may leave to be fitted
 SCREENED = 200  # samples with which baselines are screened
 DYING = 0.35  # of the duration of the stretch: the time constant from which that of a drift is sought that dies out
-UNSEEN = 0.15  # probability, at least, of a drift that the force does not show
+HIDDEN_DRIFT = 0.01  # of the rise in contact, during the loading: standard deviation of drifts before the record is seen
+DRIFTING = 0.15  # probability of a drift before the record is seen
 LARGEST_RATIO = 200.0  # an F ratio above it is as sure
 TELLING = 0.3  # of the depth: the travel before contact that tells a drift
 CERTAIN = 1.96  # standard deviations in half of a 95 % interval
@@ -170,8 +171,27 @@ def _straight(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, D
     first, deepest = float(stretch.displacement.min()), float(stretch.displacement.max())
     if still.contact - first < TELLING * (deepest - still.contact):
         return still, Doubt()
-    reach = float(np.sqrt(max(weight, UNSEEN))) * CERTAIN
-    return still, Doubt(reach * abs(fit.contact - still.contact), reach * float(np.hypot(apart, fit.free_error())))
+    return still, _hidden_drift(fit)
+
+
+def _hidden_drift(fit: Piecewise) -> Doubt:
+    """The doubt because of a drift that the force does not show: a normal prior of its rate, by the rate that was fitted.
+
+    Contact point and zero follow the rate as they do in the covariance of the fit. Nobody expects a drift that no force shows to be
+    as large as a short approach allows.
+    """
+    stretch, variance = fit.stretch, float(fit.spread[1, 1])
+    touching = float(stretch.time[-1] - stretch.time[stretch.displacement < fit.contact].max(initial=stretch.time[0]))
+    rise = float(stretch.force[-1] - fit.free(stretch.time[-1:], stretch.displacement[-1:])[0])
+    if variance <= 0 or touching <= 0:
+        return Doubt()
+    prior, rate = (HIDDEN_DRIFT * rise / touching) ** 2, float(fit.coefficients[1])
+    kept = prior / (prior + variance)
+    odds = DRIFTING / (1 - DRIFTING) * np.sqrt(1 - kept) * np.exp(min(0.5 * kept * rate**2 / variance, LARGEST_RATIO))
+    square = odds / (1 + odds) * (kept * variance + (kept * rate) ** 2)  # of the rate, (mN/s)^2
+    reach = CERTAIN * float(np.sqrt(square))
+    place, zero = float(fit.spread[-1, 1]) / variance, float(fit.spread[0, 1]) / variance + float(stretch.time[-1])
+    return Doubt(reach * abs(place), reach * abs(zero))
 
 
 def _bent(fit: Piecewise, doubt: Doubt) -> tuple[Piecewise, Doubt]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import convolve1d, median_filter
 from scipy.signal import savgol_filter
 
 from indentfit.arrays import Array, Bools
@@ -170,9 +170,28 @@ def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
 
 
 def filtered(values: Array, length: float) -> Array:
-    """Values (n,) after a Savitzky-Golay filter, quadratic and without shift in time, over about `length` samples."""
+    """Values (n,) after a Savitzky-Golay filter, quadratic and without shift in time, over about `length` samples.
+
+    It is SciPy's `savgol_filter`, whose least squares take more time than the filter does; those of a parabola are known.
+    """
     length = min(odd(length), values.size - 1 + values.size % 2)
-    return savgol_filter(values, length, 2)
+    half = length // 2
+    age = np.arange(-half, half + 1.0)
+    second, fourth = float(np.sum(age**2)), float(np.sum(age**4))
+    smooth = convolve1d(
+        np.asarray(values, dtype=float), (fourth - second * age**2) / (length * fourth - second**2), mode="constant"
+    )
+    for part, inside in ((slice(None, length), slice(None, half)), (slice(-length, None), slice(-half, None))):
+        smooth[inside] = _parabola(age, values[part], second, fourth)[inside]
+    return smooth
+
+
+def _parabola(age: Array, values: Array, second: float, fourth: float) -> Array:
+    """The parabola of least squares of values (n,) at ages (n,) about 0; second, fourth: the sums of the ages' powers."""
+    count, slope = age.size, float(age @ values) / second
+    total, square = float(values.sum()), float(age**2 @ values)
+    determinant = count * fourth - second**2
+    return (total * fourth - square * second) / determinant + slope * age + (count * square - second * total) / determinant * age**2
 
 
 def odd(length: float) -> int:

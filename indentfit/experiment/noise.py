@@ -6,6 +6,7 @@ Least squares that treat such noise as white state standard errors that are far 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 from scipy.linalg import matmul_toeplitz
@@ -94,14 +95,15 @@ def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
 
 def _autoregression(moments: Array, most: int, n: int) -> Array:
     """Coefficients (order,) of least Schwarz's criterion, by the recursion of Levinson and Durbin over the orders up to `most`."""
-    weights, variance = np.zeros(0), float(moments[0])
-    price = float(np.log(n))
-    best, least = weights, n * np.log(max(variance, 1e-300)) + price
+    known: list[float] = moments.tolist()  # of a dozen numbers Python's own sums are quicker than those of arrays
+    weights: list[float] = []
+    variance, price = known[0], log(n)
+    best, least = weights, n * log(max(variance, 1e-300)) + price
     for order in range(1, most + 1):
-        last = float(moments[order] - weights @ moments[order - 1 : 0 : -1]) / max(variance, 1e-300)
-        weights = np.append(weights - last * weights[::-1], last)
+        last = (known[order] - sum(w * m for w, m in zip(weights, known[order - 1 : 0 : -1], strict=True))) / max(variance, 1e-300)
+        weights = [*(w - last * back for w, back in zip(weights, weights[::-1], strict=True)), last]
         variance *= max(1.0 - last**2, 1e-15)
-        criterion = n * np.log(max(variance, 1e-300)) + price * (order + 1)
+        criterion = n * log(max(variance, 1e-300)) + price * (order + 1)
         if criterion < least:
             best, least = weights, criterion
-    return best
+    return np.array(best)

@@ -22,10 +22,10 @@ OTHER = 0.01  # share of the peak by which a larger force of the record is worth
 FITTED = 0.35  # of the duration of the ramp: the end of the loading, whose fit gives the peak of a noisy record
 CORNER = 11  # samples of the filter that tells noise in a ramp of few samples
 QUIET = 0.0005  # share of the peak: forces that scatter by less have no noise
-BY_NOISE = 8.0  # standard deviations within which the largest filtered force may lie above the fit
+BY_NOISE = 8.0  # standard deviations within which the largest filtered force agrees with the fit
 AT_ENDS = 2.0  # ratio of the noise that a quadratic filter lets pass at the end of a record to that within it
-CHANCE = 2.0  # standard deviations by which the largest filtered force may lie above the fit before chance has picked it
 FEWEST = 8  # samples of the fit
+SHARP = 0.0005  # share of the ramp's travel: noise of the travel that is left where it is filtered
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
 FEWEST_BEFORE = 40  # samples before contact that tell its noise
 SLOW = 0.5  # share of the samples that are independent, below which noise is slow
@@ -71,7 +71,7 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
     longest = LONGEST * ramp.samples
     smooth = filtered(force[:stop], longest)
     length = float(SHORTEST)
-    loading = _Loading(ramp, contact, force, _slow_noise(force[:start]))
+    loading = _Loading(ramp, contact, force, _slow_noise(_before(ramp, contact, force)))
     fit, record_end = _surer(_fitted(loading), loading, indenter), ramp.record.time.size
     if longest < CLEARLY_SHORTER * SHORTEST:
         rough = float(np.std((force[:stop] - filtered(force[:stop], CORNER))[ramp.low : ramp.high]))
@@ -86,9 +86,8 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
             ends = ramp.stop > record_end - length  # at the end of a record the filter scatters most
             noise = (AT_ENDS if ends else 1) * scatter
             scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
-            over, reach = largest - fit.force, BY_NOISE * max(noise, scatter)
-            chance = CHANCE * scatter < over < reach  # the largest of many noisy values, as in a hold, is too large
-            if scatter > QUIET * largest and (chance or (ends and abs(over) < reach)):
+            # the largest of many noisy values, as in a hold, is too large; where the stage turns the filter rounds the force
+            if scatter > QUIET * largest and abs(largest - fit.force) < BY_NOISE * max(noise, scatter):
                 return Peak(fit.force, max(fit.error, 0.5 * scatter))
             return Peak(largest, scatter)
         length *= 1.6
@@ -117,6 +116,15 @@ class _Loading:
         size = float(np.sqrt(np.mean(self.slow.scale**2)))
         seen = covariance(terms, CorrelatedNoise(np.full(n, size), correlation, self.slow.weights))
         return seen if seen.sum() > own.sum() else own
+
+
+def _before(ramp: Ramp, contact: ContactPoint, force: Array) -> Array:
+    """The measured forces (n,) before contact, mN, counted from their zero; force: those of the ramp's record."""
+    uneven = ramp.record.uneven
+    if uneven is None:
+        return force[: contact.index]
+    inside = (uneven.time >= ramp.record.time[0]) & (uneven.time < ramp.record.time[contact.index])
+    return uneven.force[inside] - contact.free(uneven.time[inside], uneven.displacement[inside])
 
 
 def _slow_noise(before: Array) -> CorrelatedNoise | None:
@@ -229,11 +237,17 @@ def _square(values: Array) -> float:
     return float(values @ values)
 
 
-def _deepest(ramp: Ramp, stop: int) -> float:
-    """The deepest place of the stage about the end of loading, mm."""
+def _deepest(ramp: Ramp, stop: int) -> tuple[float, float]:
+    """The deepest place of the stage about the end of loading, and its standard error, mm."""
     near = max(3, round(0.5 * ramp.length))
-    smooth = filtered(ramp.record.displacement, max(SHORTEST, ROUNDED * ramp.length))
-    return float(smooth[max(0, stop - near) : ramp.stop + near].max())
+    part = slice(max(0, stop - near), ramp.stop + near)
+    displacement = ramp.record.displacement
+    noise, slight = noise_of(displacement), SHARP * abs(ramp.velocity * ramp.duration)
+    if noise < slight:
+        return float(displacement[part].max()), noise  # a filter would round the corner where the stage turns at once
+    # a quadratic filter of m samples lets 9 / (4 m) of the variance pass
+    length = max(SHORTEST, min(ROUNDED * ramp.length, (1.5 * noise / slight) ** 2))
+    return float(filtered(displacement, length)[part].max()), 1.5 * noise / float(np.sqrt(length))
 
 
 def _turn(ramp: Ramp, begin: int, stop: int) -> _Turn:
@@ -248,12 +262,10 @@ def _turn(ramp: Ramp, begin: int, stop: int) -> _Turn:
         if late.mean() > -STOPPED * noise / np.sqrt(SHORTEST):
             ahead = float(record.time[-1] - record.time[stop - 1])
             return _Turn(float(record.time[-1]), float(np.polyval(line, ahead)), 2 * noise / float(np.sqrt(half.stop - half.start)))
-    deepest, (velocity, last) = _deepest(ramp, stop), line
+    (deepest, blur), (velocity, last) = _deepest(ramp, stop), line
     ahead = (deepest - last) / velocity if velocity > 0 else 0.0
     most = record.time[min(ramp.stop + near, record.time.size) - 1] - record.time[stop - 1]
-    # a quadratic filter of m samples lets 9 / (4 m) of the variance pass
-    blur = 1.5 * noise / np.sqrt(max(SHORTEST, ROUNDED * ramp.length))
-    return _Turn(float(record.time[stop - 1] + np.clip(ahead, 0.0, most)), deepest, float(blur))
+    return _Turn(float(record.time[stop - 1] + np.clip(ahead, 0.0, most)), deepest, blur)
 
 
 def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> Iterator[str]:

@@ -146,33 +146,45 @@ class Piecewise:
 
 
 def stretch_of(ramp: Ramp) -> Stretch:
-    """The `Stretch` of a ramp."""
+    """The `Stretch` of a ramp: of the measured samples, also where the ramp's record is interpolated at even steps of time."""
     record, samples = ramp.record, ramp.samples
     first = max(0, round(ramp.low - (BASELINE + 0.5) * samples))
-    thin = max(1, -(-(ramp.stop - first) // MOST_SAMPLES))
-    part = slice(ramp.stop - (ramp.stop - first) // thin * thin, ramp.stop)
-    time, displacement, force = (
-        values[part].reshape(-1, thin).mean(axis=1) for values in (record.time, ramp.displacement, record.force)
-    )
-    low = (ramp.low - part.start) // thin
+    part = slice(first, ramp.stop)
+    columns = _measured(ramp, part)
+    length = ramp.length * columns.shape[1] / (ramp.stop - first)
     risen = np.flatnonzero(ramp.raised[part] >= 0.5 * ramp.peak)
-    half = int(min(risen[0] // thin if risen.size else len(time) - 1, len(time) - 1))
+    low, half = np.searchsorted(columns[0], record.time[[ramp.low, first + risen[0] if risen.size else ramp.stop - 1]])
+    thin = max(1, -(-columns.shape[1] // MOST_SAMPLES))
+    count = columns.shape[1] // thin
+    time, displacement, force = columns[:, columns.shape[1] - count * thin :].reshape(3, count, thin).mean(axis=2)
     # a quadratic filter of m points leaves 9 / (4 m) of the variance of white noise, and removes vibration
     blur = 1.5 * noise_of(record.displacement[part]) / np.sqrt(ramp.length)
-    before = (low * thin - 0.2 * samples) / samples
-    step = _step(record.force[part])
+    before = (ramp.low - first - 0.2 * samples) / samples
     return Stretch(
         time,
         displacement,
         force,
-        half,
-        odd(ramp.length / thin),
-        max(5, low // 2),
+        int(min(half // thin, count - 1)),
+        odd(length / thin),
+        max(5, int(low) // thin // 2),
         float(blur),
         bool(before >= DRIFTS),
         bool(before < 1),
-        step,
+        _step(columns[2]),
     )
+
+
+def _measured(ramp: Ramp, part: slice) -> Array:
+    """Times, s, filtered displacements, mm, and forces, mN, (3, n) of the measured samples in a part of a ramp's record.
+
+    Interpolated forces between two samples far apart depend on each other, and a fit would take them for slow noise.
+    """
+    record = ramp.record
+    if record.uneven is None:
+        return np.array([record.time[part], ramp.displacement[part], record.force[part]])
+    time = record.uneven.time
+    inside = (time >= record.time[part.start]) & (time <= record.time[part.stop - 1])
+    return np.array([time[inside], np.interp(time[inside], record.time, ramp.displacement), record.uneven.force[inside]])
 
 
 def _step(force: Array) -> float:
@@ -296,8 +308,8 @@ def _place(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> f
 
 def _searched(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline, bounds: tuple[float, float]) -> float:
     tolerance = 1e-6 * float(np.ptp(stretch.displacement))
-    arguments = (stretch, powers, baseline)
-    return float(minimize_scalar(_misfit, bounds=bounds, args=arguments, method="bounded", options={"xatol": tolerance}).x)
+    arguments = (stretch, powers, baseline.terms(stretch.time, stretch.displacement))
+    return float(minimize_scalar(_squares, bounds=bounds, args=arguments, method="bounded", options={"xatol": tolerance}).x)
 
 
 def _by_place(beyond: Array, powers: tuple[float, ...], coefficients: Array) -> Array:
@@ -309,13 +321,34 @@ def _by_place(beyond: Array, powers: tuple[float, ...], coefficients: Array) -> 
 
 def _terms(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Array:
     """Columns of the linear part (n, .): the baseline's, and powers of the displacement beyond contact."""
+    return _joined(place, stretch, powers, baseline.terms(stretch.time, stretch.displacement))
+
+
+def _joined(place: float, stretch: Stretch, powers: tuple[float, ...], base: Array) -> Array:
+    """Columns of a baseline (n, .), and powers of the displacement beyond contact."""
     beyond = np.maximum(stretch.displacement - place, 0.0)
-    return np.column_stack([baseline.terms(stretch.time, stretch.displacement), *(beyond**m for m in powers)])
+    count = base.shape[1]
+    terms = np.empty((beyond.size, count + len(powers)))
+    terms[:, :count] = base
+    for column, power in enumerate(powers, start=count):
+        terms[:, column] = _raised(beyond, power)
+    return terms
+
+
+def _raised(values: Array, power: float) -> Array:
+    """Values to a power of whole or half a number, by products and a root: a tenth of the time of a general power."""
+    whole = int(power)
+    return values**whole if power == whole else values**whole * np.sqrt(values)
 
 
 def _misfit(place: float, stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> float:
     """Sum of squares, mN^2, with the contact point at `place`."""
-    terms = _terms(place, stretch, powers, baseline)
+    return _squares(place, stretch, powers, baseline.terms(stretch.time, stretch.displacement))
+
+
+def _squares(place: float, stretch: Stretch, powers: tuple[float, ...], base: Array) -> float:
+    """Sum of squares, mN^2, with the contact point at `place` and the columns of a baseline (n, .)."""
+    terms = _joined(place, stretch, powers, base)
     residual = stretch.force - terms @ _coefficients(terms, stretch.force, len(powers))
     return float(residual @ residual)
 
@@ -324,10 +357,11 @@ def _misfits(places: Array, stretch: Stretch, powers: tuple[float, ...], baselin
     """Sums of squares, mN^2, with the contact point at each of the places (m,), by normal equations for all of them at once."""
     base = baseline.terms(stretch.time, stretch.displacement)
     beyond = np.maximum(stretch.displacement[None, :] - places[:, None], 0.0)
-    terms = np.concatenate(
-        [np.broadcast_to(base, (places.size, *base.shape)), np.stack([beyond**m for m in powers], axis=2)], axis=2
-    )
-    terms = terms / np.maximum(np.linalg.norm(terms, axis=1, keepdims=True), 1e-300)
+    terms = np.empty((places.size, base.shape[0], base.shape[1] + len(powers)))
+    terms[:, :, : base.shape[1]] = base
+    for column, power in enumerate(powers, start=base.shape[1]):
+        terms[:, :, column] = _raised(beyond, power)
+    terms /= np.maximum(np.sqrt(np.einsum("ijk,ijk->ik", terms, terms)), 1e-300)[:, None, :]
     square, right = terms.transpose(0, 2, 1) @ terms, terms.transpose(0, 2, 1) @ stretch.force
     values = np.linalg.solve(square + RIDGE * np.eye(terms.shape[2]), right[:, :, None])
     residual = stretch.force - (terms @ values)[:, :, 0]

@@ -45,6 +45,8 @@ class RawRecord:
         The stage or segment of each sample, where the file has a column of them.
     timed : bool
         Whether the times are times; rows are counted where a file has none.
+    uneven : RawRecord or None
+        The measured samples, where this record is interpolated at even steps of time.
 
     Raises
     ------
@@ -61,6 +63,7 @@ class RawRecord:
     stated: Stated = Stated()
     stages: tuple[str, ...] | None = None
     timed: bool = True
+    uneven: RawRecord | None = None
 
     def __post_init__(self) -> None:
         for channel in CHANNELS:

@@ -105,7 +105,7 @@ def _even(record: RawRecord) -> RawRecord:
     nearest = np.clip(np.searchsorted(record.time, time), 0, record.time.size - 1)
     stages = None if record.stages is None else tuple(record.stages[n] for n in nearest)
     taken = f"{record.taken}; uneven times, interpolated at {count / duration:.4g} Hz".removeprefix("; ")
-    return replace(record, time=time, **channels, stages=stages, taken=taken)
+    return replace(record, time=time, **channels, stages=stages, taken=taken, uneven=record)
 
 
 def _cycle(record: RawRecord, cycle: int | str | None) -> RawRecord:
