@@ -23,6 +23,7 @@ FITTED = 0.35  # of the duration of the ramp: the end of the loading, whose fit 
 CORNER = 11  # samples of the filter that tells noise in a ramp of few samples
 QUIET = 0.0005  # share of the peak: forces that scatter by less have no noise
 BY_NOISE = 8.0  # standard deviations within which the largest filtered force agrees with the fit
+CLEARLY = 2.0  # standard errors of the fit from which the largest filtered force differs from it
 AT_ENDS = 2.0  # ratio of the noise that a quadratic filter lets pass at the end of a record to that within it
 FEWEST = 8  # samples of the fit
 SHARP = 0.0005  # share of the ramp's travel: noise of the travel that is left where it is filtered
@@ -87,7 +88,9 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
             noise = (AT_ENDS if ends else 1) * scatter
             scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
             # the largest of many noisy values, as in a hold, is too large; where the stage turns the filter rounds the force
-            if scatter > QUIET * largest and abs(largest - fit.force) < BY_NOISE * max(noise, scatter):
+            apart = abs(largest - fit.force)
+            surer = ends or fit.error < scatter or apart > CLEARLY * fit.error
+            if scatter > QUIET * largest and surer and apart < BY_NOISE * max(noise, scatter):
                 return Peak(fit.force, max(fit.error, 0.5 * scatter))
             return Peak(largest, scatter)
         length *= 1.6
