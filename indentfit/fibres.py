@@ -17,6 +17,8 @@ Kept = Literal["quarter", "half", "mirror_x", "mirror_z", "whole"]
 """What of the sample decides on the rest: a quarter (mirror planes x = 0 and z = 0), a half (turned by 180 degrees about y, it is
 the other half), the half beside the mirror plane x = 0 or z = 0, or nothing less than the whole."""
 
+SAME_LINE = 1e-12  # how far the cosine of two directions may be from 1
+TURNED = 17.3205  # degrees: an angle of no symmetry, for fibres that a fit turns
 PART_WORDS: dict[Kept, str] = {
     "quarter": "quarter sample",
     "half": "half sample, tied to itself by a turn of 180 degrees",
@@ -37,6 +39,49 @@ def direction(angle: float, dip: float = 0.0) -> Array:
         Angle out of that plane, towards y.
     """
     return np.array([_cos(dip) * _cos(angle), _cos(dip - 90), _cos(dip) * _cos(angle - 90)])
+
+
+Families = tuple[tuple[float, float], tuple[float, float]]
+"""Two families of fibres: angle of each from a common direction in the plane of the sample, and its dip, degrees."""
+
+
+def directions(angle: float, dip: float = 0.0, families: Families | None = None) -> Array:
+    """Unit vectors along fibres: (3,) of one family as `direction` has it, or (2, 3) of two.
+
+    Parameters
+    ----------
+    angle, dip : float, degrees
+        Of one family; of two, the angle is that of their common direction, and the dip is not used.
+    families : Families or None
+    """
+    return direction(angle, dip) if families is None else np.stack([direction(angle + own, dips) for own, dips in families])
+
+
+def kept_by_two(fibres: Array, alike: bool) -> Kept:
+    """The symmetry that two families of fibres keep.
+
+    Parameters
+    ----------
+    fibres : array (2, 3)
+        Their directions.
+    alike : bool
+        Whether the two may change places, because they are of the same kind.
+    """
+    a, b = fibres
+    turn, mirror_x, mirror_z = (
+        (_same(a * signs, a) and _same(b * signs, b)) or (alike and _same(a * signs, b))
+        for signs in (np.array([-1, 1, -1]), np.array([-1, 1, 1]), np.array([1, 1, -1]))
+    )
+    if mirror_x and mirror_z:
+        return "quarter"
+    if turn:
+        return "half"
+    return "mirror_x" if mirror_x else "mirror_z" if mirror_z else "whole"
+
+
+def _same(a: Array, b: Array) -> bool:
+    """Whether two unit vectors are along the same line."""
+    return bool(abs(abs(float(a @ b)) - 1) < SAME_LINE)
 
 
 def kept(angle: float, dip: float = 0.0) -> Kept:
@@ -61,15 +106,23 @@ class Direction:
     angle, dip : float, degrees
     turns : bool
         Whether a fit turns them about y, so that no symmetry may be used that only the angle keeps.
+    families : Families or None
+        Two families of fibres about the direction `angle`.
+    alike : bool
+        Whether the two are of the same kind.
     """
 
     angle: float
     dip: float = 0.0
     turns: bool = False
+    families: Families | None = None
+    alike: bool = False
 
     @property
     def kept(self) -> Kept:
         """The symmetry that the fibres keep."""
+        if self.families is not None:
+            return kept_by_two(directions(self.angle + (TURNED if self.turns else 0.0), 0.0, self.families), self.alike)
         return kept(45.0 if self.turns else self.angle, self.dip)
 
     def turned(self, angle: float) -> "Direction":
@@ -97,7 +150,7 @@ def part_for(directions: Iterable[Kept], asked: str = "auto") -> Kept:
     if asked == "whole":
         return "whole"
     if asked in ("quarter", "half") and least == "whole":
-        text = "fibres that dip at an angle to the indenter's long side leave no symmetry"
+        text = "fibres that dip at an angle to the indenter's long side, or differ in two such families, leave no symmetry"
         raise MeshError(f'mesh.symmetry = "{asked}": {text}; leave the key out, or write "whole"')
     if asked == "quarter" and least != "quarter":
         text = "fibres neither along nor across the indenter's long side break the symmetry of a quarter"
@@ -105,8 +158,10 @@ def part_for(directions: Iterable[Kept], asked: str = "auto") -> Kept:
     return "half" if asked == "half" and least == "quarter" else least
 
 
-def words(angle: float, dip: float = 0.0) -> str:
-    """A direction for people, such as "30°" or "30°, dipping 45°"."""
+def words(angle: float, dip: float = 0.0, families: Families | None = None) -> str:
+    """A direction for people, such as "30°" or "30°, dipping 45°"; of two families "0°, families at 41° and -41°"."""
+    if families is not None:
+        return f"{angle:g}°, families at {' and '.join(words(*family) for family in families)} from there"
     return f"{angle:g}°" + (f", dipping {dip:g}°" if dip else "")
 
 

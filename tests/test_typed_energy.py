@@ -191,6 +191,6 @@ def test_the_limits_lie_where_they_are_said_to_lie(which):
 
 def test_an_unknown_name_in_an_energy_is_answered_with_all_that_are_known():
     with pytest.raises(
-        MaterialError, match=r"names 'x', which is no parameter or invariant; known: I1, I2, I4, I5, l1, l2, l3, mu, k$"
+        MaterialError, match=r"names 'x', which is no parameter or invariant; known: I1, I2, I4, I5, I6, I7, I8, l1, l2, l3, mu, k$"
     ):
         typed("mu*(I1-3) + x", ["mu", "k"])

@@ -6,19 +6,31 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from indentfit.case.materials import LayersChoice, MaterialChoice
-from indentfit.case.tables import Mesh, Range
+from indentfit.case.tables import Mesh, Range, Sample
 from indentfit.errors import MaterialError
-from indentfit.fibres import Direction, Kept
-from indentfit.material import Layered, Material, laws_of, layered, load, trial_values, typed
+from indentfit.fibres import Direction, Families, Kept
+from indentfit.material import (
+    FIRST_FAMILY,
+    SECOND_FAMILY,
+    Layered,
+    Material,
+    exchangeable,
+    laws_of,
+    layered,
+    load,
+    trial_values,
+    typed,
+)
 
 YOUNG = "young"  # the word for Young's modulus among the parameters
-OF_FIBRES = {"I4", "I5"}  # invariants that depend on a direction
+OF_FIBRES = {*FIRST_FAMILY, *SECOND_FAMILY}  # invariants that depend on a direction
 TRIALS = 3  # sets of parameters at which the shear modulus is compared with a parameter
 
 
@@ -87,6 +99,36 @@ def kept_by(law: type[Material], mesh: Mesh, fibres: Direction) -> Kept:
     if not has_fibres(law):
         return "quarter"
     return "whole" if mesh.symmetry == "whole" else fibres.kept
+
+
+def families_of(law: type[Material], sample: Sample) -> Families | None:
+    """The two families of fibres of a sample; None for a law without a second family, or where the sample does not tell them."""
+    if not law.two_families or sample.families is None:
+        return None
+    first, second = zip(sample.families, sample.family_dips or (0.0, 0.0), strict=True)
+    return first, second
+
+
+def fibres_in(choice: MaterialChoice, law: type[Material], sample: Sample, direction: Direction) -> Direction:
+    """The direction of the fibres in a test, as the sample has them, of the one that the test states."""
+    turned = direction.turned(sample.fibre_angle)
+    families = families_of(law, sample)
+    if families is None:
+        return turned
+    fixed = {name: value for name, value in choice.parameters.items() if not isinstance(value, Range)}
+    alike = (_exchangeable(part, _of_layer(name, part, fixed)) for name, part in laws_of(law).items())  # type: ignore[arg-type]
+    return replace(turned, families=families, alike=all(alike))
+
+
+def _of_layer(name: str, law: type[Material], fixed: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """The fixed parameters of a layer by their own names; of a sample without layers, those of its material."""
+    whole = {f"{name}.{own}" if name else own: own for own in law.parameters}
+    return tuple((whole[key], value) for key, value in fixed.items() if key in whole)
+
+
+@functools.cache
+def _exchangeable(law: Any, fixed: tuple[tuple[str, float], ...]) -> bool:
+    return exchangeable(law, fixed)
 
 
 def shear_parameter(law: type[Material]) -> str | None:

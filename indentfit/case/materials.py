@@ -33,7 +33,8 @@ class MaterialChoice(Section):
     energy: Line | None = Field(
         default=None,
         examples=["mu/2*(I1 - 3)"],
-        description="energy instead of a model, a formula in I1, I2, I4, I5, the principal stretches l1, l2, l3 and the parameters",
+        description="energy instead of a model, a formula in I1, I2, I4, I5, of a second family of fibres I6, I7, I8, the "
+        "principal stretches l1, l2, l3, and the parameters",
     )
     parameters: dict[str, Annotated[float | Range, WrapValidator(fixed_or_range)]] = Field(
         default_factory=dict,

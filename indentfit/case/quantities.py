@@ -135,6 +135,18 @@ def _turn(value: Any) -> float:
     return float(value)
 
 
+def _pair(low: float, high: float, meaning: str) -> Callable[[Any], tuple[float, float]]:
+    """A reader of the angles of two families of fibres."""
+
+    def read(value: Any) -> tuple[float, float]:
+        numbers = tuple(value) if isinstance(value, list | tuple) else ()
+        if len(numbers) != 2 or not all(is_number(number) and low <= number <= high for number in numbers):
+            raise refusal(f"must be two numbers from {low:g} to {high:g}, such as [40, -40]: {meaning}, in degrees")
+        return float(numbers[0]), float(numbers[1])
+
+    return read
+
+
 def one_line(text: str) -> str:
     """A text that is printable on one line; a refusal otherwise."""
     if not text.strip() or not text.isprintable():
@@ -163,6 +175,7 @@ STICK = {"anyOf": [{"type": "number", "minimum": 0, "maximum": 10}, {"enum": ["s
 ANGLE = {"type": "number", "minimum": 0, "exclusiveMaximum": 180}
 DIP = {"type": "number", "minimum": -90, "maximum": 90}
 TURN = {"type": "number", "minimum": -180, "maximum": 180}
+PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 RATIO = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": "unknown"}]}
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -179,6 +192,18 @@ BulkRatio = Annotated[float | Literal["unknown"], PlainValidator(_bulk_ratio), W
 Angle = Annotated[int | float, PlainValidator(_angle), WithJsonSchema(ANGLE), Unit("degrees")]
 Dip = Annotated[float, PlainValidator(_dip), WithJsonSchema(DIP), Unit("degrees")]
 Turn = Annotated[float, PlainValidator(_turn), WithJsonSchema(TURN), Unit("degrees")]
+FamilyAngles = Annotated[
+    tuple[float, float],
+    PlainValidator(_pair(-180, 180, "the angle of each family of fibres from the direction that a test states")),
+    WithJsonSchema(PAIR),
+    Unit("degrees"),
+]
+FamilyDips = Annotated[
+    tuple[float, float],
+    PlainValidator(_pair(-90, 90, "the angle by which each family of fibres rises out of the plane of the sample")),
+    WithJsonSchema(PAIR),
+    Unit("degrees"),
+]
 Odds = Annotated[Share | None, BeforeValidator(_odds), WithJsonSchema(ODDS)]
 Line = Annotated[str, AfterValidator(one_line)]
 Title = Annotated[str, AfterValidator(_printable), Field(max_length=200)]

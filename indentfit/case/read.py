@@ -15,6 +15,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from indentfit.case.families import faults_of_families
 from indentfit.case.faults import (
     Parts,
     faults_across,
@@ -249,6 +250,8 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     faults += _faults_of_material(parts.material, law, faults)
     parts = parts.with_tests(*_tests_and_curves(tree, sources, parts, faults))
     faults += [*faults_of_turn(parts.fit, law), *faults_of_fibres(parts.material, law, parts.tests)]
+    named = list(zip(labels([test and test.name for test in parts.tests]), parts.tests, strict=True))
+    faults += faults_of_families(parts.material, law, parts.sample, named)
     if not _asks_for_indenter(tree):
         faults += faults_of_absence(parts, tree)
     faults += faults_across(parts)

@@ -7,7 +7,7 @@ test in shear is the amount of shear.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from indentfit.arrays import Array
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from indentfit.case.tables import Test
 
 OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter")
-OF_SPECIMENS = ("fibres", "loading", "ratio", "area", "length", "strain", "stress")
+OF_SPECIMENS = ("fibres", "families", "loading", "ratio", "area", "length", "strain", "stress")
 ARTICLE = {"indentation": "an indentation", "shear": "a shear test", "uniaxial": "a uniaxial test", "biaxial": "a biaxial test"}
 
 
@@ -59,6 +59,7 @@ def specimen_of(test: Test) -> Specimen | None:
         return None
     sign = -1 if test.loading == "compression" else 1
     state = HomogeneousState(test.kind, test.fibres or "along", sign, 1.0 if test.ratio is None else test.ratio, test.cauchy)
+    state = replace(state, families=test.families) if test.families is not None else state
     return Specimen(state, test.area or 1.0, test.length or 1.0)
 
 
@@ -92,6 +93,8 @@ def disagreements(test: Test) -> Iterator[tuple[str, str]]:
         yield "ratio", f"does not belong to {name}; remove it"
     if test.kind == "uniaxial" and test.fibres == "normal":
         yield "fibres", "must be 'along' or 'across' in a uniaxial test, which has no plane"
+    if test.families is not None and test.fibres == "normal":
+        yield "fibres", "must be 'along' or 'across' with two families, which lie in the plane of shear or of two stretches"
     if test.cauchy and test.area is not None:
         yield "stress", "the curve holds forces, because test.area is given; remove one of the two keys"
     if test.loading == "compression" and test.strain is not None and test.strain >= 1:
@@ -99,6 +102,7 @@ def disagreements(test: Test) -> Iterator[tuple[str, str]]:
 
 
 REMEDY = {
+    "families": "give sample.families",
     "angle": "give test.fibres: along, across or normal",
     "dip": "give test.fibres: along, across or normal",
     "depth": "give test.strain",

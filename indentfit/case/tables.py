@@ -23,6 +23,8 @@ from indentfit.case.materials import MaterialChoice as MaterialChoice
 from indentfit.case.quantities import (
     Angle,
     Dip,
+    FamilyAngles,
+    FamilyDips,
     Friction,
     HalfAngle,
     Length,
@@ -71,6 +73,16 @@ class Sample(Section):
     )
     fibre_angle: Turn = Field(
         default=0.0, description="angle by which the sample's fibres are turned from the angles that the tests state"
+    )
+    families: FamilyAngles | None = Field(
+        default=None,
+        examples=[[40, -40]],
+        description="angles of two families of fibres from the direction that a test's angle states, for materials with two",
+    )
+    family_dips: FamilyDips | None = Field(
+        default=None,
+        examples=[[0, 0]],
+        description="angles by which these two families rise out of the sample's plane, towards the indenter; 0 by default",
     )
     layer: Annotated[tuple[Layer, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description="list of layers, the top one first, each with its own material; in place of the table [material]"
@@ -376,6 +388,12 @@ class Test(Section):
         examples=["along"],
         description="fibres without an indenter: along the shear, or the measured axis; across it, in the plane of shear or of two "
         "stretches; or normal to that plane",
+    )
+    families: FamilyAngles | None = Field(
+        default=None,
+        examples=[[30, -30]],
+        description="angles of two families of fibres from the direction that `fibres` names, without an indenter, in the plane of "
+        "shear or of two stretches; for materials with two families",
     )
     loading: Literal["tension", "compression"] | None = Field(
         default=None,

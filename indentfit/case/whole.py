@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, 
 
 from indentfit.arrays import Array
 from indentfit.case.curves import curve_files
+from indentfit.case.families import faults_of_families
 from indentfit.case.faults import (
     Parts,
     faults_across,
@@ -28,7 +29,7 @@ from indentfit.case.faults import (
     start_values,
 )
 from indentfit.case.in_time import GRID, relaxation_of
-from indentfit.case.laws import kept_by, law_of_choice, own_parameters, plugin_files
+from indentfit.case.laws import fibres_in, kept_by, law_of_choice, own_parameters, plugin_files
 from indentfit.case.layers import OF_LAYERS, with_materials
 from indentfit.case.messages import MISSING, Fault, line, lines
 from indentfit.case.quantities import Title
@@ -135,11 +136,16 @@ class Case(BaseModel):
         faults += [
             *faults_of_turn(self.fit, law),
             *faults_of_fibres(self.material, law, self.tests),
+            *faults_of_families(self.material, law, self.sample, self._labelled),
             *faults_across(self._parts()),
             *self._faults_of_curves(),
         ]
         raise_disagreements(type(self), faults)
         return self
+
+    @property
+    def _labelled(self) -> list[tuple[str, Test]]:
+        return list(zip(labels([test.name for test in self.tests]), self.tests, strict=True))
 
     def _parts(self) -> Parts:
         return Parts(**{name: getattr(self, name) for name in Parts.__dataclass_fields__})
@@ -207,7 +213,7 @@ class Case(BaseModel):
     def fibres_of(self, test: Test) -> Direction:
         """The direction of the fibres in a test: as it says, turned by the sample's own angle."""
         turns = "fibre_angle" in self.fit.uncertain.fitted
-        return Direction(test.direction, test.dip, turns).turned(self.sample_of(test).fibre_angle)
+        return fibres_in(self.material, self.law, self.sample_of(test), Direction(test.direction, test.dip, turns))
 
     def shares(self, table: str, key: str) -> bool:
         """Whether an indentation takes a key of [sample] or [indenter] from there, and has none of its own."""
@@ -287,6 +293,10 @@ class Case(BaseModel):
             del facts["sample"]["layer"]
         if not facts["sample"]["fibre_angle"]:
             del facts["sample"]["fibre_angle"]
+        for place in (facts["sample"], *(test["sample"] for test in facts["tests"] if test.get("sample"))):
+            for key in ("families", "family_dips"):
+                if place[key] is None:
+                    del place[key]
         if facts["fit"]["uncertain"]["fibre_angle"] is None:
             del facts["fit"]["uncertain"]["fibre_angle"]
         if not self.fit.prior.given:

@@ -29,8 +29,8 @@ class BodyState:
 
     Attributes
     ----------
-    I : array (4, n_el * n_q)
-        Isochoric invariants I1, I2, I4, I5 at the integration points.
+    I : array (4, n_el * n_q) or (7, n_el * n_q)
+        Isochoric invariants I1, I2, I4, I5 at the integration points, and I6, I7, I8 where there are two families of fibres.
     theta : array (n_el, n_m)
         Pressure modes of J.
     valid : bool
@@ -91,7 +91,8 @@ class Body(Protocol):
         ...
 
     def state(self, u: Array, fibre: Array) -> BodyState:
-        """Invariants and dilatation at displacements u (n,), with the direction of the fibres (3,) at rest.
+        """Invariants and dilatation at displacements u (n,), with the direction of the fibres (3,) at rest, or
+        those of two families (2, 3).
 
         Displacements that turn an element inside out raise no exception: the state is then not valid.
         """

@@ -9,7 +9,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import InputError
 from indentfit.fem.body import Bulk
-from indentfit.material import REST, Layered, Material, parts_of
+from indentfit.material import Layered, Material, parts_of
 
 NUDGE = 1e-5  # relative step of the one numerical derivative, that of the springs' stiffness
 OFFSET = "offset"  # of the contact point, mm: F(d - offset)
@@ -125,7 +125,7 @@ def _of_parameter(name: str, solid: Solids, stiffness: Callable[[Material], floa
     row = list(type(material).parameters).index(name)
     number, own = material.place_of(name) if isinstance(material, Layered) else (0, name)
     part, kappas = parts_of(material)[number], [0.0] * len(solid.kappas)
-    at_rest = part.parameter_gradient(REST)[list(type(part).parameters).index(own)]
+    at_rest = part.parameter_gradient(part.rest)[list(type(part).parameters).index(own)]
     kappas[number] = solid.kappas[number] / part.shear_modulus * float(2 * at_rest[:2].sum())
     return Direction(
         name,

@@ -1,6 +1,7 @@
 """The solid: residual and tangent of a nearly incompressible hyperelastic body in one compiled loop.
 
-The energy of an element is  sum_q w psi(I1, I2, I4, I5) + kappa/2 ∫ (ΠJ - 1)^2,  psi of the isochoric invariants and ΠJ the
+The energy of an element is  sum_q w psi(I1, I2, I4, I5) + kappa/2 ∫ (ΠJ - 1)^2,  psi of the isochoric invariants (also I6, I7
+and I8, in loops of their own, of a law with two families of fibres) and ΠJ the
 projection of J on the element's pressure modes: its mean for the eight-node brick (mean dilatation, Q1-P0, what Abaqus
 calls C3D8H), its linear part for the 27-node brick (Q2-P1). The projection is condensed, the pressure stays an unknown of the
 Newton iteration: it enters the tangent as iterated, not as kappa (ΠJ - 1), which is what makes the iteration short at
@@ -31,6 +32,7 @@ ELEMENTS = {
 }  # scikit-fem element, quadrature order, pressure modes
 NORMALS = {"x0": "u^1", "z0": "u^3"}  # component of the displacements that is normal to a plane of symmetry
 LANES = 8  # doubles in the widest registers: the nodes of an element are padded to a multiple with shape functions that are zero
+INVARIANTS_OF = {1: 4, 2: 7}  # numbers of invariants by the number of families of fibres
 RANGES = 16  # of elements, that are looped over one by one or, where they share no node, at once
 WORTH_THREADS = 200_000  # integration points times nodes of an element from which a second thread pays
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
@@ -55,7 +57,7 @@ class Solid:
         grads = np.array([scalar.basis[i][0].grad for i in range(scalar.Nbfun)])  # (n_n, 3, n_el, n_q)
         self.grads = np.zeros((mesh.nelements, grads.shape[3], 3, -(-scalar.Nbfun // LANES) * LANES))
         self.grads[..., : scalar.Nbfun] = grads.transpose(2, 3, 1, 0)
-        self._loop = _kernels(scalar.Nbfun, n_modes)
+        self._loops = functools.partial(_kernels, scalar.Nbfun, n_modes)
         self.weights = np.ascontiguousarray(self.basis.dx)
         self.volume = self.weights.sum(axis=1)
         self.modes = pressure_modes(np.asarray(self.basis.global_coordinates()), self.weights, n_modes)
@@ -97,10 +99,16 @@ class Solid:
     def n_dofs(self) -> int:
         return self.basis.N
 
+    def _loop(self, fibre: Array) -> tuple[SimpleNamespace, Array]:
+        """The loops for the directions of one family of fibres (3,) or of two (2, 3), and these directions as rows."""
+        fibres = np.atleast_2d(fibre)
+        return self._loops(INVARIANTS_OF[len(fibres)]), fibres
+
     def state(self, u: Array, fibre: Array) -> BodyState:
-        """Invariants and dilatation at displacements u (n,) with the fibre direction (3,)."""
-        I, theta = np.empty((4, self.weights.size)), np.zeros(self.means.shape)
-        smallest = self._run(self._loop.kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
+        """Invariants and dilatation at displacements u (n,) with the fibre direction (3,), or those of two families (2, 3)."""
+        loop, fibres = self._loop(fibre)
+        I, theta = np.empty((INVARIANTS_OF[len(fibres)], self.weights.size)), np.zeros(self.means.shape)
+        smallest = self._run(loop.kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibres, I, theta)
         return BodyState(I, theta, bool(min(smallest) > 0))
 
     def pressure(self, state: BodyState, kappa: Bulk) -> Array:
@@ -114,8 +122,9 @@ class Solid:
     def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
         """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in
         both."""
+        loop, fibres = self._loop(fibre)
         out, d1 = np.zeros(self.n_dofs), np.ascontiguousarray(gradient)
-        self._run(self._loop.residual, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
+        self._run(loop.residual, u, self.dofs, self.grads, self.weights, self.modes, fibres, pressure, d1, out)
         return out
 
     def tangent(
@@ -128,9 +137,9 @@ class Solid:
         """
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
         d1, d2 = checked_derivatives(material, "gradient", state.I), checked_derivatives(material, "hessian", state.I)
-        target = self.pressure(state, kappa)
+        target, (loop, fibres) = self.pressure(state, kappa), self._loop(fibre)
         self._run(
-            self._loop.tangent, u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
+            loop.tangent, u, self.dofs, self.grads, self.weights, self.modes, fibres, pressure, target,
             per_element(kappa if bulk is None else bulk, len(self.dofs)), d1, d2, self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values
@@ -138,14 +147,14 @@ class Solid:
     def dilatation_map(self, u: Array) -> Array:
         """Derivative of the pressure modes of J by the element's displacements, (n_el, n_m, n_n, 3)."""
         B = np.empty((*self.means.shape, *self.dofs.shape[1:]))
-        self._run(self._loop.dilatation_map, u, self.dofs, self.grads, self.weights, self.modes, B)
+        self._run(self._loops(INVARIANTS_OF[1]).dilatation_map, u, self.dofs, self.grads, self.weights, self.modes, B)
         return B
 
     def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
         d1 = checked_derivatives(material, "gradient", state.I)
-        stress = np.empty((6, *self.weights.shape))
-        self._run(self._loop.cauchy, u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
+        stress, (loop, fibres) = np.empty((6, *self.weights.shape)), self._loop(fibre)
+        self._run(loop.cauchy, u, self.dofs, self.grads, self.modes, fibres, pressure, d1, stress)
         return stress
 
     def deformation(self, u: Array) -> Array:
@@ -302,6 +311,39 @@ def _directions(b: Any, a: Any, c: Any, I1: Any, m: Any) -> None:
 
 
 @_inlined
+def _second_family(F: Any, J: Any, fibre: Any, b: Any, a2: Any, c2: Any) -> None:
+    """The second family's current fibre a2 and c2 = b a2."""
+    s = J ** (-1.0 / 3.0)
+    for i in range(3):
+        a2[i] = s * (F[i, 0] * fibre[0] + F[i, 1] * fibre[1] + F[i, 2] * fibre[2])
+    for i in range(3):
+        c2[i] = b[i, 0] * a2[0] + b[i, 1] * a2[1] + b[i, 2] * a2[2]
+
+
+@_inlined
+def _directions_of_two(a: Any, a2: Any, c2: Any, m: Any) -> None:
+    """Rows 4 to 6 of m (7, 6): the push-forward of dI/dCb for I6, I7, I8."""
+    for s in range(6):
+        i, k = _PAIRS[s, 0], _PAIRS[s, 1]
+        m[4, s] = a2[i] * a2[k]
+        m[5, s] = a2[i] * c2[k] + c2[i] * a2[k]
+        m[6, s] = 0.5 * (a[i] * a2[k] + a2[i] * a[k])
+
+
+@_inlined
+def _kirchhoff_of_two(m: Any, d1: Any, p: Any, tau: Any) -> Any:
+    """As `_kirchhoff`, of seven invariants."""
+    for s in range(6):
+        tau[s] = 0.0
+        for x in range(7):
+            tau[s] += 2.0 * d1[x, p] * m[x, s]
+    trace = tau[0] + tau[1] + tau[2]
+    for s in range(3):
+        tau[s] -= trace / 3.0
+    return trace
+
+
+@_inlined
 def _kirchhoff(m: Any, d1: Any, p: Any, tau: Any) -> Any:
     """Fictitious stress 2 sum psi_a m_a in tau, made deviatoric; returns its trace."""
     for s in range(6):
@@ -364,6 +406,38 @@ def _moduli(b: Any, a: Any, c: Any, m: Any, d1: Any, d2: Any, p: Any, tau: Any, 
                 )
             D[s, t] = 4.0 * v
             D[t, s] = 4.0 * v
+    _projected(tau, trace, D)
+
+
+@_inlined
+def _moduli_of_two(b: Any, a: Any, a2: Any, m: Any, d1: Any, d2: Any, p: Any, tau: Any, trace: Any, h: Any, D: Any) -> None:
+    """As `_moduli`, of seven invariants; h (7, 6) is scratch."""
+    for x in range(7):
+        for s in range(6):
+            h[x, s] = 0.0
+            for y in range(7):
+                h[x, s] += d2[x, y, p] * m[y, s]
+    for s in range(6):
+        for t in range(s + 1):
+            v = 0.0
+            for x in range(7):
+                v += h[x, s] * m[x, t]
+            i, k, j, l = _PAIRS[s, 0], _PAIRS[s, 1], _PAIRS[t, 0], _PAIRS[t, 1]
+            v += d1[1, p] * (b[i, k] * b[j, l] - 0.5 * (b[i, j] * b[k, l] + b[i, l] * b[k, j]))
+            v += d1[3, p] * 0.5 * (a[i] * b[k, j] * a[l] + a[i] * b[k, l] * a[j] + a[k] * b[i, j] * a[l] + a[k] * b[i, l] * a[j])
+            v += (
+                d1[5, p]
+                * 0.5
+                * (a2[i] * b[k, j] * a2[l] + a2[i] * b[k, l] * a2[j] + a2[k] * b[i, j] * a2[l] + a2[k] * b[i, l] * a2[j])
+            )
+            D[s, t] = 4.0 * v
+            D[t, s] = 4.0 * v
+    _projected(tau, trace, D)
+
+
+@_inlined
+def _projected(tau: Any, trace: Any, D: Any) -> None:
+    """Makes D (6, 6), of the fictitious stress, the tangent of the deviatoric one."""
     for s in range(6):  # deviatoric projection from both sides
         v = (D[0, s] + D[1, s] + D[2, s]) / 3.0
         for t in range(3):
@@ -447,15 +521,17 @@ def _add_dilatation(g: Any, modes: Any, q: Any, v: Any, n_p: Any, Be: Any) -> No
 
 
 @functools.cache
-def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
-    """The loops over elements of N_N nodes and N_M pressure modes. Their scratch is on the stack, of a size that the compiler
+def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
+    """The loops over elements of N_N nodes and N_M pressure modes for laws of N_I invariants: 4, or 7 with a second family of
+    fibres. The compiler drops what belongs to the other kind of law. Their scratch is on the stack, of a size that the compiler
     knows; bounds of inner loops it must not know: it would unroll what it should do in full registers."""
     N_P = -(-N_N // LANES) * LANES
 
     @_kernel
-    def kinematics(elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibre: Any, I: Any, theta: Any) -> Any:
+    def kinematics(elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibres: Any, I: Any, theta: Any) -> Any:
         n_q = weights.shape[1]
         F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
+        a2, c2 = on_stack((3,)), on_stack((3,))
         ue = on_stack((3, N_P))
         ue[:] = 0
         smallest = np.inf
@@ -465,7 +541,7 @@ def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
                 J = _gradient(ue, grads[e, q], F)
                 if not (smallest <= J):
                     smallest = J
-                _strain(F, J, fibre, b, a, c)
+                _strain(F, J, fibres[0], b, a, c)
                 I1 = b[0, 0] + b[1, 1] + b[2, 2]
                 bb = 0.0
                 for i in range(3):
@@ -476,17 +552,22 @@ def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
                 I[1, p] = 0.5 * (I1 * I1 - bb)
                 I[2, p] = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
                 I[3, p] = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
+                if N_I == 7:
+                    _second_family(F, J, fibres[1], b, a2, c2)
+                    I[4, p] = a2[0] * a2[0] + a2[1] * a2[1] + a2[2] * a2[2]
+                    I[5, p] = a2[0] * c2[0] + a2[1] * c2[1] + a2[2] * c2[2]
+                    I[6, p] = a[0] * a2[0] + a[1] * a2[1] + a[2] * a2[2]
                 for m in range(N_M):
                     theta[e, m] += weights[e, q] * modes[e, m, q] * J
         return smallest
 
     @_kernel
     def residual(
-        elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibre: Any, pressure: Any, d1: Any, out: Any
+        elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibres: Any, pressure: Any, d1: Any, out: Any
     ) -> None:
         n_q, n_p = weights.shape[1], grads.shape[3]
         F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
-        m, tau = on_stack((4, 6)), on_stack((6,))
+        m, tau, a2, c2 = on_stack((N_I, 6)), on_stack((6,)), on_stack((3,)), on_stack((3,))
         ue, g, fe = on_stack((3, N_P)), on_stack((3, N_P)), on_stack((3, N_P))
         ue[:] = 0
         for e in elements:
@@ -495,9 +576,14 @@ def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
             for q in range(n_q):
                 J = _gradient(ue, grads[e, q], F)
                 _inverse(F, J, G)
-                _strain(F, J, fibre, b, a, c)
+                _strain(F, J, fibres[0], b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
-                _kirchhoff(m, d1, e * n_q + q, tau)
+                if N_I == 7:
+                    _second_family(F, J, fibres[1], b, a2, c2)
+                    _directions_of_two(a, a2, c2, m)
+                    _kirchhoff_of_two(m, d1, e * n_q + q, tau)
+                else:
+                    _kirchhoff(m, d1, e * n_q + q, tau)
                 p = _at_point(modes[e], q, pressure[e])
                 for s in range(3):
                     tau[s] += J * p
@@ -507,12 +593,13 @@ def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
 
     @_kernel
     def tangent(
-        elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibre: Any, pressure: Any, target: Any, kappa: Any,
+        elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibres: Any, pressure: Any, target: Any, kappa: Any,
         d1: Any, d2: Any, indptr: Any, positions: Any, out: Any, values: Any,
     ) -> None:  # fmt: skip
         n_q, n_p = weights.shape[1], grads.shape[3]
         F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
-        m, h, tau, total, D = on_stack((4, 6)), on_stack((4, 6)), on_stack((6,)), on_stack((6,)), on_stack((6, 6))
+        m, h, tau, total, D = on_stack((N_I, 6)), on_stack((N_I, 6)), on_stack((6,)), on_stack((6,)), on_stack((6, 6))
+        a2, c2 = on_stack((3,)), on_stack((3,))
         ue, g, fe = on_stack((3, N_P)), on_stack((3, N_P)), on_stack((3, N_P))
         Dg, sg = on_stack((6, 3, N_P)), on_stack((3, N_P))
         K, B = on_stack((N_N, 3, 3, N_P)), on_stack((N_M, 3, N_P))
@@ -526,10 +613,16 @@ def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
                 w = weights[e, q]
                 J = _gradient(ue, grads[e, q], F)
                 _inverse(F, J, G)
-                _strain(F, J, fibre, b, a, c)
+                _strain(F, J, fibres[0], b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
-                trace = _kirchhoff(m, d1, e * n_q + q, tau)
-                _moduli(b, a, c, m, d1, d2, e * n_q + q, tau, trace, h, D)
+                if N_I == 7:
+                    _second_family(F, J, fibres[1], b, a2, c2)
+                    _directions_of_two(a, a2, c2, m)
+                    trace = _kirchhoff_of_two(m, d1, e * n_q + q, tau)
+                    _moduli_of_two(b, a, a2, m, d1, d2, e * n_q + q, tau, trace, h, D)
+                else:
+                    trace = _kirchhoff(m, d1, e * n_q + q, tau)
+                    _moduli(b, a, c, m, d1, d2, e * n_q + q, tau, trace, h, D)
                 p, aim = _at_point(modes[e], q, pressure[e]), _at_point(modes[e], q, target[e])
                 for s in range(6):
                     total[s] = tau[s] + (J * aim if s < 3 else 0.0)
@@ -565,18 +658,23 @@ def _kernels(N_N: int, N_M: int) -> SimpleNamespace:
                         B[e, k, n, i] = Be[k, i, n]
 
     @_kernel
-    def cauchy(elements: Any, u: Any, dofs: Any, grads: Any, modes: Any, fibre: Any, pressure: Any, d1: Any, stress: Any) -> None:
+    def cauchy(elements: Any, u: Any, dofs: Any, grads: Any, modes: Any, fibres: Any, pressure: Any, d1: Any, stress: Any) -> None:
         n_q = grads.shape[1]
         F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
-        m, tau, ue = on_stack((4, 6)), on_stack((6,)), on_stack((3, N_P))
+        m, tau, ue, a2, c2 = on_stack((N_I, 6)), on_stack((6,)), on_stack((3, N_P)), on_stack((3,)), on_stack((3,))
         ue[:] = 0
         for e in elements:
             _gather(u, dofs[e], ue)
             for q in range(n_q):
                 J = _gradient(ue, grads[e, q], F)
-                _strain(F, J, fibre, b, a, c)
+                _strain(F, J, fibres[0], b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
-                _kirchhoff(m, d1, e * n_q + q, tau)
+                if N_I == 7:
+                    _second_family(F, J, fibres[1], b, a2, c2)
+                    _directions_of_two(a, a2, c2, m)
+                    _kirchhoff_of_two(m, d1, e * n_q + q, tau)
+                else:
+                    _kirchhoff(m, d1, e * n_q + q, tau)
                 p = _at_point(modes[e], q, pressure[e])
                 for s in range(6):
                     stress[s, e, q] = tau[s] / J + (p if s < 3 else 0.0)

@@ -29,7 +29,7 @@ from indentfit.fem.body import BodyState, Bulk, per_element
 from indentfit.fem.element import Solid
 from indentfit.material import Material, invariant_gradients, invariants
 
-DEGREES = (2, 4, 2, 4)  # in F, of the invariants I1, I2, I4, I5
+DEGREES = (2, 4, 2, 4, 2, 4, 2)  # in F, of the invariants I1, I2, I4, I5, I6, I7, I8
 DIRECTIONS = np.eye(9).reshape(9, 3, 3, 1, 1)  # the nine components of a second-order tensor
 
 
@@ -61,7 +61,7 @@ class FormSolid(Solid):
         J = det(F)
         theta = [mode_of_J.elemental(self.basis, q=q, J=J) for q in self._modes()]
         with np.errstate(all="ignore"):  # wild displacements: the state is not valid then
-            return BodyState(invariants(F, fibre).reshape(4, -1), np.transpose(theta), bool(J.min() > 0))
+            return BodyState(invariants(F, fibre).reshape(-1, self.weights.size), np.transpose(theta), bool(J.min() > 0))
 
     def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
         return internal_forces.assemble(self.basis, P=self._piola(u, gradient, pressure, fibre))
@@ -103,10 +103,10 @@ class FormSolid(Solid):
 
     def _derivatives(self, state: BodyState, material: Material) -> tuple[Array, Array]:
         first, second = material.gradient(state.I), material.hessian(state.I)
-        return first.reshape(4, *self.weights.shape), second.reshape(4, 4, *self.weights.shape)
+        return first.reshape(-1, *self.weights.shape), second.reshape(len(first), -1, *self.weights.shape)
 
     def _piola(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Any:
-        F, first = self._deformation(u), gradient.reshape(4, *self.weights.shape)
+        F, first = self._deformation(u), gradient.reshape(-1, *self.weights.shape)
         P = np.einsum("a...,aij...->ij...", first, invariant_gradients(F, fibre))
         return P + self._field(pressure) * cofactor(F)
 
@@ -130,19 +130,21 @@ def moduli(F: Any, a0: Array, first: Any, second: Any, p: Any) -> Any:
 
 
 def invariant_second_derivatives(F: Any, a0: Array, H: Any) -> Any:
-    """∂²I/∂F² : H of I1, I2, I4, I5, shape (4, 3, 3, ...)."""
+    """∂²I/∂F² : H of I1, I2, I4, I5, shape (4, 3, 3, ...), or with I6, I7, I8 (7, 3, 3, ...)."""
     C, dC = product(transpose(F), F), product(transpose(H), F) + product(transpose(F), H)
-    Fa, Ca, Ha, dCa = mul(F, a0), mul(C, a0), mul(H, a0), mul(dC, a0)
     full = [  # of the invariants i of C
         2 * H,
         2 * (trace(dC) * F + trace(C) * H - product(H, C) - product(F, dC)),
-        2 * prod(Ha, a0),
-        2 * (prod(Ha, Ca) + prod(Fa, dCa) + prod(mul(H, Ca) + mul(F, dCa), a0)),
     ]
+    for fibre in np.atleast_2d(a0):
+        Fa, Ca, Ha, dCa = mul(F, fibre), mul(C, fibre), mul(H, fibre), mul(dC, fibre)
+        full += [2 * prod(Ha, fibre), 2 * (prod(Ha, Ca) + prod(Fa, dCa) + prod(mul(H, Ca) + mul(F, dCa), fibre))]
+    if len(a0) == 2:
+        full.append(prod(mul(H, a0[0]), a0[1]) + prod(mul(H, a0[1]), a0[0]))
     G, scale, GH = transpose(inv(F)), det(F) ** (-1 / 3), ddot(transpose(inv(F)), H)
     turn = product(G, transpose(H), G)  # minus the change of F⁻ᵀ
     out = []
-    for n, d2i, I, dI in zip(DEGREES, full, invariants(F, a0), invariant_gradients(F, a0), strict=True):
+    for n, d2i, I, dI in zip(DEGREES, full, invariants(F, a0), invariant_gradients(F, a0), strict=False):
         out.append(scale**n * d2i - n / 3 * (GH * (dI + n / 3 * I * G) + ddot(dI, H) * G - I * turn))
     return np.array(out)
 

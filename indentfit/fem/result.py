@@ -11,7 +11,7 @@ from indentfit.axes import INDENTATION, Axes
 from indentfit.curve import Curve
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
-from indentfit.fibres import words
+from indentfit.fibres import Families, words
 
 if TYPE_CHECKING:
     from indentfit.fem.simulate import Model
@@ -122,6 +122,8 @@ class TestResult:
         Kind of the test, and where it is no indentation the direction of the fibres, if there are any.
     dip : float, degrees
         Angle of the fibres out of the plane of the sample.
+    families : Families or None
+        Two families of fibres about the direction of `angle`.
     """
 
     __test__ = False  # not a test of pytest's
@@ -141,6 +143,7 @@ class TestResult:
     kind: str = "indentation"
     fibres: str | None = None
     dip: float = 0.0
+    families: Families | None = None
 
     @property
     def curve(self) -> Curve:
@@ -150,7 +153,11 @@ class TestResult:
     @property
     def direction(self) -> str:
         """The direction of the fibres, in words."""
-        return words(self.angle, self.dip) if self.kind == "indentation" else f"{self.kind}, {self.fibres or 'no fibres'}"
+        return (
+            words(self.angle, self.dip, self.families)
+            if self.kind == "indentation"
+            else f"{self.kind}, {self.fibres or 'no fibres'}"
+        )
 
     @property
     def last(self) -> Equilibrium:
@@ -190,8 +197,13 @@ class Simulation:
 def _direction(test: TestResult) -> dict[str, Any]:
     """The stable keys of a test's direction: the angle of an indentation; kind and fibres of another test."""
     if test.kind == "indentation":
-        return {"angle": test.angle, **({"dip": test.dip} if test.dip else {})}
+        return {"angle": test.angle, **({"dip": test.dip} if test.dip else {}), **_families(test)}
     return {"angle": None, "kind": test.kind, "fibres": test.fibres}
+
+
+def _families(test: TestResult) -> dict[str, Any]:
+    """The stable key of two families of fibres: angle and dip of each."""
+    return {"families": [list(family) for family in test.families]} if test.families is not None else {}
 
 
 def _mesh_error(test: TestResult) -> dict[str, Any]:

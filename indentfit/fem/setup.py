@@ -10,7 +10,7 @@ from indentfit.arrays import Array
 from indentfit.case.relaxation import Relaxation
 from indentfit.case.tables import Indenter, Mesh, Sample, Solver
 from indentfit.fem.symmetry import PARTS, Part, Symmetry
-from indentfit.fibres import direction
+from indentfit.fibres import Families, directions
 from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.material import Material
 
@@ -152,6 +152,8 @@ class Press:
         How fast the indenter moves, and how the material relaxes; None where the material is elastic.
     dip : float, degrees
         Angle of the fibres out of the plane of the sample.
+    families : Families or None
+        Two families of fibres about the direction of `angle`, for a law that has two.
     """
 
     material: Material
@@ -162,6 +164,7 @@ class Press:
     sensitivities: tuple[str, ...] = ()
     in_time: InTime | None = None
     dip: float = 0.0
+    families: Families | None = None
 
     @property
     def kappas(self) -> tuple[float, ...]:
@@ -170,9 +173,9 @@ class Press:
 
     @property
     def fibre(self) -> Array:
-        """Direction (3,) of the fibres at rest."""
+        """Direction of the fibres at rest, (3,), or (2, 3) of two families."""
         return self.turned(0.0)
 
     def turned(self, angle: float) -> Array:
-        """Direction (3,) of the fibres at rest, turned about y by an angle, degrees."""
-        return direction(self.angle + angle, self.dip)
+        """Direction of the fibres at rest, (3,) or (2, 3), turned about y by an angle, degrees."""
+        return directions(self.angle + angle, self.dip, self.families)

@@ -289,7 +289,18 @@ class Model:
     def _result(self, press: Press, path: Sequence[Equilibrium], facts: SolveFacts, loading: Loading) -> TestResult:
         force = self.body.copies * along(path, [point.whole_force for point in path], press, self.power)
         sensitivities = _sensitivities(press, loading.directions, path, self.body.copies, self.power)
-        return TestResult(press.name, press.angle, press.depths, force, facts, sensitivities, tuple(path), self, dip=press.dip)
+        return TestResult(
+            press.name,
+            press.angle,
+            press.depths,
+            force,
+            facts,
+            sensitivities,
+            tuple(path),
+            self,
+            dip=press.dip,
+            families=press.families,
+        )
 
     @property
     def _linear_work(self) -> LinearWork:
@@ -336,10 +347,8 @@ class Model:
     def _springs(self, material: Material, fibre: Array) -> Springs:
         """Contact springs in proportion to the sample's stiffness: SHARP times the shear modulus under a sharp edge, where the
         traction is singular; otherwise the stiffness under the indenter, which is higher where fibres run across the indenter."""
-        moduli, shape = material.moduli(), self.contact.shape
-        across = fibre[2] ** 2  # 1 where the fibres run across the indenter, 0 where they run along it
-        young = across * moduli["E_along"] + (1 - across) * moduli["E_across"]
-        sharp = has_sharp_edge(shape)
+        shape = self.contact.shape
+        young, sharp = _young_across(material, fibre), has_sharp_edge(shape)
         modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
         stiffness = self.setup.solver.penalty * modulus / self.setup.sample.thickness
         if self.setup.in_plane and self.contact.tied.any():
@@ -458,6 +467,15 @@ def _slopes(path: Sequence[Equilibrium], press: Press, power: float) -> Array:
     the depth since contact alone."""
     between = Interpolant([point.depth for point in path], [point.whole_force for point in path], power)
     return between.slope(press.depths) if press.in_time is None else press.in_time.forces(press.depths, between.slope)
+
+
+def _young_across(material: Material, fibre: Array) -> float:
+    """Young's modulus across the indenter, kPa; of one family between those along and across the fibres."""
+    if material.two_families:
+        return material.young(fibre, np.array([0.0, 0.0, 1.0]))
+    moduli = material.moduli()
+    across = fibre[2] ** 2  # 1 where the fibres run across the indenter, 0 where they run along it
+    return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])
 
 
 def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian, ContactPoints]:

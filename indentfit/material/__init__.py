@@ -14,11 +14,11 @@ Files of laws, and the other rooms, import from here only.
 """
 
 from indentfit.material.conformance import Check, check, isochoric_stress
-from indentfit.material.functions import FUNCTIONS, Term, exp, log, positive, sqrt
+from indentfit.material.functions import FUNCTIONS, Term, exp, expi, log, positive, sqrt
 from indentfit.material.homogeneous import Fibres, HomogeneousState, Kind
-from indentfit.material.kinematics import INVARIANTS, REST, invariant_gradients, invariants
+from indentfit.material.kinematics import INVARIANTS, REST, SECOND_FAMILY, invariant_gradients, invariants
 from indentfit.material.layers import Layered, laws_of, layered, parts_of
-from indentfit.material.model import GROUP, Material, require_derivable, shipped
+from indentfit.material.model import FIRST_FAMILY, GROUP, Material, exchangeable, require_derivable, shipped
 from indentfit.material.parameter import Parameter
 from indentfit.material.plugins import blamed, checked_derivatives, foreign_code, installed, load
 from indentfit.material.stretches import STRETCHES
@@ -26,10 +26,12 @@ from indentfit.material.trials import trial_values
 from indentfit.material.typed_energy import typed
 
 __all__ = [
+    "FIRST_FAMILY",
     "FUNCTIONS",
     "GROUP",
     "INVARIANTS",
     "REST",
+    "SECOND_FAMILY",
     "STRETCHES",
     "Check",
     "Fibres",
@@ -42,7 +44,9 @@ __all__ = [
     "blamed",
     "check",
     "checked_derivatives",
+    "exchangeable",
     "exp",
+    "expi",
     "foreign_code",
     "installed",
     "invariant_gradients",

@@ -8,14 +8,14 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import MaterialError
 from indentfit.material.jets import at_rest
-from indentfit.material.kinematics import REST, invariant_gradients, invariants
+from indentfit.material.kinematics import invariant_gradients, invariants
 from indentfit.material.model import Material, law_of, require_derivable
-from indentfit.material.trials import trial_states, trial_value, trial_values
+from indentfit.material.trials import trial_fibres, trial_states, trial_value, trial_values
 from indentfit.material.words import one_line
 
 SHARES = (1.0, 0.5, 0.25, 0.125)  # of the usual deformations
 Measure = Callable[[Material, Array, Array], float]
-"""The error of a material at deformation gradients (3, 3, n) and fibre directions (3, n)."""
+"""The error of a material at deformation gradients (3, 3, n) and fibre directions (3, n), of two families (2, 3, n)."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,8 @@ def check(material_class: type[Material], seed: int = 0) -> list[Check]:
     except Exception as error:
         return [Check(name, False, _said(error))]
     F, a0 = trial_states(rng, 6)
+    if material_class.two_families:
+        a0 = trial_fibres(a0, rng, material_class.perpendicular)
     shares = [_share_with_energy(material, F, a0) for material in materials]
     locks = f"; at deformations down to {min(shares):g} of the usual ones, because the energy is not finite at larger ones"
     detail = f"by {', '.join((*material_class.invariants, *material_class.parameters))}{locks if min(shares) < 1 else ''}"
@@ -99,7 +101,7 @@ def isochoric_stress(material: Material, F: Array, a0: Array) -> Array:
     Parameters
     ----------
     material : Material
-    F, a0 : arrays (3, 3, ...) and (3, ...)
+    F, a0 : arrays (3, 3, ...) and (3, ...) or (2, 3, ...)
         Deformation gradients and unit fibre directions, as `invariants` takes them.
 
     Returns
@@ -110,7 +112,7 @@ def isochoric_stress(material: Material, F: Array, a0: Array) -> Array:
 
 
 def _stress_at_rest(material: Material, F: Array, a0: Array) -> float:
-    swollen = np.eye(3)[..., None] * np.linspace(0.8, 1.3, a0.shape[1])
+    swollen = np.eye(3)[..., None] * np.linspace(0.8, 1.3, a0.shape[-1])
     return np.max(np.abs(isochoric_stress(material, swollen, a0))) / material.shear_modulus
 
 
@@ -119,10 +121,10 @@ def _derivatives_at_rest(material: Material, F: Array, a0: Array) -> float:
 
     Of principal stretches jets know what small strains see: psi_1 + psi_2, and the derivatives by the fibres' invariants.
     """
-    jet = at_rest(law_of(type(material)).energy, material.values)
+    jet = at_rest(law_of(type(material)).energy, material.values, material.two_families)
     if jet is None:
         return 0.0
-    gradient, hessian, exact = material.gradient(REST), material.hessian(REST), (jet.gradient, jet.hessian)
+    gradient, hessian, exact = material.gradient(material.rest), material.hessian(material.rest), (jet.gradient, jet.hessian)
     if np.isnan(jet.hessian).any():
         gradient, *exact_gradient = (np.append(g[:2].sum(), g[2:]) for g in (gradient, jet.gradient))
         hessian, exact = hessian[2:, 2:], (exact_gradient[0], jet.hessian[2:, 2:])

@@ -13,6 +13,7 @@ import numpy as np
 from indentfit.material.jets import (
     Jet,
     exponential,
+    exponential_integral,
     hyperbolic_cosine,
     hyperbolic_sine,
     hyperbolic_tangent,
@@ -41,6 +42,11 @@ def log(x: Term) -> Term:
 def sqrt(x: Term) -> Term:
     """Square root, for energies."""
     return applied("sqrt", x)
+
+
+def expi(x: Term) -> Term:
+    """Exponential integral Ei, whose derivative is exp(x) / x, of x > 0, for energies: the toe of fibres that straighten."""
+    return applied("expi", x)
 
 
 def positive(x: Term) -> Term:
@@ -79,6 +85,13 @@ def _positive_part(x: float) -> float:
     return max(x, 0.0)
 
 
+def _expi(x: Any) -> Any:
+    """Ei of numbers; SciPy is imported here, because most laws need none of it."""
+    from scipy import special
+
+    return special.expi(x)
+
+
 ON_NUMBERS: dict[str, Callable[[float], float]] = {
     "exp": math.exp,
     "log": math.log,
@@ -87,6 +100,7 @@ ON_NUMBERS: dict[str, Callable[[float], float]] = {
     "cosh": math.cosh,
     "tanh": math.tanh,
     "abs": abs,
+    "expi": _expi,
     "positive": _positive_part,
 }
 
@@ -98,10 +112,15 @@ ON_JETS: dict[str, Callable[[Jet], Jet]] = {
     "cosh": hyperbolic_cosine,
     "tanh": hyperbolic_tangent,
     "abs": abs,
+    "expi": exponential_integral,
     "positive": positive_part,
 }
 
-ON_ARRAYS: dict[str, Callable[[Any], Any]] = {"positive": lambda x: np.maximum(x, 0.0), "step": lambda x: np.greater(x, 0.0) * 1.0}
+ON_ARRAYS: dict[str, Callable[[Any], Any]] = {
+    "positive": lambda x: np.maximum(x, 0.0),
+    "step": lambda x: np.greater(x, 0.0) * 1.0,
+    "expi": _expi,
+}
 """The NumPy code of those of our SymPy functions that NumPy does not have, for compiled derivatives."""
 
 
@@ -116,6 +135,7 @@ class Algebra(NamedTuple):
     tanh: Any
     abs: Any
     positive: Any
+    expi: Any
 
 
 @cache
@@ -139,4 +159,5 @@ def algebra() -> Algebra:
     def absolute(x: Any) -> Any:
         return positive(x) + positive(-x)
 
-    return Algebra(sympy.exp, sympy.log, sympy.sqrt, sinh, cosh, tanh, absolute, positive)
+    expi: Any = function("expi", lambda x: sympy.exp(x) / x)
+    return Algebra(sympy.exp, sympy.log, sympy.sqrt, sinh, cosh, tanh, absolute, positive, expi)

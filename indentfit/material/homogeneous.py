@@ -6,7 +6,8 @@ axes are those at which no stress acts there. These are solved for numerically a
 changes as little as it does in the finite elements, whose energy kappa/2 (J - 1)^2 it is.
 
 With logarithms e of the stretches, d = e - mean(e): I1 = sum exp 2d, I2 = sum exp -2d, I4 = exp 2d and I5 = exp 4d at the fibre's
-axis. Kirchhoff stresses are the derivatives of the energy by e.
+axis. Of two families I4 = sum a^2 exp 2d, I5 = sum a^2 exp 4d, I8 = sum a b exp 2d; in a state of stretch they must keep the axes
+principal (`case.specimen`). Kirchhoff stresses are the derivatives of the energy by e.
 """
 
 from collections.abc import Collection
@@ -17,7 +18,7 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools
 from indentfit.errors import InputError, NoStateError
-from indentfit.material.kinematics import REST
+from indentfit.material.kinematics import invariant_gradients, invariants
 from indentfit.material.model import Material
 
 Kind = Literal["shear", "uniaxial", "biaxial"]
@@ -28,6 +29,7 @@ NO_EFFECT = ("friction", "offset", "fibre_angle")  # inputs of an indentation, o
 STEP = 0.05  # largest step of a logarithmic stretch on the way to the wanted one
 ITERATIONS, TOLERANCE = 30, 1e-13  # of Newton's method; of the shear modulus
 DEVIATOR = np.eye(3) - 1 / 3
+Weights = tuple[tuple[Array, int], ...]
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class HomogeneousState:
         Strain along axis 2 over that along axis 1, of a biaxial state.
     cauchy : bool
         Whether the stress is force over the deformed area; otherwise it is force over the undeformed one.
+    families : two numbers, degrees, or None
+        Angles of two families of fibres from the axis `fibres`, in the plane of axes 1 and 2.
     """
 
     kind: Kind
@@ -60,6 +64,16 @@ class HomogeneousState:
     sign: int = 1
     ratio: float = 1.0
     cauchy: bool = False
+    families: tuple[float, float] | None = None
+
+    @property
+    def directions(self) -> Array:
+        """Unit directions of the fibres, (3,), or of two families (2, 3)."""
+        axis = AXES[self.fibres]
+        if self.families is None:
+            return np.eye(3)[axis]
+        turns = np.radians([angle if axis == 0 else 90 - angle for angle in self.families])
+        return np.stack([np.cos(turns), np.sin(turns), np.zeros(2)], axis=1)
 
     def solve(self, material: Material, kappa: float, strain: Array, names: Collection[str] = ()) -> Stresses:
         """Stresses at strains.
@@ -106,12 +120,25 @@ class HomogeneousState:
 
     def _shear(self, material: Material, g: Array) -> "_Solved":
         """F = 1 + g e1 (x) e2 keeps the volume, and P12 is the derivative of the energy by g."""
+        if self.families is not None:
+            return self._shear_of_two(material, g)
         rest, zero, axis = np.ones_like(g), np.zeros_like(g), AXES[self.fibres]
         I4, I5 = [(rest, 1 + g**2), (1 + g**2, g**2 + (1 + g**2) ** 2), (rest, rest)][axis]
         by_g = [(zero, 2 * g), (2 * g, 2 * g + 4 * g * (1 + g**2)), (zero, zero)][axis]
         I, D = np.stack([3 + g**2, 3 + g**2, I4, I5]), np.stack([2 * g, 2 * g, *by_g])
         gradient = material.parameter_gradient(I)
         return _Solved(np.einsum("an,an->n", material.gradient(I), D), np.einsum("pan,an->pn", gradient, D), zero)
+
+    def _shear_of_two(self, material: Material, g: Array) -> "_Solved":
+        """The same with two families of fibres."""
+        F, fibres = np.repeat(np.eye(3)[..., None], g.size, axis=2), self.directions[..., None] + np.zeros(g.size)
+        F[0, 1] = g
+        I, D = invariants(F, fibres), invariant_gradients(F, fibres)[:, 0, 1]
+        return _Solved(
+            np.einsum("an,an->n", material.gradient(I), D),
+            np.einsum("pan,an->pn", material.parameter_gradient(I), D),
+            np.zeros_like(g),
+        )
 
     def _stretch(self, material: Material, kappa: float, strain: Array) -> "_Solved":
         """The state with no stress along the free axes, approached in steps of the stretch."""
@@ -120,13 +147,13 @@ class HomogeneousState:
         if self.kind == "biaxial":
             target[1] = np.log1p(self.sign * self.ratio * strain)
         steps = max(1, int(np.ceil(np.abs(target).max(initial=0.0) / STEP)))
-        axis, e, converged = AXES[self.fibres], np.zeros_like(target), np.ones(strain.size, dtype=bool)
+        weights, e, converged = self._weights(), np.zeros_like(target), np.ones(strain.size, dtype=bool)
         for step in range(1, steps + 1):
             fixed = target * step / steps
             e[free] -= (fixed.sum(axis=0) - np.delete(e, free, axis=0).sum(axis=0)) / len(free)  # keeps the volume
             e = np.where(np.isin(np.arange(3), free)[:, None], e, fixed)
-            e, converged = _relaxed(material, kappa, e, free, axis, TOLERANCE if step == steps else 1e-6)
-        point = _Point(material, kappa, e, axis)
+            e, converged = _relaxed(material, kappa, e, free, weights, TOLERANCE if step == steps else 1e-6)
+        point = _Point(material, kappa, e, weights)
         inner = np.moveaxis(point.tangent[np.ix_(free, free)], -1, 0)
         smallest = np.linalg.eigvalsh(np.where(np.isfinite(inner), inner, -1.0))[:, 0]
         stable = np.logical_and(converged, smallest > 0)
@@ -136,6 +163,14 @@ class HomogeneousState:
                 "or leave out such large strains"
             )
         return point.solved(free, self.cauchy)
+
+    def _weights(self) -> "Weights":
+        """The invariants of the fibres as sums over the axes of weights (3,) times the squared stretches to a power."""
+        if self.families is None:
+            own = np.eye(3)[AXES[self.fibres]]
+            return (own, 1), (own, 2)
+        a, b = self.directions
+        return (a * a, 1), (a * a, 2), (b * b, 1), (b * b, 2), (a * b, 1)
 
 
 @dataclass(frozen=True)
@@ -152,21 +187,22 @@ class _Solved:
         if name == "bulk_ratio":
             return material.shear_modulus * self.by_kappa
         number = list(material.parameters).index(name)
-        modulus = float(2 * material.parameter_gradient(REST)[number, :2].sum())
+        modulus = float(2 * material.parameter_gradient(material.rest)[number, :2].sum())
         return self.by_parameters[number] + kappa / material.shear_modulus * modulus * self.by_kappa
 
 
 class _Point:
     """Kirchhoff stresses (3, n) and their derivatives (3, 3, n) by the logarithms e (3, n) of the stretches."""
 
-    def __init__(self, material: Material, kappa: float, e: Array, axis: int) -> None:
+    def __init__(self, material: Material, kappa: float, e: Array, weights: Weights) -> None:
         d = e - e.mean(axis=0)
-        twice, inverse, own = np.exp(2 * d), np.exp(-2 * d), np.exp(2 * d[axis])
+        twice, inverse = np.exp(2 * d), np.exp(-2 * d)
         self.material, self.e, self.growth = material, e, np.expm1(e.sum(axis=0))
-        self.I = np.stack([twice.sum(axis=0), inverse.sum(axis=0), own, own**2])
-        first, second = np.zeros((4, *e.shape)), np.zeros((4, *e.shape))
-        first[0], first[1], first[2, axis], first[3, axis] = 2 * twice, -2 * inverse, 2 * own, 4 * own**2
-        second[0], second[1], second[2, axis], second[3, axis] = 4 * twice, 4 * inverse, 4 * own, 16 * own**2
+        shares = [np.where(weight[:, None] != 0, weight[:, None] * twice**power, 0.0) for weight, power in weights]
+        self.I = np.stack([twice.sum(axis=0), inverse.sum(axis=0), *(share.sum(axis=0) for share in shares)])
+        powers = [power for _, power in weights]
+        first = np.stack([2 * twice, -2 * inverse, *(2 * p * share for p, share in zip(powers, shares, strict=True))])
+        second = np.stack([4 * twice, 4 * inverse, *(4 * p**2 * share for p, share in zip(powers, shares, strict=True))])
         self.D = np.einsum("ij,ajn->ain", DEVIATOR, first)
         curved = np.einsum("ik,akn,kj->aijn", DEVIATOR, second, DEVIATOR)
         J, gradient = 1 + self.growth, material.gradient(self.I)
@@ -188,12 +224,14 @@ class _Point:
         return _Solved(stress, rows[:-1], rows[-1])
 
 
-def _relaxed(material: Material, kappa: float, e: Array, free: list[int], axis: int, tolerance: float) -> tuple[Array, Bools]:
+def _relaxed(
+    material: Material, kappa: float, e: Array, free: list[int], weights: Weights, tolerance: float
+) -> tuple[Array, Bools]:
     """The logarithms of the stretches at which no stress acts along the free axes, by Newton's method; and where it has ended."""
     size, e = material.shear_modulus, e.copy()
     ended = np.zeros(e.shape[1], dtype=bool)
     for _ in range(ITERATIONS):
-        point = _Point(material, kappa, e, axis)
+        point = _Point(material, kappa, e, weights)
         rest = point.stress[free]
         rounding = 1e-15 * (kappa + np.abs(point.stress[0]) + size)  # of the stresses that cancel
         ended = np.abs(rest).max(axis=0) <= np.maximum(tolerance * size, rounding)

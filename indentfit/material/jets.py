@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.material.kinematics import INVARIANTS, REST
+from indentfit.material.kinematics import INVARIANTS, REST, REST_OF_TWO, SECOND_FAMILY
 from indentfit.material.stretches import STRETCHES
 
 
@@ -145,13 +145,23 @@ def hyperbolic_tangent(x: Jet) -> Jet:
     return x.chained(f, 1 - f**2, -2 * f * (1 - f**2))
 
 
+def exponential_integral(x: Jet) -> Jet:
+    """Ei(x); SciPy is imported here, because most laws need none of it."""
+    from scipy import special
+
+    slope = np.exp(x.value) / x.value
+    return x.chained(special.expi(x.value), slope, slope * (1 - 1 / x.value))
+
+
 def positive_part(x: Jet) -> Jet:
     """max(x, 0), with the derivative 1 for x > 0, else 0."""
     return x.chained(max(x.value, np.float64(0)), float(x.value > 0), 0.0)
 
 
-def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], parameters: Mapping[str, float]) -> Jet | None:
-    """The energy and its derivatives by the four invariants in the undeformed state.
+def at_rest(
+    energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], parameters: Mapping[str, float], two: bool = False
+) -> Jet | None:
+    """The energy and its derivatives by the four invariants in the undeformed state, or by the seven.
 
     Parameters
     ----------
@@ -159,6 +169,8 @@ def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], param
         psi, kPa, of the parameters' values by name and the invariants by name.
     parameters : mapping
         Values of the parameters, in their units.
+    two : bool
+        Whether the law has two families of fibres, here at right angles.
 
     Returns
     -------
@@ -168,7 +180,8 @@ def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], param
         None where the energy raises an exception, uses an operation that jets do not know, or is not finite. SymPy's derivatives
         decide there.
     """
-    names, values = (*INVARIANTS, *STRETCHES), (*REST, 1.0, 1.0, 1.0)
+    invariants, rest_values = ((*INVARIANTS, *SECOND_FAMILY), REST_OF_TWO) if two else (INVARIANTS, REST)
+    names, values = (*invariants, *STRETCHES), (*rest_values, 1.0, 1.0, 1.0)
     flat, units = np.zeros((len(names),) * 2), np.eye(len(names))
     theta = {name: Jet(np.float64(value), flat[0], flat) for name, value in parameters.items()}
     rest = {name: Jet(np.float64(x), unit, flat) for name, x, unit in zip(names, values, units, strict=True)}
@@ -177,16 +190,29 @@ def at_rest(energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], param
             psi = energy(theta, rest)
     except Exception:
         return None
-    return _by_invariants(psi) if isinstance(psi, Jet) and _finite(psi) else None
+    return _by_invariants(psi, len(invariants)) if isinstance(psi, Jet) and _finite(psi) else None
 
 
-def _by_invariants(psi: Jet) -> Jet:
-    """The jet by the four invariants, of one by invariants and stretches.
+def value_at(
+    energy: Callable[[Mapping[str, Any], Mapping[str, Any]], Any], parameters: Mapping[str, float], named: Mapping[str, float]
+) -> float | None:
+    """The energy, kPa, at values of the parameters and of all invariants and stretches by name; None where jets cannot tell it."""
+    flat = np.zeros(1), np.zeros((1, 1))
+    theta, I = ({name: Jet(np.float64(x), *flat) for name, x in each.items()} for each in (parameters, named))
+    try:
+        with np.errstate(all="ignore"):
+            psi = energy(theta, I)
+    except Exception:
+        return None
+    return float(psi.value) if isinstance(psi, Jet) and np.isfinite(psi.value) else None
+
+
+def _by_invariants(psi: Jet, n: int) -> Jet:
+    """The jet by the n invariants, of one by invariants and stretches.
 
     With psi_l, psi_ll and psi_lm the derivatives by one stretch and by two, psi = (psi_l + psi_ll - psi_lm) / 2 tr e^2 to second
     order in isochoric strains e; a law by I1 has psi = 2 psi_1 tr e^2 (see `Material.moduli`).
     """
-    n = len(INVARIANTS)
     gradient, hessian = psi.gradient[:n].copy(), psi.hessian[:n, :n].copy()
     slopes, bends = psi.gradient[n:], psi.hessian[n:, n:]
     if slopes.any() or bends.any():

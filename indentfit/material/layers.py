@@ -8,6 +8,7 @@ import numpy as np
 
 from indentfit.arrays import Array, Ints
 from indentfit.errors import MaterialError
+from indentfit.material.kinematics import families
 from indentfit.material.model import Material
 
 
@@ -36,6 +37,9 @@ class Layered(Material):
 
     def moduli(self) -> dict[str, float]:
         return self.parts[0].moduli()
+
+    def young(self, fibres: Array, axis: Array) -> float:
+        return self.parts[0].young(fibres if self.parts[0].two_families else families(fibres)[0], axis)
 
     @property
     def unstable(self) -> str:
@@ -66,20 +70,23 @@ class _Placed:
     def gradient(self, I: Array) -> Array:
         out = np.empty_like(I)
         for part, points in zip(self._material.parts, self._points, strict=True):
-            out[:, points] = part.gradient(I[:, points])
+            n = len(part.rest)  # a layer whose law has one family knows nothing of the second
+            out[:n, points], out[n:, points] = part.gradient(I[:n, points]), 0.0
         return out
 
     def hessian(self, I: Array) -> Array:
-        out = np.empty((len(I), *I.shape))
+        out = np.zeros((len(I), *I.shape))
         for part, points in zip(self._material.parts, self._points, strict=True):
-            out[:, :, points] = part.hessian(I[:, points])
+            n = len(part.rest)
+            out[:n, :n, points] = part.hessian(I[:n, points])
         return out
 
     def parameter_gradient(self, I: Array) -> Array:
         out, first = np.zeros((len(self._material.parameters), *I.shape)), 0
         for part, points in zip(self._material.parts, self._points, strict=True):
-            own = part.parameter_gradient(I[:, points])
-            out[first : first + len(own), :, points] = own
+            n = len(part.rest)
+            own = part.parameter_gradient(I[:n, points])
+            out[first : first + len(own), :n, points] = own
             first += len(own)
         return out
 
@@ -109,6 +116,8 @@ def _class_of(sources: tuple[tuple[Any, ...], ...]) -> type[Layered]:
     cls: type[Layered] = type("Layers", (Layered,), {"__doc__": words, "laws": laws, "_source": (_class_of, sources)})
     cls.parameters = {f"{name}.{own}": known for name, law in laws.items() for own, known in law.parameters.items()}
     cls.invariants = tuple(invariants)
+    cls.two_families = any(law.two_families for law in laws.values())
+    cls.perpendicular = any(law.perpendicular for law in laws.values())
     return cls
 
 

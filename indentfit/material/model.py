@@ -10,18 +10,22 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from indentfit.arrays import Array
 from indentfit.errors import MaterialError
-from indentfit.material.derive import Derived, Law, derive
+from indentfit.material.derive import Derived, Law, derive, has_two_families
 from indentfit.material.functions import Term
-from indentfit.material.jets import Jet, at_rest
-from indentfit.material.kinematics import INVARIANTS, REST
+from indentfit.material.jets import Jet, at_rest, value_at
+from indentfit.material.kinematics import INVARIANTS, REST, REST_OF_TWO, SECOND_FAMILY
 from indentfit.material.parameter import Parameter
+from indentfit.material.small_strain import moduli_of_two, young
 from indentfit.material.stretches import STRETCHES
+from indentfit.material.trials import trial_values
 from indentfit.material.words import nearest
 
+FIRST_FAMILY = ("I4", "I5")
 GROUP = "indentfit.materials"
 """Package of the laws that indentfit ships, and entry-point group that packages register their materials in."""
 
@@ -29,11 +33,13 @@ GROUP = "indentfit.materials"
 class Material:
     """Base class of materials: the fields are `Parameter`s, the one method `energy` is psi in kPa.
 
-    `energy` names in its signature the invariants that it uses, some of `INVARIANTS` and `STRETCHES`, and is written with
-    + - * / ** and the functions of this package (exp, log, sqrt, positive). Principal stretches l1, l2, l3 come in sums over them,
-    such as l1**a + l2**a + l3**a. The derivatives are derived from the energy once per class; those by I1 and I2 contain
-    the stretches' share, because isochoric stretches are functions of I1 and I2.
-    Instances are frozen and can be pickled. Arrays of invariants have shape (4, ...), in the order of `INVARIANTS`.
+    `energy` names in its signature the invariants that it uses, some of `INVARIANTS`, `SECOND_FAMILY` and `STRETCHES`, and is
+    written with + - * / ** and the functions of this package (exp, log, sqrt, positive). Principal stretches l1, l2, l3 come in
+    sums over them, such as l1**a + l2**a + l3**a. The derivatives are derived from the energy once per class; those by I1 and I2
+    contain the stretches' share, because isochoric stretches are functions of I1 and I2.
+    Instances are frozen and can be pickled. Arrays of invariants have shape (4, ...), in the order of `INVARIANTS`; where the
+    energy uses an invariant of a second family of fibres, (7, ...), with `SECOND_FAMILY` behind. A class whose formula holds for
+    families at right angles only says `perpendicular = True`; one that uses I8 need not say so.
 
     Parameters
     ----------
@@ -49,6 +55,8 @@ class Material:
     parameters: ClassVar[dict[str, Parameter]] = {}
     scale: ClassVar[str | None] = None
     invariants: ClassVar[tuple[str, ...]] = ()
+    two_families: ClassVar[bool] = False
+    perpendicular: ClassVar[bool] = False
     energy: ClassVar[Callable[..., Any]]
     _derivatives: ClassVar[Derived]  # made by `require_derivable`
     _source: ClassVar[tuple[Any, ...]]  # where a pickle finds a class that cannot be imported: a function and its arguments
@@ -62,6 +70,8 @@ class Material:
         cls.parameters = {name: value for name, value in fields.items() if isinstance(value, Parameter)}
         cls.scale = _claimed_scale(cls)
         cls.invariants = _named_invariants(cls)
+        cls.two_families = has_two_families(cls.invariants)
+        cls.perpendicular = cls.perpendicular or "I8" in cls.invariants
 
     def __init__(self, **values: Any) -> None:
         cls = type(self)
@@ -154,6 +164,11 @@ class Material:
         return require_derivable(type(self)).parameter_gradient(I, self.values.values())
 
     @property
+    def rest(self) -> Array:
+        """Values of the invariants in the undeformed state, (4,) or (7,); two families are at right angles there."""
+        return REST_OF_TWO if self.two_families else REST
+
+    @property
     def shear_modulus(self) -> float:
         """Small-strain shear modulus in the plane across the fibres, 2 (psi_1 + psi_2) at rest, kPa.
 
@@ -162,7 +177,7 @@ class Material:
         MaterialError
             The modulus is not positive, or the energy cannot be used.
         """
-        gradient = self._rest.gradient if self._rest else self.gradient(REST)
+        gradient = self._rest.gradient if self._rest else self.gradient(self.rest)
         modulus = float(2 * gradient[:2].sum())
         if not math.isfinite(modulus):
             raise MaterialError(f"{self!r} has no finite shear modulus at rest: its formula divides by zero, or has no value there")
@@ -182,17 +197,30 @@ class Material:
         -------
         dict of str to float, kPa
             mu_across: shear in the plane across the fibres; mu_along: shear along the fibres; E_along, E_across: Young's moduli.
+            Of two families, at right angles here: mu, shear without fibres, and Young's moduli E_first, E_second and E_normal.
 
         Raises
         ------
         MaterialError
-            mu_across is not positive, or the energy cannot be used.
+                mu_across is not positive, or the energy cannot be used.
         """
         m, rest = self.shear_modulus, self._rest
+        if self.two_families:
+            return moduli_of_two(m, *self.derivatives_at_rest)
         psi_5, H = (rest.gradient[3], rest.hessian) if rest else (self.gradient(REST)[3], self.hessian(REST))
         A = 4 * psi_5 + 2 * H[2, 2] + 8 * H[2, 3] + 8 * H[3, 3]
         along, across = 3 * m + 2 * A, 4 * m - 2 * m**2 / (2 * m + A)  # across: free to strain along the fibre
         return {"mu_across": m, "mu_along": float(m + 2 * psi_5), "E_along": float(along), "E_across": float(across)}
+
+    @property
+    def derivatives_at_rest(self) -> tuple[Array, Array]:
+        """First and second derivatives of the energy by the invariants in the undeformed state, kPa."""
+        rest = self._rest
+        return (rest.gradient, rest.hessian) if rest else (self.gradient(self.rest), self.hessian(self.rest))
+
+    def young(self, fibres: Array, axis: Array) -> float:
+        """Young's modulus at small strain along an axis (3,), kPa, with directions of the fibres (3,) or (2, 3)."""
+        return young(self.shear_modulus, *self.derivatives_at_rest, fibres, axis)
 
     @property
     def unstable(self) -> str:
@@ -210,7 +238,7 @@ class Material:
         Other laws are derived when a case is read, so jets would save no time there. Jets would also change the last bits of the
         moduli of a law with functions, and a search amplifies round-off until its results change visibly.
         """
-        return at_rest(law_of(type(self)).energy, self.values) if shipped(type(self)) else None
+        return at_rest(law_of(type(self)).energy, self.values, self.two_families) if shipped(type(self)) else None
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"a material is frozen: use replace({name}=...)")
@@ -245,8 +273,8 @@ def _named_invariants(cls: type[Material]) -> tuple[str, ...]:
         return ()
     names = tuple(inspect.signature(cls.energy).parameters)[1:]
     for name in names:
-        if name not in (*INVARIANTS, *STRETCHES):
-            known = ", ".join((*INVARIANTS, *STRETCHES))
+        if name not in (*INVARIANTS, *SECOND_FAMILY, *STRETCHES):
+            known = ", ".join((*INVARIANTS, *SECOND_FAMILY, *STRETCHES))
             raise MaterialError(f"{cls.__name__}: its energy asks for {name!r}; invariants: {known}")
     return names
 
@@ -289,6 +317,30 @@ def require_derivable(cls: type[Material]) -> Derived:
             raise MaterialError(f"{cls.__name__} has no method `energy`")
         cls._derivatives = derive(law_of(cls))
     return cls._derivatives
+
+
+def exchangeable(cls: type[Material], fixed: tuple[tuple[str, float], ...]) -> bool:
+    """Whether the two families of fibres of a law can change places: psi(a0, b0) = psi(b0, a0) at random states and values.
+
+    Parameters
+    ----------
+    cls : class of Material
+    fixed : tuple of (name, value)
+        Parameters that have these values; the others have any.
+    """
+    rng = np.random.default_rng(3)
+    swapped, compared, energy = dict(zip(FIRST_FAMILY, ("I6", "I7"), strict=True)), False, law_of(cls).energy
+    for _ in range(6):
+        I = dict(zip((*INVARIANTS, *SECOND_FAMILY, *STRETCHES), rng.uniform(0.8, 1.5, 10), strict=True))
+        there = {**I, **{a: I[b] for pair in swapped.items() for a, b in (pair, pair[::-1])}}
+        theta = {**trial_values(cls.parameters, rng), **dict(fixed)}
+        values = value_at(energy, theta, I), value_at(energy, theta, there)
+        if values[0] is None or values[1] is None:
+            continue
+        compared = True
+        if abs(values[0] - values[1]) > 1e-9 * abs(values[0]):
+            return False
+    return compared
 
 
 def law_of(cls: type[Material]) -> Law:

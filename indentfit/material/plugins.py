@@ -216,12 +216,12 @@ def checked_derivatives(material: Material, name: Literal["gradient", "hessian"]
     ----------
     material : Material
     name : "gradient" or "hessian"
-    I : array (4, ...)
-        Invariants.
+    I : array (n, ...)
+        Invariants, 4, or 7 where there are two families of fibres.
 
     Returns
     -------
-    array (4, ...) or (4, 4, ...), kPa, contiguous
+    array (n, ...) or (n, n, ...), kPa, contiguous
 
     Raises
     ------
@@ -229,7 +229,7 @@ def checked_derivatives(material: Material, name: Literal["gradient", "hessian"]
         A plugin returns an array of another shape or type.
     """
     array = np.ascontiguousarray(getattr(material, name)(I))
-    shape = (4,) * {"gradient": 1, "hessian": 2}[name] + I.shape[1:]
+    shape = I.shape[:1] * {"gradient": 1, "hessian": 2}[name] + I.shape[1:]
     if array.shape != shape or array.dtype != float:
         kind = type(material).__name__
         raise MaterialError(f"{kind}.{name} gives {array.dtype} {array.shape}, not float64 {shape}; correct the material")

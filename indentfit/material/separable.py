@@ -9,7 +9,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import MaterialError
 from indentfit.material.functions import ON_ARRAYS, Term
-from indentfit.material.kinematics import INVARIANTS
+from indentfit.material.kinematics import INVARIANTS, SECOND_FAMILY
 from indentfit.material.series import ON_SERIES
 from indentfit.material.stretches import ROWS, STRETCHES, sums
 
@@ -182,10 +182,10 @@ def stretch_symbols() -> tuple[Any, ...]:
 
 
 def invariant_symbols() -> tuple[Any, ...]:
-    """SymPy's symbols of the invariants."""
+    """SymPy's symbols of the invariants, those of a second family of fibres behind the others."""
     import sympy
 
-    return tuple(sympy.symbols(INVARIANTS, real=True))
+    return tuple(sympy.symbols((*INVARIANTS, *SECOND_FAMILY), real=True))
 
 
 def stretch() -> Any:

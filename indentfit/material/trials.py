@@ -60,3 +60,24 @@ def trial_states(rng: "np.random.Generator", n: int) -> tuple[Array, Array]:
         F += [trial] if 0.5 < np.linalg.det(trial) < 2 else []
     a0 = rng.standard_normal((3, n))
     return np.moveaxis(np.array(F), 0, -1), a0 / np.linalg.norm(a0, axis=0)
+
+
+def trial_fibres(a0: Array, rng: "np.random.Generator", perpendicular: bool = False) -> Array:
+    """Two families of fibres.
+
+    Parameters
+    ----------
+    a0 : array (3, n)
+        Unit directions of the first.
+    rng : numpy.random.Generator
+    perpendicular : bool
+        Whether the second family is at right angles to the first.
+
+    Returns
+    -------
+    array (2, 3, n)
+    """
+    b0 = rng.standard_normal(a0.shape)
+    if perpendicular:
+        b0 = b0 - (a0 * b0).sum(axis=0) * a0
+    return np.stack([a0, b0 / np.linalg.norm(b0, axis=0)])

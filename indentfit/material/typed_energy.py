@@ -13,13 +13,13 @@ from indentfit.errors import MaterialError
 from indentfit.material.derive import proportional
 from indentfit.material.functions import FUNCTIONS, Term, applied
 from indentfit.material.jets import Jet
-from indentfit.material.kinematics import INVARIANTS
+from indentfit.material.kinematics import INVARIANTS, SECOND_FAMILY
 from indentfit.material.model import Material, law_of, require_derivable
 from indentfit.material.parameter import Parameter
 from indentfit.material.stretches import STRETCHES
 from indentfit.material.words import nearest, one_line
 
-KNOWN = (*INVARIANTS, *STRETCHES)
+KNOWN = (*INVARIANTS, *SECOND_FAMILY, *STRETCHES)
 # Limits of a typed energy: far above any published energy, far below what could stall the reader.
 LENGTH, NODES, DEPTH, CALLS, POWER, NUMBER = 500, 150, 60, 4, 20, 1e15
 
@@ -30,8 +30,8 @@ def typed(energy: str, parameters: Iterable[str] | Mapping[str, Parameter]) -> t
     Parameters
     ----------
     energy : str
-        psi, kPa, in I1, I2, I4, I5, the principal stretches l1, l2, l3, the parameters' names, numbers, + - * / ** ^ ( ) and
-        `FUNCTIONS`; ^ is a power.
+        psi, kPa, in I1, I2, I4, I5, of a second family of fibres I6, I7, I8, the principal stretches l1, l2, l3, the parameters'
+        names, numbers, + - * / ** ^ ( ) and `FUNCTIONS`; ^ is a power.
     parameters : names, or names with their `Parameter`
         The first parameter that the energy is proportional to becomes the scale.
 

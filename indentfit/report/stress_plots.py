@@ -22,7 +22,7 @@ from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.arrays import Array, Ints
 from indentfit.fem.fields import Fields
-from indentfit.fibres import words
+from indentfit.fibres import Families, words
 from indentfit.indenters.shape import IndenterShape
 from indentfit.report.indenter_outline import Outline, outline
 from indentfit.report.plots import TICKS, _label
@@ -54,10 +54,12 @@ class Shown:
     indenter : IndenterShape or None
         The indenter that is drawn, at the depth of the fields, mm; None leaves it out.
     depth : float
-    fibre : array (3,) or None
-        Direction of the fibres in the undeformed sample.
+    fibre : array (3,), (2, 3) or None
+        Direction of the fibres in the undeformed sample, of one family or of two.
     cut : bool
         Whether half of a whole sample is left out, so that one sees what is under the indenter.
+    families : Families or None
+        Angles and dips of two families of fibres.
     """
 
     name: str
@@ -68,11 +70,12 @@ class Shown:
     fibre: Array | None = None
     dip: float = 0.0
     cut: bool = True
+    families: Families | None = None
 
     @property
     def words(self) -> str:
         """The test's name, with the direction of its fibres where it has any."""
-        return self.name if self.fibre is None else f"{self.name} ({words(self.angle, self.dip)})"
+        return self.name if self.fibre is None else f"{self.name} ({words(self.angle, self.dip, self.families)})"
 
     @property
     def drawn(self) -> Fields:
@@ -218,7 +221,8 @@ def _draw(axes: Axes, test: Shown, value: Array, scale: Scale) -> Any:
     )  # fmt: skip
     axes.add_collection(LineCollection(flat[quads[:, [0, 1, 2, 3, 0]]], colors="black", linewidths=0.15, alpha=0.2))
     if test.fibre is not None:
-        axes.add_collection(LineCollection([line @ seen_as for line in _fibres(fields, test.fibre)], colors=INK, linewidths=0.6))
+        lines = [line @ seen_as for fibre in np.atleast_2d(test.fibre) for line in _fibres(fields, fibre)]
+        axes.add_collection(LineCollection(lines, colors=INK, linewidths=0.6))
     if test.indenter is not None:
         _draw_indenter(axes, outline(test.indenter, test.depth, fields.nodes, SIDES[fields.part]), seen_as)
     _axes_of_space(axes, flat, *seen_as.T)

@@ -4,8 +4,8 @@ Points are undeformed, in mm ("warp by vector" with displacement_mm deforms them
 cauchy_stress_kPa (xx yy zz xy yz xz), pressure_kPa (minus the mean normal stress, compression positive) and
 contact_pressure_kPa (on the undeformed area; zero where nothing touches). Cell arrays, means of the element:
 cauchy_stress_kPa, pressure_kPa, J; of a sample with layers layer (1 at the top; stresses at the nodes of an interface are means
-of both sides); and, where the material has fibres, fibre (its direction in the undeformed sample) and
-fibre_deformed (F a0 in the middle of the element: its length is the stretch along the fibre).
+of both sides); and, where the material has fibres, fibre (its direction in the undeformed sample) and fibre_deformed (F a0 in the
+middle of the element: its length is the stretch along the fibre), of a second family fibre_2 and fibre_2_deformed.
 
 Field data say what was computed: each parameter (mu_kPa), kappa_kPa, angle_deg, dip_deg and depth_mm; and as texts the test, the
 material and indentfit's version, written as the codes of their letters: `bytes(array).decode()` reads them with every program.
@@ -31,6 +31,8 @@ COMPONENTS = {
     "displacement_mm": SPACE,
     "fibre": SPACE,
     "fibre_deformed": SPACE,
+    "fibre_2": SPACE,
+    "fibre_2_deformed": SPACE,
     "cauchy_stress_kPa": ("xx", "yy", "zz", "xy", "yz", "xz"),
 }
 RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}  # on Windows
@@ -38,7 +40,8 @@ RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt"
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """What fields were computed from: numbers and texts by name, and the direction of the fibres (3,) in the undeformed sample."""
+    """What fields were computed from: numbers and texts by name, and the direction of the fibres (3,), or of two families
+    (2, 3), in the undeformed sample."""
 
     numbers: Mapping[str, float] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
@@ -63,9 +66,9 @@ def write_vtu(path: Path, fields: Fields, origin: Origin | None = None) -> None:
     }
     if fields.layer is not None:
         on_cells["layer"] = [fields.layer.astype(np.int32)]
-    if origin.fibre is not None:
-        on_cells["fibre"] = [np.tile(origin.fibre, (len(cells), 1))]
-        on_cells["fibre_deformed"] = [origin.fibre + fibre_gradients(fields.nodes[cells], fields.displacement[cells], origin.fibre)]
+    for name, fibre in zip(("fibre", "fibre_2"), () if origin.fibre is None else np.atleast_2d(origin.fibre), strict=False):
+        on_cells[name] = [np.tile(fibre, (len(cells), 1))]
+        on_cells[f"{name}_deformed"] = [fibre + fibre_gradients(fields.nodes[cells], fields.displacement[cells], fibre)]
     mesh = meshio.Mesh(fields.nodes, [(kind, cells)], point_data=on_points, cell_data=on_cells)
     meshio.write(path, mesh, file_format="vtu")
     text = _with_fields(_with_components(path.read_text(encoding="utf-8")), origin)

@@ -165,7 +165,7 @@ def _result(
     pressed = depths > 0
     in_time = test.in_time(mechanics.material)
     fibres = mechanics.fibres(test)
-    press = Press(material, kappa, fibres.angle, depths[pressed], "", request.sensitivities, in_time, fibres.dip)
+    press = Press(material, kappa, fibres.angle, depths[pressed], "", request.sensitivities, in_time, fibres.dip, fibres.families)
     return model.run(press, None, deadline), pressed
 
 

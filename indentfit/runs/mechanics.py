@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from indentfit.arrays import Array
 from indentfit.case.in_time import motion_of
-from indentfit.case.laws import kept_by, law_of_choice
+from indentfit.case.laws import fibres_in, kept_by, law_of_choice
 from indentfit.case.specimen import Specimen
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
 from indentfit.fem.meshing import resized
@@ -113,7 +113,7 @@ class Mechanics:
     def fibres(self, test: Indentation) -> Direction:
         """The direction of the fibres in a test, turned by its sample's own angle."""
         sample = test.sample.over(self.sample) if test.sample else self.sample
-        return Direction(test.angle, test.dip, self.turns).turned(sample.fibre_angle)
+        return fibres_in(self.material, self.law, sample, Direction(test.angle, test.dip, self.turns))
 
     @property
     def kept(self) -> set[Kept]:

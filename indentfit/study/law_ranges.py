@@ -17,7 +17,7 @@ from indentfit.errors import CaseError, MaterialError
 from indentfit.experiment.measured import changed_case
 from indentfit.inverse.methods import SEARCHES
 from indentfit.inverse.wide import alternatives, uncertain_inputs
-from indentfit.material import FUNCTIONS, INVARIANTS, STRETCHES, Material, Parameter, trial_values
+from indentfit.material import FUNCTIONS, INVARIANTS, SECOND_FAMILY, STRETCHES, Material, Parameter, trial_values
 
 Usual = tuple[float, float, float]  # start, least, largest; those of moduli are multiples of the curves' shear modulus
 MODULUS: Usual = (1.0, 0.02, 5.0)
@@ -171,7 +171,7 @@ def _kind_of(law: str) -> tuple[str, tuple[str, ...]]:
     """The key of [material] that names a law, and the parameters of a typed energy."""
     if INSTALLED.fullmatch(law) or ".py:" in law:
         return "model", ()
-    known = {*INVARIANTS, *STRETCHES, *FUNCTIONS}
+    known = {*INVARIANTS, *SECOND_FAMILY, *STRETCHES, *FUNCTIONS}
     names = dict.fromkeys(name for name in re.findall(r"(?<![\w.])[A-Za-z_]\w*", law) if name not in known)
     return "energy", tuple(names)
 
