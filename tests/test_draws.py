@@ -46,8 +46,8 @@ def measured(a=90.0, b=60.0):
     return DESIGN @ [a, b] + NOISE * np.random.default_rng(3).standard_normal(25)
 
 
-def fitted(force, inputs=()):
-    free = {name: Range(start=50, min=0, max=200) for name in "ab"}
+def fitted(force, inputs=(), most=200.0):
+    free = {name: Range(start=50, min=0, max=most) for name in "ab"}
     problem = InverseProblem((Target("t", Curve(DEPTH, force), 1.0),), {"a": 50.0, "b": 50.0}, free, None)
     return joint.joint_fit(widened_problem(problem, inputs), inputs, Watched(Line()), ModelError.none(25), 0)
 
@@ -76,6 +76,20 @@ def test_the_intervals_are_those_of_linear_regression(line):
             low, high = (200 * end for end in draw.interval(n))
             assert (low, high) == pytest.approx((theta[n] - T23 * error, theta[n] + T23 * error), abs=0.3 * error)
             assert high - low == pytest.approx(2 * T23 * error, rel=0.06)
+
+
+def test_ranges_that_are_far_wider_than_the_interval_leave_it_as_it_is():
+    """A newcomer's bead had a range up to 10,000 kPa, a modulus of 0.68 kPa, and an interval that ended at its own value: draws
+    began 100 ranges of the interval away, and profiles were walked in steps as wide as the interval."""
+    theta, inverse, squares = regression(measured())
+    fit = fitted(measured(), most=2e7)
+    known, paths = drawn(fit, 0), joint_profiles(fit)
+    assert known.enough
+    for n in range(2):
+        error = np.sqrt(inverse[n, n] * squares / 23)
+        expected = pytest.approx((theta[n] - T23 * error, theta[n] + T23 * error), abs=0.3 * error)
+        assert tuple(2e7 * end for end in known.interval(n)) == expected
+        assert tuple(2e7 * end for end in paths[n].interval) == expected
 
 
 def test_the_same_seed_gives_the_same_draws(line):

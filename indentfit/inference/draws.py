@@ -160,7 +160,11 @@ def _first(fit: JointFit, density: Density) -> Mixture:
     centres, roots, sizes = [], [], []
     spread = 1 / np.sqrt(2 * max(fit.freedom / len(density.used), 1.0)) / (density.highest - density.lowest)
     for mode in modes:
-        place = np.clip(density.place(mode.z), 0.01, 0.99)
+        margin = np.full(density.size, 0.01)
+        margin[: mode.z.size] = np.minimum(
+            0.01, np.sqrt(np.diag(mode.covar))
+        )  # a range may be far wider than what the curves allow
+        place = np.clip(density.place(mode.z), margin, 1 - margin)
         u = ndtri(place)
         steepness = np.exp(-0.5 * u**2) / np.sqrt(2 * np.pi)  # of the place by u
         J = climber.residuals(place[: mode.z.size])[1] * steepness[: mode.z.size]

@@ -34,7 +34,8 @@ DRAWN, ALLOWED = 400, 10.0  # places drawn about the optimum; those whose chi2 h
 TELLING = 2  # runs of a round beside that of the optimum
 ROUNDS = 3  # of prediction and proof; no more follow once the optimum is proved
 LIMIT = 6  # largest number of rounds
-RIGHT = 0.3  # largest shift of a coordinate, over its standard error, by the error of a prediction that counts as right
+RIGHT = 0.3  # largest shift of a free parameter, over its standard error, by the error of a prediction that counts as right
+OF_INPUTS = 0.3  # what such a shift of an uncertain input counts beside one of a free parameter
 AS_GOOD = 2.0  # growth of chi2 up to which a place is as good as the optimum
 FIRST_NOISE = 0.02  # of a curve's largest force: where the search for the noise begins
 CONFIDENCE = 0.95
@@ -393,7 +394,8 @@ def proved(fit: JointFit, model: Watched, others: Sequence[dict[str, float]] = (
     climber = Climber(without_surrogate(fit))
     J, covar = climber.residuals(z)[1][: climber.rows.size], climber.covar(z)
     shift = covar @ J.T @ climber.W @ error[climber.rows]
-    worst = float(np.max(np.abs(shift) / np.sqrt(np.diag(covar)) / fit.doubt))
+    counts = np.where(np.arange(z.size) < len(curves.free), 1.0, OF_INPUTS)
+    worst = float(np.max(counts * np.abs(shift) / np.sqrt(np.diag(covar)) / fit.doubt))
     size = float(np.sqrt(np.mean(error**2)))
     return Proof(dict(points[0]), size, size * RIGHT / worst if worst > 0 else size), errors
 

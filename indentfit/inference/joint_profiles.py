@@ -9,7 +9,7 @@ from indentfit.arrays import Array
 from indentfit.inference.joint import JointFit
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
-from indentfit.inference.profiles import BEYOND, SHOWN, end_of_profile
+from indentfit.inference.profiles import BEYOND, LEAST, SHOWN, end_of_profile
 
 OTHERS = 2  # other maxima from which each value of a profile is tried
 
@@ -57,7 +57,7 @@ class JointWalk:
     def profile(self) -> JointPath:
         """The JointPath of the coordinate."""
         ends = self.ends()
-        reach = BEYOND * max(ends[1] - ends[0], 1e-6)
+        reach = BEYOND * max(ends[1] - ends[0], LEAST)
         for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), SHOWN):
             self.chi2(float(unit))
         units = np.array([u for u in sorted(self.walked) if ends[0] - 1.01 * reach <= u <= ends[1] + 1.01 * reach])

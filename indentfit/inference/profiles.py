@@ -21,6 +21,7 @@ SHOWN = 17  # values of a profile in the result
 BEYOND = 0.3  # of the interval's width: range of the shown values beyond the interval
 SURE = 0.05  # error of a prediction by the jackknife, over the root of a profile's limit, up to which an end needs no run
 BELIED = 2.0  # times its error by the jackknife: where a run is farther from its prediction, and not within SURE, all ends are run
+LEAST = 1e-9  # of a range: what lies nearer to a bound is at the bound, and no interval is narrower
 SAME_RUN = 0.1  # of the intervals: ends of profiles that are this near each other share a run
 
 
@@ -228,7 +229,7 @@ class _Walk:
 
     def _shown(self, ends: list[float]) -> list[float]:
         """Values of the profile for the result: within the interval and a little beyond, with the ends of the interval."""
-        reach = BEYOND * max(ends[1] - ends[0], 1e-6)
+        reach = BEYOND * max(ends[1] - ends[0], LEAST)
         for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), SHOWN):
             self.chi2(float(unit))
         within = [unit for unit in sorted(self.walked) if ends[0] - 1.01 * reach <= unit <= ends[1] + 1.01 * reach]
@@ -241,14 +242,15 @@ class _Walk:
 
 def end_of_profile(chi2: Callable[[float], float], value: float, bound: float, limit: float) -> float:
     """The value between the optimum and a bound beyond which chi2 stays above its limit; the bound where no such value exists."""
-    if not np.isfinite(limit) or abs(bound - value) < 1e-6:
+    if not np.isfinite(limit) or abs(bound - value) < LEAST:
         return bound
     steps = [value, *(value + share * (bound - value) for share in OUTWARDS)]
     inside = [step for step in steps if chi2(step) <= limit]
     last = steps.index(inside[-1]) if inside else 0
     if last == len(steps) - 1:
         return bound
-    return float(brentq(lambda unit: chi2(unit) - limit, steps[last], steps[last + 1], xtol=1e-6)) if inside else value
+    near = max(1e-6 * abs(steps[last + 1] - value), 1e-3 * LEAST)
+    return float(brentq(lambda unit: chi2(unit) - limit, steps[last], steps[last + 1], xtol=near)) if inside else value
 
 
 def _factor(known: Identifiability, n: int) -> float:

@@ -3,6 +3,10 @@
 The second mesh and the rule are those of `simulate` (fem.mesh_error). The relative correction is taken at one point, the optimum,
 and used at all points: it changes much less from point to point than the curves do. What it leaves uncertain is a smooth function
 of the depth, whose covariance becomes part of the intervals.
+
+A contact that grows passes the elements one by one, so that both curves wave from depth to depth, that of the coarser mesh most.
+The correction is therefore smooth: a few powers of the depth, fitted to the change of the force. The waves of the own mesh stay in
+the residuals, where the noise that these show holds them.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -22,6 +26,7 @@ from indentfit.runs.forward import Evaluation, ForwardModel, Report
 from indentfit.runs.mechanics import WIDER
 from indentfit.runs.points import setup_of
 
+POWERS = (-1, 0, 1)  # of the depth: what a correction, relative to the force, is made of
 ANOTHER_MESH = "a run for the error of the mesh was solved at a second try only, on a mesh of another kind"
 
 
@@ -127,8 +132,17 @@ def _left(
     """Correction, and covariance of what it leaves, of each of some tests of one mesh."""
     changes = [_relative(there[n] - own[n], own[n]) for n in tests]
     depths = [problem.tests[n].curve.displacement for n in tests]
-    for change, depth, covar in zip(changes, depths, left_by_correction(depths, changes, other), strict=True):
-        yield 0.0 * change if folded(other.setup, depth) else other.gain * change, covar
+    for n, change, depth, covar in zip(tests, changes, depths, left_by_correction(depths, changes, other), strict=True):
+        yield 0.0 * change if folded(other.setup, depth) else other.gain * smooth(depth, change, own[n]), covar
+
+
+def smooth(depth: Array, change: Array, force: Array) -> Array:
+    """The part of relative changes of forces that is made of POWERS of the depth, all (n,); all of it where points are few, or the
+    depth does not only grow."""
+    if depth.size < 2 * len(POWERS) or depth[0] <= 0 or np.any(np.diff(depth) <= 0):
+        return change
+    powers = (depth[:, None] / depth[-1]) ** np.array(POWERS, dtype=float)
+    return np.asarray(powers @ np.linalg.lstsq(powers * force[:, None], change * force, rcond=None)[0])
 
 
 def _without_mesh(n: int) -> tuple[Array, Array]:
