@@ -105,7 +105,7 @@ def stop_after(number, monkeypatch):
     monkeypatch.setattr(Model, "run", run)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.campaign)])
 def test_kill_9_at_a_random_moment_then_resume_gives_the_same_numbers(case, expected, seed):
     process = started("--workers", "2" if seed == 0 else "1")
     time.sleep(random.Random(seed).uniform(0, 2.5))

@@ -39,7 +39,7 @@ def run(rig, values, sensitivities=(), angle=90, depths=DEPTHS):
     ("rig", "angle", "names"),
     [
         ("sharp strip", 90, ("mu", "zeta", "phi", "friction", "bulk_ratio")),
-        ("sharp strip", 0, ("mu", "zeta", "phi")),
+        pytest.param("sharp strip", 0, ("mu", "zeta", "phi"), marks=pytest.mark.campaign),
         ("rounded strip", 90, ("mu", "zeta", "friction")),
         ("eight-node bricks", 90, ("zeta", "friction")),
         ("sphere", 90, ("zeta",)),

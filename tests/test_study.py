@@ -350,6 +350,7 @@ def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, t
     )
 
 
+@pytest.mark.campaign  # the suite's time; a killed sweep, and a killed check in the same process, are in it
 def test_a_check_killed_with_9_goes_on_with_the_same_numbers(tmp_path):
     """Real processes: the check dies after its first mesh, of two tests, and the same command ends as one never killed."""
     words = [str(QUICK), *OPTIONS, "--elements", "20,40", "--mesh-only", "--json", "-o"]

@@ -12,6 +12,7 @@ from fixtures.cases import CASES
 from indentfit.cli import main
 from indentfit.curve import read_curve
 
+pytestmark = pytest.mark.guide
 FOLDER = CASES / "own_material"
 PAGE = CASES.parent / "indentfit" / "guide" / "own_law.md"
 BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)

@@ -106,7 +106,7 @@ def test_what_a_material_does_is_a_failure_with_a_cause_and_the_others_go_on(cas
     assert np.array_equal(fine.forces[0], tame(case).forces[0])
 
 
-@pytest.mark.parametrize("wild", [LOOP, "import time; time.sleep(1e6)"])
+@pytest.mark.parametrize("wild", [LOOP, pytest.param("import time; time.sleep(1e6)", marks=pytest.mark.campaign)])
 def test_one_worker_runs_a_law_of_others_in_a_process_that_can_be_ended(case, monkeypatch, wild):
     """A law's own endless loop, and one that only sleeps and so uses no processor time."""
     monkeypatch.setattr("indentfit.runs.watch.PATIENCE", 3.0)
@@ -261,6 +261,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 # The ledger
 
 
+@pytest.mark.campaign  # the suite's time; tests/test_resume.py has the same through the command
 def test_a_second_fit_runs_nothing_that_the_first_has_run(case, tmp_path):
     """The same fit takes all of its runs from the ledger, one with other weights those that it shares."""
     case = partial(case, *BARE)
@@ -414,7 +415,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(
     ("number", "zetas"),
     [
-        (2, [5.0, 3.0]),
+        pytest.param(2, [5.0, 3.0], marks=pytest.mark.campaign),
         pytest.param(1, [5.0, 6.0, 7.0, 3.0], marks=pytest.mark.campaign),
         pytest.param(2, [5.0, 3.0, 6.0, 1.0], marks=pytest.mark.campaign),
     ],
