@@ -1,5 +1,6 @@
 """Contact: forces worked out by hand, distances and derivatives against differences, what an anchor remembers."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.testing import assert_allclose
 from indentfit.case import Indenter, Mesh, Sample
 from indentfit.fem.contact import STICK, ContactFace
 from indentfit.fem.contact_points import NodePoints
-from indentfit.fem.contact_state import History, Springs
+from indentfit.fem.contact_state import History, Springs, Stride
 from indentfit.fem.element import Solid
 from indentfit.fem.equations import Linearisation
 from indentfit.fem.mesh import quarter
@@ -103,7 +104,7 @@ def test_areas_and_moments_of_the_nodes_are_those_of_a_footprint_on_a_disc(shape
 
 def test_pressure_takes_over_the_multiplier():
     contact, solid = contact_of(STRIP, 0.0)
-    history = History(np.full(contact.weights.shape, 7.0), np.zeros_like(contact.X), contact.X)
+    history = History(np.full(contact.weights.shape, 7.0), np.zeros_like(contact.X), contact.X, contact.X)
     touch = contact.touch(shifted(solid, [0, 0, 0]), DEPTH, history, SPRINGS)
     assert_allclose(touch.pressure, 27.0, rtol=1e-12)
 
@@ -157,7 +158,9 @@ def test_a_point_that_sticks_to_a_rounded_edge_is_held_against_rolling_off():
     """A pressure p on a face of radius r turns away under a point that rolls: without more than p / r it would not be held."""
     contact, solid = contact_of(STRIP | {"edge_radius": 0.2}, 1.0)
     pressure = np.full(contact.weights.shape, 500.0)  # p / r = 2500 kPa/mm, the springs have 300
-    touch = contact.touch(shifted(solid, [0, 0, 0]), DEPTH, History(pressure, np.zeros_like(contact.X), contact.X), SPRINGS)
+    touch = contact.touch(
+        shifted(solid, [0, 0, 0]), DEPTH, History(pressure, np.zeros_like(contact.X), contact.X, contact.X), SPRINGS
+    )
     round_ = touch.touching & (touch.gap > -DEPTH + 1e-9) & ~touch.slipping
     assert round_.any()
     n = touch.normal[round_]
@@ -202,7 +205,7 @@ def test_friction_takes_over_its_multiplier_and_counts_from_the_anchor():
     contact, solid = contact_of(STRIP, 0.5)
     pull = np.broadcast_to([2.0, 0, 0], contact.X.shape)
     anchor = contact.X + np.array([0, 0, 0.01])
-    touch = contact.touch(shifted(solid, [0, 0, 0.02]), DEPTH, History(contact.rest().pressure, pull, anchor), SPRINGS)
+    touch = contact.touch(shifted(solid, [0, 0, 0.02]), DEPTH, History(contact.rest().pressure, pull, anchor, contact.X), SPRINGS)
     assert_allclose(touch.friction, np.broadcast_to([2.0, 0, 3.0], pull.shape), atol=1e-11)
 
 
@@ -263,10 +266,22 @@ def test_a_slipping_point_is_anchored_where_it_is():
 def test_a_point_that_does_not_touch_forgets():
     contact, solid = contact_of(STRIP, 0.5)
     away = shifted(solid, [0.3, -0.1, 0.2])
-    pull = History(np.ones(contact.weights.shape), np.ones_like(contact.X), contact.X)
+    pull = History(np.ones(contact.weights.shape), np.ones_like(contact.X), contact.X, contact.X)
     after = contact.touch(away, 0.0, pull, SPRINGS).advanced()
     assert not after.pressure.any() and not after.friction.any()
     assert_allclose(after.anchor - contact.X, np.broadcast_to([0.3, -0.1, 0.2], contact.X.shape), atol=1e-14)
+
+
+def test_a_point_that_comes_to_touch_is_anchored_where_it_touches():
+    """The gap is 0.01 mm, and closes by 0.02 mm in a step while the point moves by 0.04 mm along the face: half of that is free."""
+    contact, solid = contact_of(STRIP, 0.5)
+    history = replace(contact.rest(), start=contact.X + np.array([0, -0.03, -0.02]))
+    before = contact.touch(shifted(solid, [0, -0.01, 0.02]), 0.0, history, SPRINGS)
+    after = before.advanced(stride=Stride(0.01, 0.01))
+    assert_allclose(after.anchor - contact.X, np.broadcast_to([0, 0, 0.04], contact.X.shape), atol=1e-14)
+    assert_allclose(after.start, before.place)
+    further = before.advanced(stride=Stride(0.02, 0.01))  # a step of twice the length touches at the same place
+    assert_allclose(further.anchor, after.anchor, atol=1e-14)
 
 
 def test_multipliers_follow_the_rate_of_the_tractions():
@@ -274,10 +289,10 @@ def test_multipliers_follow_the_rate_of_the_tractions():
     contact, solid = contact_of(STRIP, 0.5)
     touch = contact.touch(shifted(solid, [0, 0, 0.03]), DEPTH, contact.rest(), SPRINGS)
     rate = np.broadcast_to([0, 500.0, 300.0], contact.X.shape)  # of T - p n, n downwards
-    after = touch.advanced(rate, 0.005)
+    after = touch.advanced(rate, Stride(0.005))
     assert_allclose(after.pressure, 20.0 + 2.5, rtol=1e-12)
     assert_allclose(after.friction, np.broadcast_to([0, 0, 9.0 + 1.5], contact.X.shape), atol=1e-11)
-    assert not touch.advanced(-10 * rate, 0.005).pressure.any()  # it cannot come to pull
+    assert not touch.advanced(-10 * rate, Stride(0.005)).pressure.any()  # it cannot come to pull
 
 
 # ---- what the springs withhold ----------------------------------------------------------------------------------------
@@ -299,7 +314,7 @@ def test_springs_withhold_their_give_times_the_rate_of_the_traction():
 def test_a_multiplier_gives_nothing():
     """It carries 7 of 27 kPa, and 2 of the friction: what gives is the springs' share alone."""
     contact, solid = contact_of(STRIP, 0.5)
-    history = History(np.full(contact.weights.shape, 7.0), np.broadcast_to([2.0, 0, 0], contact.X.shape), contact.X)
+    history = History(np.full(contact.weights.shape, 7.0), np.broadcast_to([2.0, 0, 0], contact.X.shape), contact.X, contact.X)
     touch, error = withheld(contact, solid, [0, 0, 0.03], history)
     assert not touch.slipping.any()
     assert error == pytest.approx(AREA * (10 + 9), rel=1e-12)
@@ -309,7 +324,7 @@ def test_a_slipping_point_withholds_no_friction_and_an_open_one_nothing():
     contact, solid = contact_of(STRIP, 0.5)
     touch, error = withheld(contact, solid, [0, 0, 0.1])
     assert touch.slipping.all() and error == pytest.approx(AREA * 10, rel=1e-12)
-    history = History(np.full(contact.weights.shape, 5.0), np.ones_like(contact.X), contact.X)
+    history = History(np.full(contact.weights.shape, 5.0), np.ones_like(contact.X), contact.X, contact.X)
     assert withheld(contact, solid, [0, -0.1, 0], history)[1] == 0
 
 
@@ -378,7 +393,7 @@ def mixed_state(name, friction):
     u = rng.uniform(-1, 1, solid.n_dofs) * np.tile([0.03, 0.06, 0.03], solid.n_dofs // 3)
     shape = contact.weights.shape
     pressure, friction = rng.uniform(0, 20, shape), rng.uniform(-4, 4, (*shape, 3))
-    history = History(pressure, friction, contact.X + rng.uniform(-0.01, 0.01, (*shape, 3)))
+    history = History(pressure, friction, *(contact.X + rng.uniform(-0.01, 0.01, (2, *shape, 3))))
 
     def touch(u, depth=depth):
         return contact.touch(u, depth, history, SPRINGS)
@@ -427,10 +442,10 @@ def test_contact_tangent_and_depth_derivatives_are_those_of_its_forces(name):
 def test_a_touch_and_its_history_change_as_differences_say(name, friction):
     """By springs, the coefficient of friction, the history, the places and the rate at once, in random directions."""
     contact, _, touch, u, depth = mixed_state(name, friction)
-    here, coefficient, h, step = touch(u), contact.friction, 1e-6, 0.01
+    here, coefficient, h, stride = touch(u), contact.friction, 1e-6, Stride(0.01, 0.02)
     rng = np.random.default_rng(3)
     more, slippery = Springs(50.0, -20.0), 0.1 if friction == 0.5 else 0.0
-    aside = History(*(rng.uniform(-size, size, a.shape) for a, size in zip(fields(here.history), (5, 2, 0.01), strict=True)))
+    aside = History(*(rng.uniform(-size, size, a.shape) for a, size in zip(fields(here.history), (5, 2, 0.01, 0.01), strict=True)))
     moved, rate, turn = 0.02 * rng.uniform(-1, 1, u.size), *rng.uniform(-2000, 2000, (2, *contact.X.shape))
 
     def at(s):
@@ -439,7 +454,7 @@ def test_a_touch_and_its_history_change_as_differences_say(name, friction):
         springs = Springs(SPRINGS.normal + s * more.normal, SPRINGS.tangential + s * more.tangential)
         there = contact.touch(u + s * moved, depth, history, springs)
         assert np.array_equal(there.touching, here.touching) and np.array_equal(there.slipping, here.slipping)
-        return there, there.advanced(rate + s * turn, step)
+        return there, there.advanced(rate + s * turn, stride)
 
     (ahead, later), (behind, earlier) = at(h), at(-h)
     contact.friction = coefficient
@@ -447,8 +462,8 @@ def test_a_touch_and_its_history_change_as_differences_say(name, friction):
     for field in ("place", "normal", "pressure", "friction", "traction"):
         expected = (getattr(ahead, field) - getattr(behind, field)) / (2 * h)
         assert_allclose(getattr(change, field), expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))), err_msg=field)
-    after = change.advanced(here, rate, turn, step)
-    assert contact.tied.all() or not np.all(here.advanced(rate, step).pressure)  # some cannot come to pull
+    after = change.advanced(here, rate, turn, stride)
+    assert contact.tied.all() or not np.all(here.advanced(rate, stride).pressure)  # some cannot come to pull
     for derivative, a, b in zip(fields(after), fields(later), fields(earlier), strict=True):
         expected = (a - b) / (2 * h)
         assert_allclose(derivative, expected, atol=1e-6 * max(1.0, np.max(np.abs(expected))))
@@ -466,7 +481,7 @@ def test_the_tangent_at_rest_changes_with_the_springs_as_differences_say(name, f
 
 
 def fields(history):
-    return history.pressure, history.friction, history.anchor
+    return history.pressure, history.friction, history.anchor, history.start
 
 
 @by_indenter

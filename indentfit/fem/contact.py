@@ -111,11 +111,11 @@ class ContactFace:
 
     def rest(self) -> History:
         """History of the untouched sample."""
-        return History(np.zeros(self.weights.shape), np.zeros_like(self.X), self.X)
+        return History(np.zeros(self.weights.shape), np.zeros_like(self.X), self.X, self.X)
 
     def no_change(self) -> History:
         """Derivative of the untouched sample's history: zero."""
-        return History(np.zeros(self.weights.shape), np.zeros_like(self.X), np.zeros_like(self.X))
+        return History(np.zeros(self.weights.shape), *3 * [np.zeros_like(self.X)])
 
     def firm(self, springs: Springs, state: ContactState, shear_modulus: float) -> Springs:
         """Springs for the pressures of a state: `springs`, or where these are too soft, as many times doubled as it takes.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from indentfit.arrays import Array, Bools
+from indentfit.indenters import UP
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,26 @@ class Springs:
 
 @dataclass(frozen=True)
 class History:
-    """The contact's memory at the start of a step: multipliers p0 (n_f, n_q) and T0 (n_f, n_q, 3) in kPa, and anchors
-    (n_f, n_q, 3), mm, in the indenter's frame."""
+    """The contact's memory at the start of a step: multipliers p0 (n_f, n_q) and T0 (n_f, n_q, 3) in kPa, anchors (n_f, n_q, 3) and
+    the places at the step's start (n_f, n_q, 3), mm, in the indenter's frame."""
 
     pressure: Array
     friction: Array
     anchor: Array
+    start: Array
+
+
+@dataclass(frozen=True)
+class Stride:
+    """A step of the depth and the one before it, mm, 0 where there is none; and whether a point that comes to touch within the step is
+    anchored where it touches, rather than where it is before the step."""
+
+    step: float = 0.0
+    last: float = 0.0
+    ahead: bool = True
+
+
+NO_STRIDE = Stride()
 
 
 @dataclass(frozen=True)
@@ -76,29 +91,45 @@ class ContactState:
         assert self.D is not None
         return self.D
 
-    def advanced(self, rate: Array | None = None, step: float = 0.0) -> History:
+    def advanced(self, rate: Array | None = None, stride: Stride = NO_STRIDE) -> History:
         """History for a step of the depth: multipliers extrapolated with the traction's rate.
 
-        A point that slips, or does not touch, is anchored where it is now.
+        A point that slips is anchored where it is now. One that does not touch is anchored where it will touch if it moves on as in
+        the step before: anchored where it is now, it would rub along the indenter before it touches.
 
         Parameters
         ----------
         rate : array (n_f, n_q, 3), kPa/mm, or None
             Derivative of the traction by the depth; with None, the multipliers are not extrapolated.
-        step : float, mm
+        stride : Stride
 
         Returns
         -------
         History
         """
-        moved = (self.slipping | ~self.touching)[..., None]
-        anchor = np.where(moved, self.place, self.history.anchor)
+        anchor = np.where(self.slipping[..., None], self.place, self.history.anchor)
+        anchor = np.where(self.touching[..., None], anchor, self.place + self.until_touch(stride)[..., None] * self.motion(stride))
+        start = self.place if stride.step else self.history.start
         if rate is None:
-            return History(self.pressure, self.friction, anchor)
+            return History(self.pressure, self.friction, anchor, start)
         along = dot(rate, self.normal)
-        pressure = self.pressure - step * along
-        friction = self.friction + step * (rate - along[..., None] * self.normal) * ~moved
-        return History(np.where(self.unilateral, np.maximum(pressure, 0), pressure), friction, anchor)
+        pressure = self.pressure - stride.step * along
+        moved = (self.slipping | ~self.touching)[..., None]
+        friction = self.friction + stride.step * (rate - along[..., None] * self.normal) * ~moved
+        return History(np.where(self.unilateral, np.maximum(pressure, 0), pressure), friction, anchor, start)
+
+    def motion(self, stride: Stride) -> Array:
+        """Motion (n_f, n_q, 3) of points that do not touch yet: as in the step before; at rest the sample does not move."""
+        if not stride.ahead:
+            return np.zeros_like(self.place)
+        if not stride.last:
+            return np.broadcast_to(stride.step * UP, self.place.shape)
+        return (stride.step / stride.last) * (self.place - self.history.start)
+
+    def until_touch(self, stride: Stride) -> Array:
+        """Share (n_f, n_q) of a step after which the points touch; 1 where they do not."""
+        nearer = -dot(self.motion(stride), self.normal)
+        return np.divide(self.gap, nearer, out=np.ones_like(self.gap), where=(nearer > self.gap) & (self.gap > 0))
 
 
 @dataclass(frozen=True)
@@ -112,15 +143,27 @@ class ContactChange:
     traction: Array
     history: History = field(repr=False)
 
-    def advanced(self, state: ContactState, rate: Array, rate_change: Array, step: float) -> History:
-        """Derivative of `state.advanced(rate, step)`, where the rate changes by rate_change (n_f, n_q, 3)."""
+    def advanced(self, state: ContactState, rate: Array, rate_change: Array, stride: Stride) -> History:
+        """Derivative of `state.advanced(rate, stride)`, where the rate changes by rate_change (n_f, n_q, 3)."""
         moved = (state.slipping | ~state.touching)[..., None]
-        anchor = np.where(moved, self.place, self.history.anchor)
+        anchor = np.where(state.slipping[..., None], self.place, self.history.anchor)
+        anchor = np.where(state.touching[..., None], anchor, self._anchor_ahead(state, stride))
+        start = self.place if stride.step else self.history.start
         n, dn = state.normal, self.normal
         along, change = dot(rate, n), dot(rate_change, n) + dot(rate, dn)
-        pressure = (self.pressure - step * change) * (~state.unilateral | (state.pressure - step * along > 0))
+        pressure = (self.pressure - stride.step * change) * (~state.unilateral | (state.pressure - stride.step * along > 0))
         turned = rate_change - change[..., None] * n - along[..., None] * dn
-        return History(pressure, self.friction + step * turned * ~moved, anchor)
+        return History(pressure, self.friction + stride.step * turned * ~moved, anchor, start)
+
+    def _anchor_ahead(self, state: ContactState, stride: Stride) -> Array:
+        """Derivative (n_f, n_q, 3) of the anchor of a point that may touch within the next step."""
+        share, motion = state.until_touch(stride), state.motion(stride)
+        longer = stride.step / stride.last if stride.last and stride.ahead else 0.0
+        further = longer * (self.place - self.history.start)
+        nearer = -dot(motion, state.normal)
+        later = dot(state.normal, self.place) + share * (dot(further, state.normal) + dot(motion, self.normal))
+        share_change = np.divide(later, nearer, out=np.zeros_like(share), where=share < 1)
+        return self.place + share_change[..., None] * motion + share[..., None] * further
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -37,7 +37,7 @@ class Newton:
         """
         near = approached(increment, at, self.solver, self.controls)
         at, before = (at, 0) if near is None else (near.at, near.iterations)
-        hard, tolerance = 0, self.controls.tolerance
+        hard, tolerance, merit = 0, self.controls.tolerance, None
         for iteration in range(most):
             here = self.linearised(increment, at)
             if here.balanced(tolerance):
@@ -45,8 +45,9 @@ class Newton:
             self.work.iterations += 1
             enough = 0.1 * tolerance * here.contact_force
             du = self.solver.solve(here.tangent, -here.residual, enough=enough, deadline=self.controls.deadline)
-            at, share = line_search(here, du, iteration)
-            hard = hard + 1 if share < 0.5 else 0
+            searched = line_search(here, du, iteration, before=merit)
+            at, merit = searched.at, searched.merit
+            hard = hard + 1 if searched.share < 0.5 else 0
             if hard == 3:
                 break
         raise here.failure(here.share, iteration)
@@ -61,9 +62,23 @@ class Newton:
         return equilibrium_of(here, self.solver, self.exact, self.controls.deadline, at_rest)
 
 
+@dataclass(frozen=True)
+class Searched:
+    """What a line search ends with: the iterate, its share of the longest allowed step, and its residual, mN."""
+
+    at: Iterate
+    share: float
+    merit: float
+
+
 def line_search(
-    here: Linearisation, du: Array, iteration: int, growth: float = GROWTH, dampers: Dampers | None = None
-) -> tuple[Iterate, float]:
+    here: Linearisation,
+    du: Array,
+    iteration: int,
+    growth: float = GROWTH,
+    dampers: Dampers | None = None,
+    before: float | None = None,
+) -> Searched:
     """The iterate after the longest of the SHARES of a step with an acceptable residual.
 
     No step moves a point by more than the increment's leash, because near an instability Newton's step is far too long.
@@ -78,11 +93,12 @@ def line_search(
         Growth of the residual that is acceptable in the first four iterations.
     dampers : Dampers
         Dampers whose forces belong to the residual.
+    before : float, mN
+        The residual at the linearisation, where it is known.
 
     Returns
     -------
-    Iterate, float
-        The iterate, and the share of the longest allowed step.
+    Searched
 
     Raises
     ------
@@ -90,7 +106,7 @@ def line_search(
         Every step turns an element inside out.
     """
     increment, at, change = here.increment, here.at, here.change(du)
-    before = increment.merit(at, dampers)
+    before = increment.merit(at, dampers) if before is None else before
     tried = []
     longest = min(1.0, increment.leash / max(np.abs(du).max(), 1e-300))
     for share in longest * SHARES:
@@ -103,4 +119,4 @@ def line_search(
         share = -share
     if not np.isfinite(merit):
         raise here.failure(np.inf, iteration, INVERTED)
-    return at.moved(share, change), share / longest
+    return Searched(at.moved(share, change), share / longest, merit)

@@ -9,6 +9,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError
+from indentfit.fem.contact_state import Stride
 from indentfit.fem.controls import FIRST_STEPS
 from indentfit.fem.equations import Equations, Increment, Iterate, Loading
 from indentfit.fem.equilibrium import Equilibrium
@@ -98,9 +99,9 @@ def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilib
 
 def _increment(equations: Equations, loading: Loading, here: Equilibrium, depth: float, leash: float) -> Increment:
     """The increment that leads from an equilibrium to a depth: its contact's multipliers follow their rates."""
-    step = depth - here.depth
-    history = here.contact.advanced(here.rate, step)
-    changes = None if here.derivatives is None else here.derivatives.advanced(here.contact, here.rate, step)
+    stride = Stride(depth - here.depth, here.step, equations.face.points.ahead)
+    history = here.contact.advanced(here.rate, stride)
+    changes = None if here.derivatives is None else here.derivatives.advanced(here.contact, here.rate, stride)
     return Increment(equations, loading, depth, history, changes, leash)
 
 

@@ -117,7 +117,7 @@ def _moved(newton: Newton, here: Linearisation, damping: float) -> _Motion | Non
         newton.work.iterations += 1
         du = newton.solver.solve(here.damped(dampers), -residual, deadline=newton.controls.deadline)
         try:
-            at, _ = line_search(here, du, 0, CREEP, dampers)
+            at = line_search(here, du, 0, CREEP, dampers).at
         except ConvergenceError:
             return None
     return None

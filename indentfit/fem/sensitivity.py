@@ -19,7 +19,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.fem.body import BodyState
 from indentfit.fem.contact import ContactFace
-from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs
+from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs, Stride
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.directions import Direction
 from indentfit.fem.equations import Linearisation
@@ -62,9 +62,9 @@ class PathDerivatives:
         withheld = np.zeros(len(rates)) if secants is None else secants.changes(self.changes, springs, rates, before.rates)
         return replace(self, rates=rates, force=self.force + withheld)
 
-    def advanced(self, contact: ContactState, rate: Array, step: float) -> tuple[History, ...]:
-        """Derivatives of `contact.advanced(rate, step)`: a History for each Direction."""
-        return tuple(change.advanced(contact, rate, rates, step) for change, rates in zip(self.changes, self.rates, strict=True))
+    def advanced(self, contact: ContactState, rate: Array, stride: Stride) -> tuple[History, ...]:
+        """Derivatives of `contact.advanced(rate, stride)`: a History for each Direction."""
+        return tuple(change.advanced(contact, rate, rates, stride) for change, rates in zip(self.changes, self.rates, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ README.
 import argparse
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -176,10 +177,10 @@ def slip(home, workers, extra):
         object.__setattr__(found, "spring", springs.tangential)
         return found
 
-    def advanced(self, rate=None, step=0.0):
+    def advanced(self, rate=None, stride=contact_state.NO_STRIDE):
         """No multiplier takes over the friction: its spring has to be stretched by all of it."""
-        found = own[1](self, rate, step)
-        return contact_state.History(found.pressure, 0 * found.friction, self.place - self.friction / self.spring)
+        found = own[1](self, rate, stride)
+        return replace(found, friction=0 * found.friction, anchor=self.place - self.friction / self.spring)
 
     def forces(friction, elastic):
         case = read_case(CASES / "white_matter_2017" / "case.toml", [OPTIMUM, *extra, f"indenter.friction={friction}"])
