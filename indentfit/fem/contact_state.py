@@ -35,8 +35,8 @@ class History:
 
 @dataclass(frozen=True)
 class Stride:
-    """A step of the depth and the one before it, mm, 0 where there is none; and whether a point that comes to touch within the step is
-    anchored where it touches, rather than where it is before the step."""
+    """A step of the depth and the one before it, mm, 0 where there is none; and whether a point that comes to touch within the step
+    is anchored where it touches, not where it was before."""
 
     step: float = 0.0
     last: float = 0.0

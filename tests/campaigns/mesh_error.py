@@ -3,8 +3,8 @@
     python tests/campaigns/mesh_error.py [--only layer|strain|bricks] [--cases a:b[:step]]
 
 - layer: spheres and flat punches at small strain in the meridian plane, against the exact elastic layer (indentfit.layer).
-- strain: spheres and rounded punches to 40 % of the thickness in the meridian plane, against meshes made for an error of 0.1 %, with
-  96 steps where the contact grows with friction; two more are wide and rough.
+- strain: spheres and rounded punches to 40 % of the thickness in the meridian plane, against meshes made for an error of 0.1 %,
+  with 96 steps where the contact grows with friction; two more are wide and rough.
 - bricks: round contacts on quarter samples of default bricks, against the meridian plane at an error of 0.3 %.
 
 Each line states the error, the band, and the processor time of the case. The last lines count, for each of the three, how often
