@@ -10,6 +10,8 @@ from indentfit.case.doubts import doubts
 from indentfit.curve import Curve
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
 from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, ParameterEstimate
+from indentfit.inference.shares import InputShare, UncertainInputs
+from indentfit.inverse.sharp_edges import LEFT_OUT
 from indentfit.report.case_text import case_lines
 from indentfit.report.first_screen import alone_words, doubts_of, next_step, value_words
 from indentfit.report.html_fit import fit_page
@@ -88,6 +90,19 @@ def test_a_preload_is_mended_before_another_law_is_tried():
     assert "[record] contact" in next_step(recorded) and "[record] zero" in next_step(recorded)
     assert FitResult.from_json(preloaded.as_json()).recording == preloaded.recording
     assert "nothing is missing" in next_step(replace(preloaded, noise={}))  # known, and the fit follows
+
+
+def test_residuals_that_are_smaller_than_the_error_of_the_mesh_say_nothing_against_the_law():
+    smooth = {"noise": {"press": CurveNoise(0.1, 0.9, 3, 25, 0.001)}}  # the misfit is 3 %
+    coarse, fine = (UncertainInputs({"mesh": InputShare("0.01", sd)}) for sd in (0.04, 0.01))
+    assert not list(doubts_of(replace(fitted(mu=GOOD), uncertain=coarse, **smooth)))
+    assert "compare" not in next_step(replace(fitted(mu=GOOD), uncertain=coarse, **smooth))
+    assert "systematic" in next(doubts_of(replace(fitted(mu=GOOD), uncertain=fine, **smooth))).text
+
+
+def test_points_that_were_not_fitted_are_said_in_amber():
+    (doubt,) = doubts_of(replace(fitted(mu=GOOD), conclusions=(f"{LEFT_OUT}press to 0.1 mm, its first 5 of 20 points",)))
+    assert not doubt.red and "first 5 of 20 points" in doubt.text
 
 
 def test_the_next_step_is_that_of_what_limits_the_parameters():

@@ -15,9 +15,9 @@ from indentfit.inference.identifiability import _at_bound
 from indentfit.inference.limits import Limit, MeshSize, limits
 from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.noise import correlations, whiteness
-from indentfit.inference.result import CurveNoise
+from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, TestAlone
 from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
-from indentfit.inference.verdicts import verdict
+from indentfit.inference.verdicts import alone_unless_in_doubt, kind_of, unless_in_doubt, verdict
 
 MESH = Limit("mesh", 0.9, MeshSize(1000, 1 / 3))
 
@@ -221,3 +221,18 @@ def test_validate_and_fit_warn_of_a_preload_first(gel, tmp_path):
 )
 def test_a_value_known_well_and_clear_of_the_end_of_a_wide_range_is_at_no_bound(value, stderr, least, most, said):
     assert _at_bound(value, stderr, Range(start=(least + most) / 2, min=least, max=most)) == said
+
+
+def test_a_curve_with_a_preload_determines_nothing_whatever_its_interval():
+    depth = np.linspace(0, 0.4, 20)
+    known = ParameterEstimate(
+        2.0, "kPa", interval=(1.9, 2.1), verdict="determined (+-5 %); limited by the noise", limited_by="noise"
+    )
+    preload = list(doubts("press", Curve(depth, 30 * depth**1.5 + 3)))
+    doubted = unless_in_doubt({"mu": known}, preload)["mu"]
+    assert kind_of(doubted) == "not determined" and "press" in doubted.verdict and "1.9 to 2.1" in doubted.verdict
+    assert unless_in_doubt({"mu": known}, [])["mu"] is known
+    row = AloneEstimate(2.0, (1.9, 2.1), known.verdict)
+    alone = {name: TestAlone(0.1, None, {"mu": row}) for name in ("press", "other")}
+    judged = alone_unless_in_doubt(alone, preload)
+    assert judged["press"].parameters["mu"].verdict.startswith("not determined") and judged["other"] is alone["other"]

@@ -195,10 +195,18 @@ def folded(setup: Setup, depths: Array) -> bool:
     return setup.indenter.friction != "stick" and bool(_folds(setup, depths).max() > 2 * floor)
 
 
+def unfolded_depth(setup: Setup) -> float:
+    """The depth, mm, up to which a sharp edge that folds in errs by no more than the error that the mesh is made for."""
+    factor, power, most = FOLDS[_kind_of_edge(setup)]
+    if not _sharp_in_plane(setup) or most <= setup.mesh.wanted_error:
+        return float("inf")
+    return _width_of_folds(setup) * float((setup.mesh.wanted_error / factor) ** (1 / power))
+
+
 def left_by_correction(depths: Sequence[Array], changes: Sequence[Array], other: SecondMesh) -> list[Array]:
     """Covariance of what the correction F + gain (G - F) leaves of the errors of curves, relative to their forces.
 
-    It leaves all of the error by a sharp edge, whose band is two standard deviations wide.
+    It leaves all of the error by a sharp edge that folds in, whose band is two standard deviations wide.
 
     Parameters
     ----------
@@ -248,8 +256,16 @@ def _sharp_in_plane(setup: Setup) -> bool:
 
 def _folds(setup: Setup, depths: Array) -> Array:
     """The least relative error (n,) of the force by a sharp edge, at depths (n,)."""
-    shape = setup.indenter.geometry
     if not _sharp_in_plane(setup):
         return np.zeros(len(depths))
-    factor, power, most = FOLDS["stick" if setup.indenter.friction == "stick" else "free"]
-    return np.minimum(factor * (depths / min(shape.half_width, setup.sample.thickness)) ** power, most)
+    factor, power, most = FOLDS[_kind_of_edge(setup)]
+    return np.minimum(factor * (depths / _width_of_folds(setup)) ** power, most)
+
+
+def _kind_of_edge(setup: Setup) -> str:
+    return "stick" if setup.indenter.friction == "stick" else "free"
+
+
+def _width_of_folds(setup: Setup) -> float:
+    """The length, mm, over which the depth is counted for folds."""
+    return float(min(setup.indenter.geometry.half_width, setup.sample.thickness))

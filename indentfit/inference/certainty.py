@@ -16,8 +16,9 @@ from indentfit.inference.bootstrap import bootstrap
 from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, noise_of, widened
-from indentfit.inference.inputs import CORRECTED, MOVES, Solution, input_derivatives, shares
+from indentfit.inference.inputs import CORRECTED, MOVES, NOT_CORRECTED, Solution, input_derivatives, shares
 from indentfit.inference.limits import MeshSize, limits
+from indentfit.inference.misfit import recording
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import (
     BootstrapError,
@@ -34,9 +35,11 @@ from indentfit.inference.seen import seen_sentences, with_seen
 from indentfit.inference.shares import NoiseShare, UncertainInputs, WhatIf
 from indentfit.inference.verdicts import (
     against_each_other,
+    alone_unless_in_doubt,
     alone_unless_proved,
     conclusions,
     contradictions,
+    unless_in_doubt,
     unless_proved,
     verdict,
 )
@@ -136,8 +139,9 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         findings, facts = _profiled(solution, model, solved, uncertain, progress)
     predicted = _predicted(solution, model, solved, uncertain)
     estimates = against_each_other(_estimates(solution, alone_known, findings, uncertain), predicted, findings.tests_alone)
-    estimates = unless_proved(estimates, optimum.success)
-    findings = replace(findings, tests_alone=alone_unless_proved(findings.tests_alone, optimum.success))
+    estimates = unless_in_doubt(unless_proved(estimates, optimum.success), recording(case))
+    singles = alone_unless_in_doubt(alone_unless_proved(findings.tests_alone, optimum.success), recording(case))
+    findings = replace(findings, tests_alone=singles)
     estimates = with_seen(case, estimates, optimum.best.parameters)
     published = published_comparison(solution, estimates)
     last = _learned(problem, model, exploration) if problem.searched and case.fit.profiles else None
@@ -333,6 +337,8 @@ def _of_mesh(model: ForwardModel) -> list[str]:
     if not isinstance(model, Corrected):
         return []
     error = model.error
+    if not error.most:
+        return [NOT_CORRECTED.format(sd=error.sd, remark=error.remark or "two meshes give the same curves")]
     return [CORRECTED.format(most=error.most, elements=error.elements, sd=error.sd), *([error.remark] if error.remark else [])]
 
 

@@ -30,6 +30,7 @@ from indentfit.inverse.methods import Solved, solve
 from indentfit.inverse.objective import Target, rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
+from indentfit.inverse.sharp_edges import without_folds
 from indentfit.inverse.wide import of_records, with_offset_of_records
 from indentfit.runs.closed_form import closed_forms, left_out
 from indentfit.runs.forward import Evaluation, ForwardModel, of_relaxation
@@ -121,6 +122,8 @@ def fit_with_runs(
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     given, case = case, with_prior_tests(case)
     require_fittable(case)
+    shallower = without_folds(case)
+    case = shallower.case
     if case.fit.posterior:
         require_emcee()
     started, problem = time.perf_counter(), inverse_problem(case)
@@ -151,7 +154,8 @@ def fit_with_runs(
     result = _with_samples(_result(case, problem, solved, known, work), samples)
     if gross is not None:
         result = without_meaning(result, gross)
-    result = replace(result, seconds=time.perf_counter() - started)
+    said = (*result.conclusions, *shallower.said)
+    result = replace(result, conclusions=said, seconds=time.perf_counter() - started)
     return FitWithRuns(result, problem, solved, wide, tuple(watched.known))
 
 

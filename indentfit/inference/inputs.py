@@ -32,6 +32,7 @@ LEAST_FRICTION = 0.02  # step of a small friction coefficient
 CORRECTED = (
     "the curves are corrected for the mesh by up to {most:.1%}, by a mesh of about {elements} elements; +- {sd:.2%} stays uncertain"
 )
+NOT_CORRECTED = "the curves are not corrected for the mesh, whose error of +- {sd:.2%} is in the intervals: {remark}"
 
 
 @dataclass(frozen=True, eq=False)

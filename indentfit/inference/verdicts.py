@@ -1,12 +1,13 @@
 """Verdicts in words: how well each parameter is determined, what limits it, and what the curves of a fit determine together."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Range
+from indentfit.case.doubts import CurveDoubt
 from indentfit.case.ranges import RangeOfAngle
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.limits import Limit
@@ -15,6 +16,7 @@ from indentfit.inference.result import ParameterEstimate, PublishedComparison, T
 
 DETERMINED = 0.2  # half an interval over the value
 WEAKLY = 2 / 3  # half an interval over its middle: a factor of five between its ends
+IN_DOUBT = "not determined: the recording of {tests} is in doubt"
 UNPROVED = "not determined: the search did not end at a proved optimum"
 KINDS = ("determined", "weakly determined", "at a bound", "not determined")
 
@@ -106,14 +108,34 @@ def unless_proved(estimates: Mapping[str, ParameterEstimate], proved: bool) -> d
     return {name: known if proved else _unproved(known) for name, known in estimates.items()}
 
 
+def unless_in_doubt(estimates: Mapping[str, ParameterEstimate], doubts: Iterable[CurveDoubt]) -> dict[str, ParameterEstimate]:
+    """Estimates with the verdicts that follow where curves show a preload or adhesion, which no law here has: then no parameter is
+    determined, because what the fit makes of such a curve is in no interval."""
+    tests = ", ".join(dict.fromkeys(doubt.test for doubt in doubts))
+    return {name: _in_doubt(known, tests) if tests else known for name, known in estimates.items()}
+
+
+def alone_unless_in_doubt(alone: Mapping[str, TestAlone], doubts: Iterable[CurveDoubt]) -> dict[str, TestAlone]:
+    """Fits to single tests with such verdicts."""
+    verdicts = {doubt.test: IN_DOUBT.format(tests=doubt.test) for doubt in doubts}
+    return {test: _with_verdict(known, verdicts[test]) if test in verdicts else known for test, known in alone.items()}
+
+
+def _in_doubt(known: ParameterEstimate, tests: str) -> ParameterEstimate:
+    if known.interval is None or kind_of(known) == "not determined":
+        return known
+    low, high = known.interval
+    said = f"{IN_DOUBT.format(tests=tests)} (taken as it is: {low:.3g} to {high:.3g})"
+    return replace(known, verdict=said, limited_by="recording")
+
+
 def alone_unless_proved(alone: Mapping[str, TestAlone], proved: bool) -> dict[str, TestAlone]:
     """Fits to single tests with such verdicts."""
-    if proved:
-        return dict(alone)
-    return {
-        test: replace(known, parameters={name: replace(row, verdict=UNPROVED) for name, row in known.parameters.items()})
-        for test, known in alone.items()
-    }
+    return {test: known if proved else _with_verdict(known, UNPROVED) for test, known in alone.items()}
+
+
+def _with_verdict(alone: TestAlone, said: str) -> TestAlone:
+    return replace(alone, parameters={name: replace(row, verdict=said) for name, row in alone.parameters.items()})
 
 
 def _unproved(known: ParameterEstimate) -> ParameterEstimate:

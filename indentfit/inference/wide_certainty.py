@@ -14,6 +14,7 @@ from indentfit.inference.joint import JointFit, fitted
 from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.limits import Limit, limits
+from indentfit.inference.misfit import recording
 from indentfit.inference.mixture import CERTAIN
 from indentfit.inference.noise import whiteness
 from indentfit.inference.plain import Interval
@@ -21,9 +22,11 @@ from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstim
 from indentfit.inference.shares import UncertainInputs
 from indentfit.inference.verdicts import (
     against_each_other,
+    alone_unless_in_doubt,
     alone_unless_proved,
     conclusions,
     contradictions,
+    unless_in_doubt,
     unless_proved,
     verdict,
 )
@@ -75,7 +78,8 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     predicted = joint_predictions(fit.best.fit, singles, case.fit.seed)
     estimates = {name: _estimate(fit, n, known, uncertain, limited[name]) for n, name in enumerate(problem.free)}
     estimates = unless_proved(against_each_other(estimates, predicted, alone), solved.optimum.success)
-    alone = alone_unless_proved(alone, solved.optimum.success)
+    estimates = unless_in_doubt(estimates, recording(case))
+    alone = alone_unless_in_doubt(alone_unless_proved(alone, solved.optimum.success), recording(case))
     at_inputs = replace(problem, start={**problem.start, **uncertain.at})  # type: ignore[dict-item]
     published = published_comparison(Solution(case, at_inputs, model, best, known), estimates)
     return Certainty(

@@ -17,7 +17,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.fem.mesh_error import FOLDING, SecondMesh, compared, folded, left_by_correction, second
+from indentfit.fem.mesh_error import FOLDING, SecondMesh, compared, left_by_correction, second, unfolded_depth
 from indentfit.fem.meshing import count, resized, size
 from indentfit.inverse.derivatives import Underivable, last_cause
 from indentfit.inverse.exploration import Watched
@@ -27,6 +27,7 @@ from indentfit.runs.mechanics import WIDER
 from indentfit.runs.points import setup_of
 
 POWERS = (-1, 0, 1)  # of the depth: what a correction, relative to the force, is made of
+DEEPER = 1 + 1e-9  # round-off
 ANOTHER_MESH = "a run for the error of the mesh was solved at a second try only, on a mesh of another kind"
 
 
@@ -112,9 +113,10 @@ def mesh_error_at(
 
 
 def _folds(problem: InverseProblem, piece: Case) -> bool:
-    """Whether the surface folds in at a sharp edge in a test of one mesh."""
+    """Whether the surface folds in so much at a sharp edge, in a test of one mesh, that other meshes say little."""
     names = {test.name for test in piece.tests}
-    return any(folded(setup_of(piece), test.curve.displacement) for test in problem.tests if test.test in names)
+    deepest = unfolded_depth(setup_of(piece)) * DEEPER
+    return any(test.curve.deepest > deepest for test in problem.tests if test.test in names)
 
 
 def _forces(problem: InverseProblem, model: ForwardModel, points: Sequence[Mapping[str, Any]]) -> list[tuple[Array, ...]]:
@@ -133,7 +135,8 @@ def _left(
     changes = [_relative(there[n] - own[n], own[n]) for n in tests]
     depths = [problem.tests[n].curve.displacement for n in tests]
     for n, change, depth, covar in zip(tests, changes, depths, left_by_correction(depths, changes, other), strict=True):
-        yield 0.0 * change if folded(other.setup, depth) else other.gain * smooth(depth, change, own[n]), covar
+        deep = depth.max() > unfolded_depth(other.setup) * DEEPER
+        yield 0.0 * change if deep else other.gain * smooth(depth, change, own[n]), covar
 
 
 def smooth(depth: Array, change: Array, force: Array) -> Array:

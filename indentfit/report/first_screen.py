@@ -11,6 +11,7 @@ from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstima
 from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
 from indentfit.inference.what_if import warnings_of
+from indentfit.inverse.sharp_edges import LEFT_OUT
 
 SYSTEMATIC = 0.02  # RMSE over the largest force from which systematic residuals are worth another law
 CURE = re.compile(r"about ([\d,]+) elements")
@@ -91,15 +92,23 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
-    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(HEREDITARY))
+    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith((HEREDITARY, LEFT_OUT)))
     yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
 
 
 def _doubts_of_residuals(result: FitResult) -> Iterator[Doubt]:
-    smooth = [name for name, noise in result.noise.items() if noise.systematic]
+    smooth = _beside_the_law(result)
     if smooth:
         sizes = ", ".join(f"{name} {result.misfit[name].relative:.1%}" for name in smooth if name in result.misfit)
         yield Doubt(False, f"the residuals are systematic, so the law does not follow the curves ({sizes} of the largest force)")
+
+
+def _beside_the_law(result: FitResult) -> list[str]:
+    """The tests whose curves the law does not follow: their residuals are systematic, and larger than what the mesh may err."""
+    mesh = result.uncertain.inputs.get("mesh")
+    least = 0.0 if mesh is None else mesh.sd or 0.0
+    smooth = [name for name, noise in result.noise.items() if noise.systematic]
+    return [name for name in smooth if name not in result.misfit or result.misfit[name].relative > least]
 
 
 def _doubts_of_parameters(result: FitResult) -> Iterator[Doubt]:
@@ -120,7 +129,7 @@ def _by_cause(result: FitResult) -> dict[str, list[str]]:
     for name in result.free:
         known = result.parameters[name]
         cause = known.limited_by or "noise"
-        if cause not in ("noise", "misfit", "bound", "tests", "search") and kind_of(known) != "determined":
+        if cause not in ("noise", "misfit", "bound", "tests", "search", "recording") and kind_of(known) != "determined":
             causes.setdefault(cause, []).append(name)
     return causes
 
@@ -154,8 +163,7 @@ def _next_of_recording(result: FitResult) -> str:
 
 
 def _next_of_law(result: FitResult) -> str:
-    smooth = [name for name, noise in result.noise.items() if noise.systematic]
-    large = [name for name in smooth if name in result.misfit and result.misfit[name].relative >= SYSTEMATIC]
+    large = [name for name in _beside_the_law(result) if name in result.misfit and result.misfit[name].relative >= SYSTEMATIC]
     if not large:
         return ""
     return "try other laws on the same curves: `indentfit compare CASE --materials LAW,LAW,...` says which one they prefer"
