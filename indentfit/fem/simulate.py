@@ -180,10 +180,8 @@ class Model:
 
     @property
     def _tolerance(self) -> float:
-        tolerance = self.setup.solver.tolerance
-        if not self.setup.in_plane:
-            return tolerance
-        return min(tolerance, IN_PLANE_SHARP if has_sharp_edge(self.contact.shape) else IN_PLANE)
+        in_plane = IN_PLANE_SHARP if has_sharp_edge(self.contact.shape) else IN_PLANE
+        return min(self.setup.solver.tolerance, in_plane if self.setup.in_plane else np.inf)
 
     @property
     def _first_steps(self) -> int:
