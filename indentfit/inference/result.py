@@ -146,6 +146,9 @@ class Profile:
     interval : (low, high)
     confirmed : tuple of ConfirmedPoint
         Runs of the forward model at the ends of the interval.
+    joint : bool
+        Whether uncertain inputs are coordinates of the fit: the profile is then that under the most probable alternative, on a
+        surrogate that has learnt these runs, and the interval of the parameter may be that of weighted draws.
     """
 
     values: tuple[float, ...]
@@ -153,6 +156,7 @@ class Profile:
     limit: float | None
     interval: Interval
     confirmed: tuple[ConfirmedPoint, ...] = ()
+    joint: bool = False
 
 
 @dataclass(frozen=True)

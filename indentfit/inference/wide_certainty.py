@@ -103,7 +103,7 @@ def _profile(fit: WideFit, n: int) -> Profile:
     path = best.paths[n]
     confirmed = (best.confirmed or {}).get(n, ())
     values = tuple(values_of(best.fit, n, path.units))
-    return Profile(values, tuple(path.chi2.tolist()), path.limit, span_of(best.fit, n, path.interval), confirmed)
+    return Profile(values, tuple(path.chi2.tolist()), path.limit, span_of(best.fit, n, path.interval), confirmed, joint=True)
 
 
 def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: UncertainInputs, limit: Limit) -> ParameterEstimate:

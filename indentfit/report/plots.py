@@ -113,12 +113,13 @@ def profiles(result: FitResult, path: Place = None) -> Figure:
 
 
 def _profile(ax: Axes, name: str, profile: Profile, parameter: ParameterEstimate) -> None:
-    chi2 = corrected(profile, parameter.value)
+    chi2 = np.array(profile.chi2, dtype=float) if profile.joint else corrected(profile, parameter.value)
     top = 2 * profile.limit if profile.limit else max(float(np.nanmax(chi2)), 1e-12)
     ax.plot(profile.values, chi2, color=COLOURS[0])
     if profile.limit:
         ax.axhline(profile.limit, color="0.4", linewidth=0.6, linestyle=DASHES[1])
-    ax.axvspan(*profile.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
+    for ends in parameter.pieces or (parameter.interval or profile.interval,) if profile.joint else (profile.interval,):
+        ax.axvspan(*ends, color=COLOURS[0], alpha=0.12, linewidth=0)
     ax.axvline(parameter.value, color="0.4", linewidth=0.6)
     # a marker is not clipped: one far above the axes would leave no room for them
     runs = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None and point.chi2 <= top]
