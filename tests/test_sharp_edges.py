@@ -7,19 +7,20 @@ from indentfit import Case, Curve, Indenter, MaterialChoice, Mesh, Sample, Test,
 from indentfit.case.search import Fit
 from indentfit.inverse.sharp_edges import LEFT_OUT, without_folds
 from indentfit.layer import Layer
+from indentfit.report.first_screen import next_step
 
 # A slice of brain under a flat punch of 1.5 mm: a straight line to 0.4 mm, of 3.79 mN/mm
 DEPTHS = 0.02 * np.arange(1, 21)
 STIFFNESS, RADIUS, THICKNESS = 3.79, 0.75, 5.0
 
 
-def slice_of_brain(depths=DEPTHS, mesh=Mesh(error=0.03), **indenter):  # noqa: B008
+def slice_of_brain(depths=DEPTHS, mesh=Mesh(error=0.03), preload=0.0, **indenter):  # noqa: B008
     return Case(
         sample=Sample(shape="disc", diameter=30.0, thickness=THICKNESS, base="bonded"),
         indenter=Indenter(shape="cylinder", diameter=2 * RADIUS, **{"friction": 0, **indenter}),
         material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 0.6, "min": 0.05, "max": 10}}),
         mesh=mesh,
-        tests=[Test("white", curve=Curve(depths, STIFFNESS * depths))],
+        tests=[Test("white", curve=Curve(depths, preload + STIFFNESS * depths))],
         fit=Fit(workers=1),
     )
 
@@ -63,3 +64,12 @@ def test_a_stiffness_at_small_strain_gives_the_modulus_of_the_exact_layer_and_a_
         assert result.parameters["mu"].verdict.startswith("determined")
     assert any(said.startswith(LEFT_OUT) for said in deep.conclusions)
     assert not any(said.startswith(LEFT_OUT) for said in shallow.conclusions)
+
+
+def test_a_punch_whose_curve_begins_with_a_preload_determines_nothing():
+    """The interval is narrow, but the curve is that of another contact."""
+    result = fit(slice_of_brain(0.2 * DEPTHS, preload=0.02))
+    mu = result.parameters["mu"]
+    assert mu.verdict.startswith("not determined: the recording of white") and mu.limited_by == "recording"
+    assert result.conclusions[0].startswith("not determined by this curve")
+    assert next_step(result).startswith("mend white first")

@@ -18,13 +18,15 @@ from indentfit.errors import MaterialError
 from indentfit.indenters import Rings
 
 if TYPE_CHECKING:
-    from indentfit.case.tables import MaterialChoice
+    from indentfit.case.tables import MaterialChoice, Test
     from indentfit.case.whole import Case
 
 MOST_CORNERS = 5  # free parameters whose bounds are combined to look for an unstable material
 NEARLY_INCOMPRESSIBLE = 10  # bulk modulus over the largest small-strain modulus
 COMPRESSIBLE = 10.0  # bulk over shear modulus below which an isotropic sample is meant to be compressible (Poisson's ratio 0.45)
-DEEP, DEEP_ROUND = 0.2, 0.4  # of the thickness, under bars and under round indenters: beyond it equilibrium may not be found
+# Of the thickness, under bars and under round indenters on samples with fibres: beyond it equilibrium may not be found. Without
+# fibres 75 of 76 round contacts are solved between 40 and 50 % (tests/campaigns/round.py), as many as above.
+DEEP, DEEP_ROUND = 0.2, 0.4
 
 
 def warnings_of(case: Case) -> Iterator[str]:
@@ -37,7 +39,7 @@ def warnings_of(case: Case) -> Iterator[str]:
         yield from (f"test.{test.name}: {note}" for note in (curve.notes if curve else ()))
         if test.kind != "indentation":
             continue
-        deep = DEEP_ROUND if isinstance(case.indenter_of(test).geometry.partition(0.0), Rings) else DEEP
+        deep = _deep(case, test)
         depth, thickness = depth_of(test, curve) or 0.0, case.sample_of(test).thickness
         if depth > deep * thickness * (1 + 1e-9):
             share = depth / thickness
@@ -50,6 +52,13 @@ def warnings_of(case: Case) -> Iterator[str]:
             yield f"every test is {case.tests[0].kind} {case.tests[0].fibres} the fibres: this cannot distinguish the fibre terms"
             return
         yield f"every test has angle {case.tests[0].angle}: curves of one direction cannot distinguish the fibre terms"
+
+
+def _deep(case: Case, test: Test) -> float:
+    """The depth, over the thickness, beyond which equilibrium may not be found."""
+    if not isinstance(case.indenter_of(test).geometry.partition(0.0), Rings):
+        return DEEP
+    return DEEP_ROUND if has_fibres(case.law) else np.inf
 
 
 def _mirrored(case: Case) -> Iterator[str]:
