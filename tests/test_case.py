@@ -227,7 +227,7 @@ WRONG = {
     "mesh.elements=0": "mesh.elements = 0: must be at least 20",
     "mesh.elements=300.5": "mesh.elements = 300.5: must be a whole number",
     "material.model=transverse_isotropic": "did you mean 'transversely_isotropic'",
-    "material.model=nothing_like_it": "no material 'nothing_like_it'; installed: arruda_boyce, demiray_fung, gent, holzapfel, ",
+    "material.model=nothing_like_it": "no material 'nothing_like_it'; installed: arruda_boyce, demiray_fung, fung_orthotropic, ",
     "material.model=none.py:Mine": 'material.model = "none.py:Mine": no material file',
     "material.model=3": "material.model = 3: must be text in quotes",
     "material.kappa=0": "material.kappa = 0: must be above 0",

@@ -15,6 +15,7 @@ from indentfit.fem.simulate import Model
 from indentfit.inference.verdicts import verdict
 from indentfit.material import load
 from indentfit.runs.forward import simulate
+from indentfit.study import design as designs
 from indentfit.study.design import angles_of
 
 PAPER = load("transversely_isotropic")(mu=1.49, zeta=4.68, phi=0.68)
@@ -132,3 +133,16 @@ def test_design_tries_an_oblique_bar_where_the_direction_of_the_fibres_matters(t
 def test_a_range_of_the_angle_that_means_nothing_is_refused_in_one_line(tmp_path, material, value, text):
     with pytest.raises(CaseError, match=rf"fit\.uncertain\.fibre_angle.*{text}"):
         read_case(angled(tmp_path, [0, 45], material, fit={"uncertain": {"fibre_angle": value}}))
+
+
+def test_design_does_not_take_the_angle_that_a_fit_finds_for_known(tmp_path, monkeypatch):
+    monkeypatch.setattr(designs, "_variants", lambda case: [("", case)])
+    monkeypatch.setattr(designs, "_specimens", lambda case: [])
+    fitting = {"uncertain": {"fibre_angle": RANGE, "mesh": 0.0}}
+    turning = designs.design(read_case(angled(tmp_path, [0, 90], FREE, fit=fitting)), PAPER.values)
+    known = designs.design(read_case(angled(tmp_path, [0, 90], FREE)), PAPER.values)
+    assert turning.parameters["fibre_angle"] == 0 and set(turning.stderr) == {*PAPER.values, "fibre_angle"}
+    assert all(turning.stderr[name] >= 0.999 * known.stderr[name] for name in known.stderr)
+    assert turning.stderr["fibre_angle"] == pytest.approx(90 / np.sqrt(12), rel=1e-3)  # that of the range: no test tells the angle
+    least = {angle: min(t.stderr["fibre_angle"] for t in turning.candidates if t.angle == angle) for angle in (0, 45, 90)}
+    assert least[45] < 0.2 * min(least[0], least[90])  # along and across the fibres the force does not change with their angle

@@ -194,13 +194,13 @@ Dip = Annotated[float, PlainValidator(_dip), WithJsonSchema(DIP), Unit("degrees"
 Turn = Annotated[float, PlainValidator(_turn), WithJsonSchema(TURN), Unit("degrees")]
 FamilyAngles = Annotated[
     tuple[float, float],
-    PlainValidator(_pair(-180, 180, "the angle of each family of fibres from the direction that a test states")),
+    BeforeValidator(_pair(-180, 180, "the angle of each family of fibres from the direction that a test states")),
     WithJsonSchema(PAIR),
     Unit("degrees"),
 ]
 FamilyDips = Annotated[
     tuple[float, float],
-    PlainValidator(_pair(-90, 90, "the angle by which each family of fibres rises out of the plane of the sample")),
+    BeforeValidator(_pair(-90, 90, "the angle by which each family of fibres rises out of the plane of the sample")),
     WithJsonSchema(PAIR),
     Unit("degrees"),
 ]

@@ -12,6 +12,7 @@ import numpy as np
 
 from indentfit.material.jets import (
     Jet,
+    ei,
     exponential,
     exponential_integral,
     hyperbolic_cosine,
@@ -86,7 +87,7 @@ def _positive_part(x: float) -> float:
 
 
 def _expi(x: Any) -> Any:
-    """Ei of numbers; SciPy is imported here, because most laws need none of it."""
+    """Ei of arrays; SciPy is imported here, because reading a case needs none of it."""
     from scipy import special
 
     return special.expi(x)
@@ -100,7 +101,7 @@ ON_NUMBERS: dict[str, Callable[[float], float]] = {
     "cosh": math.cosh,
     "tanh": math.tanh,
     "abs": abs,
-    "expi": _expi,
+    "expi": ei,
     "positive": _positive_part,
 }
 

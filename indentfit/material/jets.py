@@ -6,6 +6,7 @@ derivatives, to round-off. SymPy derives the same derivatives at all states, but
 Source: Griewank, Walther 2008, Evaluating Derivatives, 2nd ed., chapter 13.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from numbers import Real
@@ -146,11 +147,20 @@ def hyperbolic_tangent(x: Jet) -> Jet:
 
 
 def exponential_integral(x: Jet) -> Jet:
-    """Ei(x); SciPy is imported here, because most laws need none of it."""
-    from scipy import special
-
+    """Ei(x)."""
     slope = np.exp(x.value) / x.value
-    return x.chained(special.expi(x.value), slope, slope * (1 - 1 / x.value))
+    return x.chained(np.float64(ei(float(x.value))), slope, slope * (1 - 1 / x.value))
+
+
+def ei(x: float) -> float:
+    """The exponential integral Ei of a number x > 0, by its series, whose terms are all positive; without SciPy, whose import would
+    slow down the reading of a case."""
+    total, term, k = np.euler_gamma + math.log(x), 1.0, 0
+    while term > 1e-17 * abs(total) or k < x:
+        k += 1
+        term *= x / k
+        total += term / k
+    return total
 
 
 def positive_part(x: Jet) -> Jet:

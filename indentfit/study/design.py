@@ -17,7 +17,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Test, require_free, require_indentations
+from indentfit.case import Case, Range, Test, require_free, require_indentations
+from indentfit.case.families import faults_of_families
 from indentfit.case.in_time import GRID
 from indentfit.case.laws import has_fibres
 from indentfit.case.prior_tests import with_prior_tests
@@ -41,6 +42,7 @@ BEST, PAIRS = 12, 10  # further tests that are paired, and pairs that are kept
 DEEPEST = 0.2  # of the thickness: equilibria at larger depths may not be found
 POINTS = 24  # points of each further test
 ANGLES, OBLIQUE = (0, 90), 45  # degrees
+TURN, RADIAN = "fibre_angle", 57.3  # the error of an angle is judged by degrees in a radian, not by its own size
 EFFORTS = {  # what a further test needs
     "as it is": "the same rig",
     "variant": "another indenter or lubrication",
@@ -240,7 +242,10 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     given, execution = dict(parameters or case.start_values()), execution or Execution()
     remarks = tuple(seen_sentences(case, case.relaxation.at(given).numbers)) if case.relaxation else ()
     in_time, elastic = InTime.of(case, given), elastic_case(case)
-    values = {name: value for name, value in given.items() if name in case.law.parameters}
+    given = {**{name: bounds.start for name, bounds in _turn(elastic).items()}, **given}
+    values = {name: value for name, value in given.items() if name in case.law.parameters or name in _turn(elastic)}
+    if in_time is not None and TURN in case.fit.uncertain.fitted:
+        remarks = (*remarks, "the angle of the fibres, which the fit finds, is taken as known here: errors may be larger")
     own, runs = _own(elastic, values, execution)
     if in_time is not None:
         own = in_time.own(own)
@@ -250,13 +255,13 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     sizes = [largest if press else float(np.abs(known.forces).max()) for known, press in zip(own, pressed, strict=True)]
     rows = zip(case.curves, sizes, strict=True)
     stated = [noise / largest * size if curve is None or curve.sd is None else curve.sd for curve, size in rows]
-    ranges = {**elastic.free, **(in_time.relaxation.free if in_time else {})}
+    ranges = {**_free(elastic), **(in_time.relaxation.free if in_time else {})}
     prior = np.diag([12 / (bounds.max - bounds.min) ** 2 for bounds in ranges.values()])
     information = prior + sum(known.information(sd) for known, sd in zip(own, stated, strict=True))
     known = _Known(values, tuple(ranges), information, noise, noise / largest)
     told, used = _told(elastic, in_time, known, execution)
     now, whole = known.stderr(np.zeros_like(prior)), {**values, **(in_time.values if in_time else {})}
-    worst = max(now, key=lambda name: now[name] / (abs(whole[name]) or ranges[name].max))
+    worst = max(now, key=lambda name: now[name] / (RADIAN if name == TURN else abs(whole[name]) or ranges[name].max))
     tests = sorted((_judged(known, further) for further in told), key=lambda test: test.stderr[worst] if test.stderr else np.inf)
     pairs = _pairs(known, told, worst)
     return Design(whole, noise, now, worst, tuple(tests), runs + used, case, remarks, pairs)
@@ -381,10 +386,27 @@ def _specimens(case: Case) -> Iterator[Test]:
     """Tests of other kinds: shear and tension, in each direction that a law with fibres can tell."""
     along = ("along", "across", "normal") if has_fibres(case.law) else ("along",)
     keys: dict[str, Any] = {"points": SPECIMEN_POINTS}
+    if case.law.two_families:
+        yield from _specimens_of_two(case, keys)
+        return
     for fibres in along:
         yield Test(f"shear {fibres}", kind="shear", fibres=fibres, strain=STRAINS["shear"], **keys)
     for fibres in along[:2]:
         yield Test(f"tension {fibres}", kind="uniaxial", loading="tension", fibres=fibres, strain=STRAINS["uniaxial"], **keys)
+
+
+def _specimens_of_two(case: Case, keys: Mapping[str, Any]) -> Iterator[Test]:
+    """Tests of other kinds of a material with two families in the plane of the sample, along and across their common direction;
+    tension only where it does not shear the specimen."""
+    families = case.sample.families
+    if families is None or any(case.sample.family_dips or ()):
+        return
+    for fibres in ("along", "across"):
+        own = {"fibres": fibres, "families": families, **keys}
+        yield Test(f"shear {fibres}", kind="shear", strain=STRAINS["shear"], **own)
+        tension = Test(f"tension {fibres}", kind="uniaxial", loading="tension", strain=STRAINS["uniaxial"], **own)
+        if not any(faults_of_families(case.material, case.law, None, [(tension.name, tension)])):
+            yield tension
 
 
 def _of_specimen(case: Case, test: Test, known: _Known, execution: Execution) -> _Told:
@@ -422,4 +444,15 @@ def _problem(case: Case, parameters: Values) -> InverseProblem:
     """An InverseProblem whose tests have only displacements: enough for derivatives."""
     tests = tuple(Target(test.name, Curve(case.outputs(test), case.outputs(test)), 1.0) for test in case.tests)
     scale, reference = scale_of(case)
-    return InverseProblem(tests, dict(parameters), case.free, scale, reference, differences_of(case))
+    return InverseProblem(tests, dict(parameters), _free(case), scale, reference, differences_of(case))
+
+
+def _free(case: Case) -> dict[str, Range]:
+    """What further tests are to determine: the free parameters, and the angle of the fibres where the fit finds it."""
+    return {**case.free, **_turn(case)}
+
+
+def _turn(case: Case) -> dict[str, Range]:
+    """The range of the fibres' angle where a fit finds it and the material does not relax; nothing otherwise."""
+    fitted = case.fit.uncertain.fitted
+    return {TURN: fitted[TURN]} if TURN in fitted and case.relaxation is None else {}
