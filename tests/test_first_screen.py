@@ -13,7 +13,7 @@ from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, Par
 from indentfit.inference.shares import InputShare, UncertainInputs
 from indentfit.inverse.sharp_edges import LEFT_OUT
 from indentfit.report.case_text import case_lines
-from indentfit.report.first_screen import alone_words, doubts_of, next_step, value_words
+from indentfit.report.first_screen import alone_words, doubts_of, next_step, pieces_words, value_words
 from indentfit.report.html_fit import fit_page
 from indentfit.report.page import render
 from indentfit.report.schema import CaseFacts, Stored, case_json
@@ -150,3 +150,8 @@ def test_an_uncertain_input_is_not_told_as_a_known_one():
     assert "uncertain friction: 0 to 1" in said and "uncertain base: the other one with probability 0.5" in said
     known = white_matter()
     assert "uncertain" not in CaseFacts.from_json(case_json(known)).indenter + "\n".join(case_lines(known))
+
+
+def test_a_value_that_is_fixed_has_no_interval():
+    """The page of a gel called the interval of its Poisson's ratio unknown."""
+    assert pieces_words(ParameterEstimate(0.4995, "", fixed=True)) == "fixed"

@@ -68,6 +68,8 @@ def error_of(known: ParameterEstimate) -> float | None:
 
 def pieces_words(known: ParameterEstimate, digits: int = 4) -> str:
     """The 95 % interval of an estimate in words, or its pieces, with the digits of the value."""
+    if known.fixed:
+        return "fixed"
     pieces, error = known.pieces or (() if known.interval is None else (known.interval,)), error_of(known)
     return " or ".join(" to ".join(by_error(end, error, digits) for end in piece) for piece in pieces) or "unknown"
 

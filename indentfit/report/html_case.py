@@ -49,7 +49,10 @@ def tests_table(case: CaseFacts, caption: str) -> Table:
         )
         for test in case.tests
     )
-    return Table(caption, ("Test", "Fibre angle (°)", "Curve", "Points", "Depth (mm)", "Weight"), rows)
+    header = ("Test", "Fibre angle (°)", "Curve", "Points", "Depth (mm)", "Weight")
+    if all(test.angle is None for test in case.tests):
+        return Table(caption, (*header[:1], *header[2:]), tuple((row[0], *row[2:]) for row in rows))
+    return Table(caption, header, rows)
 
 
 def again_section(stored: Stored, command: str) -> Section:

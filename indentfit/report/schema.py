@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from indentfit import indenters, samples
 from indentfit.axes import INDENTATION, Axes
 from indentfit.case import Case, MaterialChoice, Mesh
+from indentfit.case.laws import has_fibres
 from indentfit.case.priors import Prior
 from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, OwnIndenter, OwnSample, OwnTable, Sample, keys_of_shape
@@ -272,11 +273,17 @@ def fitted_parameters(folder: str | Path, case: Case) -> dict[str, float]:
 
 def case_json(case: Case) -> dict[str, Any]:
     """The facts about a case in the JSON file of a result: its tables, its tests with their number of points and depth,
-    the energy of its material and the units of its parameters."""
+    the energy of its material, whether that has fibres, and the units of its parameters."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
     tests = [{**_test_json(test), "n": len(case.outputs(test)), **_end_json(case, test)} for test in case.tests]
     units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
-    return {**sections, "tests": tests, "equation": inspect.getdoc(case.law) or "", "units": units}
+    return {
+        **sections,
+        "tests": tests,
+        "equation": inspect.getdoc(case.law) or "",
+        "has_fibres": has_fibres(case.law),
+        "units": units,
+    }
 
 
 def _end_json(case: Case, test: Any) -> dict[str, float]:
@@ -303,7 +310,8 @@ def _test_facts(test: Mapping[str, Any], case: Mapping[str, Any]) -> TestFacts:
     words.append(_own_words(test, case, "indenter", OwnIndenter, Indenter, _indenter_words))
     own = "; ".join(text for text in words if text)
     end = f"{test['depth_mm']:.4g}" if "depth_mm" in test else f"strain {test['largest_strain']:.4g}"
-    direction = None if test["angle"] is None else _angle_words(test["angle"], test.get("dip", 0.0))
+    plain = test["angle"] is None or not case.get("has_fibres", True)
+    direction = None if plain else _angle_words(test["angle"], test.get("dip", 0.0))
     if test.get("kind", "indentation") != "indentation":
         direction = ", ".join(test[key] for key in ("kind", "loading", "fibres") if test.get(key))
     return TestFacts(test["name"], direction, source, test["n"], end, test["weight"], own, bool(test.get("synthetic")))
