@@ -16,9 +16,9 @@ of small strain, while a sharp edge has 12 to 13 %. There the band is at least t
 indenter's half-width (or over the thickness, where that is less). Where the sample sticks, the force approaches its limit slower
 than the elements at the edge get narrower, and FOLDS holds that.
 
-The steps of the depth err too where a contact grows with friction, in proportion to their length. In the meridian plane the
-second solution takes a third of the steps, so that |F - G| holds twice that error. Bricks state STEPS times the squared friction
-(1 at most) times the contact's half-width over the thickness and the number of steps.
+The steps of the depth err too where a contact grows with friction. In the meridian plane they cost up to 0.3 % of the last force
+and 1 % of the first ones, and the second solution takes longer ones, so that |F - G| shows that error. Bricks state STEPS times
+the squared friction (1 at most) times the contact's half-width over the thickness and the number of steps.
 
 The constants were chosen so that the band holds the error in 95 % of contacts whose exact forces, or forces on much finer meshes,
 are known (tests/campaigns/mesh_error.py, tests/test_references.py); those of eight-node bricks are the theory's, an error in
