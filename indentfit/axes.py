@@ -18,7 +18,7 @@ from indentfit.units import unit_factor
 
 NAMED = re.compile(r"(?:shear[_ ])?(?P<name>strain|stretch|stress)(?P<rest>|[_\s(\[].*)", re.IGNORECASE)
 NO_UNIT = {"": 1.0, "1": 1.0, "-": 1.0, "mm/mm": 1.0, "%": 0.01, "percent": 0.01}  # of strains and stretches
-TARGETS = {"displacement": "mm", "strain": "1", "stretch": "1", "force": "mN", "stress": "kPa"}
+TARGETS = {"displacement": "mm", "strain": "1", "stretch": "1", "force": "mN", "stress": "kPa", "point": "1", "motion": "mm"}
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Axes:
 
     Parameters
     ----------
-    across : "displacement" (mm) or "strain"
-    up : "force" (mN) or "stress" (kPa)
+    across : "displacement" (mm), "strain", or "point", the number of a measured displacement
+    up : "force" (mN), "stress" (kPa), or "motion" (mm) of points of a sample
     """
 
-    across: Literal["displacement", "strain"] = "displacement"
-    up: Literal["force", "stress"] = "force"
+    across: Literal["displacement", "strain", "point"] = "displacement"
+    up: Literal["force", "stress", "motion"] = "force"
 
     @property
     def across_unit(self) -> str:
@@ -47,14 +47,17 @@ class Axes:
     @property
     def header(self) -> tuple[str, str]:
         """The names of both columns with their units, as keys of JSON and heads of CSV files."""
-        return "strain" if self.across == "strain" else "displacement_mm", f"{self.up}_{self.up_unit}"
+        return "displacement_mm" if self.across == "displacement" else self.across, f"{self.up}_{self.up_unit}"
 
     def at(self, value: float) -> str:
         """A place on the first axis, in words."""
+        if self.across == "point":
+            return f"component {value:.0f}"
         return f"{value:.4g} mm" if self.across == "displacement" else f"a strain of {value:.4g}"
 
 
 INDENTATION = Axes()
+MOTION = Axes("point", "motion")
 
 
 def common(axes: Iterable[Axes]) -> Axes | None:

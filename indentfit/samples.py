@@ -96,6 +96,27 @@ class Rectangle:
 Outline = Circle | Rectangle
 
 
+def outside(points: Array, outline: Outline, thickness: float) -> Array:
+    """How far points (m, 3) lie outside of a sample, mm, (m,); 0 inside."""
+    x, y, z = np.abs(points[:, 0]), points[:, 1], np.abs(points[:, 2])
+    if isinstance(outline, Circle):
+        sideways = np.hypot(x, z) - outline.radius
+    else:
+        sideways = np.maximum(x - outline.half_length, z - outline.half_width)
+    return np.asarray(np.maximum.reduce([sideways, -y, y - thickness, np.zeros(len(points))]))
+
+
+def inside(points: Array, outline: Outline, thickness: float) -> Array:
+    """Points (m, 3) moved onto the surface of a sample where they lie outside, mm."""
+    x, y, z = points.T
+    y = np.clip(y, 0.0, thickness)
+    if isinstance(outline, Circle):
+        inwards = np.minimum(1.0, outline.radius / np.maximum(np.hypot(x, z), 1e-300))
+        return np.column_stack([x * inwards, y, z * inwards])
+    width = outline.half_length, outline.half_width
+    return np.column_stack([np.clip(x, -width[0], width[0]), y, np.clip(z, -width[1], width[1])])
+
+
 class SampleShape(Protocol):
     """The shape of a sample, a right prism along y: all that meshes, messages and reports ask of a sample's shape.
 

@@ -92,6 +92,10 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
     if key.startswith(("test.sample.", "test.indenter.")):
         own, of_case = key.removeprefix("test."), key.replace("test.", "test.parallel.", 1).rpartition(".")[0]
         beside[key] = [f"{of_case}.{text.partition('.')[2]}" for text in beside.get(own, [])]
+    if key.startswith("test.field."):
+        (case.parent / "curves" / "side.csv").write_text("x_mm,y_mm,z_mm,uz_um,sd_um\n0,1,7,5,1\n0,2,7,5,1\n0,3,7,5,1\n")
+        beside[key], sets = [], [f"test.parallel.field={{ file = 'curves/side.csv', {facts.name} = {json.dumps(value)} }}"]
+        sets = ["test.parallel.field=[{ file = 'curves/side.csv' }]"] if facts.name == "file" else sets
     if facts.kind == "table" and key != "fit.uncertain.fibre_angle":
         sets = [f"{key}={{mu=1.49}}"]
     read_case(case, [*beside.get(key, []), *sets])
@@ -116,7 +120,8 @@ def test_the_tables_behind_a_hash_can_be_opened(case, tmp_path):
 @pytest.mark.parametrize("key", EVERY)
 def test_the_reference_page_has_a_row_for_every_key(key):
     facts = EVERY[key]
-    heading = f"## [[{facts.table}]]" if facts.table in ("test", "sample.layer") else f"## [{facts.table}]"
+    several = ("test", "test.field", "sample.layer")
+    heading = f"## [[{facts.table}]]" if facts.table in several else f"## [{facts.table}]"
     table = reference_page().split(heading + "\n")[1].split("\n## ")[0]
     (row,) = [row for row in table.split("\n") if row.startswith(f"| `{facts.name}` |")]
     assert f"| {facts.unit} |" in row and row.endswith(f" {facts.meaning} |")

@@ -158,7 +158,7 @@ def _word(kind: Any) -> str:
     if origin is Literal:
         return ", ".join(f'"{value}"' if isinstance(value, str) else str(value) for value in get_args(kind))
     if origin is tuple:
-        tables = any(isinstance(part, type) and issubclass(part, Section) for part in get_args(kind))
+        tables = any(isinstance(part, type) and issubclass(part, Section) for part in _parts(get_args(kind)[0]))
         return "list of tables" if tables else "list of numbers"
     if origin is dict or (isinstance(kind, type) and issubclass(kind, Section)):
         return "table"

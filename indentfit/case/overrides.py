@@ -95,7 +95,8 @@ def _path_in_test(tree: Tree, rest: str) -> Key:
     for number, test in enumerate(tests):
         for label in (test.get("name"), str(number)):
             if isinstance(label, str) and rest.startswith(label + "."):
-                return "test", number, *rest[len(label) + 1 :].split(".")
+                steps = rest[len(label) + 1 :].split(".")
+                return "test", number, *(int(step) if step.isdigit() else step for step in steps)
     if len(tests) == 1 and rest.split(".")[0] in Test.model_fields:
         return "test", 0, *rest.split(".")
     known = [str(test.get("name", number)) for number, test in enumerate(tests)]

@@ -77,7 +77,7 @@ def _test(case: Case, name: str, value: float, sd: float) -> tuple[Test, Curve]:
     curve = Curve(STRAINS, stress, sd=own, axes=Axes("strain", "stress"))
     pull = {} if kind == "shear" else {"loading": "tension"}
     label = _label(name)
-    keys = {"kind": kind, "fibres": fibres, "weight": _weight(case, curve, own), **pull}
+    keys = {"kind": kind, "fibres": fibres, "weight": weight_of(case, curve, own), **pull}
     return Test(
         label,
         **keys,
@@ -96,8 +96,9 @@ def is_prior_test(test: Test) -> bool:
     return test.kind != "indentation" and test.name in {_label(name) for name in STATES}
 
 
-def _weight(case: Case, curve: Curve, own: Array) -> float:
-    """The weight with which squared residuals count by their variances, as those of the measured curves do on average.
+def weight_of(case: Case, curve: Curve, own: Array) -> float:
+    """The weight of a curve whose points have the standard deviations `own` (n,), with which squared residuals count by their
+    variances, as those of the measured curves do on average.
 
     A residual of test k counts with w_k s_k^2 / n_k, where s_k makes curves of different kinds as large as the first
     (`objective.Target`); times its variance that should be the same for all points.

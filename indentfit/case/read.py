@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
 
@@ -27,6 +27,7 @@ from indentfit.case.faults import (
     labels,
     own_table,
 )
+from indentfit.case.field_faults import faults_of_fields
 from indentfit.case.keys import SECTIONS
 from indentfit.case.laws import YOUNG
 from indentfit.case.layers import OF_LAYERS, label_of, named, tables_of_layers, with_materials
@@ -42,6 +43,7 @@ from indentfit.case.unknown import with_priors
 from indentfit.case.whole import Case
 from indentfit.case.write import case_tree
 from indentfit.curve import Curve, read_curve
+from indentfit.displacements import Displacements, read_displacements
 from indentfit.errors import CaseError, CurveError, MaterialError, RecordError
 from indentfit.material import Layered, Material, layered
 from indentfit.units import number_in
@@ -121,8 +123,9 @@ def override_case(case: Case, overrides: Sequence[str], openers: Openers | None 
     curves = {
         test.curve: curve for test, curve in zip(case.tests, case.curves, strict=True) if isinstance(test.curve, str) and curve
     }
+    fields = {own.points.file: own.points for test in case.tests for own in test.field}
     given, faults = override(tree, overrides)
-    parts = _parts(tree, Sources(case.folder, openers, curves), faults)
+    parts = _parts(tree, Sources(case.folder, openers, curves, fields), faults)
     _raise(faults, None, tree, given)
     return Case.of_parts(parts, None, ())
 
@@ -134,6 +137,10 @@ class Sources:
     folder: Path
     openers: Openers | None = None
     curves: Mapping[str, Curve] = field(default_factory=dict)
+    fields: Mapping[str, Displacements] = field(default_factory=dict)
+
+    def displacements(self, name: str) -> Displacements:
+        return self.fields[name] if name in self.fields else replace(read_displacements(self.folder / name), file=name)
 
     def curve(self, name: str, loading: str) -> Curve:
         return self.curves[name] if name in self.curves else read_curve(self.folder / name, loading)
@@ -254,7 +261,7 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
     faults += faults_of_families(parts.material, law, parts.sample, named)
     if not _asks_for_indenter(tree):
         faults += faults_of_absence(parts, tree)
-    faults += faults_across(parts)
+    faults += [*faults_across(parts), *faults_of_fields(parts)]
     return parts
 
 
@@ -414,11 +421,26 @@ def _tests_and_curves(
         return [], []
     tests, curves = [], []
     for label, keys in zip(labels(_names(tables)), tables, strict=True):
-        test = _section(Test, ("test", label), keys, faults)
+        test = _with_fields(_section(Test, ("test", label), keys, faults), label, sources, faults)
         tests.append(test)
         timed = parts.material is not None and parts.material.relaxation is not None
         curves.append(_curve(test, label, _record_of(test, parts), timed, sources, faults) if test else None)
     return tests, curves
+
+
+def _with_fields(test: Test | None, label: str, sources: Sources, faults: list[Fault]) -> Test | None:
+    """The test with the displacements of its fields in the place of their files."""
+    if test is None or not test.field:
+        return test
+    read = []
+    for own in test.field:
+        try:
+            points = sources.displacements(own.file) if isinstance(own.file, str) else own.file
+        except CurveError as error:
+            faults.append(Fault(("test", label, "field", "file"), own.file, str(error)))
+            continue
+        read.append(own.model_copy(update={"file": points}))
+    return test.model_copy(update={"field": tuple(read)})
 
 
 def _names(tables: Sequence[Any]) -> list[Any]:

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from indentfit.arrays import Array
-from indentfit.axes import INDENTATION, Axes
+from indentfit.axes import INDENTATION, MOTION, Axes
 from indentfit.material import HomogeneousState
 
 if TYPE_CHECKING:
     from indentfit.case.tables import Test
 
-OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter")
+OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter", "field")
 OF_SPECIMENS = ("fibres", "families", "loading", "ratio", "area", "length", "strain", "stress")
 ARTICLE = {"indentation": "an indentation", "shear": "a shear test", "uniaxial": "a uniaxial test", "biaxial": "a biaxial test"}
 
@@ -55,7 +55,7 @@ class Specimen:
 
 def specimen_of(test: Test) -> Specimen | None:
     """The Specimen of a test; None for an indentation."""
-    if test.kind == "indentation":
+    if test.kind == "indentation" or test.kind == "field":
         return None
     sign = -1 if test.loading == "compression" else 1
     state = HomogeneousState(test.kind, test.fibres or "along", sign, 1.0 if test.ratio is None else test.ratio, test.cauchy)
@@ -67,12 +67,14 @@ def axes_of(test: Test) -> Axes:
     """What the curve of a test shows."""
     if test.kind == "indentation":
         return INDENTATION
+    if test.kind == "field":
+        return MOTION
     return Axes("strain" if test.length is None else "displacement", "stress" if test.area is None else "force")
 
 
 def loading_of(test: Test) -> str:
     """How the specimen of a test is loaded, for the reader of its curve; empty for an indentation."""
-    return "" if test.kind == "indentation" else test.loading or ("shear" if test.kind == "shear" else "tension")
+    return "" if test.kind in ("indentation", "field") else test.loading or ("shear" if test.kind == "shear" else "tension")
 
 
 def disagreements(test: Test) -> Iterator[tuple[str, str]]:
@@ -113,4 +115,5 @@ REMEDY = {
     "hold": "such a test is elastic here; remove it",
     "control": "such a test is elastic here; remove it",
     "indenter": "remove it: no indenter touches the specimen",
+    "field": "displacements are measured beside an indentation; remove it",
 }

@@ -20,6 +20,7 @@ from indentfit.arrays import Array, Ints
 from indentfit.case import specimen
 from indentfit.case.materials import Layer as Layer
 from indentfit.case.materials import MaterialChoice as MaterialChoice
+from indentfit.case.measured_field import MeasuredField, one_or_many
 from indentfit.case.quantities import (
     Angle,
     Dip,
@@ -418,6 +419,9 @@ class Test(Section):
     )
     sample: OwnSample | None = Field(default=None, description="keys of the sample of this test, where it is another one")
     indenter: OwnIndenter | None = Field(default=None, description="keys of the indenter of this test, where it is another one")
+    field: Annotated[tuple[MeasuredField, ...], BeforeValidator(one_or_many)] = Field(
+        default=(), description="list of displacements of the sample that were measured beside the force"
+    )
 
     @property
     def direction(self) -> float:

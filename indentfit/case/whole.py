@@ -28,6 +28,7 @@ from indentfit.case.faults import (
     labels,
     start_values,
 )
+from indentfit.case.field_faults import faults_of_fields
 from indentfit.case.in_time import GRID, relaxation_of
 from indentfit.case.laws import fibres_in, kept_by, law_of_choice, own_parameters, plugin_files
 from indentfit.case.layers import OF_LAYERS, with_materials
@@ -138,6 +139,7 @@ class Case(BaseModel):
             *faults_of_fibres(self.material, law, self.tests),
             *faults_of_families(self.material, law, self.sample, self._labelled),
             *faults_across(self._parts()),
+            *faults_of_fields(self._parts()),
             *self._faults_of_curves(),
         ]
         raise_disagreements(type(self), faults)
@@ -197,6 +199,23 @@ class Case(BaseModel):
             return self
         update = {"tests": tuple(self.tests[n] for n in kept), "curves": tuple(self.curves[n] for n in kept)}
         return self.model_copy(update=update)
+
+    @property
+    def without_fields(self) -> Case:
+        """The case without the tests that stand for measured displacements (`field_tests.with_field_tests`)."""
+        kept = [n for n, test in enumerate(self.tests) if test.kind != "field"]
+        if len(kept) == len(self.tests):
+            return self
+        update = {"tests": tuple(self.tests[n] for n in kept), "curves": tuple(self.curves[n] for n in kept)}
+        return self.model_copy(update=update)
+
+    @property
+    def of_forces(self) -> Case:
+        """The case without measured displacements: of studies that ask for forces alone."""
+        if not any(test.field for test in self.tests):
+            return self
+        case = self.without_fields
+        return case.model_copy(update={"tests": tuple(test.model_copy(update={"field": ()}) for test in case.tests)})
 
     def specimen_of(self, test: Test) -> Specimen | None:
         """The specimen of a test without an indenter; None for an indentation."""
@@ -285,6 +304,8 @@ class Case(BaseModel):
     @property
     def hash(self) -> str:
         """SHA-256 of everything that a result depends on; titles, comments, paths and the number of workers do not change it."""
+        if self.without_fields is not self:
+            return self.without_fields.hash
         facts = self.model_dump(
             mode="json",
             exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
@@ -301,11 +322,14 @@ class Case(BaseModel):
             del facts["fit"]["uncertain"]["fibre_angle"]
         if not self.fit.prior.given:
             del facts["fit"]["prior"]
-        for test, curve in zip(facts["tests"], self.curves, strict=True):
+        for own, test, curve in zip(self.tests, facts["tests"], self.curves, strict=True):
             del test["record"]  # the curve that the record became decides a result
-            for own in ("sample", "indenter", "control", *OF_SPECIMENS):
-                if test[own] is None:
-                    del test[own]
+            test["field"] = [{**known, "file": own.field[n].points.as_lists()} for n, known in enumerate(test["field"])]
+            if not test["field"]:
+                del test["field"]
+            for key in ("sample", "indenter", "control", *OF_SPECIMENS):
+                if test[key] is None:
+                    del test[key]
             if test["kind"] == "indentation":
                 del test["kind"]
             if not test["dip"]:

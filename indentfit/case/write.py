@@ -12,6 +12,7 @@ from indentfit.case.curves import file_for
 from indentfit.case.laws import plugin_files
 from indentfit.case.whole import Case
 from indentfit.curve import write_curve
+from indentfit.displacements import write_displacements
 from indentfit.errors import OutputError
 
 
@@ -31,7 +32,8 @@ def case_toml(case: Case) -> str:
 
 def case_tree(case: Case) -> dict[str, Any]:
     """The tables of a case as a file holds them, without keys that have their default value."""
-    tree = case.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude={"path", "overrides", "curves"})
+    excluded = {"path", "overrides", "curves"}
+    tree = case.without_fields.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude=excluded)
     if case.sample.layer:
         tree.pop("material")  # it is that of the layers
     return {name: table for name, table in _without_none(tree).items() if table != {}}
@@ -55,6 +57,7 @@ def write_case(case: Case, folder: str | Path) -> Path:
     OutputError
         The folder cannot be written.
     """
+    case = case.without_fields
     folder, tree, taken = Path(folder), case_tree(case), set[str]()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -64,6 +67,11 @@ def write_case(case: Case, folder: str | Path) -> Path:
                 test["curve"] = file_for(test["name"], taken)
                 (folder / test["curve"]).parent.mkdir(parents=True, exist_ok=True)
                 write_curve(folder / test["curve"], curve)
+        for test, given in zip(tree["test"], case.tests, strict=True):
+            for table, field in zip(test.get("field", ()), given.field, strict=True):
+                table["name"], table["file"] = field.label, file_for(f"{given.name}-{field.label}", taken)
+                (folder / table["file"]).parent.mkdir(parents=True, exist_ok=True)
+                write_displacements(folder / table["file"], field.points)
         for model, plugin in plugin_files(case.material, case.folder).items():
             (folder / "plugins").mkdir(parents=True, exist_ok=True)
             shutil.copyfile(plugin, folder / "plugins" / plugin.name)

@@ -72,6 +72,8 @@ class Loading:
         Quantities by which the path is differentiated.
     memory : Memory, or None
         Stresses of earlier times, of a viscoelastic body (fem.viscous).
+    seen : CSR matrix (m, n), or None
+        Displacements of which derivatives are kept (fem.observation).
     """
 
     material: Material
@@ -82,6 +84,7 @@ class Loading:
     springs: Springs
     directions: tuple[Direction, ...] = ()
     memory: Memory | None = None
+    seen: sp.csr_matrix | None = field(default=None, repr=False)
 
     def per_mode(self, means: Array) -> tuple[Bulk, Bulk, Bulk]:
         """kappa, tangent_bulk and mu of each pressure mode (n_el * n_m,), where they are not those of the whole body."""

@@ -124,6 +124,10 @@ class TestResult:
         Angle of the fibres out of the plane of the sample.
     families : Families or None
         Two families of fibres about the direction of `angle`.
+    seen : array (m,), mm, or None
+        Displacements that were requested beside the force (`Press.observed`).
+    seen_by : dict of name -> array (m,), mm per unit
+        Their derivatives by the requested names.
     """
 
     __test__ = False  # not a test of pytest's
@@ -144,6 +148,8 @@ class TestResult:
     fibres: str | None = None
     dip: float = 0.0
     families: Families | None = None
+    seen: Array | None = field(default=None, repr=False)
+    seen_by: dict[str, Array] | None = field(default=None, repr=False)
 
     @property
     def curve(self) -> Curve:

@@ -45,12 +45,15 @@ class PathDerivatives:
         Derivatives of the rate of the contact's traction.
     stiffness : array (n_d,), mN/mm
         Derivatives of the stiffness, at rest only.
+    seen : array (n_d, m), or None
+        Derivatives of the displacements that are seen (`Loading.seen`).
     """
 
     force: Array
     changes: tuple[ContactChange, ...] = field(repr=False)
     rates: tuple[Array, ...] = field(repr=False)
     stiffness: Array | None = None
+    seen: Array | None = field(default=None, repr=False)
 
     def since(
         self, before: "PathDerivatives", step: float, secants: "Secants | None", springs: Sequence[Springs]
@@ -146,13 +149,15 @@ def path_derivatives(
         """Displacements (n_d, n) that balance changes of the forces (n,)."""
         return solver.solve_each(there.tangent, -np.array([fixed.freed(each) for each in forces]), ACCURACY, deadline)
 
-    along = tuple(each.change(du) for each, du in zip(here, solved([each.forces() for each in here]), strict=True))
+    moves = solved([each.forces() for each in here])
+    along = tuple(each.change(du) for each, du in zip(here, moves, strict=True))
     force = np.array([face.total(change.traction) for change in along])
+    seen = None if increment.loading.seen is None else np.asarray((increment.loading.seen @ moves.T).T)
     if at_rest is None:
-        return PathDerivatives(force, along, tuple(np.zeros_like(change.traction) for change in along))  # `since` sets them
+        return PathDerivatives(force, along, tuple(np.zeros_like(change.traction) for change in along), seen=seen)  # `since`
     start = [_AlongAtRest(there, way, at_rest) for way in ways]
     rates = tuple(each.rate(du) for each, du in zip(start, solved([each.forces() for each in start]), strict=True))
-    return PathDerivatives(force, along, rates, np.array([face.total(rate) for rate in rates]))
+    return PathDerivatives(force, along, rates, np.array([face.total(rate) for rate in rates]), seen)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case.relaxation import Relaxation
 from indentfit.case.tables import Indenter, Mesh, Sample, Solver
+from indentfit.fem.observation import Observed
 from indentfit.fem.symmetry import PARTS, Part, Symmetry
 from indentfit.fibres import Families, directions
 from indentfit.hereditary import Ramp, RelaxationFunction
@@ -154,6 +155,8 @@ class Press:
         Angle of the fibres out of the plane of the sample.
     families : Families or None
         Two families of fibres about the direction of `angle`, for a law that has two.
+    observed : Observed, or None
+        Displacements of the sample that are requested beside the force.
     """
 
     material: Material
@@ -165,6 +168,7 @@ class Press:
     in_time: InTime | None = None
     dip: float = 0.0
     families: Families | None = None
+    observed: Observed | None = None
 
     @property
     def kappas(self) -> tuple[float, ...]:

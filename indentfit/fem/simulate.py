@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
 from indentfit.arrays import Array
@@ -32,8 +33,10 @@ from indentfit.fem.meridian import Meridian
 from indentfit.fem.meridian_mesh import meridian_mesh
 from indentfit.fem.mesh import quarter
 from indentfit.fem.newton import Newton
+from indentfit.fem.observation import Observed, rows_of
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
+from indentfit.fem.seen import seen_along
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tied import Tied
@@ -109,6 +112,7 @@ class Model:
         self.solver = LinearSolver(kind, modes, self.contact.surface)
         self.exact = LinearSolver(kind, modes, self.contact.surface)  # for derivatives: they do not touch the path's factors
         self.equations = Equations(self.body, self.contact, self.fixed)
+        self._observed: tuple[bytes, sp.csr_matrix] = b"", sp.csr_matrix((0, self.body.n_dofs))
         self.setup_seconds = time.perf_counter() - started
 
     def simulate(self, presses: Sequence[Press], progress: Callable[..., None] | None = None) -> Simulation:
@@ -288,7 +292,7 @@ class Model:
     def _result(self, press: Press, path: Sequence[Equilibrium], facts: SolveFacts, loading: Loading) -> TestResult:
         force = self.body.copies * along(path, [point.whole_force for point in path], press, self.power)
         sensitivities = _sensitivities(press, loading.directions, path, self.body.copies, self.power)
-        return TestResult(
+        solved = TestResult(
             press.name,
             press.angle,
             press.depths,
@@ -300,6 +304,10 @@ class Model:
             dip=press.dip,
             families=press.families,
         )
+        if press.observed is None or loading.seen is None:
+            return solved
+        seen, seen_by = seen_along(press, press.observed, path, loading.seen, [way.name for way in loading.directions])
+        return replace(solved, seen=seen, seen_by=None if sensitivities is None else seen_by)
 
     @property
     def _linear_work(self) -> LinearWork:
@@ -312,7 +320,16 @@ class Model:
         material, mus = self.placed(press.material), [part.shear_modulus for part in parts_of(press.material)]
         bulks = [self.solver.bulk(kappa, mu) for kappa, mu in zip(press.kappas, mus, strict=True)]
         kappa, bulk, mu = (self.of_elements(moduli) for moduli in (press.kappas, bulks, mus))
-        return Loading(material, kappa, bulk, mu, press.fibre, springs, self._directions(press, material))
+        seen = None if press.observed is None else self._rows(press.observed)
+        return Loading(material, kappa, bulk, mu, press.fibre, springs, self._directions(press, material), seen=seen)
+
+    def _rows(self, observed: Observed) -> sp.csr_matrix:
+        """The rows of displacements that are requested; those of the last request are kept."""
+        key = observed.key
+        if self._observed[0] != key:
+            part = None if self.setup.in_plane else self.setup.part
+            self._observed = key, rows_of(self.body, part, observed, self.setup.sample.thickness)
+        return self._observed[1]
 
     def placed(self, material: Material) -> Material:
         """A material where the body has it: that of layers knows the layer of each integration point."""

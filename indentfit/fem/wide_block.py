@@ -35,6 +35,7 @@ def setup_for(
     law: type[Material],
     depth: float,
     fibres: Collection[Kept] = (),
+    shaped: bool = False,
 ) -> Setup:
     """The Setup of a case: its symmetry, and the disc in place of a wide block.
 
@@ -45,6 +46,8 @@ def setup_for(
     depth : float, mm
         Largest depth of the tests.
     fibres : symmetries that the fibres of the tests keep
+    shaped : bool
+        Whether the sample's own shape is needed, because displacements of its points are wanted.
 
     Returns
     -------
@@ -55,7 +58,7 @@ def setup_for(
     MeshError
         The case asks for an axisymmetric solution and is not axisymmetric; the text says why.
     """
-    disc = None if mesh.symmetry in PARTS else _disc_if_round(sample, indenter, mesh, solver, law, depth)
+    disc = None if mesh.symmetry in PARTS or shaped else _disc_if_round(sample, indenter, mesh, solver, law, depth)
     if disc is not None and disc.effect <= mesh.wanted_error:
         return Setup(disc.sample(sample), indenter, mesh, solver, depth, "axisymmetric", (sample, disc))
     if disc is not None and mesh.symmetry == "axisymmetric":

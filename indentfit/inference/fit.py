@@ -11,6 +11,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case, require_fittable
 from indentfit.case.draining import draining
+from indentfit.case.field_tests import with_field_tests
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
@@ -35,6 +36,7 @@ from indentfit.inverse.wide import of_records, with_offset_of_records
 from indentfit.runs.closed_form import closed_forms, left_out
 from indentfit.runs.forward import Evaluation, ForwardModel, of_relaxation
 from indentfit.runs.ledger import Ledger
+from indentfit.runs.parted import Parted
 from indentfit.runs.pieces import Piece, mesh_of, pieces_of
 from indentfit.runs.points import UNITS
 from indentfit.runs.pool import RunPool
@@ -120,7 +122,8 @@ def fit_with_runs(
     stop: Callable[[], int] | None = None,
 ) -> FitWithRuns:
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
-    given, case = case, with_prior_tests(case)
+    given, run = case, with_prior_tests(case)
+    case = with_field_tests(run)
     require_fittable(case)
     shallower = without_folds(case)
     case = shallower.case
@@ -129,11 +132,11 @@ def fit_with_runs(
     started, problem = time.perf_counter(), inverse_problem(case)
     pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
     whole, stated = Progress(progress), with_offset_of_records(case)
-    elastic = elastic_case(case)
+    elastic = elastic_case(run)
     if ledger is not None and elastic is not given:
         ledger = ledger.of(elastic)
     with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool:
-        model = pool if problem.kernel is None else Relaxing(pool, problem.kernel)
+        model = Parted.of(pool, elastic) if problem.kernel is None else Relaxing(pool, problem.kernel)
         watched = Watched(model)
         wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
         correction = MeshCorrection(case if case.fit.uncertain.mesh and case.indentations else None)

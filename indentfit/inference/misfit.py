@@ -28,6 +28,7 @@ UNITS = {  # factor between the measured forces and mN -> the unit that the forc
 }
 ALIKE = 1.5  # largest ratio of the factors of tests that agree on a scale
 LEFT = 3.0  # factor by which a test may miss the others' scale after its units are mended; less where the unit's factor is small
+FAR, TIMES = 5.0, 3.0  # standard deviations of displacements that are not followed; a factor that may be a unit
 BENT = 0.05  # share of the force at half the depth, from a straight line, from which a curve counts as bent
 MESSAGE = "the model cannot follow the curves: the root mean square error is {worst} the largest force of {test}; {reason}"
 UNEXPLAINED = "another law, wider bounds, or the signs and units of the curve's columns may be the remedy"
@@ -62,9 +63,11 @@ def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation])
     -------
     str or None
     """
-    sizes = {test.name: _misfit(test, force).relative for test, force in _weighted(problem, best.forces)}
-    worst = max(sizes, key=lambda name: sizes[name])
-    if sizes[worst] <= GROSS:
+    sizes = {test.name: _misfit(test, force).relative for test, force in _weighted(problem, best.forces) if not test.moves}
+    if moved := [*_moved_otherwise(problem, best)]:
+        return "; ".join(moved)
+    worst = max(sizes, key=lambda name: sizes[name]) if sizes else ""
+    if not sizes or sizes[worst] <= GROSS:
         return None
     units = [*_units(problem, runs)] or [*_units_of_one_test(problem, runs)]
     reasons = [*units, *_recording(problem), *_bend(problem, best)] or [UNEXPLAINED]
@@ -98,8 +101,32 @@ def _misfit(test: Target, force: Array) -> CurveMisfit:
     return CurveMisfit(rmse(test, force) / float(np.abs(measured).max()), r2)
 
 
+def _moved_otherwise(problem: InverseProblem, best: Candidate) -> Iterator[str]:
+    """Measured displacements that the sample does not follow, with the likely reason: a sign, or a unit."""
+    for test, force in _weighted(problem, best.forces):
+        measured, trust = test.curve.force, test.curve.trust
+        left, noise = rmse(test, force), test.curve.stated_noise
+        size = float(np.sqrt(np.mean((trust * measured) ** 2)))
+        if not test.moves or left <= max(GROSS * size, FAR * noise):
+            continue
+        scale = float((trust * measured) @ (trust * force)) / max(float(np.sum((trust * force) ** 2)), 1e-300)
+        rest = float(np.sqrt(np.mean((trust * (measured - scale * force)) ** 2)))
+        said = f"{test.name}: the model cannot follow the displacements: their residuals are {left / noise:.2g} standard deviations"
+        alike = rest < 0.5 * size  # of one shape
+        if alike and scale < 0:
+            yield f"{said}; with the opposite sign they would be followed: check the direction that counts positive"
+        elif alike and not 1 / TIMES < scale < TIMES:
+            yield f"{said}; {1 / scale:.3g} times as large they would be followed: check their unit"
+        else:
+            yield f"{said}; check where the points are counted from, the signs of the components, and the base"
+
+
 def _weighted(problem: InverseProblem, forces: Sequence[Array]) -> list[tuple[Target, Array]]:
     return [(test, force) for test, force in zip(problem.tests, forces, strict=True) if test.weight]
+
+
+def _of_forces(problem: InverseProblem, forces: Sequence[Array]) -> list[tuple[Target, Array]]:
+    return [pair for pair in _weighted(problem, forces) if not pair[0].moves]
 
 
 def _units(problem: InverseProblem, runs: Sequence[Evaluation]) -> Iterator[str]:
@@ -149,7 +176,7 @@ def _factors_of_tests(problem: InverseProblem, runs: Sequence[Evaluation]) -> di
     best: dict[str, float] = {}
     least = GROSS
     for run in runs:
-        pairs = _weighted(problem, run.forces) if run.forces is not None else []
+        pairs = _of_forces(problem, run.forces) if run.forces is not None else []
         factors = {test.name: float(force @ test.curve.force) / max(float(force @ force), 1e-300) for test, force in pairs}
         left = max((_misfit(test, factors[test.name] * force).relative for test, force in pairs), default=np.inf)
         if left < least and min(factors.values()) > 0:
@@ -163,7 +190,7 @@ def _free_factor(problem: InverseProblem, runs: Sequence[Evaluation]) -> float |
     for run in runs:
         if run.forces is None:
             continue
-        pairs = _weighted(problem, run.forces)
+        pairs = _of_forces(problem, run.forces)
         curves, weights = np.concatenate([force for _, force in pairs]), _inverse_sizes(pairs)
         measured = np.concatenate([test.curve.force for test, _ in pairs])
         size = float(np.sum((weights * curves) ** 2))
@@ -180,12 +207,14 @@ def _inverse_sizes(pairs: Sequence[tuple[Target, Array]]) -> Array:
 
 def _recording(problem: InverseProblem) -> Iterator[str]:
     for test in problem.tests:
-        yield from map(str, doubts(test.name, test.curve.loading))
+        yield from map(str, doubts(test.name, test.curve.loading) if not test.moves else ())
 
 
 def _bend(problem: InverseProblem, best: Candidate) -> Iterator[str]:
     """Tests whose measured curve softens where the simulated curve stiffens, or the other way round."""
     for test, force in _weighted(problem, best.forces):
+        if test.moves:
+            continue
         measured, simulated = (_of_line(test.curve.displacement, known) for known in (test.curve.force, force))
         if min(abs(measured), abs(simulated)) > BENT and measured * simulated < 0:
             words = "softens where the law stiffens" if measured > 0 else "stiffens where the law softens"

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.stats import chi2
 
 from indentfit.arrays import Array
 from indentfit.inference.result import CurveNoise
 
 SIGNIFICANT = 1.645  # an autocorrelation within so many standard errors of zero counts as zero
+LARGER = 0.95  # probability below which residuals are larger than a stated noise by chance
 DRAWN = 999  # draws of independent noise, with which the smoothness of residuals is compared
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
@@ -60,8 +62,9 @@ def errors(
     residuals : sequence of arrays (n,), mN
     weights : sequence of float, above 0
     stated : sequence of float, mN
-        Standard deviation of a point that the curve itself states, 0 where none is: what exceeds the noise of the residuals is
-        independent noise beside it.
+        Standard deviation of a point that the curve itself states, 0 where none is. It counts as known, unless the residuals are
+        significantly larger: a few residuals that are larger by chance would widen every interval. What exceeds the noise of the
+        residuals is independent noise beside it.
 
     Returns
     -------
@@ -78,6 +81,7 @@ def errors(
     rho = [autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]
     R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
+    variance, freedom = _known(variance, freedom, np.zeros(len(R)) if stated is None else np.square(stated))
     more = np.fmax(np.square(np.zeros(len(R)) if stated is None else stated) - np.nan_to_num(variance), 0.0)
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
     of_stated = np.array([m * np.sum(b**2, axis=1) for m, b in zip(more, B, strict=True)])
@@ -95,6 +99,16 @@ def errors(
         for k, (sigma, coefficient, r) in enumerate(zip(np.sqrt(variance).tolist(), rho, residuals, strict=True))
     )
     return noise, Errors(covar, plain, float(typical), welch, tuple(B), np.zeros_like(plain))
+
+
+def _known(variance: Array, freedom: Sequence[float], stated: Array) -> tuple[Array, list[float]]:
+    """Variances and degrees of freedom, where those that curves state count as known unless residuals are larger by more than
+    chance."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        most = stated * chi2.ppf(LARGER, freedom) / freedom
+    known = (stated > 0) & ~(variance > most)
+    degrees = [np.inf if as_stated else own for as_stated, own in zip(known, freedom, strict=True)]
+    return np.where(known, np.minimum(variance, stated), variance), degrees
 
 
 def whiteness(M: Array, residuals: Array) -> float:

@@ -193,6 +193,8 @@ def sample_cases(path: str | Path, specimens: Sequence[Specimen], overrides: Seq
         A specimen lacks a direction of the case (its fit would use another specimen's curve), or two tests have the same direction.
     """
     pooled = read_case(path, overrides)
+    if any(test.field for test in pooled.tests):
+        raise CaseError(f"{path}: test.field: each sample has displacements of its own; fit each with a case of its own")
     tests: dict[float | None, str] = {test.direction: test.name for test in pooled.tests}
     if len(tests) < len(pooled.tests):
         raise CaseError(f"{path}: two tests have the same angle; --per-sample needs one test for each direction")

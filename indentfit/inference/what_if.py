@@ -5,7 +5,7 @@ fitted again on the surrogate, whose curves carry this change: nothing is linear
 contact point needs no run.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +20,7 @@ from indentfit.inference.result import ParameterEstimate
 from indentfit.inference.shares import WhatIf
 from indentfit.inference.verdicts import kind_of
 from indentfit.inverse.derivatives import evaluate_at_reference
+from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Surrogate
 from indentfit.inverse.wide import OTHER_BASE
 
@@ -56,7 +57,7 @@ def what_ifs(solution: Solution, surrogate: Surrogate) -> tuple[WhatIf, ...]:
         if tried.input == "offset":
             moved = _moved(solution, LATE * _deepest(case))
         elif (run := next(runs, None)) is not None and run.forces is not None:
-            moved = [there / here for there, here in zip(problem.scaled(best.parameters, run.forces), best.forces, strict=True)]
+            moved = _changes(problem, problem.scaled(best.parameters, run.forces), best.forces)
         else:
             answers.append(tried)
             continue
@@ -126,14 +127,25 @@ def _moved(solution: Solution, offset: float) -> list[Array]:
         return [np.divide(late, here, out=np.ones_like(here), where=here != 0) for late, here in pairs]  # 0 out of contact
     triples = zip(solution.case.tests, solution.problem.tests, solution.best.forces, strict=True)
     return [
-        Shift.of(target.curve.displacement).by(offset)[0] @ force / force if test.kind == "indentation" else np.ones_like(force)
+        Shift.of(target.curve.displacement).by(offset)[0] @ force / force
+        if test.kind == "indentation"
+        else (-offset / _deepest(solution.case) * force if target.moves else np.ones_like(force))
         for test, target, force in triples
     ]
 
 
+def _changes(problem: InverseProblem, there: Sequence[Array], here: Sequence[Array]) -> list[Array]:
+    """Relative changes of curves; those of displacements, which may vanish, are absolute."""
+    triples = zip(problem.tests, there, here, strict=True)
+    return [moved - known if test.moves else moved / known for test, moved, known in triples]
+
+
 def _again(solution: Solution, surrogate: Surrogate, moved: list[Array]) -> dict[str, float]:
-    """The free parameters that fit best where all curves carry a relative change."""
+    """The free parameters that fit best where all curves carry a change, as `_changes` gives it."""
     problem, start = solution.problem, solution.problem.units(solution.best.parameters)
-    targets = [test.curve.force / np.maximum(change, 1e-3) for test, change in zip(problem.tests, moved, strict=True)]
+    targets = [
+        test.curve.force - change if test.moves else test.curve.force / np.maximum(change, 1e-3)
+        for test, change in zip(problem.tests, moved, strict=True)
+    ]
     values = problem.parameters(estimate(problem, surrogate, solution.known.weights, start, targets=targets)[0])
     return {name: values[name] for name in problem.free}

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from indentfit.arrays import Array
+from indentfit.axes import MOTION
 from indentfit.curve import Curve
 
 
@@ -44,6 +45,11 @@ class Target:
     def test(self) -> str:
         """The name of the test."""
         return self.segment_of or self.name
+
+    @property
+    def moves(self) -> bool:
+        """Whether the curve shows displacements of the sample, and not forces."""
+        return self.curve.shown == MOTION
 
     @property
     def of_rmse(self) -> float:

@@ -260,6 +260,8 @@ def scale_of(case: Case) -> tuple[str | None, float]:
     This parameter is the scale of the material's law, if kappa is given as a ratio: pressures, contact stiffness and tolerances are
     then all relative to the shear modulus.
     """
+    if any(test.field for test in case.tests):
+        return None, 1.0  # displacements do not grow with the scale
     name = case.law.scale
     relative = case.material.kappa is None
     if name is None or not relative or name not in case.free or case.free[name].max <= 0:

@@ -186,7 +186,8 @@ def _of_curves(case: Case) -> Iterator[UncertainInput]:
         stated = prior_of(case, name, 0.0)
         for n, offset in enumerate(of_records(case)):
             prior = Prior.about(0.0, offset) if stated is None and name == "offset" and offset else stated
-            if prior is None or (name == "offset" and case.tests[n].kind != "indentation"):
+            kind = case.tests[n].kind
+            if prior is None or (name == "offset" and kind != "indentation") or kind == "field":
                 continue
             yield UncertainInput(name, "", n, prior, 0.0, *prior.bounds(), "mm" if name == "offset" else "1")
 

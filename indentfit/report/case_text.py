@@ -64,6 +64,9 @@ def case_lines(case: Case) -> Iterator[str]:
             f"  test      {test.name}: {angle}{_points(case, test)} points to "
             f"{_end(case, test, displacements[-1])}, weight {test.weight:g}, {source}"
         )
+        for field in test.field if test.kind == "indentation" else ():
+            points = field.points
+            yield f"    its field   {field.label}: {points.values.size} displacements of points, {points.file}"
         if test.name in ramps:
             ramp = ramps[test.name]
             yield f"    its ramp  {ramp.seconds:.4g} s, then {f'a hold of {ramp.hold:.4g} s' if ramp.hold else 'no hold'}"

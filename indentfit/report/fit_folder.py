@@ -5,9 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from indentfit.axes import MOTION
 from indentfit.case import Case
 from indentfit.errors import ConvergenceError, OutputError
 from indentfit.inference.result import FitResult
+from indentfit.report.displacement_files import FILE as DISPLACEMENTS
+from indentfit.report.displacement_files import fields_of, write_displacements
 from indentfit.report.fields import Solved, write_fields
 from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
@@ -42,12 +45,19 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
     if result.case is None:
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
     again = copy_case(result.case, folder)
-    written = stamped({**result.as_json(), "overrides": list(again), "case": case_json(result.case)})
+    seen = fields_of(result)
+    displacements = {"displacements": {known.test: known.as_json() for known in seen}} if seen else {}
+    written = stamped({**result.as_json(), **displacements, "overrides": list(again), "case": case_json(result.case)})
     write_json(folder / "result.json", written)
-    write_curves(folder / "curves.csv", result.curves, result.measured)
-    force_displacement(list(result.measured.items()), list(result.curves.items()), folder / "fit", result.case.synthetic)
-    if any(curve.time is not None for curve in result.curves.values()):
-        fit_over_time(list(result.measured.items()), list(result.curves.items()), folder / "force_time")
+    curves, measured = (
+        {name: curve for name, curve in known.items() if curve.shown != MOTION} for known in (result.curves, result.measured)
+    )
+    write_curves(folder / "curves.csv", curves, measured)
+    if seen:
+        write_displacements(folder / DISPLACEMENTS, seen)
+    force_displacement(list(measured.items()), list(curves.items()), folder / "fit", result.case.synthetic)
+    if any(curve.time is not None for curve in curves.values()):
+        fit_over_time(list(measured.items()), list(curves.items()), folder / "force_time")
     if result.profiles:
         profiles(result, folder / "profiles")
     if result.correlation and len(result.free) > 1:

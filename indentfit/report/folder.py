@@ -191,8 +191,10 @@ def copy_case(case: Case, folder: PathLike) -> tuple[str, ...]:
 def _files_named(case: Case) -> Iterator[tuple[str, str, str, str]]:
     """Key, file name, folder for it, and what the key holds after the name, of each file that the case names."""
     for test in case.tests:
-        if isinstance(test.curve, str) and not (case.path and is_prior_test(test)):
+        if isinstance(test.curve, str) and test.kind != "field" and not (case.path and is_prior_test(test)):
             yield f"test.{test.name}.curve", test.curve, "curves", ""
+        for n, field in enumerate(test.field if test.kind == "indentation" else ()):
+            yield f"test.{test.name}.field.{n}.file", field.points.file, "curves", ""
         if test.record is not None:
             yield f"test.{test.name}.record", test.record, "records", ""
     file, colon, kind = (case.material.model or "").rpartition(":")

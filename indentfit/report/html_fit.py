@@ -12,6 +12,8 @@ from indentfit.curve import Curve
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.report import plots, study_plots
+from indentfit.report.displacement_files import FILE as DISPLACEMENTS
+from indentfit.report.displacement_files import arrows, read_displacements, words_of
 from indentfit.report.first_screen import alone_words, doubts_of, next_step, pieces_words, value_words
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
@@ -47,6 +49,7 @@ def fit_page(stored: Stored, result: FitResult) -> Page:
         _curves(stored, result),
         _identifiability(result),
         _search(result),
+        *_displacements(stored),
         *stress_sections(stored.folder),
         _solver(result),
         *methods_section(stored, result),
@@ -160,6 +163,18 @@ def _curves(stored: Stored, result: FitResult) -> Section:
         squares = f"Weighted sum of their squares: {number(result.sum_of_squares)} mN²."
         parts.append(Text(f"Objective, the weighted sum of the tests' RMSEs: {number(result.objective)} mN. {squares}"))
     return Section("fit", "The fit", tuple(parts))
+
+
+def _displacements(stored: Stored) -> list[Section]:
+    """Measured and fitted displacements, where a fit has them."""
+    fields = read_displacements(stored.folder / DISPLACEMENTS)
+    if not fields:
+        return []
+    figures = tuple(
+        drawn(arrows(known), f"{known.test}: displacements of points of the sample, and their residuals.", words)
+        for known, words in zip(fields, words_of(fields), strict=True)
+    )
+    return [Section("displacements", "Displacements of the sample", (Lines(tuple(words_of(fields))), Figures(figures)))]
 
 
 def _relative(result: FitResult, test: str) -> tuple[str, str]:

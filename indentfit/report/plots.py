@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from indentfit.arrays import Array
-from indentfit.axes import INDENTATION
+from indentfit.axes import INDENTATION, MOTION
 from indentfit.curve import Curve
 from indentfit.inference.result import FitResult, ParameterEstimate, Profile
 from indentfit.report.digits import CurveScale
@@ -42,6 +42,7 @@ def force_displacement(measured: Named, simulated: Named, path: Place, synthetic
     measured, simulated: lists of (name of the test, Curve); a test has one colour in both. synthetic: names of the tests whose
     curves were computed and not measured. Saves path.svg and path.png (any ending of `path` is replaced) and returns the figure.
     """
+    simulated, measured = ([(name, curve) for name, curve in curves if curve.shown != MOTION] for curves in (simulated, measured))
     if own := {name for name, _ in measured if name in synthetic and len(synthetic) < len(measured)}:
         simulated, measured = (
             [(f"{name} (synthetic)" if name in own else name, curve) for name, curve in curves] for curves in (simulated, measured)

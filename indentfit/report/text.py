@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from indentfit.axes import MOTION
 from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
@@ -235,10 +236,17 @@ def misfit_lines(result: FitResult) -> Iterator[str]:
 def said_of_misfit(result: FitResult) -> str:
     """The misfit of each test in words: the RMSE over the largest force, and R2."""
     parts = [
-        f"{name} {known.relative:.2%} of its largest force{f' (R2 {_r2(known.r2)})' if known.r2 is not None else ''}"
+        f"{name} {known.relative:.2%} of its largest {_what(result, name)}"
+        f"{f' (R2 {_r2(known.r2)})' if known.r2 is not None else ''}"
         for name, known in result.misfit.items()
     ]
     return ", ".join(parts)
+
+
+def _what(result: FitResult, test: str) -> str:
+    """What a test measures."""
+    moves = test in result.curves and result.curves[test].shown == MOTION
+    return "displacement" if moves else "force"
 
 
 def _r2(value: float) -> str:

@@ -144,7 +144,8 @@ def run(model: Model | SpecimenModel, mechanics: Mechanics, request: RunRequest,
         result, pressed = _result(model, mechanics, request, deadline)
     except (ConvergenceError, MaterialError) as error:
         return Run(None, " ".join(str(error).split()), time.perf_counter() - started, {})
-    force, seconds, facts = _where(pressed, result.force), time.perf_counter() - started, result.facts.as_json()
+    force = _with_seen(_where(pressed, result.force), result.seen)
+    seconds, facts = time.perf_counter() - started, result.facts.as_json()
     if not np.isfinite(force).all():
         return Run(None, "its force is not a finite number", seconds, facts)
     names = request.sensitivities
@@ -165,7 +166,9 @@ def _result(
     pressed = depths > 0
     in_time = test.in_time(mechanics.material)
     fibres = mechanics.fibres(test)
-    press = Press(material, kappa, fibres.angle, depths[pressed], "", request.sensitivities, in_time, fibres.dip, fibres.families)
+    observed = None if test.observed is None else test.observed.later(at.offset)
+    way = fibres.angle, fibres.dip, fibres.families
+    press = Press(material, kappa, way[0], depths[pressed], "", request.sensitivities, in_time, *way[1:], observed)
     return model.run(press, None, deadline), pressed
 
 
@@ -178,5 +181,11 @@ def _where(pressed: Bools, values: Array | float) -> Array:
 
 def _of_all(names: tuple[str, ...], result: TestResult, pressed: Bools) -> dict[str, Array]:
     """Name -> derivatives of the forces; NaN, where the model has none, records that they were requested."""
-    given = result.sensitivities or {}
-    return {name: _where(pressed, given.get(name, np.nan)) for name in names}
+    given, seen_by = result.sensitivities or {}, result.seen_by or {}
+    nothing = None if result.seen is None else np.full(result.seen.size, np.nan)
+    return {name: _with_seen(_where(pressed, given.get(name, np.nan)), seen_by.get(name, nothing)) for name in names}
+
+
+def _with_seen(forces: Array, seen: Array | None) -> Array:
+    """Forces, and behind them the displacements that were seen."""
+    return forces if seen is None else np.concatenate([forces, seen])

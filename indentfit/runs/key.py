@@ -18,7 +18,7 @@ from indentfit.case import Case, Test
 from indentfit.fem.linear.choice import choice
 from indentfit.material import Layered, Material, laws_of
 from indentfit.runs import closure
-from indentfit.runs.mechanics import Mechanics, mechanics_of
+from indentfit.runs.mechanics import Indentation, Mechanics, mechanics_of
 
 FORMAT = 1  # format of the ledger's rows
 ALWAYS = ("mkl",)  # a library that pypardiso loads, and that no module imports
@@ -53,13 +53,18 @@ class Inputs:
         """The inputs of a run beyond the common ones: parameters (name -> value), of a test of the case."""
         known = self.tests[test.name]
         depths = np.asarray(known.depths, dtype=float).tolist()
-        own = self.own[test.name]
+        own = {**self.own[test.name], **_seen(known)}
         fibres = {**({"dip": test.dip} if test.dip else {}), **({"turns": True} if self.turns else {})}
         return {"parameters": dict(parameters), "angle": test.direction, **fibres, "depths": depths, "rate": known.rate, **own}
 
     def hash(self, inputs: Mapping[str, Any]) -> str:
         """SHA-256 of all that decides a run's curve."""
         return sha(self.origin + as_json(inputs))
+
+
+def _seen(test: Indentation) -> dict[str, str]:
+    """What a run brings beside its forces; nothing in most cases, whose runs then have the same key as before."""
+    return {} if test.observed is None else {"observed": sha(test.observed.key + test.observed.depths.tobytes())}
 
 
 def code() -> str:

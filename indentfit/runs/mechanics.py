@@ -4,16 +4,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from indentfit.arrays import Array
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import fibres_in, kept_by, law_of_choice
+from indentfit.case.measured_field import known_points
 from indentfit.case.specimen import Specimen
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
+from indentfit.displacements import Displacements, shares_of
 from indentfit.fem.meshing import resized
+from indentfit.fem.observation import Observed
 from indentfit.fem.setup import InTime, Setup
 from indentfit.fem.wide_block import setup_for
 from indentfit.fibres import Direction, Kept
 from indentfit.material import Material
+from indentfit.samples import inside
 
 if TYPE_CHECKING:
     from indentfit.case import Case, Test
@@ -39,6 +45,8 @@ class Indentation:
         Keys in which sample and indenter of the test are its own.
     specimen : Specimen or None
         What is loaded in a test without an indenter; its depths are displacements of that.
+    observed : Observed or None
+        Displacements that the run brings beside the forces.
     """
 
     name: str
@@ -49,6 +57,7 @@ class Indentation:
     indenter: OwnIndenter | None = None
     specimen: Specimen | None = None
     dip: float = 0.0
+    observed: Observed | None = None
 
     @property
     def alike(self) -> bool:
@@ -128,7 +137,8 @@ class Mechanics:
     @property
     def setup(self) -> Setup:
         """The Setup of the mesh, for the deepest of the tests. Raises MeshError."""
-        setup = setup_for(self.sample, self.indenter, self.mesh, self.solver, self.law, self.depth, self.kept)
+        shaped = any(test.observed is not None for test in self.tests)
+        setup = setup_for(self.sample, self.indenter, self.mesh, self.solver, self.law, self.depth, self.kept, shaped)
         return setup if self.wider == 1 else resized(setup, self.wider)
 
     def changed(self, changes: dict[str, Any]) -> "Mechanics":
@@ -147,7 +157,27 @@ def indentation_of(case: "Case", test: "Test") -> Indentation:
     """The Indentation of a test of a case."""
     depths = case.outputs(test)
     own = test.sample, test.indenter, case.specimen_of(test)
-    return Indentation(test.name, test.direction, depths, _rate(case, test), *own, test.dip)
+    return Indentation(test.name, test.direction, depths, _rate(case, test), *own, test.dip, observed_of(case, test))
+
+
+def observed_of(case: "Case", test: "Test") -> Observed | None:
+    """The displacements that were measured in a test of a case; None where none were."""
+    sample, parts = case.sample_of(test), []
+    for points in _points_of(case, test):
+        groups, thickness = points.groups, float(sample.thickness)
+        places = inside(points.points, sample.geometry.outline, thickness) / [1.0, thickness, 1.0]
+        depths = np.bincount(groups, points.depths) / np.bincount(groups)
+        parts.append(Observed(places, points.directions, groups, shares_of(points, groups), depths))
+    return Observed.together(parts) if parts else None
+
+
+def sizes_of_fields(case: "Case", test: "Test") -> list[int]:
+    """The number of displacements that a fit counts with, of each field of a test."""
+    return [int(points.groups.max()) + 1 for points in _points_of(case, test)]
+
+
+def _points_of(case: "Case", test: "Test") -> list[Displacements]:
+    return known_points(test.field, float(case.outputs(test)[-1])) if test.field else []
 
 
 def _rate(case: "Case", test: "Test") -> float | None:
@@ -160,6 +190,7 @@ def _rate(case: "Case", test: "Test") -> float | None:
 
 def mechanics_of(case: "Case") -> Mechanics:
     """The Mechanics of a case."""
+    case = case.without_fields
     tests = tuple(indentation_of(case, test) for test in case.tests)
     turns = "fibre_angle" in case.fit.uncertain.fitted
     return Mechanics(case.sample, case.indenter, case.mesh, case.solver, material_of(case), case.folder, tests, turns=turns)

@@ -91,6 +91,5 @@ def press_of(case: "Case", test: "Test", material: Material) -> Press:
     indentation = indentation_of(case, test)
     in_time = indentation.in_time(material_of(case))
     fibres = case.fibres_of(test)
-    return Press(
-        material, kappa, fibres.angle, indentation.depths, test.name, in_time=in_time, dip=fibres.dip, families=fibres.families
-    )
+    way, observed = (fibres.dip, fibres.families), indentation.observed
+    return Press(material, kappa, fibres.angle, indentation.depths, test.name, (), in_time, *way, observed)

@@ -245,6 +245,8 @@ def require_curves(case: Case) -> None:
     """Raise CaseError unless every test has a curve, and one has a weight: the law of the case needs no free parameter."""
     if case.fit.prior.given:
         raise CaseError(["fit.prior: laws are compared by curves alone; remove it, or give the moduli as curves of tests"])
+    if any(test.field for test in case.tests):
+        raise CaseError(["test.field: laws are compared by force curves alone; take the fields out of the case"])
     if case.relaxation is not None and (case.relaxation.free or any(curve and curve.time is not None for curve in case.curves)):
         text = (
             "material.relaxation: laws are compared on loading curves, with a relaxation that is known; give g and tau as numbers"

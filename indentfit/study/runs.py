@@ -61,7 +61,7 @@ def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluati
     ------
     Stopped, WorkerError, LedgerError
     """
-    groups = _groups([elastic_case(case) for case in cases])
+    groups = _groups([elastic_case(case.of_forces) for case in cases])
     evaluations: dict[int, Evaluation] = {}
     total, before = sum(len(points) * len(first.tests) for first, points in groups), 0
     for first, points in groups:

@@ -1,0 +1,203 @@
+"""Displacements measured beside the force: read, seen in a solution, differentiated, and fitted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from indentfit import Case, Curve, Test
+from indentfit.case import Indenter, MaterialChoice, Mesh, Sample, Solver
+from indentfit.case.field_tests import with_field_tests
+from indentfit.case.measured_field import MeasuredField
+from indentfit.displacements import MOST, Displacements, averaged, read_displacements, write_displacements
+from indentfit.errors import CaseError, CurveError
+from indentfit.fem.observation import Observed, rows_of
+from indentfit.fem.setup import Press, Setup
+from indentfit.fem.simulate import Model
+from indentfit.material import load
+
+THICKNESS, RADIUS = 3.0, 5.0
+SYMMETRIC = {  # of each part, a linear motion that its symmetry allows
+    "quarter": np.diag([0.02, -0.03, 0.01]),
+    "half": np.array([[0.02, 0, 0.004], [0, -0.03, 0], [0.007, 0, 0.01]]),
+    "mirror_x": np.array([[0.02, 0, 0], [0, -0.03, 0.005], [0, 0.002, 0.01]]),
+    "mirror_z": np.array([[0.02, 0.004, 0], [0.006, -0.03, 0], [0, 0, 0.01]]),
+    "whole": np.array([[0.02, 0.003, 0.004], [0.001, -0.03, 0.005], [0.007, 0.002, 0.01]]),
+    "axisymmetric": np.diag([0.02, -0.03, 0.02]),
+}
+
+
+def setup(symmetry="quarter", element="q2p1", elements=60, friction=0.3, shape="strip", tolerance=1e-3, depth=0.3):
+    sample = Sample(shape="disc", diameter=2 * RADIUS, thickness=THICKNESS, base="sliding")
+    bar = Indenter(shape="strip", width=2, length=20, friction=friction)
+    ball = Indenter(shape="sphere", diameter=4, friction=friction)
+    solver = Solver(element=element, tolerance=tolerance)
+    return Setup(sample, bar if shape == "strip" else ball, Mesh(elements=elements), solver, depth, symmetry)
+
+
+def places(n=60, seed=0):
+    """Points of the whole sample, some of them on its surface, and directions."""
+    rng = np.random.default_rng(seed)
+    radius, angle = RADIUS * np.sqrt(rng.random(n)) * 0.97, rng.uniform(0, 2 * np.pi, n)
+    points = np.column_stack([radius * np.cos(angle), rng.random(n), radius * np.sin(angle)])
+    points[:5, 1], points[5:10, 1] = 1.0, 0.0
+    directions = rng.standard_normal((n, 3))
+    return points, directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("symmetry", SYMMETRIC)
+@pytest.mark.parametrize("element", ["q2p1", "q1p0"])
+def test_a_linear_motion_is_seen_anywhere_in_the_whole_sample(symmetry, element):
+    if symmetry == "axisymmetric" and element == "q1p0":
+        pytest.skip("the plane has one element")
+    given = setup(symmetry, element, shape="sphere" if symmetry == "axisymmetric" else "strip")
+    body, A = Model(given).body, SYMMETRIC[symmetry]
+    points, directions = places()
+    rows = rows_of(body, None if given.in_plane else given.part, Observed.single(points, directions, np.ones(60)), THICKNESS)
+    nodes = body.points()
+    if symmetry == "axisymmetric":
+        u = (np.diag([A[0, 0], A[1, 1]]) @ nodes).T.ravel()
+    else:
+        u = (A @ nodes).T.ravel()
+    exact = np.sum(directions * (points * [1, THICKNESS, 1] @ A.T), axis=1)
+    assert rows @ u == pytest.approx(exact, abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def law():
+    return load("transversely_isotropic")
+
+
+@pytest.mark.parametrize("shape", ["strip", "sphere"])
+def test_sensitivities_of_displacements_are_derivatives(law, shape):
+    symmetry = "quarter" if shape == "strip" else "axisymmetric"
+    kind = law if shape == "strip" else load("mooney_rivlin")
+    values = {"mu": 1.2, "zeta": 3.0, "phi": 0.8} if shape == "strip" else dict.fromkeys(kind.parameters, 1.0)
+    model = Model(setup(symmetry, "q1p0" if shape == "strip" else "q2p1", shape=shape, tolerance=1e-10))
+    points, directions = places(20)
+    seen = Observed.single(points, directions, np.repeat([0.3, 0.17], 10))
+    depths = np.linspace(0.03, 0.3, 6)
+
+    def run(changed, kappa=1000.0, names=()):
+        material = kind(**{**values, **changed})
+        return model.run(Press(material, kappa * material.shear_modulus, 90, depths, "", names, None, 0.0, seen))
+
+    names = [name for name in values if name != "mu"]
+    known = run({}, names=(*names, "bulk_ratio", "offset")).seen_by
+    for name in names:
+        h = 1e-3 * values[name]
+        central = (run({name: values[name] + h}).seen - run({name: values[name] - h}).seen) / (2 * h)
+        assert known[name] == pytest.approx(central, abs=1e-4 * np.abs(central).max())
+    central = (run({}, 1010.0).seen - run({}, 990.0).seen) / 20
+    assert known["bulk_ratio"] == pytest.approx(central, abs=1e-3 * np.abs(central).max())
+
+
+def test_a_quarter_and_the_whole_show_the_same_displacements(law):
+    points, directions = places(30)
+    material = law(mu=1.2, zeta=3.0, phi=0.8)
+    press = Press(material, 1200.0, 90, np.array([0.1, 0.2]), observed=Observed.single(points, directions, np.full(30, 0.2)))
+    quarter, whole = (Model(setup(part, "q1p0", depth=0.2, tolerance=1e-10)).run(press).seen for part in ("quarter", "whole"))
+    assert np.abs(quarter).max() > 0.02
+    assert whole == pytest.approx(quarter, abs=1e-6)
+
+
+def test_groups_of_neighbours_are_means_of_what_is_measured_there():
+    rng = np.random.default_rng(2)
+    n = 3 * MOST
+    points = rng.uniform(-1, 1, (n, 3))
+    sd, values = rng.uniform(0.5, 2, n), rng.standard_normal(n)
+    field = Displacements(points, np.tile([0.0, 1.0, 0.0], (n, 1)), values, sd, np.ones(n))
+    groups = field.groups
+    means, errors = averaged(field, groups)
+    assert means.size == MOST
+    weights = sd**-2
+    assert np.sum(means / errors**2) == pytest.approx(np.sum(weights * values))  # no measurement is lost
+    assert np.sum(errors**-2) == pytest.approx(np.sum(weights))
+    assert max(np.ptp(points[groups == g], axis=0).max() for g in range(MOST)) < 1.0
+
+
+# Files
+
+
+def written(tmp_path, text):
+    path = tmp_path / "side.csv"
+    path.write_text(text)
+    return path
+
+
+def test_a_file_is_read_in_its_units_and_holes_are_left_out(tmp_path):
+    field = read_displacements(
+        written(tmp_path, "x_mm,y (um),z_mm,uz_um,uy_um,sd_um\n0,1500,7,120,,5\n# note\n0,1600,7,110,nan,4\n1,0,7,90,1,3\n")
+    )
+    assert field.values == pytest.approx([0.12, 0.11, 0.001, 0.09])
+    assert field.points[0] == pytest.approx([0, 1.5, 7])
+    assert field.sd == pytest.approx([0.005, 0.004, 0.003, 0.003])
+    assert field.directions[-1] == pytest.approx([0, 0, 1])
+    write_displacements(tmp_path / "again.csv", field)
+    again = read_displacements(tmp_path / "again.csv")
+    assert again.values.tolist() == field.values.tolist() and again.points.tolist() == field.points.tolist()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x_mm,y_mm,z_mm,uz_um,strain_xx\n", "'strain_xx' is not known"),
+        ("x_mm,y_mm,z_mm,uz\n", "'uz' has no unit"),
+        ("x_mm,z_mm,uz_um\n", "no column y_mm, the height above the base"),
+        ("x_mm,y_mm,z_mm\n", "no displacement"),
+        ("r_mm,y_mm,ux_um\n", "name the displacement away from the axis ur"),
+        ("x_mm,y_mm,z_mm,uz_kPa\n", "is in kPa, which cannot be converted to mm"),
+        ("x_mm,y_mm,z_mm,uz_um\n0,1,7,1\n0,1,7\n", "line 3: has 3 columns, the header 4"),
+        ("x_mm,y_mm,z_mm,uz_um\n0,1,7,1\n", "at least 3"),
+        ("x_mm,y_mm,z_mm,uz_um,sd_um\n0,1,7,1,0\n0,1,7,1,1\n0,1,7,1,1\n", "line 2: standard deviation 0 mm must be above zero"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_not_such_a_table_is_refused_in_a_line(tmp_path, text, said):
+    with pytest.raises(CurveError) as caught:
+        read_displacements(written(tmp_path, text))
+    assert said in str(caught.value) and "\n" not in str(caught.value) and "side.csv" in str(caught.value)
+
+
+# A gel under a sphere: two moduli of Mooney and Rivlin cannot be told apart by the force alone
+
+
+TRUTH = {"bulk_ratio": 30.0}
+
+
+def gel(field=None, base="bonded", method="least_squares", **keys):
+    depth = np.linspace(0.03, 0.3, 12)
+    test = Test("press", curve=keys.pop("curve", None) or Curve(depth, depth**1.5), field=[field] if field else [], **keys)
+    return Case(
+        sample=Sample(shape="disc", diameter=2 * RADIUS, thickness=THICKNESS, base=base),
+        indenter=Indenter(shape="sphere", diameter=4, friction=0),
+        mesh=Mesh(elements=100),
+        material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 1.0, "min": 0.2, "max": 5.0}}),
+        tests=[test],
+        fit={"method": method, "uncertain": {"mesh": 0}},
+    )  # fmt: skip
+
+
+def surface(values, sd=0.002, depth=np.nan, n=20):
+    r = np.linspace(0.2, 4.5, n)
+    points = np.column_stack([r, np.full(n, THICKNESS), np.zeros(n)])
+    moved = np.column_stack([np.full(n, np.nan), values, np.full(n, np.nan)])
+    return Displacements.of(points, moved, sd, depth, "oct.csv")
+
+
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        (surface(np.zeros(20), depth=0.4), "was seen at a depth of 0.4 mm, and the test goes to 0.3 mm"),
+        (surface(np.zeros(20), sd=np.nan), "has no standard deviation (point 0)"),
+        (replace(surface(np.zeros(20)), points=1000 * surface(np.zeros(20)).points), "outside the sample, 10 x 3 x 10 mm"),
+    ],
+)
+def test_a_field_that_cannot_be_that_of_its_test_is_refused(points, said):
+    with pytest.raises(CaseError) as caught:
+        gel(MeasuredField(file=points))
+    assert said in str(caught.value) and "test.press.field.oct" in str(caught.value)
+
+
+def test_a_search_that_does_not_weigh_squares_is_refused():
+    with pytest.raises(CaseError, match="least_squares"):
+        with_field_tests(gel(MeasuredField(file=surface(np.zeros(20))), method="ga"))
