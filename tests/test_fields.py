@@ -80,7 +80,7 @@ def test_sensitivities_of_displacements_are_derivatives(law, shape):
 
     def run(changed, kappa=1000.0, names=()):
         material = kind(**{**values, **changed})
-        return model.run(Press(material, kappa * material.shear_modulus, 90, depths, "", names, None, 0.0, seen))
+        return model.run(Press(material, kappa * material.shear_modulus, 90, depths, "", names, observed=seen))
 
     names = [name for name in values if name != "mu"]
     known = run({}, names=(*names, "bulk_ratio", "offset")).seen_by
