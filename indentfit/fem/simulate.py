@@ -12,6 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
+from indentfit.fem.asked import along, seen_along, sensitivities_along
 from indentfit.fem.body import Bulk
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
@@ -19,12 +20,12 @@ from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work
 from indentfit.fem.deadline import NEVER, Deadline
-from indentfit.fem.directions import FIBRE_ANGLE, OFFSET, Direction, Solids, directions, of_fibre_angle
+from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions, of_fibre_angle
 from indentfit.fem.element import Solid
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
-from indentfit.fem.interpolation import POWERS, Interpolant
+from indentfit.fem.interpolation import POWERS
 from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.pardiso import THREADS_PAY
@@ -36,7 +37,6 @@ from indentfit.fem.newton import Newton
 from indentfit.fem.observation import Observed, rows_of
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
-from indentfit.fem.seen import seen_along
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tied import Tied
@@ -291,7 +291,7 @@ class Model:
 
     def _result(self, press: Press, path: Sequence[Equilibrium], facts: SolveFacts, loading: Loading) -> TestResult:
         force = self.body.copies * along(path, [point.whole_force for point in path], press, self.power)
-        sensitivities = _sensitivities(press, loading.directions, path, self.body.copies, self.power)
+        sensitivities = sensitivities_along(press, loading.directions, path, self.body.copies, self.power)
         solved = TestResult(
             press.name,
             press.angle,
@@ -453,45 +453,6 @@ def _require_contact(path: Sequence[Equilibrium], name: str) -> None:
 
 def _of_test(name: str, cause: str) -> str:
     return f"test {name!r}: {cause}" if name else cause
-
-
-def _sensitivities(
-    press: Press, ways: Sequence[Direction], path: Sequence[Equilibrium], copies: int, power: float
-) -> dict[str, Array] | None:
-    """Name -> derivative (n,) of the force, for the requested names; None where the path could not be differentiated."""
-    by_name = {}
-    if ways:
-        forces = [point.derivatives.force for point in path if point.derivatives is not None]
-        if len(forces) < len(path):
-            return None
-        rows = copies * along(path, forces, press, power).T
-        by_name = dict(zip((way.name for way in ways), rows, strict=True))
-    if OFFSET in press.sensitivities:
-        by_name[OFFSET] = -copies * _slopes(path, press, power)
-    return {name: by_name[name] for name in press.sensitivities}
-
-
-def along(path: Sequence[Equilibrium], values: Sequence[Any], press: Press, power: float) -> Array:
-    """Values (n_d, ...) at the depths of a press, from elastic values of a path's equilibria, which begin to grow by a power of the
-    depth; those of a material that relaxes are hereditary integrals over the ramp."""
-    between = Interpolant([point.depth for point in path], values, power)
-    return between(press.depths) if press.in_time is None else press.in_time.forces(press.depths, between)
-
-
-def _slopes(path: Sequence[Equilibrium], press: Press, power: float) -> Array:
-    """Derivatives (n_d,) of the path's force by the depth, mN/mm: in a ramp at constant rate a relaxing material's force depends on
-    the depth since contact alone."""
-    between = Interpolant([point.depth for point in path], [point.whole_force for point in path], power)
-    return between.slope(press.depths) if press.in_time is None else press.in_time.forces(press.depths, between.slope)
-
-
-def _young_across(material: Material, fibre: Array) -> float:
-    """Young's modulus across the indenter, kPa; of one family between those along and across the fibres."""
-    if material.two_families:
-        return material.young(fibre, np.array([0.0, 0.0, 1.0]))
-    moduli = material.moduli()
-    across = fibre[2] ** 2  # 1 where the fibres run across the indenter, 0 where they run along it
-    return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])
 
 
 def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian, ContactPoints]:
