@@ -74,12 +74,3 @@ def _slopes(path: Sequence[Equilibrium], press: Press, power: float) -> Array:
     the depth since contact alone."""
     between = Interpolant([point.depth for point in path], [point.whole_force for point in path], power)
     return between.slope(press.depths) if press.in_time is None else press.in_time.forces(press.depths, between.slope)
-
-
-def _young_across(material: Material, fibre: Array) -> float:
-    """Young's modulus across the indenter, kPa; of one family between those along and across the fibres."""
-    if material.two_families:
-        return material.young(fibre, np.array([0.0, 0.0, 1.0]))
-    moduli = material.moduli()
-    across = fibre[2] ** 2  # 1 where the fibres run across the indenter, 0 where they run along it
-    return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])

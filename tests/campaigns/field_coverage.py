@@ -7,7 +7,7 @@ across the fibres, at their deepest, ux and uy with 5 um noise. At each of the t
 which profile intervals of least-squares fits are counted. With --base the curves and displacements are those of a bonded base, and
 the fit believes in a sliding one: how many fits say that a test contradicts the others, or that displacements cannot be followed?
 
-Seen: not yet.
+Seen, 10 truths with 40 draws each: mu 372, zeta 374 and phi 383 of 400 (368 to 390 are allowed); base: 20 of 20 noticed.
 
 Exit code 1 where a parameter's coverage is outside of the binomial 99 % band.
 """
