@@ -357,6 +357,7 @@ def test_the_result_of_uncertain_inputs_is_written_and_read_back(unknown_base):
 def unproved(tmp_path, monkeypatch, **fitted):
     """The result of a fit to one curve whose optimum no run proves: a prediction never counts as right, a search always moves."""
     monkeypatch.setattr(joint, "RIGHT", 0.0)
+    monkeypatch.setattr(joint, "FINEST", 0.0)
     monkeypatch.setattr("indentfit.inference.wide_fit.LIMIT", 1)
     monkeypatch.setattr("indentfit.inverse.polish.STEPS", 0)
     monkeypatch.setattr("indentfit.inverse.least_squares.EVALUATIONS", 0)

@@ -15,7 +15,7 @@ from scipy.stats import norm, qmc
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
-from indentfit.inference.posterior import Climber, Curves, Mode, NoiseModel, Posterior, Shift, noise_at
+from indentfit.inference.posterior import FINEST, Climber, Curves, Mode, NoiseModel, Posterior, Shift, noise_at
 from indentfit.inverse.course import HistoryStep, Proof
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.exploration import Watched
@@ -382,8 +382,9 @@ def telling(fit: JointFit, seed: int) -> list[dict[str, float]]:
 
 
 def proved(fit: JointFit, model: Watched, others: Sequence[dict[str, float]] = ()) -> tuple[Proof, Array]:
-    """The prediction at the optimum, compared with a run there: it is right if its error shifts no coordinate by much. Other points
-    are run together with it; the array holds the relative errors of all predictions, a row for each run."""
+    """The prediction at the optimum, compared with a run there: it is right if its error shifts no coordinate by much, or is as
+    small as the waves of computed curves. Other points are run together with it; the array holds the relative errors of all
+    predictions, a row for each run."""
     curves, z = fit.posterior.curves, fit.mode.z
     points = [curves.point(z), *others]
     ran = evaluate_at_reference(curves.problem, model, points)
@@ -397,7 +398,9 @@ def proved(fit: JointFit, model: Watched, others: Sequence[dict[str, float]] = (
     counts = np.where(np.arange(z.size) < len(curves.free), 1.0, OF_INPUTS)
     worst = float(np.max(counts * np.abs(shift) / np.sqrt(np.diag(covar)) / fit.doubt))
     size = float(np.sqrt(np.mean(error**2)))
-    return Proof(dict(points[0]), size, size * RIGHT / worst if worst > 0 else size), errors
+    squares = [test.curve.force.size * np.abs(test.curve.force).max() ** 2 for test in curves.problem.tests]
+    waves = FINEST * float(np.sqrt(sum(squares) / error.size))  # no surrogate predicts the waves of computed curves
+    return Proof(dict(points[0]), size, max(size * RIGHT / worst if worst > 0 else size, waves)), errors
 
 
 def prediction_errors(fit: JointFit, points: Sequence[dict[str, float]], ran: Sequence[Evaluation]) -> Array:
