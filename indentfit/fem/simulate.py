@@ -458,7 +458,7 @@ def _of_test(name: str, cause: str) -> str:
 def _young_across(material: Material, fibre: Array) -> float:
     """Young's modulus across the indenter, kPa; of one family between those along and across the fibres."""
     if material.two_families:
-        return material.young(fibre, np.array([0.0, 0.0, 1.0]))
+        return material.young_modulus(fibre, np.array([0.0, 0.0, 1.0]))
     moduli = material.moduli()
     across = fibre[2] ** 2  # 1 where the fibres run across the indenter, 0 where they run along it
     return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])

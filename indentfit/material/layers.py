@@ -38,8 +38,8 @@ class Layered(Material):
     def moduli(self) -> dict[str, float]:
         return self.parts[0].moduli()
 
-    def young(self, fibres: Array, axis: Array) -> float:
-        return self.parts[0].young(fibres if self.parts[0].two_families else families(fibres)[0], axis)
+    def young_modulus(self, fibres: Array, axis: Array) -> float:
+        return self.parts[0].young_modulus(fibres if self.parts[0].two_families else families(fibres)[0], axis)
 
     @property
     def unstable(self) -> str:

@@ -218,7 +218,7 @@ class Material:
         rest = self._rest
         return (rest.gradient, rest.hessian) if rest else (self.gradient(self.rest), self.hessian(self.rest))
 
-    def young(self, fibres: Array, axis: Array) -> float:
+    def young_modulus(self, fibres: Array, axis: Array) -> float:
         """Young's modulus at small strain along an axis (3,), kPa, with directions of the fibres (3,) or (2, 3)."""
         return young(self.shear_modulus, *self.derivatives_at_rest, fibres, axis)
 
