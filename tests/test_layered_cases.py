@@ -1,11 +1,13 @@
 """Cases whose sample has layers: keys, faults, and names of parameters. tests/test_layered.py has the mechanics."""
 
+import json
 import tomllib
 
 import numpy as np
 import pytest
+from fixtures.cases import CASES
 
-from indentfit import Case, Curve, Test, read_case
+from indentfit import Case, Curve, Test, fit, read_case, simulate
 from indentfit.case import Indenter, Sample
 from indentfit.case.keys import facts_of_keys
 from indentfit.case.tables import Layer
@@ -13,6 +15,9 @@ from indentfit.case.template import toml_value
 from indentfit.case.write import case_toml, write_case
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import changed_case
+from indentfit.report.html_case import case_words
+from indentfit.report.schema import CaseFacts, case_json
+from indentfit.study.variations import plan_sweep
 
 SKIN = """
 [sample]
@@ -129,3 +134,41 @@ def test_a_test_without_an_indenter_needs_one_material(file):
     file.write_text(more)
     with pytest.raises(CaseError, match="the sample has layers; remove this test"):
         read_case(file)
+
+
+def test_a_sweep_varies_a_parameter_by_its_layer(file):
+    plan = plan_sweep(read_case(file), ["skin.mu=+-20%", "skin.alpha=2,3", "sample.layer.skin.parameters.mu=+-10%"])
+    values = [case.start_values() for case in plan.cases]
+    assert [each["skin.mu"] for each in values] == pytest.approx([20, 16, 24, 20, 20, 18, 22])
+    assert [each["skin.alpha"] for each in values[3:5]] == [2, 3]
+
+
+def test_a_report_tells_of_each_layer(file):
+    facts = CaseFacts.from_json(json.loads(json.dumps(case_json(read_case(file)))))
+    assert facts.sample == "disc, diameter 60 mm, thickness 11.5 mm (layers from the top: skin 1.5 mm, fat 10 mm), bonded base"
+    lines = "\n".join(case_words(facts))
+    assert "Layer skin, 1.5 mm thick: ogden with a bulk modulus of 1000 shear moduli" in lines
+    assert "Layer fat, 10 mm thick: neo hookean with a Poisson's ratio of 0.49" in lines
+    assert "Material:" not in lines
+
+
+@pytest.mark.parametrize(
+    ("name", "truth"),
+    [("skin", {"skin.mu": 11.7, "fat.mu": 0.67}), ("ligament_quarter_punch", {"mu": 2750.0, "zeta": 29.0, "phi": 0.0})],
+)
+def test_the_curves_of_a_shipped_case_are_those_of_its_truth(name, truth):
+    """Within their noise, 0.5 % of the largest force, and 1 % for the mesh."""
+    case = read_case(CASES / name / "case.toml")
+    assert all(test.synthetic for test in case.tests)
+    simulated = simulate(case, truth, mesh_error=False)
+    assert max(simulated.misfits.values()) < 0.01
+
+
+@pytest.mark.campaign
+def test_two_spheres_find_skin_and_fat():
+    result = fit(read_case(CASES / "skin" / "case.toml"))
+    for name, value in (("skin.mu", 11.7), ("fat.mu", 0.67)):
+        known = result.parameters[name]
+        assert known.interval[0] < value < known.interval[1]
+        assert known.verdict.startswith("determined")
+    assert any("the sample has layers" in note for note in result.notes)

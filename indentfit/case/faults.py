@@ -16,6 +16,7 @@ from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_paramet
 from indentfit.case.layers import OF_LAYERS, faults_of_layers
 from indentfit.case.materials import LayersChoice
 from indentfit.case.messages import MISSING, Fault, Key, key_of, unknown, wording
+from indentfit.case.prestretch import faults_of_prestretch
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
 from indentfit.case.section import known
@@ -228,6 +229,7 @@ def faults_across(parts: Parts) -> Iterator[Fault]:
     """Faults between tables that are each correct."""
     yield from _equal_names(parts.tests)
     yield from faults_of_layers(parts)
+    yield from faults_of_prestretch(parts)
     for label, test, curve in zip(labels([test and test.name for test in parts.tests]), parts.tests, parts.curves, strict=True):
         if test is not None and test.kind is not None:
             yield from _faults_of_specimen(label, test, curve, parts.material)
@@ -455,7 +457,7 @@ def _indenter_too_wide(place: _Place, depth: float) -> Iterator[Fault]:
     geometry, shape = sample.geometry_if_right(), indenter.geometry_if_right()
     of_test: Key = next((("test", label) for label, test, _ in place.tests if test and test.indenter), ())
     if geometry is not None and shape is not None:
-        for key, text in shape.faults_on(geometry.outline.extent, depth):
+        for key, text in shape.faults_on(sample.stretched.geometry.outline.extent, depth):
             key = indenter.word_for(key)
             yield Fault((*of_test, "indenter", key), getattr(indenter, key), text)
 

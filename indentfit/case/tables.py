@@ -85,6 +85,12 @@ class Sample(Section):
         examples=[[0, 0]],
         description="angles by which these two families rise out of the sample's plane, towards the indenter; 0 by default",
     )
+    prestretch: Annotated[float, Field(ge=1, le=2, allow_inf_nan=False)] | None = Field(
+        default=None,
+        examples=[1.05],
+        description="stretch of a block along x before the indentation; its ends at x = +-length/2 are held there from then on, "
+        "and may narrow. Sizes are those before the stretch, depths count from the stretched sample; 1 holds the ends only",
+    )
     layer: Annotated[tuple[Layer, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description="list of layers, the top one first, each with its own material; in place of the table [material]"
     )
@@ -107,6 +113,15 @@ class Sample(Section):
         return np.searchsorted(np.array(self.interfaces), self.thickness - height)
 
     @property
+    def stretched(self) -> Sample:
+        """The sample after its prestretch, which keeps its volume; itself without one."""
+        if self.prestretch is None or self.prestretch == 1:
+            return self
+        narrower = self.prestretch**-0.5
+        factors = {"length": self.prestretch, "width": narrower, "thickness": narrower}
+        return self.model_copy(update={key: factor * dict(self)[key] for key, factor in factors.items() if dict(self)[key]})
+
+    @property
     def geometry(self) -> samples.SampleShape:
         """The shape with its sizes."""
         shape = self.geometry_if_right()
@@ -119,6 +134,9 @@ class Sample(Section):
 
     def disagreements(self) -> Iterator[tuple[str, str]]:
         yield from self.of_shape(samples.SHAPES)
+        shape = self.geometry_if_right()
+        if self.prestretch is not None and shape is not None and not isinstance(shape.outline, samples.Rectangle):
+            yield "prestretch", f"a {shape.name} has no ends that could be held; give a block, or remove it"
         if self.layer:
             yield from self._faults_of_layers(self.layer)
 

@@ -13,9 +13,11 @@ from indentfit.case.doubts import doubts
 from indentfit.case.draining import draining
 from indentfit.case.faults import depth_of
 from indentfit.case.laws import has_fibres
+from indentfit.case.materials import LayersChoice
 from indentfit.case.unknown import IGNORANCE
 from indentfit.errors import MaterialError
 from indentfit.indenters import Rings
+from indentfit.material import Material, parts_of
 
 if TYPE_CHECKING:
     from indentfit.case.tables import MaterialChoice, Test
@@ -47,7 +49,7 @@ def warnings_of(case: Case) -> Iterator[str]:
         if curve is not None:
             yield from map(str, doubts(test.name, curve.loading, test.record is not None))
     yield from draining(case)
-    if len(case.free) > 1 and has_fibres(case.law) and len({(test.angle, test.kind, test.fibres) for test in case.tests}) == 1:
+    if len(case.free) > 1 and has_fibres(case.law) and len({_direction(case, test) for test in case.tests}) == 1:
         if case.tests[0].kind != "indentation":
             yield f"every test is {case.tests[0].kind} {case.tests[0].fibres} the fibres: this cannot distinguish the fibre terms"
             return
@@ -59,6 +61,12 @@ def _deep(case: Case, test: Test) -> float:
     if not isinstance(case.indenter_of(test).geometry.partition(0.0), Rings):
         return DEEP
     return DEEP_ROUND if has_fibres(case.law) else np.inf
+
+
+def _direction(case: Case, test: Test) -> tuple[object, ...]:
+    """What decides which fibre terms a test feels."""
+    stretch = case.sample_of(test).prestretch if test.kind == "indentation" else None
+    return test.angle, test.kind, test.fibres, stretch
 
 
 def _mirrored(case: Case) -> Iterator[str]:
@@ -77,20 +85,28 @@ def _mirrored(case: Case) -> Iterator[str]:
 def _compressible(case: Case) -> Iterator[str]:
     """A warning where the bulk modulus is not far above every small-strain modulus, and neither Poisson's ratio nor a bulk ratio
     that is clearly one of a compressible sample says that this is meant."""
-    choice = case.material
-    if choice.poisson_ratio is not None or (choice.kappa is None and not has_fibres(case.law) and _compressible_ratio(choice)):
-        return
     material = case.law(**case.start_values())
+    if isinstance(case.material, LayersChoice):
+        for layer, part in zip(case.material.layers, parts_of(material), strict=True):
+            yield from _compressible_material(layer.choice, part, f"sample.layer.{layer.name}")
+        return
+    yield from _compressible_material(case.material, material, "material")
+
+
+def _compressible_material(choice: MaterialChoice, material: Material, place: str) -> Iterator[str]:
+    law = type(material)
+    if choice.poisson_ratio is not None or (choice.kappa is None and not has_fibres(law) and _compressible_ratio(choice)):
+        return
     stiffest = max(material.moduli().values())
     kappa = choice.bulk_modulus(material.shear_modulus)
     if kappa < NEARLY_INCOMPRESSIBLE * stiffest:
         key, nu = "kappa" if choice.kappa is not None else "bulk_ratio", choice.poisson_ratio_at(material.shear_modulus)
         meant = "unless this is intended"
-        if not has_fibres(case.law) and nu >= 0:
-            meant = f"or say that this is intended: material.poisson_ratio = {nu:.4g} in place of {key}"
+        if not has_fibres(law) and nu >= 0:
+            meant = f"or say that this is intended: {place}.poisson_ratio = {nu:.4g} in place of {key}"
         yield (
             f"kappa = {kappa:g} kPa is below {NEARLY_INCOMPRESSIBLE} x the largest small-strain modulus ({stiffest:g} kPa) at the "
-            f"start values: the tissue is not nearly incompressible; raise material.{key} {meant}"
+            f"start values: the tissue is not nearly incompressible; raise {place}.{key} {meant}"
         )
 
 

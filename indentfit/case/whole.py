@@ -310,6 +310,8 @@ class Case(BaseModel):
             mode="json",
             exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
         )
+        if facts["sample"]["prestretch"] is None:
+            del facts["sample"]["prestretch"]
         if not facts["sample"]["layer"]:
             del facts["sample"]["layer"]
         if not facts["sample"]["fibre_angle"]:
@@ -334,8 +336,9 @@ class Case(BaseModel):
                 del test["kind"]
             if not test["dip"]:
                 del test["dip"]
-            if test.get("sample") and test["sample"]["fibre_angle"] is None:
-                del test["sample"]["fibre_angle"]
+            for key in ("fibre_angle", "prestretch"):
+                if test.get("sample") and test["sample"][key] is None:
+                    del test["sample"][key]
             contact = [curve.contact] if curve is not None and curve.contact else []
             times = [curve.time.tolist()] if curve is not None and curve.time is not None and self.material.relaxation else []
             test["curve"] = curve and [*(column.tolist() for column in curve.columns), *times, *contact]

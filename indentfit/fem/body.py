@@ -18,6 +18,31 @@ def per_element(bulk: Bulk, n_el: int) -> Array:
     return np.ascontiguousarray(np.broadcast_to(np.ravel(bulk), n_el), dtype=float)
 
 
+@dataclass(frozen=True, eq=False)
+class Volumetric:
+    """How a body resists a change of its volume.
+
+    Parameters
+    ----------
+    kappa : float, or array (n_el, 1), kPa
+        Bulk modulus.
+    rest : float, or array (n_el, 1), kPa
+        Pressure of the untouched body, where that was stretched; tension is positive.
+    """
+
+    kappa: Bulk
+    rest: Bulk = 0.0
+
+    def pressure(self, theta: Array, means: Array) -> Array:
+        """Pressure modes (n_el, n_m) of the modes of J and of 1, each (n_el, n_m)."""
+        return self.kappa * (theta - means) + self.rest * means
+
+
+def volumetric(kappa: Bulk | Volumetric) -> Volumetric:
+    """A Volumetric as it is; that of a body without pressure at rest from its bulk modulus."""
+    return kappa if isinstance(kappa, Volumetric) else Volumetric(kappa)
+
+
 def per_mode(bulk: Bulk, means: Array) -> Bulk:
     """The bulk modulus of each pressure mode, (n_el * n_m,), kPa, of means (n_el, n_m); a number remains one."""
     return bulk if isinstance(bulk, float | int) else np.broadcast_to(bulk, means.shape).ravel()
@@ -74,8 +99,9 @@ class Body(Protocol):
         """Number of displacements."""
         ...
 
-    def held(self, base: str, motions: frozenset[str] = frozenset()) -> Ints:
-        """Dofs held at zero by symmetry, by a base that is "sliding" or "bonded", and to hold rigid motions (fem.symmetry)."""
+    def held(self, base: str, motions: frozenset[str] = frozenset(), ends: bool = False) -> Ints:
+        """Dofs held at zero by symmetry, by a base that is "sliding" or "bonded", to hold rigid motions (fem.symmetry), and where
+        the sample's ends are held along x."""
         ...
 
     def points(self) -> Array:
@@ -98,8 +124,9 @@ class Body(Protocol):
         """
         ...
 
-    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
-        """Pressure modes (n_el, n_m) of a state, kappa (theta - means), in kPa times the modes' own unit."""
+    def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
+        """Pressure modes (n_el, n_m) of a state, kappa (theta - means) and the pressure at rest, in kPa times the modes' own
+        unit."""
         ...
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
@@ -119,7 +146,7 @@ class Body(Protocol):
         state: BodyState,
         material: Material,
         pressure: Array,
-        kappa: Bulk,
+        kappa: Bulk | Volumetric,
         fibre: Array,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import InputError
 from indentfit.fem.body import Bulk
-from indentfit.material import Layered, Material, parts_of
+from indentfit.material import Layered, Material, parts_of, rest_pressure_changes
 
 NUDGE = 1e-5  # relative step of the one numerical derivative, that of the springs' stiffness
 OFFSET = "offset"  # of the contact point, mm: F(d - offset)
@@ -35,6 +35,8 @@ class Direction:
         Change of the coefficient of friction.
     turned : tuple of (weight, array (3,))
         Directions of the fibres whose internal forces, times their weights, add up to the change of the forces.
+    rest : float, or array (n_el, 1), kPa
+        Change of the untouched sample's pressure.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Direction:
     springs: float = 0.0
     friction: float = 0.0
     turned: tuple[tuple[float, Array], ...] = ()
+    rest: Bulk = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class Solids:
         What the body asks of it, which knows the layer of each integration point.
     kappas : tuple of float, kPa
         Bulk modulus of each layer.
+    stretch : float or None
+        Stretch of the sample along x before the indentation.
     of_elements : function
         Moduli of the layers -> modulus of each element (n_el, 1); the number itself, where there is one.
     """
@@ -63,6 +68,7 @@ class Solids:
     material: Material
     placed: Material
     kappas: tuple[float, ...]
+    stretch: float | None
     of_elements: Callable[[Sequence[float]], Bulk]
 
 
@@ -125,13 +131,17 @@ def _of_parameter(name: str, solid: Solids, stiffness: Callable[[Material], floa
     row = list(type(material).parameters).index(name)
     number, own = material.place_of(name) if isinstance(material, Layered) else (0, name)
     part, kappas = parts_of(material)[number], [0.0] * len(solid.kappas)
-    at_rest = part.parameter_gradient(part.rest)[list(type(part).parameters).index(own)]
+    place, rests = list(type(part).parameters).index(own), [0.0] * len(solid.kappas)
+    at_rest = part.parameter_gradient(part.rest)[place]
+    if solid.stretch is not None:
+        rests[number] = float(rest_pressure_changes(part, solid.stretch)[place])
     kappas[number] = solid.kappas[number] / part.shear_modulus * float(2 * at_rest[:2].sum())
     return Direction(
         name,
         gradient=lambda I: placed.parameter_gradient(I)[row],
         kappa=solid.of_elements(kappas),
         springs=_relative_change(name, material, stiffness),
+        rest=solid.of_elements(rests),
     )
 
 

@@ -22,7 +22,7 @@ from skfem import Basis, ElementHex1, ElementHex2, ElementVector
 
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import THREADS, compiled, on_stack, on_threads
-from indentfit.fem.body import BodyState, Bulk, per_element
+from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
 from indentfit.fem.symmetry import PARTS, Part
 from indentfit.material import Material, checked_derivatives
 
@@ -31,6 +31,7 @@ ELEMENTS = {
     "q2p1": (ElementHex2, 4, 4),
 }  # scikit-fem element, quadrature order, pressure modes
 NORMALS = {"x0": "u^1", "z0": "u^3"}  # component of the displacements that is normal to a plane of symmetry
+SAME_END = 1e-9  # relative difference of the places of a sample's end, by round-off
 LANES = 8  # doubles in the widest registers: the nodes of an element are padded to a multiple with shape functions that are zero
 INVARIANTS_OF = {1: 4, 2: 7}  # numbers of invariants by the number of families of fibres
 RANGES = 16  # of elements, that are looped over one by one or, where they share no node, at once
@@ -67,11 +68,14 @@ class Solid:
         self._groups = _independent(self.nodes, self.basis.N // 3)
         self._threads = THREADS if self.grads.size // 3 > WORTH_THREADS else 1
 
-    def held(self, base: str, motions: frozenset[str] = frozenset()) -> Ints:
-        """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it, and one dof for each
-        rigid motion that is held (fem.symmetry)."""
+    def held(self, base: str, motions: frozenset[str] = frozenset(), ends: bool = False) -> Ints:
+        """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it, one dof for each
+        rigid motion that is held (fem.symmetry), and with `ends` the motion along x of the sample's ends."""
         held = [self.basis.get_dofs(plane).all([NORMALS[plane]]) for plane in self.part.planes]
         held.append(self.basis.get_dofs("base").all(["u^2"] if base == "sliding" else None))
+        if ends:
+            x = np.abs(self.points()[0])
+            held.append(3 * np.flatnonzero(x > x.max() * (1 - SAME_END)))
         return np.concatenate([*held, self._holding(motions)]) if motions else np.concatenate(held)
 
     def _holding(self, motions: frozenset[str]) -> Ints:
@@ -111,9 +115,9 @@ class Solid:
         smallest = self._run(loop.kinematics, u, self.dofs, self.grads, self.weights, self.modes, fibres, I, theta)
         return BodyState(I, theta, bool(min(smallest) > 0))
 
-    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
-        """Pressure modes (n_el, n_m) that belong to a state, tension positive."""
-        return kappa * (state.theta - self.means)
+    def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
+        """Pressure modes (n_el, n_m) that belong to a state, tension positive"""
+        return volumetric(kappa).pressure(state.theta, self.means)
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         """Internal forces (n,), mN, at given pressure modes."""
@@ -128,7 +132,14 @@ class Solid:
         return out
 
     def tangent(
-        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: Bulk, fibre: Array, bulk: Bulk | None = None
+        self,
+        u: Array,
+        state: BodyState,
+        material: Material,
+        pressure: Array,
+        kappa: Bulk | Volumetric,
+        fibre: Array,
+        bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         """Internal forces (n,) at the pressure modes that follow from u, and CSR data (nnz,) of the consistent tangent.
 
@@ -140,7 +151,8 @@ class Solid:
         target, (loop, fibres) = self.pressure(state, kappa), self._loop(fibre)
         self._run(
             loop.tangent, u, self.dofs, self.grads, self.weights, self.modes, fibres, pressure, target,
-            per_element(kappa if bulk is None else bulk, len(self.dofs)), d1, d2, self.indptr, self.positions, out, values,
+            per_element(volumetric(kappa).kappa if bulk is None else bulk, len(self.dofs)),
+            d1, d2, self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values
 

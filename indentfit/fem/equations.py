@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError
-from indentfit.fem.body import Body, BodyState, Bulk, per_mode
+from indentfit.fem.body import Body, BodyState, Bulk, Volumetric, per_mode
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import ContactFace
 from indentfit.fem.contact_state import ContactState, History, Springs
@@ -74,6 +74,8 @@ class Loading:
         Stresses of earlier times, of a viscoelastic body (fem.viscous).
     seen : CSR matrix (m, n), or None
         Displacements of which derivatives are kept (fem.observation).
+    rest : float, or array (n_el, 1), kPa
+        Pressure of the untouched sample, where that was stretched.
     """
 
     material: Material
@@ -85,6 +87,12 @@ class Loading:
     directions: tuple[Direction, ...] = ()
     memory: Memory | None = None
     seen: sp.csr_matrix | None = field(default=None, repr=False)
+    rest: Bulk = 0.0
+
+    @property
+    def volumetric(self) -> Volumetric:
+        """How the body resists a change of its volume."""
+        return Volumetric(self.kappa, self.rest)
 
     def per_mode(self, means: Array) -> tuple[Bulk, Bulk, Bulk]:
         """kappa, tangent_bulk and mu of each pressure mode (n_el * n_m,), where they are not those of the whole body."""
@@ -162,7 +170,7 @@ class Increment:
         body, face, fixed, loading = self.equations.body, self.equations.face, self.equations.fixed, self.loading
         state = body.state(at.u, loading.fibre)
         residual, values = body.tangent(
-            at.u, state, loading.material, at.pressure, loading.kappa, loading.fibre, loading.tangent_bulk
+            at.u, state, loading.material, at.pressure, loading.volumetric, loading.fibre, loading.tangent_bulk
         )
         if loading.memory is not None:
             residual += loading.memory.forces(at.u)
@@ -198,7 +206,7 @@ class Increment:
         residual = body.residual(at.u, state, loading.material, at.pressure, loading.fibre) + forces
         if loading.memory is not None:
             residual += loading.memory.forces(at.u)
-        gap = body.pressure(state, loading.kappa) - at.pressure
+        gap = body.pressure(state, loading.volumetric) - at.pressure
         whole = residual + dilatation.T @ gap.ravel()
         return Balance(at, fixed.freed(residual), gap, contact, _norm(fixed.freed(whole)), _norm(forces))
 
@@ -304,7 +312,7 @@ class Linearisation:
     @property
     def pressure(self) -> Array:
         """The pressure modes (n_el, n_m) that follow from the displacements."""
-        return self.increment.equations.body.pressure(self.state, self.increment.loading.kappa)
+        return self.increment.equations.body.pressure(self.state, self.increment.loading.volumetric)
 
     def change(self, du: Array) -> Iterate:
         """Newton's change of the iterate: du (n,), and the corresponding change of the iterated pressures."""

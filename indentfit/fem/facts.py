@@ -8,6 +8,8 @@ from indentfit.fem.symmetry import PARTS
 
 ORDER = ("axisymmetric", *PARTS)  # of falling symmetry
 
+NEAR = 0.25  # difference from the number of elements that a case asks for, that is not mentioned
+
 
 @dataclass(frozen=True)
 class SolveFacts:
@@ -184,3 +186,10 @@ def said_of_tries(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
         if facts.tries > 1:
             mesh = f"a mesh of {facts.elements} elements"
             yield f"test {name!r} was solved at try {facts.tries}, on {mesh}; the first try: {facts.first_failure}"
+
+
+def not_as_asked(asked: int | None, elements: int) -> str:
+    """That a mesh of about the wanted number of elements cannot be had, where it is far from the number; otherwise empty."""
+    if asked is None or abs(elements - asked) <= NEAR * asked:
+        return ""
+    return f"mesh.elements = {asked} cannot be had: the nearest mesh has {elements} elements"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array, Ints
+from indentfit.fem.body import Volumetric
 from indentfit.fem.element import XX, XY, XZ, YY, YZ, ZZ, Solid
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.meridian import Meridian
@@ -99,7 +100,7 @@ def recover(
     (body, u), fibre = model.body.unfolded(equilibrium.u), directions(result.angle, result.dip, result.families)
     state = body.state(u, fibre)
     bulk = model.of_elements(kappa if isinstance(kappa, tuple) else (kappa,))
-    stress = body.stress(u, state, model.placed(material), body.pressure(state, bulk), fibre)
+    stress = body.stress(u, state, model.placed(material), body.pressure(state, Volumetric(bulk, model.rest(material))), fibre)
     n = body.dofs.shape[2]
     fields = Fields(
         nodes=body.basis.doflocs[:, ::n].T,

@@ -25,7 +25,7 @@ from skfem import BilinearForm, Functional, LinearForm
 from skfem.helpers import ddot, det, grad, identity, inv, mul, prod, trace, transpose
 
 from indentfit.arrays import Array
-from indentfit.fem.body import BodyState, Bulk, per_element
+from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
 from indentfit.fem.element import Solid
 from indentfit.material import Material, invariant_gradients, invariants
 
@@ -67,13 +67,20 @@ class FormSolid(Solid):
         return internal_forces.assemble(self.basis, P=self._piola(u, gradient, pressure, fibre))
 
     def tangent(
-        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: Bulk, fibre: Array, bulk: Bulk | None = None
+        self,
+        u: Array,
+        state: BodyState,
+        material: Material,
+        pressure: Array,
+        kappa: Bulk | Volumetric,
+        fibre: Array,
+        bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         F, p = self._deformation(u), self._field(pressure)
         first, second = self._derivatives(state, material)
         A = stiffness.elemental(self.basis, A=moduli(F, fibre, first, second, p))
         K = A.data.reshape(*A.local_shape, -1)
-        moduli_of_elements = per_element(kappa if bulk is None else bulk, len(self.dofs))
+        moduli_of_elements = per_element(volumetric(kappa).kappa if bulk is None else bulk, len(self.dofs))
         for q in self._modes():
             b = dilatation.elemental(self.basis, q=q, cofactor=cofactor(F)).data.reshape(A.local_shape[0], -1)
             K = K + moduli_of_elements * b[:, None] * b[None, :]

@@ -18,7 +18,7 @@ from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
 
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import compiled, on_stack
-from indentfit.fem.body import BodyState, Bulk, per_element
+from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
 from indentfit.fem.element import (
     _at_point,
     _directions,
@@ -69,8 +69,9 @@ class Meridian:
     def n_dofs(self) -> int:
         return int(self.basis.N)
 
-    def held(self, base: str, motions: frozenset[str] = frozenset()) -> Ints:
-        """Dofs held at zero: radial motion on the axis, the base's axial motion or all of it. No other rigid motion is free."""
+    def held(self, base: str, motions: frozenset[str] = frozenset(), ends: bool = False) -> Ints:
+        """Dofs held at zero: radial motion on the axis, the base's axial motion or all of it. No other rigid motion is free, and
+        there are no ends."""
         on_axis = self.basis.get_dofs("axis").all(["u^1"])
         return np.concatenate([on_axis, self.basis.get_dofs("base").all(["u^2"] if base == "sliding" else None)])
 
@@ -93,8 +94,8 @@ class Meridian:
         smallest = _LOOPS.kinematics(u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
         return BodyState(I, theta, bool(smallest > 0))
 
-    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
-        return kappa * (state.theta - self.means)
+    def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
+        return volumetric(kappa).pressure(state.theta, self.means)
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
         return self.forces(u, checked_derivatives(material, "gradient", state.I), pressure, fibre)
@@ -111,7 +112,7 @@ class Meridian:
         state: BodyState,
         material: Material,
         pressure: Array,
-        kappa: Bulk,
+        kappa: Bulk | Volumetric,
         fibre: Array,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
@@ -120,7 +121,8 @@ class Meridian:
         target = self.pressure(state, kappa)
         _LOOPS.tangent(
             u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
-            per_element(kappa if bulk is None else bulk, len(self.dofs)), d1, d2, self.indptr, self.positions, out, values,
+            per_element(volumetric(kappa).kappa if bulk is None else bulk, len(self.dofs)),
+            d1, d2, self.indptr, self.positions, out, values,
         )  # fmt: skip
         return out, values
 

@@ -92,7 +92,7 @@ def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilib
     """The state before indentation, with the motion and stiffness at the start of indentation."""
     body, face = equations.body, equations.face
     u = np.zeros(body.n_dofs)
-    at = Iterate(u, body.pressure(body.state(u, loading.fibre), loading.kappa))
+    at = Iterate(u, body.pressure(body.state(u, loading.fibre), loading.volumetric))
     increment = Increment(equations, loading, 0.0, face.rest(), tuple(face.no_change() for _ in loading.directions))
     return newton.settled(increment.linearised(at), at_rest=True)
 

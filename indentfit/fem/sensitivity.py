@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.fem.body import BodyState
+from indentfit.fem.body import BodyState, Volumetric
 from indentfit.fem.contact import ContactFace
 from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs, Stride
 from indentfit.fem.deadline import Deadline
@@ -188,13 +188,14 @@ def _body_forces(there: Linearisation, way: Direction, u: Array, state: BodyStat
     """Derivative (n,) of the body's internal forces at fixed u."""
     body, fibre = there.increment.equations.body, there.increment.loading.fibre
     if way.turned:
-        material, pressure = there.increment.loading.material, body.pressure(state, there.increment.loading.kappa)
+        loading = there.increment.loading
+        material, pressure = loading.material, body.pressure(state, loading.volumetric)
         return sum(
             (weight * body.residual(u, body.state(u, turned), material, pressure, turned) for weight, turned in way.turned),
             np.zeros_like(u),
         )
     gradient = np.zeros_like(state.I) if way.gradient is None else way.gradient(state.I)
-    return body.forces(u, gradient, body.pressure(state, way.kappa), fibre)
+    return body.forces(u, gradient, body.pressure(state, Volumetric(way.kappa, way.rest)), fibre)
 
 
 @dataclass(frozen=True, eq=False)

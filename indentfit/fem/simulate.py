@@ -4,7 +4,7 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -24,7 +24,7 @@ from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions,
 from indentfit.fem.element import Solid
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.equilibrium import Equilibrium
-from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts, not_as_asked
 from indentfit.fem.interpolation import POWERS
 from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
@@ -43,10 +43,9 @@ from indentfit.fem.tied import Tied
 from indentfit.fem.viscous import Moment, press_in_time
 from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.indenters import has_sharp_edge
-from indentfit.material import Layered, Material, blamed, parts_of
+from indentfit.material import Layered, Material, Prestretched, blamed, parts_of, rest_pressure
 
 SHARP = 10.0  # contact springs under a sharp edge, in units of NORMAL and TANGENTIAL: soft ones let it slip where it should stick
-NEAR = 0.25  # difference from the number of elements that a case asks for, that is not mentioned
 # Springs at the points on a meridian's edges, in units of shear modulus / thickness. Stiff ones do not chatter there: the end of
 # the contact passes many points in each element. Soft ones let a point sink in by more than the face's bend within an element, and
 # the iteration then finds no end of the contact. Under a contact of less than SMALL thicknesses they are stiffer in proportion.
@@ -106,8 +105,10 @@ class Model:
         self.layer = setup.sample.layer_at(self.mesh.p[1, self.mesh.t].mean(axis=0))  # number of each element's, from the top
         self.contact = ContactFace(points, setup.indenter, setup.sample.thickness)
         base = setup.sample.base
-        self.fixed = Fixed(self.body, self.body.held(base, held_motions(setup.part, setup.indenter, base)))
-        kind = choice(_direct(setup.solver.linear) if setup.in_plane else setup.solver.linear, self.body.n_dofs)
+        motions = held_motions(setup.part, setup.indenter, base)
+        self.fixed = Fixed(self.body, self.body.held(base, motions, setup.sample.prestretch is not None))
+        multigrid_in_plane = setup.in_plane and setup.solver.linear == "pyamg"  # which it is not made for
+        kind = choice("auto" if multigrid_in_plane else setup.solver.linear, self.body.n_dofs)
         modes = self.fixed.freed(rigid_body_modes(self.body.points())) if kind == "pyamg" else None
         self.solver = LinearSolver(kind, modes, self.contact.surface)
         self.exact = LinearSolver(kind, modes, self.contact.surface)  # for derivatives: they do not touch the path's factors
@@ -219,7 +220,7 @@ class Model:
         """Numbers of the mesh."""
         smallest = float(np.min(self.body.volume) ** (1 / 3))
         elements, setup = int(self.mesh.nelements), self.setup
-        remarks = [text for text in (setup.remark, _not_as_asked(setup.mesh.elements, elements // setup.quarters)) if text]
+        remarks = [text for text in (setup.remark, not_as_asked(setup.mesh.elements, elements // setup.quarters)) if text]
         return MeshFacts(elements, int(self.body.n_dofs), self.body.element, smallest, setup.symmetry, "; ".join(remarks))
 
     def _solver_facts(self, tests: Sequence[TestResult]) -> SolverFacts:
@@ -320,8 +321,9 @@ class Model:
         material, mus = self.placed(press.material), [part.shear_modulus for part in parts_of(press.material)]
         bulks = [self.solver.bulk(kappa, mu) for kappa, mu in zip(press.kappas, mus, strict=True)]
         kappa, bulk, mu = (self.of_elements(moduli) for moduli in (press.kappas, bulks, mus))
+        ways, rest = self._directions(press, material), self.rest(press.material)
         seen = None if press.observed is None else self._rows(press.observed)
-        return Loading(material, kappa, bulk, mu, press.fibre, springs, self._directions(press, material), seen=seen)
+        return Loading(material, kappa, bulk, mu, press.fibre, springs, ways, rest=rest, seen=seen)
 
     def _rows(self, observed: Observed) -> sp.csr_matrix:
         """The rows of displacements that are requested; those of the last request are kept."""
@@ -332,8 +334,17 @@ class Model:
         return self._observed[1]
 
     def placed(self, material: Material) -> Material:
-        """A material where the body has it: that of layers knows the layer of each integration point."""
-        return material.placed(np.repeat(self.layer, self.body.weights.shape[1])) if isinstance(material, Layered) else material
+        """A material where the body has it: that of layers knows the layer of each integration point, and that of a stretched
+        sample its stretch."""
+        if isinstance(material, Layered):
+            material = material.placed(np.repeat(self.layer, self.body.weights.shape[1]))
+        stretch = self.setup.sample.prestretch
+        return material if stretch is None else cast(Material, Prestretched(material, stretch))
+
+    def rest(self, material: Material) -> Bulk:
+        """The pressure of the untouched sample in each element, kPa."""
+        stretch = self.setup.sample.prestretch
+        return 0.0 if stretch is None else self.of_elements([rest_pressure(part, stretch) for part in parts_of(material)])
 
     def of_elements(self, values: Sequence[float]) -> Bulk:
         """A modulus of each element (n_el, 1), of those of the layers; the number itself, where there is one."""
@@ -344,7 +355,7 @@ class Model:
             return self._springs(material, press.fibre).normal
 
         friction = np.inf if self.contact.tied.any() else self.contact.friction
-        solid = Solids(press.material, placed, press.kappas, self.of_elements)
+        solid = Solids(press.material, placed, press.kappas, self.setup.sample.prestretch, self.of_elements)
         ways = directions(press.sensitivities, solid, stiffness, friction)
         if FIBRE_ANGLE not in press.sensitivities:
             return ways
@@ -404,13 +415,6 @@ class Model:
         x, u = sides * x, sides * u
         top = x[1] > self.setup.sample.thickness * (1 - 1e-9)
         return float(np.max(np.abs(shape.motion_off_edge(x[:, top], u[:, top]))) / shape.half_width)
-
-
-def _not_as_asked(asked: int | None, elements: int) -> str:
-    """That a mesh of about the wanted number of elements cannot be had, where it is far from the number; otherwise empty."""
-    if asked is None or abs(elements - asked) <= NEAR * asked:
-        return ""
-    return f"mesh.elements = {asked} cannot be had: the nearest mesh has {elements} elements"
 
 
 def _threads(n_dofs: int) -> Any:
@@ -479,8 +483,3 @@ def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian, ContactPoi
         solid = Solid(mesh, element, part)
     body = Tied(solid) if part.tied else solid
     return body, NodePoints(body, setup.sample.thickness)
-
-
-def _direct(linear: str) -> str:
-    """The linear solver of a small plane system, which multigrid is not made for."""
-    return "auto" if linear == "pyamg" else linear

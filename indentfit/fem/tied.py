@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from indentfit.arrays import Array, Bools, Ints
 from indentfit.errors import MeshError
-from indentfit.fem.body import BodyState, Bulk
+from indentfit.fem.body import BodyState, Bulk, Volumetric
 from indentfit.fem.element import Solid, sparsity
 from indentfit.material import Material
 
@@ -58,11 +58,11 @@ class Tied:
         """Points (3, n_v) of the nodes that have unknowns, mm."""
         return self.solid.points()[:, self._own]
 
-    def held(self, base: str, motions: frozenset[str] = frozenset()) -> Ints:
+    def held(self, base: str, motions: frozenset[str] = frozenset(), ends: bool = False) -> Ints:
         """Dofs held at zero: those of the base, those on the axis, and those that hold a rigid turn."""
         x, _, z = self.points()
         axis = 3 * np.flatnonzero(np.hypot(x, z) < SAME * np.ptp(x))
-        return np.unique(np.concatenate([self._dof[self.solid.held(base, motions)], axis, axis + 2]))
+        return np.unique(np.concatenate([self._dof[self.solid.held(base, motions, ends)], axis, axis + 2]))
 
     def unfolded(self, u: Array) -> tuple[Solid, Array]:
         """The body of all nodes, and its displacements, of the unknowns u (n,)."""
@@ -74,7 +74,7 @@ class Tied:
     def state(self, u: Array, fibre: Array) -> BodyState:
         return self.solid.state(self._all(u), fibre)
 
-    def pressure(self, state: BodyState, kappa: Bulk) -> Array:
+    def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
         return self.solid.pressure(state, kappa)
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
@@ -84,7 +84,14 @@ class Tied:
         return self._summed(self.solid.forces(self._all(u), gradient, pressure, fibre))
 
     def tangent(
-        self, u: Array, state: BodyState, material: Material, pressure: Array, kappa: Bulk, fibre: Array, bulk: Bulk | None = None
+        self,
+        u: Array,
+        state: BodyState,
+        material: Material,
+        pressure: Array,
+        kappa: Bulk | Volumetric,
+        fibre: Array,
+        bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         forces, values = self.solid.tangent(self._all(u), state, material, pressure, kappa, fibre, bulk)
         return self._summed(forces), self._gather(values)

@@ -58,6 +58,7 @@ def setup_for(
     MeshError
         The case asks for an axisymmetric solution and is not axisymmetric; the text says why.
     """
+    sample = sample.stretched
     disc = None if mesh.symmetry in PARTS or shaped else _disc_if_round(sample, indenter, mesh, solver, law, depth)
     if disc is not None and disc.effect <= mesh.wanted_error:
         return Setup(disc.sample(sample), indenter, mesh, solver, depth, "axisymmetric", (sample, disc))
@@ -73,9 +74,9 @@ def _disc_if_round(
     sample: Sample, indenter: Indenter, mesh: Mesh, solver: Solver, law: type[Material], depth: float
 ) -> DiscForBlock | None:
     """The disc in place of a block where everything else of the case is axisymmetric. A block with layers remains a block: how far
-    the load spreads in it, and so how much its sides matter, depends on the parameters."""
+    the load spreads in it, and so how much its sides matter, depends on the parameters. So does one whose ends are held."""
     disc = DiscForBlock(2 * sample.geometry.outline.inscribed, 0.0).sample(sample)
-    if sample.layer or symmetry_of(disc, indenter, Mesh(), solver, law) != "axisymmetric":
+    if sample.layer or sample.prestretch is not None or symmetry_of(disc, indenter, Mesh(), solver, law) != "axisymmetric":
         return None
     return disc_for(sample, indenter, depth)
 

@@ -21,6 +21,7 @@ from indentfit.material.layers import Layered, laws_of, layered, parts_of
 from indentfit.material.model import FIRST_FAMILY, GROUP, Material, exchangeable, require_derivable, shipped
 from indentfit.material.parameter import Parameter
 from indentfit.material.plugins import blamed, checked_derivatives, foreign_code, installed, load
+from indentfit.material.prestretch import Prestretched, rest_pressure, rest_pressure_changes
 from indentfit.material.stretches import STRETCHES
 from indentfit.material.trials import trial_values
 from indentfit.material.typed_energy import typed
@@ -40,6 +41,7 @@ __all__ = [
     "Layered",
     "Material",
     "Parameter",
+    "Prestretched",
     "Term",
     "blamed",
     "check",
@@ -59,6 +61,8 @@ __all__ = [
     "parts_of",
     "positive",
     "require_derivable",
+    "rest_pressure",
+    "rest_pressure_changes",
     "shipped",
     "sqrt",
     "trial_values",

@@ -65,7 +65,7 @@ class _Placed:
 
     def __init__(self, material: Layered, layer: Ints) -> None:
         self._material, self._points = material, [np.flatnonzero(layer == n) for n in range(len(material.parts))]
-        self.shear_modulus = material.shear_modulus
+        self.shear_modulus, self.two_families = material.shear_modulus, material.two_families
 
     def gradient(self, I: Array) -> Array:
         out = np.empty_like(I)

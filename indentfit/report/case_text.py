@@ -117,7 +117,8 @@ def sample_words(sample: Sample) -> str:
     """A table [sample] in words."""
     layers = ", ".join(f"{layer.name} {layer.thickness:g} mm" for layer in sample.layer)
     layered = f" (layers from the top: {layers})" if layers else ""
-    return f"{sample.geometry.words()}, thickness {sample.thickness:g} mm{layered}, {sample.base} base"
+    stretch = f", stretched {sample.prestretch:g} times along x, its ends held" if sample.prestretch is not None else ""
+    return f"{sample.geometry.words()}, thickness {sample.thickness:g} mm{layered}{stretch}, {sample.base} base"
 
 
 def indenter_words(indenter: Indenter) -> str:

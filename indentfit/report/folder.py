@@ -197,9 +197,11 @@ def _files_named(case: Case) -> Iterator[tuple[str, str, str, str]]:
             yield f"test.{test.name}.field.{n}.file", field.points.file, "curves", ""
         if test.record is not None:
             yield f"test.{test.name}.record", test.record, "records", ""
-    file, colon, kind = (case.material.model or "").rpartition(":")
-    if colon and file.endswith(".py"):
-        yield "material.model", file, "plugins", f":{kind}"
+    models = {f"{layer.name}.model": layer.model for layer in case.sample.layer} or {"material.model": case.material.model}
+    for key, model in models.items():
+        file, colon, kind = (model or "").rpartition(":")
+        if colon and file.endswith(".py"):
+            yield key, file, "plugins", f":{kind}"
 
 
 def _places(names: Sequence[str]) -> dict[str, str]:

@@ -23,7 +23,8 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
     asked = f"elements of {number(mesh.size)} mm" if mesh.size else f"about {mesh.elements} elements" if mesh.elements else ""
     lines = [
         *([f"Sample: {case.sample}", f"Indenter: {case.indenter}"] if case.sample else []),
-        f"Material: {material.model or material.energy}, {bulk}",
+        *(f"Layer {words}" for words in case.layers),
+        *([] if case.layers else [f"Material: {material.model or material.energy}, {bulk}"]),
         *([f"Energy: {' '.join(case.equation.split())}"] if case.equation else []),
         *(f"Test {test.name}: {test.own}" for test in case.tests if test.own),
         *([_mesh_words(case, asked)] if case.sample else []),

@@ -49,6 +49,9 @@ def _model(case: CaseFacts, result: FitResult) -> Iterator[str]:
     bulk = f"a bulk modulus of {number(material.kappa)} kPa" if material.kappa else ""
     bulk = bulk or (f"a bulk modulus of {number(material.bulk_ratio)} shear moduli" if material.bulk_ratio else "")
     bulk = bulk or f"a Poisson's ratio of {number(material.poisson_ratio)}"
+    if case.layers:
+        yield f"The layers, from the top, followed hyperelastic laws ({'; '.join(case.layers)}): {_first_sentence(case.equation)}"
+        return
     yield f"The material followed the hyperelastic law {name} with {bulk}: {_first_sentence(case.equation)}"
 
 

@@ -17,6 +17,7 @@ from indentfit import indenters, samples
 from indentfit.axes import INDENTATION, Axes
 from indentfit.case import Case, MaterialChoice, Mesh
 from indentfit.case.laws import has_fibres
+from indentfit.case.materials import DEFAULT_BULK_RATIO
 from indentfit.case.priors import Prior
 from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, OwnIndenter, OwnSample, OwnTable, Sample, keys_of_shape
@@ -74,6 +75,8 @@ class CaseFacts:
         The energy of the material, with its source.
     units : dict of parameter -> unit
         "1" for none.
+    layers : tuple of str
+        Each layer of the sample in words, the top one first, with its law and bulk modulus; empty for a sample of one material.
     """
 
     sample: str
@@ -84,6 +87,7 @@ class CaseFacts:
     tests: tuple[TestFacts, ...]
     equation: str
     units: dict[str, str]
+    layers: tuple[str, ...] = ()
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "CaseFacts":
@@ -99,6 +103,7 @@ class CaseFacts:
             tests=tuple(_test_facts(test, value) for test in value["tests"]),
             equation=value.get("equation", ""),
             units=dict(value.get("units", {})),
+            layers=tuple(map(_layer_words, value["sample"].get("layer") or ())),
         )
 
 
@@ -343,7 +348,15 @@ def _own_words(
 def _sample_words(table: Mapping[str, Any]) -> str:
     layers = ", ".join(f"{layer['name']} {layer['thickness']:.4g} mm" for layer in table.get("layer") or ())
     layered = f" (layers from the top: {layers})" if layers else ""
-    return f"{_shape_words(samples.SHAPES, table)}, thickness {table['thickness']:.4g} mm{layered}, {table['base']} base"
+    stretch = f", stretched {table['prestretch']:g} times along x, its ends held" if table.get("prestretch") else ""
+    return f"{_shape_words(samples.SHAPES, table)}, thickness {table['thickness']:.4g} mm{layered}{stretch}, {table['base']} base"
+
+
+def _layer_words(table: Mapping[str, Any]) -> str:
+    nu, ratio = table.get("poisson_ratio"), table.get("bulk_ratio") or DEFAULT_BULK_RATIO
+    bulk = f"a bulk modulus of {ratio:.4g} shear moduli" if nu is None else f"a Poisson's ratio of {nu:.4g}"
+    law = (table.get("model") or table.get("energy") or "").replace("_", " ")
+    return f"{table['name']}, {table['thickness']:.4g} mm thick: {law} with {bulk}"
 
 
 def _indenter_words(table: Mapping[str, Any]) -> str:

@@ -127,7 +127,7 @@ def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) 
     dict of test -> ClosedForm
         Empty for a material with fibres, for one that relaxes, and for a sample with layers.
     """
-    if has_fibres(case.law) or case.material.relaxation is not None or case.sample.layer:
+    if has_fibres(case.law) or case.material.relaxation is not None or next(left_out(case), None):
         return {}
     nu = case.material.poisson_ratio_at(shear_modulus)
     forms = {test.name: _closed_form(case, test, curves[test.name], nu) for test in case.indentations if test.name in curves}
@@ -135,12 +135,14 @@ def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) 
 
 
 def left_out(case: Case) -> Iterator[str]:
-    """Why curves of round indenters have no closed form, where the sample has layers."""
-    if case.sample.layer and any(formula_of(case.indenter_of(test).geometry) for test in case.indentations):
-        yield (
-            "no modulus by Hertz's theory, Sneddon's punch or the elastic layer stands beside: they are those of one material, and "
-            "the sample has layers"
-        )
+    """Why curves of round indenters have no closed form, where the sample has layers or was stretched."""
+    beside = "no modulus by Hertz's theory, Sneddon's punch or the elastic layer stands beside"
+    if not any(formula_of(case.indenter_of(test).geometry) for test in case.indentations):
+        return
+    if case.sample.layer:
+        yield f"{beside}: they are those of one material, and the sample has layers"
+    elif any(case.sample_of(test).prestretch for test in case.indentations):
+        yield f"{beside}: they are those of a sample without stress, and this one was stretched before"
 
 
 def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm | None:

@@ -97,6 +97,11 @@ def number(value: str) -> float | None:
 
 def own_value(case: Case, name: str) -> float | str | None:
     """The case's own value of a key; None where the case has no value."""
+    layer, _, key = name.removeprefix("sample.layer.").partition(".")
+    known = next((table for table in case.sample.layer if table.name == layer), None)
+    if known is not None:
+        number = case.start_values().get(f"{layer}.{key.removeprefix('parameters.').removesuffix('.start')}", dict(known).get(key))
+        return number if isinstance(number, int | float | str) else None
     section, _, rest = name.partition(".")
     parameter = rest.removeprefix("parameters.").removesuffix(".start")
     if section == "material" and parameter in case.start_values():
