@@ -62,6 +62,12 @@ VENDORS = {  # lines above the numbers, columns, separator
     ),
     "MTS": (["Axial Displacement\tAxial Force\tRunning Time", "mm\tN\ts"], (D, F / 1000, T), "\t"),
     "Shimadzu": (["時間,試験力,ストローク", "sec,N,mm"], (T, F / 1000, D), ","),
+    "TA DMA": (
+        ["Instrument\tDMA Q800 V20.6", "Size\t10.0 5.0 3.0 mm", "Nsig\t3", "Sig1\tTime (min)"]
+        + ["Sig2\tDisplacement (um)", "Sig3\tStatic Force (N)", "OrgMethod\t1: Ramp force", "StartOfData"],
+        (T / 60, 1e3 * D, F / 1000),
+        "\t",
+    ),
     "French tester": (["Temps (s);Allongement (mm);Charge (N)"], (T, D, F / 1000), ";"),
 }
 
@@ -73,7 +79,7 @@ PRESETS = {name: name for name in VENDORS} | {
     "TA.XT": "Stable Micro Systems TA.XT",
     "NanoSuite": "Agilent/KLA NanoSuite",
 }
-PRESETS = {vendor: name for vendor, name in PRESETS.items() if vendor not in ("Shimadzu", "French tester")}
+PRESETS = {vendor: name for vendor, name in PRESETS.items() if vendor not in ("Shimadzu", "French tester", "TA DMA")}
 
 
 @pytest.mark.parametrize("vendor", VENDORS)
@@ -85,6 +91,17 @@ def test_the_layout_of_a_vendor_is_read_without_a_table(vendor, tmp_path):
     np.testing.assert_allclose(record.force, F, atol=2e-6)
     assert "force" in record.taken and record.notes == ()
     assert vendor not in PRESETS or record.taken.startswith(f"{PRESETS[vendor]}: time ")
+
+
+def test_a_tester_that_counts_compression_negative_may_have_a_tare_beyond_the_force(tmp_path):
+    """WinTest's layout: an empty first column, units in a row below; the sensor reads -20 mN without contact."""
+    header = ["WinTest Digital Control System 7", "File: specimen3.csv", "", ",Scan,Elapsed Time,Disp,Load 225N", ",,Sec,mm,N"]
+    rows = [f",1,{t:.6f},{2.5 - d:.7f},{-(f + 20) / 1000:.9f}" for t, d, f in zip(T, D, F, strict=True)]
+    (tmp_path / "r.csv").write_text("\n".join([*header, *rows]) + "\n")
+    record = read_record(tmp_path / "r.csv")
+    np.testing.assert_allclose(np.ptp(record.displacement), 0.2, rtol=1e-5)
+    np.testing.assert_allclose(record.force, F + 20, atol=2e-6)
+    assert any("both signs were turned" in note for note in record.notes)
 
 
 def rows_of(spelled, separator):

@@ -156,7 +156,7 @@ def _signed(settings: Record, displacement: Array, force: Array) -> tuple[Array,
     given = {"sign", "gain"} & (settings.displacement.model_fields_set | settings.force.model_fields_set)
     rest = float(np.median(force[: max(3, force.size // 50)]))
     down, up = rest - float(force.min()), float(force.max()) - rest
-    if given or down < 4 * max(up, 0.0) or down < 4 * abs(rest):
+    if given or down < 4 * max(up, 0.0) or down < 4 * max(rest, 0.0):
         return displacement, force, ()
     deepest = int(np.argmin(force))
     if displacement[deepest] >= displacement[0] - 0.25 * np.ptp(displacement):

@@ -32,6 +32,7 @@ MARKER = re.compile(
     re.I,
 )
 END = re.compile(r"\s*(?:<[^<>]*>|\[[^\[\]]*\]|end\b.*)\s*$", re.I)  # the end of a block, which nobody needs to be told of
+LISTED = re.compile(r"\W*(?:sig(?:nal)?|col(?:umn)?|ch(?:annel)?)[ .#]*(\d{1,2})\s*[:=\t;,]\s*(.*\w.*)", re.IGNORECASE)
 GLUED = re.compile(r"^([^\W\d_][^\t;]*?)([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)$")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.ASCII | re.IGNORECASE)
 COMMA_NUMBER = re.compile(r"[-+]?(\d+(,\d+)?|,\d+)([eE][-+]?\d+)?", re.ASCII)
@@ -251,7 +252,14 @@ def _header(above: tuple[str, ...], separator: str | None, width: int) -> tuple[
     if rows and len(rows[-1]) == 2 * width - 1 and (match := GLUED.match(rows[-1][width - 1])):
         names, values = [*rows[-1][: width - 1], match[1]], [match[2], *rows[-1][width:]]
         return [*rows[:-1], names], np.array([[float(cell) if NUMBER.fullmatch(cell) else np.nan for cell in values]])
-    return rows, None
+    listed = _listed(above)
+    return (rows if len(listed) != width or any(len(row) == width for row in rows[-2:]) else [*rows, listed]), None
+
+
+def _listed(above: tuple[str, ...]) -> list[str]:
+    """The names of columns that lines of their own list, as `Sig1 <tab> Time (min)` or `# Column 2: Force (nN)`; or nothing."""
+    named = {int(match[1]): match[2].strip().strip('"') for line in above if (match := LISTED.match(line.strip()))}
+    return [named[n] for n in sorted(named)] if sorted(named) == list(range(1, len(named) + 1)) else []
 
 
 def _marker(above: tuple[str, ...]) -> str:
