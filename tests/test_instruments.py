@@ -63,8 +63,16 @@ VENDORS = {  # lines above the numbers, columns, separator
     "MTS": (["Axial Displacement\tAxial Force\tRunning Time", "mm\tN\ts"], (D, F / 1000, T), "\t"),
     "Shimadzu": (["時間,試験力,ストローク", "sec,N,mm"], (T, F / 1000, D), ","),
     "TA DMA": (
-        ["Instrument\tDMA Q800 V20.6", "Size\t10.0 5.0 3.0 mm", "Nsig\t3", "Sig1\tTime (min)"]
-        + ["Sig2\tDisplacement (um)", "Sig3\tStatic Force (N)", "OrgMethod\t1: Ramp force", "StartOfData"],
+        [
+            "Instrument\tDMA Q800 V20.6",
+            "Size\t10.0 5.0 3.0 mm",
+            "Nsig\t3",
+            "Sig1\tTime (min)",
+            "Sig2\tDisplacement (um)",
+            "Sig3\tStatic Force (N)",
+            "OrgMethod\t1: Ramp force",
+            "StartOfData",
+        ],
         (T / 60, 1e3 * D, F / 1000),
         "\t",
     ),

@@ -25,6 +25,7 @@ COMMANDS = {
     "process": "Turn raw records into curves and stiffnesses.",
     "simulate": "Compute the curves of a case, and its stresses.",
     "fit": "Find the parameters that its curves ask for.",
+    "watch": "Show a running fit as a page on this machine.",
     "compare": "Say which of several laws the curves prefer.",
     "design": "Say which test to do next.",
     "sweep": "Vary keys of a case: curves and ranked sensitivities.",

@@ -1,5 +1,6 @@
 """`indentfit fit`: the parameters that the curves of a case ask for, and how well they are determined."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
@@ -12,6 +13,7 @@ from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
 from indentfit.cli.speech import say, warn
 from indentfit.cli.stopping import stopping
+from indentfit.cli.watch import beside
 from indentfit.errors import CaseError, FitError
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 @click.option("--no-fields", is_flag=True, help="Leave out the stresses at the optimum: their VTU files and pictures.")
 @click.option("--scan-weights", is_flag=True, help="Show what other weights of the two tests would find.")
 @click.option("--posterior", is_flag=True, help="Draw samples of the posterior: posterior.nc for ArviZ, and a figure.")
+@click.option("--live", is_flag=True, help="Show the fit as a page on this machine while it runs, as `indentfit watch` does.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json.")
 @click.option("--per-sample", is_flag=True, help="Fit each sample of replicates.csv (see process --case) on its own.")
 @click.option(
@@ -59,6 +62,7 @@ def command(
     no_fields: bool,
     scan_weights: bool,
     posterior: bool,
+    live: bool,
     as_json: bool,
     per_sample: bool,
     population: bool,
@@ -89,13 +93,16 @@ def command(
     folder = Path(case).resolve().parent.name or "case"
     if group is not None and not population:
         raise click.UsageError("--group belongs to --population")
+    if live and (population or per_sample):
+        raise click.UsageError("--live shows the fit of one case; leave it out with --per-sample and --population")
     kind = "population" if population else "samples-result" if per_sample else "result"
     place = Place(output or f"{folder}-{kind}", overwrite, resume, reuse)
     if population or per_sample:
         groups = _groups(Path(case).parent, group) if population else None
         _fit_samples(case, overrides, place, where, as_json, groups)
     else:
-        _fit(case, overrides, place, where, not no_fields, scan_weights, as_json)
+        with beside(case, overrides, place.output) if live else contextlib.nullcontext():
+            _fit(case, overrides, place, where, not no_fields, scan_weights, as_json)
 
 
 def _fit(

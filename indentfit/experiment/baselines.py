@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from indentfit.arrays import Array
 from indentfit.experiment.loading import filtered
@@ -36,10 +37,11 @@ WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may
 SCREENED = 200  # samples with which baselines are screened
 DYING = 0.35  # of the duration of the stretch: the time constant from which that of a drift is sought that dies out
 HIDDEN_DRIFT = 0.01  # of the rise in contact, during the loading: standard deviation of drifts before the record is seen
-DRIFTING = 0.1  # probability of a drift before the record is seen
+DRIFTING = 0.05  # probability of a drift before the record is seen
 LARGEST_RATIO = 200.0  # an F ratio above it is as sure
 TELLING = 0.3  # of the depth: the travel before contact that tells a drift
 CERTAIN = 1.96  # standard deviations in half of a 95 % interval
+SURELY = 3.0  # standard deviations from which an error is taken for none
 
 
 @dataclass(frozen=True)
@@ -187,11 +189,22 @@ def _hidden_drift(fit: Piecewise) -> Doubt:
         return Doubt()
     prior, rate = (HIDDEN_DRIFT * rise / touching) ** 2, float(fit.coefficients[1])
     kept = prior / (prior + variance)
+    mean, scatter = kept * rate, float(np.sqrt(kept * variance))  # of the rate, mN/s, if there is a drift
     odds = DRIFTING / (1 - DRIFTING) * np.sqrt(1 - kept) * np.exp(min(0.5 * kept * rate**2 / variance, LARGEST_RATIO))
-    square = odds / (1 + odds) * (kept * variance + (kept * rate) ** 2)  # of the rate, (mN/s)^2
-    reach = CERTAIN * float(np.sqrt(square))
+    probability = float(odds / (1 + odds))
+    reach = CERTAIN * float(np.sqrt(probability * (scatter**2 + mean**2)))
     place, zero = float(fit.spread[-1, 1]) / variance, float(fit.spread[0, 1]) / variance + float(stretch.time[-1])
-    return Doubt(reach * abs(place), reach * abs(zero))
+    return Doubt(reach * abs(place), CERTAIN / SURELY * _surely_below(probability, abs(mean), scatter) * abs(zero))
+
+
+def _surely_below(probability: float, mean: float, scatter: float) -> float:
+    """The size that a drift surely stays below, at three standard deviations of a normal error.
+
+    A drift that is unlikely, but large if there is one, is more often far out than a normal error of the same variance.
+    """
+    sizes = np.linspace(0.0, mean + 4 * scatter, 400)
+    above = probability * (ndtr((mean - sizes) / scatter) + ndtr((-mean - sizes) / scatter))
+    return float(sizes[int(np.argmax(above < 2 * ndtr(-SURELY)))])
 
 
 def _bent(fit: Piecewise, doubt: Doubt) -> tuple[Piecewise, Doubt]:

@@ -40,7 +40,9 @@ def write_netcdf(samples: PosteriorSamples, measured: dict[str, Curve], path: Pa
         for n, (name, unit) in enumerate(zip(samples.names, samples.units, strict=True)):
             group.create_variable(variable(name), ("chain", "draw"), data=samples.values[..., n]).attrs["units"] = unit
         for n, name in enumerate(samples.tests):
-            group.create_variable(variable(f"noise {name}"), ("chain", "draw"), data=samples.noise[..., n]).attrs["units"] = "mN"
+            group.create_variable(variable(f"noise {name}"), ("chain", "draw"), data=samples.noise[..., n]).attrs["units"] = (
+                measured[name].shown.up_unit if name in measured else "mN"
+            )
         if len(samples.alternatives) > 1:
             known = group.create_variable("alternative", ("chain", "draw"), data=samples.alternative)
             known.attrs["meaning"] = ", ".join(f"{n}: {name}" for n, name in enumerate(samples.alternatives))
@@ -53,8 +55,12 @@ def write_netcdf(samples: PosteriorSamples, measured: dict[str, Curve], path: Pa
         for name, curve in measured.items():
             size = variable(f"displacement {name}")
             observed.dimensions[size] = curve.force.size
-            observed.create_variable(size, (size,), data=curve.displacement).attrs["units"] = "mm"
-            observed.create_variable(variable(f"force {name}"), (size,), data=curve.force).attrs["units"] = "mN"
+            axes = curve.shown
+            for known, unit, values in (
+                (size, axes.across_unit, curve.displacement),
+                (variable(f"force {name}"), axes.up_unit, curve.force),
+            ):
+                observed.create_variable(known, (size,), data=values).attrs["units"] = unit
 
 
 def variable(name: str) -> str:

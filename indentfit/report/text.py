@@ -1,5 +1,6 @@
 """Results as text for a terminal."""
 
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -18,6 +19,8 @@ from indentfit.report.digits import CurveScale, quantity
 from indentfit.report.first_screen import doubts_of, first_lines, pieces_words, value_words
 from indentfit.runs.closed_form import ClosedForm, closed_forms, left_out
 from indentfit.runs.simulated import SimulatedCase
+
+HEAD, COLUMNS = 10, 80  # columns of the word before a line, and of a whole line
 
 KINDS = {
     ("bricks", "q1p0"): "eight-node bricks",
@@ -275,7 +278,15 @@ def _parameter_lines(result: FitResult) -> Iterator[str]:
 def closed_lines(forms: Mapping[str, ClosedForm]) -> Iterator[str]:
     """The moduli of each test by closed forms, to be compared with those of the simulation or the fit."""
     for name, form in forms.items():
-        yield f"closed    {name}: {form.words()}"
+        yield from _folded("closed", f"{name}: {form.words()}")
+
+
+def _folded(head: str, words: str) -> Iterator[str]:
+    """Words after the head of a line, in lines of COLUMNS columns at most that break at spaces."""
+    indent = " " * HEAD
+    yield from textwrap.wrap(
+        words, COLUMNS, initial_indent=f"{head:<{HEAD}}", subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _work_lines(result: FitResult) -> Iterator[str]:
@@ -291,7 +302,7 @@ def _work_lines(result: FitResult) -> Iterator[str]:
         exact = f"; contact springs withhold {penalty:.2%} of the force, added back" if penalty is not None else ""
         yield f"mesh      {result.mesh.elements:,} elements, {result.mesh.dofs:,} degrees of freedom{exact}"
         if result.mesh.remark:
-            yield f"note      {result.mesh.remark}"
+            yield from _folded("note", result.mesh.remark)
 
 
 def certainty_lines(result: FitResult) -> Iterator[str]:
@@ -333,7 +344,7 @@ def weights_lines(result: FitResult) -> Iterator[str]:
         yield "weights   no scan: it takes two tests, and a surrogate of all that the search went over (`ga`)"
         return
     tests = list(result.weights_scan[0].rmse)
-    rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, mN" for name in tests)])]
+    rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, {unit_of(result, name)}" for name in tests)])]
     for fitted in result.weights_scan:
         cells = [*(f"{fitted.parameters[name]:.4g}" for name in result.free), *(f"{fitted.rmse[name]:.3g}" for name in tests)]
         rows.append((" : ".join(f"{weight:g}" for weight in fitted.weights), cells))

@@ -1,0 +1,216 @@
+"""A fit while it runs: the sets of parameters that its ledger holds so far, the best of them, and the text and pictures of a page.
+
+Nothing here is needed for a result, and nothing of it enters one: errors are those of single runs, without a surrogate.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from indentfit.arrays import Array
+from indentfit.case import Case
+from indentfit.curve import Curve
+from indentfit.inverse.problem import scale_of
+from indentfit.report.digits import CurveScale
+from indentfit.report.live_drawing import Line, drawing
+from indentfit.report.typeset import symbol
+from indentfit.runs.onlooking import SeenRun, runs_so_far
+
+SHOWN = 12  # sets in the table
+
+
+@dataclass(frozen=True, eq=False)
+class SeenSet:
+    """A set of parameters whose tests have all been run.
+
+    Attributes
+    ----------
+    values : dict of name -> float
+    forces : dict of test -> array (n,), mN
+        At the displacements of the measured curve.
+    error : float
+        Weighted mean of the tests' root mean square errors over their largest forces.
+    """
+
+    values: dict[str, float]
+    forces: dict[str, Array]
+    error: float
+
+
+@dataclass
+class LiveFit:
+    """The sets of a fit that runs in another process.
+
+    Parameters
+    ----------
+    case : Case
+    ledger : path
+        The ledger in the unfinished folder of the fit.
+    """
+
+    case: Case
+    ledger: Path
+    started: float = field(default_factory=time.monotonic)
+    runs: int = 0
+    failed: int = 0
+    sets: list[SeenSet] = field(default_factory=list)
+    _last: int = 0
+    _waiting: dict[str, dict[str, SeenRun]] = field(default_factory=dict)
+
+    def look(self) -> None:
+        """Take in the runs that have been added since the last look."""
+        for run in runs_so_far(self.ledger, self._last):
+            self._last = run.number
+            self.runs += 1
+            if run.cause is not None or run.force.size != run.depths.size or not run.force.size:
+                self.failed += 1
+                continue
+            tests = self._waiting.setdefault(_key(run), {})
+            tests[run.test] = run
+            if tests.keys() >= self.measured.keys():
+                self._take(self._waiting.pop(_key(run)))
+
+    @property
+    def best(self) -> SeenSet | None:
+        """The set of the smallest error; None before the first."""
+        return min(self.sets, key=lambda known: known.error, default=None)
+
+    @property
+    def measured(self) -> dict[str, Curve]:
+        """Test -> its measured curve."""
+        return {test.name: curve for test, curve in zip(self.case.tests, self.case.curves, strict=True) if curve is not None}
+
+    def _take(self, tests: Mapping[str, SeenRun]) -> None:
+        measured, weights = self.measured, {test.name: float(test.weight or 1.0) for test in self.case.tests}
+        forces = {
+            name: np.interp(curve.displacement, np.append(0.0, tests[name].depths), np.append(0.0, tests[name].force))
+            for name, curve in measured.items()
+        }
+        values = _values(next(iter(tests.values())).inputs, self.case)
+        name, _ = scale_of(self.case)
+        if name is not None and name in values:  # forces are proportional to it, and runs are made at one value
+            factor = _factor(measured, forces, weights)
+            bounds = self.case.free[name]
+            factor = float(np.clip(factor, bounds.min / values[name], bounds.max / values[name]))
+            values[name] *= factor
+            forces = {test: factor * force for test, force in forces.items()}
+        share = {
+            test: float(np.sqrt(np.mean((forces[test] - m.force) ** 2)) / np.abs(m.force).max()) for test, m in measured.items()
+        }
+        error = sum(weights[test] * share[test] for test in share) / sum(weights[test] for test in share)
+        self.sets.append(SeenSet(values, forces, error))
+
+
+def _key(run: SeenRun) -> str:
+    """What the runs of one set have in common."""
+    rest = {name: value for name, value in run.inputs.items() if name not in ("depths", "angle", "rate", "kind")}
+    return repr(sorted(rest.items(), key=lambda item: item[0]))
+
+
+def _values(inputs: Mapping[str, Any], case: Case) -> dict[str, float]:
+    """The fitted parameters and inputs of a run."""
+    told = {**{name: inputs[name] for name in case.fit.uncertain.fitted if name in inputs}, **inputs.get("parameters", {})}
+    wanted = [*case.free, *case.fit.uncertain.fitted]
+    return {name: float(told[name]) for name in wanted if isinstance(told.get(name), int | float)}
+
+
+def _factor(measured: Mapping[str, Curve], forces: Mapping[str, Array], weights: Mapping[str, float]) -> float:
+    """The factor of all forces that fits the measured ones best."""
+    largest = {test: float(np.abs(curve.force).max()) for test, curve in measured.items()}
+    over = sum(weights[test] / largest[test] ** 2 * float(np.mean(forces[test] * measured[test].force)) for test in measured)
+    under = sum(weights[test] / largest[test] ** 2 * float(np.mean(forces[test] ** 2)) for test in measured)
+    return over / under if under > 0 else 1.0
+
+
+# The page
+
+
+def fragment(fit: LiveFit, ended: str = "") -> str:
+    """The inner HTML of the page's main part.
+
+    Parameters
+    ----------
+    fit : LiveFit
+    ended : str
+        A sentence for the reader once the fit has ended; empty while it runs.
+    """
+    best = fit.best
+    parts = [f'<p class="lead" role="status">{escape(ended or _state(fit))}</p>']
+    if best is not None:
+        parts += [_curves(fit, best), _profiles(fit), _table(fit)]
+    return "\n".join(parts)
+
+
+def _state(fit: LiveFit) -> str:
+    minutes = (time.monotonic() - fit.started) / 60
+    failed = f", of which {fit.failed} gave no curve" if fit.failed else ""
+    best = fit.best
+    words = (
+        "no set of parameters is complete yet"
+        if best is None
+        else f"{len(fit.sets)} sets of parameters are complete; the best is off by {best.error:.2%} of the largest force"
+    )
+    return f"The fit runs. {fit.runs} runs so far{failed}; {words}. This page has watched for {minutes:.1f} min."
+
+
+def _curves(fit: LiveFit, best: SeenSet) -> str:
+    figures = []
+    for test, curve in fit.measured.items():
+        scale = CurveScale.of([curve])
+        x, force, model = (
+            curve.displacement * scale.displacement.factor,
+            *(values * scale.force.factor for values in (curve.force, best.forces[test])),
+        )
+        lines = [Line("measured", x, force, dots=True), Line("best set so far", x, model)]
+        rest = [Line("best set less measured", x, model - force, dots=True)]
+        figures.append(_figure(drawing(lines, scale.across, scale.up), f"{test}: measured curve and best set so far."))
+        figures.append(
+            _figure(drawing(rest, scale.across, f"Residual ({scale.force.symbol})", zero=True), f"{test}: its residuals.")
+        )
+    return f'<section><h2>Fit and residuals</h2><div class="figures">{"".join(figures)}</div></section>'
+
+
+def _profiles(fit: LiveFit) -> str:
+    """The errors of all sets over each parameter: their lower edge is the profile."""
+    names = list(fit.sets[0].values)
+    errors = np.array([known.error for known in fit.sets])
+    figures = []
+    for name in names:
+        known_as = fit.case.law.parameters.get(name)
+        unit = f" ({known_as.unit})" if known_as is not None and known_as.unit not in ("", "1") else ""
+        values = np.array([known.values.get(name, np.nan) for known in fit.sets])
+        line = Line("a set of parameters", values, 100 * errors, dots=True)
+        figures.append(
+            _figure(
+                drawing([line], f"{symbol(name)}{unit}", "Error (% of the largest force)"),
+                f"{symbol(name)}: each dot is a set that was run; their lower edge is the profile.",
+            )
+        )
+    return f'<section><h2>Profiles as they come</h2><div class="figures">{"".join(figures)}</div></section>'
+
+
+def _table(fit: LiveFit) -> str:
+    """The best sets and their errors."""
+    known = sorted(fit.sets, key=lambda seen: seen.error)[:SHOWN]
+    names = list(known[0].values)
+    head = "".join(f'<th scope="col" class="number">{escape(symbol(word))}</th>' for word in (*names, "error, %"))
+    rows = "".join(
+        "<tr>" + "".join(f'<td class="number">{value:.4g}</td>' for value in (*seen.values.values(), 100 * seen.error)) + "</tr>"
+        for seen in known
+    )
+    caption = f"The {len(known)} best of {len(fit.sets)} sets; the result is found with a surrogate of all runs."
+    return (
+        '<section><h2>Runs</h2><div class="scroll" role="region" tabindex="0" aria-label="Table: best sets">'
+        f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></section>"
+    )
+
+
+def _figure(svg: str, caption: str) -> str:
+    return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
