@@ -56,8 +56,8 @@ def served(title: str, now: Callable[[], str], port: int = 0) -> Iterator[str]:
         with lock:
             return now()
 
-    handler = type("Handler", (_Handler,), {"title": title, "now": staticmethod(told)})
-    with ThreadingHTTPServer((HOST, port), handler) as server:
+    answers = type("Answers", (_Answers,), {"title": title, "now": staticmethod(told)})
+    with ThreadingHTTPServer((HOST, port), answers) as server:
         server.daemon_threads = True
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
@@ -68,7 +68,7 @@ def served(title: str, now: Callable[[], str], port: int = 0) -> Iterator[str]:
             thread.join()
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Answers(BaseHTTPRequestHandler):
     """Answers `/` with the page and `/now` with its main part, to requests that name this machine."""
 
     title = ""
