@@ -101,7 +101,7 @@ def test_errors_are_told_apart_and_weights_are_shown_where_asked(case):
 @pytest.mark.usefixtures("undrawn")
 def test_a_scan_of_weights_is_a_table_of_fits():
     rows = [WeightsFit((w, 1 - w), {"mu": 1 + w}, {"a": 1 - w, "b": w}) for w in (0.25, 0.5)]
-    lines = list(weights_lines(SimpleNamespace(weights_scan=rows, free=["mu"])))
+    lines = list(weights_lines(SimpleNamespace(curves={}, weights_scan=rows, free=["mu"])))
     assert [" ".join(line.split()) for line in lines[1:]] == ["0.25 : 0.75 1.25 0.75 0.25", "0.5 : 0.5 1.5 0.5 0.5"]
     assert "RMSE b, mN" in lines[0]
 

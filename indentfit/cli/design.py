@@ -5,7 +5,7 @@ import click
 from indentfit.cli.command import Command
 from indentfit.cli.completion import keys
 from indentfit.cli.progress import progress
-from indentfit.cli.speech import say, warn
+from indentfit.cli.speech import warn
 
 
 @click.command(cls=Command, short_help="Say which test to do next.")
@@ -46,8 +46,6 @@ def command(
     if output is not None:
         refuse_existing(output, overwrite)
     warn(read.warnings())
-    if fitted := ", ".join(read.fit.uncertain.fitted):
-        say(f"note: {fitted} taken as known here, though the fit asks for it: standard errors leave out what it adds", always=True)
     with progress("design", total=1) as step:
         designed = design(read, parameters, noise, Execution(progress=step))
     if output is not None:
