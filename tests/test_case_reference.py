@@ -82,6 +82,8 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         f"material.relaxation.{name}": [*relaxes, "test.parallel.rate=0.1"] for name in ("base", "terms", "order", "g", "tau")
     }
     beside |= {"test.rate": relaxes, "test.ramp": relaxes, "test.hold": [*relaxes, "test.parallel.rate=0.1"]}
+    two = ["material.model=two_families", "material.parameters={mu=1,zeta=1,phi=1,second=1}", "sample.families=[40,-40]"]
+    beside |= {key: two for key in EVERY if key.endswith((".families", ".family_dips"))}
     if key.removeprefix("test.") in OF_SPECIMENS:
         biaxial = 'kind = "biaxial"\nfibres = "along"\nloading = "tension"\narea = 100\nlength = 3.3\n'
         text = re.sub(r"^angle = 0.*\n(?:#  .*\n)*", biaxial, case.read_text(), count=1, flags=re.MULTILINE)
@@ -89,7 +91,7 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         case.write_text(text, encoding="utf-8")
     if key in ("material.relaxation.g", "material.relaxation.tau"):
         sets = ["material.relaxation.g=[0.8, 0.5]", "material.relaxation.tau=[0.5, 5]"]
-    if key.startswith(("test.sample.", "test.indenter.")):
+    if key.startswith(("test.sample.", "test.indenter.")) and beside.get(key) is not two:
         own, of_case = key.removeprefix("test."), key.replace("test.", "test.parallel.", 1).rpartition(".")[0]
         beside[key] = [f"{of_case}.{text.partition('.')[2]}" for text in beside.get(own, [])]
     if key.startswith("test.field."):
