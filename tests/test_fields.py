@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from indentfit import Case, Curve, Test
+from indentfit import Case, Curve, Test, design
 from indentfit.case import Indenter, MaterialChoice, Mesh, Sample, Solver
 from indentfit.case.field_tests import with_field_tests
 from indentfit.case.measured_field import MeasuredField
@@ -187,9 +187,13 @@ def surface(values, sd=0.002, depth=np.nan, n=20):
 @pytest.mark.parametrize(
     ("points", "said"),
     [
-        (surface(np.zeros(20), depth=0.4), "was seen at a depth of 0.4 mm, and the test goes to 0.3 mm"),
-        (surface(np.zeros(20), sd=np.nan), "has no standard deviation (point 0)"),
-        (replace(surface(np.zeros(20)), points=1000 * surface(np.zeros(20)).points), "outside the sample, 10 x 3 x 10 mm"),
+        (surface(-np.linspace(0.2, 0.01, 20), depth=0.4), "was seen at a depth of 0.4 mm, and the test goes to 0.3 mm"),
+        (surface(np.zeros(20)), "every displacement is zero"),
+        (surface(-np.linspace(0.2, 0.01, 20), sd=np.nan), "has no standard deviation (point 0)"),
+        (
+            replace(surface(-np.linspace(0.2, 0.01, 20)), points=1000 * surface(-np.linspace(0.2, 0.01, 20)).points),
+            "outside the sample, 10 x 3 x 10 mm",
+        ),
     ],
 )
 def test_a_field_that_cannot_be_that_of_its_test_is_refused(points, said):
@@ -198,6 +202,11 @@ def test_a_field_that_cannot_be_that_of_its_test_is_refused(points, said):
     assert said in str(caught.value) and "test.press.field.oct" in str(caught.value)
 
 
+def test_a_design_beside_displacements_is_refused():
+    with pytest.raises(CaseError, match="take the fields out"):
+        design(gel(MeasuredField(file=surface(-np.linspace(0.2, 0.01, 20)))))
+
+
 def test_a_search_that_does_not_weigh_squares_is_refused():
     with pytest.raises(CaseError, match="least_squares"):
-        with_field_tests(gel(MeasuredField(file=surface(np.zeros(20))), method="ga"))
+        with_field_tests(gel(MeasuredField(file=surface(-np.linspace(0.2, 0.01, 20))), method="ga"))

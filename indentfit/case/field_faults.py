@@ -51,6 +51,8 @@ def _of_one(
             f"has no standard deviation ({points.line(int(np.argmax(np.isnan(points.sd))))}); add a column sd_um, or set field.sd"
         )
         yield Fault((*place, "file"), points.file, text)
+    if not points.values.any():
+        yield Fault((*place, "file"), points.file, "every displacement is zero; check the columns of the displacements")
     beyond = outside(points.points, outline, thickness)
     n = int(np.argmax(beyond))
     if beyond[n] > INTO * thickness:

@@ -57,6 +57,9 @@ def with_field_tests(case: Case) -> Case:
     if case.fit.method != "least_squares":
         text = 'displacements are weighed by their standard deviations in a sum of squares: set fit.method = "least_squares"'
         raise CaseError([line(case.path, Fault(("fit", "method"), case.fit.method, text))])
+    if case.fit.posterior:
+        text = "is not drawn of displacements yet; take the fields out, or set fit.posterior = false"
+        raise CaseError([line(case.path, Fault(("fit", "posterior"), True, text))])
     pairs = [_made(case, n, field) for n, field in made]
     tests, curves = zip(*pairs, strict=True)
     return case.model_copy(update={"tests": (*case.tests, *tests), "curves": (*case.curves, *curves)})

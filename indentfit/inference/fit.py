@@ -14,6 +14,7 @@ from indentfit.case.draining import draining
 from indentfit.case.field_tests import with_field_tests
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
+from indentfit.errors import CaseError
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
@@ -130,6 +131,10 @@ def fit_with_runs(
     if case.fit.posterior:
         require_emcee()
     started, problem = time.perf_counter(), inverse_problem(case)
+    if case is not run and widens(case, problem):
+        raise CaseError(
+            ["fit.uncertain: inputs are not fitted beside displacements yet; state them as known, or take out test.field"]
+        )
     pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
     whole, stated = Progress(progress), with_offset_of_records(case)
     elastic = elastic_case(run)

@@ -23,7 +23,7 @@ from indentfit.case.in_time import GRID
 from indentfit.case.laws import has_fibres
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
-from indentfit.errors import DesignError, IndentfitError
+from indentfit.errors import CaseError, DesignError, IndentfitError
 from indentfit.hereditary import Ramp
 from indentfit.inference.seen import seen_sentences
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
@@ -238,6 +238,8 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     """
     require_free(case)
     require_indentations(case, "design")
+    if any(test.field for test in case.tests):
+        raise CaseError(["test.field: design knows forces only; take the fields out of the case for it"])
     case = with_prior_tests(case)
     given, execution = dict(parameters or case.start_values()), execution or Execution()
     remarks = tuple(seen_sentences(case, case.relaxation.at(given).numbers)) if case.relaxation else ()
