@@ -7,45 +7,22 @@ Each kind draws records with their own law (flat punch, sphere, cone), stiffness
 where it cannot be used. A kind passes where the held share of the records without a flag lies in the binomial 99 % band about
 95 %, and no peak without a flag is off by more than 1 %. tests/test_instruments.py reruns it in short.
 
-Measured with 200 records of each kind, seed 2002, on which nothing was chosen (plain: records without a flag, held of them,
-binomial 99 % band; flagged, held of them; refused; median half width over depth):
+Constants were chosen on seeds 0, 1001, 2002 and 11 to 13. Measured with 200 records of each kind on seed 3003, on which nothing was
+chosen, before the far tail of a hidden drift was told (plain: records without a flag, held of them, binomial 99 % band): every one
+of the 31 kinds lies in its band; the fullest are short_approach 103 of 104 (92 to 103), uneven 184 of 188 (170 to 185), drift 15 of
+16; two peaks of 2,900 without a flag were off, by 1.63 and 1.06 %, both in slight_drift. Adhesion, clipped and in_contact: none is
+without a flag that is not refused. Flags were on 3.2 % of ordinary records (approach, hold, rest_first, two_speeds, retract, uneven,
+blocks).
 
-    approach         185  177  167-182    15   15    0   0.27 %
-    end_not_known    183  173  165-180    17   17    0   0.28 %
-    short_approach    42   39    36-42    49   41    8   0.43 %   (99 records)
-    hold             177  173  160-175    23   23    0   0.32 %
-    rest_first       183  181  165-180    17   17    0   0.30 %
-    two_speeds       188  181  170-185    12   11    0   0.25 %
-    retract          185  173  167-182    15   15    0   0.31 %
-    retract_chosen     0    0            200  192    0   0.27 %
-    reversed_rows      0    0            200  192    0   0.28 %
-    preload           25   25    20-25   175  166    0   0.68 %
-    stages             9    9      6-9   191  179    0   0.62 %
-    cycles           171  161  154-169    29   29    0   0.37 %
-    drift             14   13    11-14   182  172    4   0.31 %
-    slight_drift      89   78    79-89   111  101    0   0.54 %
-    slope              8    8      5-8   185  175    2   0.31 %   (195 records)
-    curved_drift      46   43    39-46   153  144    1   0.34 %
-    wavy               0    0            174  154   26   0.24 %
-    small_waves        0    0            200  187    0   0.21 %
-    slow_noise        18   17    14-18   174  155    8   2.49 %
-    ringing          153  148  138-151    47   45    0   0.46 %
-    adhesion           0    0            171  171   29   6.14 %
-    uneven           183  170  165-180    15   14    2   0.34 %
-    coarse_approach  177  176  160-175    22   22    1   0.45 %
-    doubled_times    188  183  170-185    12   11    0   0.27 %
-    blocks           171  161  154-169    29   29    0   0.39 %
-    clipped            0    0              0    0  200   0.00 %
-    clipped_hold       0    0             10   10  190   0.89 %
-    clipped_travel    35   34    29-35     9    9  156   0.15 %
-    noisy_travel     179  172  162-177    20   20    1   0.36 %
-    steps            167  156  151-165    32   31    1   0.62 %
+With the far tail, on seed 4004 (nine kinds; plain, held, band):
 
-Not measured anew: in_contact. Not passed: slight_drift holds one too few, rest_first and coarse_approach hold one more than the
-band allows (their intervals count a drift that might hide and does not); 3 peaks of 2,776 without a flag are off by up to 1.51
-% (retract, slight_drift). Records whose baseline drifts, and slow noise and ringing, were measured after the last change, the
-others just before it: it does not touch them. Flags are on 1 % of ordinary records (approach, hold, rest_first, two_speeds,
-retract, uneven, blocks) with noise below 0.7 % of the peak, on 9 % at 0.7 to 1.3 %, on 33 % at 1.3 to 2 %; 8.1 % of all.
+    slight_drift      91   87    80-91        uneven           178  171   161-176
+    rest_first       183  176   165-180       two_speeds       188  178   170-185
+    approach         187  177   169-184       blocks           176  172   159-174
+    hold             182  177   165-179       coarse_approach  182  179   165-179
+    retract          188  180   170-185
+
+No peak without a flag is off by over 1 %; flags are on 8.4 % of ordinary records: the price of it.
 """
 
 import argparse
