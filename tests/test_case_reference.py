@@ -69,6 +69,7 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
     beside = {
         "sample.length": ["sample.shape=block", "sample.width=14"],
         "sample.width": ["sample.shape=block", "sample.length=14"],
+        "sample.prestretch": ["sample.shape=block", "sample.length=14", "sample.width=14", "test.perpendicular.angle=0"],
         "indenter.diameter": ["indenter.shape=cylinder"],
         "indenter.radius": ["indenter.shape=cylinder"],
         "indenter.half_angle": ["indenter.shape=cone", "indenter.tip_radius=0.05"],
@@ -93,7 +94,8 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         sets = ["material.relaxation.g=[0.8, 0.5]", "material.relaxation.tau=[0.5, 5]"]
     if key.startswith(("test.sample.", "test.indenter.")) and beside.get(key) is not two:
         own, of_case = key.removeprefix("test."), key.replace("test.", "test.parallel.", 1).rpartition(".")[0]
-        beside[key] = [f"{of_case}.{text.partition('.')[2]}" for text in beside.get(own, [])]
+        texts = [text for text in beside.get(own, []) if not text.startswith("test.")]
+        beside[key] = [f"{of_case}.{text.partition('.')[2]}" for text in texts]
     if key.startswith("test.field."):
         (case.parent / "curves" / "side.csv").write_text("x_mm,y_mm,z_mm,uz_um,sd_um\n0,1,7,5,1\n0,2,7,5,1\n0,3,7,5,1\n")
         beside[key], sets = [], [f"test.parallel.field={{ file = 'curves/side.csv', {facts.name} = {json.dumps(value)} }}"]
