@@ -257,7 +257,7 @@ def test_a_material_is_described_with_its_equation_units_and_bounds():
 
 def test_an_unknown_material_is_refused():
     (line,) = refused(run("materials", "neo_hooke"))
-    assert line.startswith("no material 'neo_hooke'; installed: ")
+    assert line.startswith("no material 'neo_hooke'; did you mean 'neo_hookean'")
     refused(run("materials", "check", "lost.py:Mine"), "no material file")
     assert run("materials", "check").exit_code == 2
     assert run("materials", "a", "b").exit_code == 2

@@ -222,7 +222,7 @@ def test_the_site_is_readable_on_a_phone_and_in_the_dark(site, tmp_path):
 def test_every_key_stands_in_the_reference(generated):
     text = page_text("case_file", generated)
     for facts in keys():
-        heading = f"[[{facts.table}]]" if facts.table in ("test", "sample.layer") else f"[{facts.table}]"
+        heading = f"[[{facts.table}]]" if facts.table in ("test", "test.field", "sample.layer") else f"[{facts.table}]"
         table = text.split(f"## {heading}\n")[1].split("\n## ")[0]
         assert f"| `{facts.name}` |" in table
 

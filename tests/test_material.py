@@ -364,7 +364,7 @@ def test_every_law_of_the_folder_is_installed():
 
 
 def test_an_unknown_material_is_answered_with_the_nearest_name():
-    with pytest.raises(MaterialError, match=r"no material 'neohookean'; installed: .*did you mean 'neo_hookean'"):
+    with pytest.raises(MaterialError, match=r"no material 'neohookean'; did you mean 'neo_hookean'"):
         load("neohookean")
 
 

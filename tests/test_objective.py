@@ -127,6 +127,7 @@ def test_other_weights_and_other_forces_leave_the_rest_alone():
 def asked(start=1.0, low=0.1, high=10.0, kappa=None, free="mu", fitted=("mu",)):
     """What `scale_of` and `differences_of` look at in a case whose force is proportional to mu."""
     return SimpleNamespace(
+        tests=(),
         law=SimpleNamespace(scale="mu"),
         material=SimpleNamespace(kappa=kappa),
         free={free: Range(start=start, min=low, max=high)},

@@ -305,7 +305,7 @@ def test_sensitivities_are_asked_of_the_model_kept_and_found_again(case, in_proc
     def run(self, press, progress=None, deadline=None):
         calls.append(press.sensitivities)
         given = {"zeta": np.full(5, 2.0 if press.angle else np.nan)} if press.sensitivities else None
-        return SimpleNamespace(force=np.arange(5.0) + press.angle, facts=SolveFacts(), sensitivities=given)
+        return SimpleNamespace(force=np.arange(5.0) + press.angle, facts=SolveFacts(), sensitivities=given, seen=None, seen_by=None)
 
     monkeypatch.setattr(Model, "run", run)
     with Ledger(tmp_path / "l", case()) as ledger:

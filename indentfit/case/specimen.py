@@ -83,7 +83,7 @@ def disagreements(test: Test) -> Iterator[tuple[str, str]]:
     if test.kind is None:
         return
     for key in OF_SPECIMENS if test.kind == "indentation" else OF_INDENTATIONS:
-        if key in given:
+        if key in given and dict(test)[key] != ():  # a list that stays empty is as good as none
             yield key, f"does not belong to {name}; {REMEDY.get(key, 'remove it, or give test.kind')}"
     if test.kind == "indentation":
         return

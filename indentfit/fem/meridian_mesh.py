@@ -155,9 +155,11 @@ def _corner(task: _Task, scale: float) -> list[Array]:
     folds = max(scale, 1.0) * task.depth / DEPTHS["stick" if task.sticks else "free"]
     width, divisions = max(scale * _finest(task), folds), max(1, round(DIVISIONS * scale**-0.5))
     corner = Corner(task.contact, task.radius, task.thickness, task.top, width, divisions)
-    far_r, _ = _far(task, scale)
+    far_r, far_y = _far(task, scale)
 
-    def down(width: float, _: float) -> Array:
+    def down(width: float, end: float) -> Array:
+        if not task.interfaces:
+            return _grown(far_y, width, end)
         return _downwards(task, scale, lambda depth: width + SLOPE * (depth - corner.block), corner.block) - corner.block
 
     return corner.patches(functools.partial(_grown, far_r), down)

@@ -124,10 +124,10 @@ def fit_with_runs(
 ) -> FitWithRuns:
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     given, run = case, with_prior_tests(case)
+    require_fittable(with_field_tests(run))
+    shallower = without_folds(run)
+    run = shallower.case
     case = with_field_tests(run)
-    require_fittable(case)
-    shallower = without_folds(case)
-    case = shallower.case
     if case.fit.posterior:
         require_emcee()
     started, problem = time.perf_counter(), inverse_problem(case)

@@ -97,7 +97,9 @@ def load(name: str) -> type[Material]:
         if entry.name == name:
             return _from_entry(entry)
     known = sorted({entry.name for entry in entries})
-    raise MaterialError(f"no material {name[:60]!r}; installed: {', '.join(known) or 'none'}{nearest(name, known)}")
+    near = nearest(name, known)
+    others = f"{near}; `indentfit materials` lists all" if near else f"; installed: {', '.join(known) or 'none'}"
+    raise MaterialError(f"no material {name[:60]!r}{others}")
 
 
 def _entries() -> list["EntryPoint"]:
