@@ -6,11 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import indentfit
+from indentfit.layer import Layer
 
 PAGE = Path(indentfit.__file__).parent / "guide" / "python.md"
 STUB = Path(indentfit.__file__).with_name("__init__.pyi")
-HAYES = 2.232  # k of a bonded layer, nu = 0.5, a/h = 2 / 3.3: Hayes et al. 1972, between 2.213 at 0.6 and 2.860 at 0.8
+# k of a bonded layer, a/h = 2 / 3.3. Hayes et al. 1972 have 2.213 at 0.6 and 2.860 at 0.8 for nu = 0.5, between them 2.231; the
+# example's bulk ratio of 1000 is nu = 0.4995. Layer meets Hayes' table (tests/test_layer.py).
+NU = 0.4995
+HAYES = Layer(True, NU).punch_stiffness(2 / 3.3) * (1 - NU) / 4 / (2 / 3.3)
 
 
 def in_a_new_process(text, folder):
@@ -41,7 +47,8 @@ def test_the_example_of_the_guide_finds_the_modulus_of_the_elastic_layer(tmp_pat
     example = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
     said = in_a_new_process(example + "\nprint('END', mu.value, *mu.interval)", tmp_path)
     value, low, high = map(float, said.rsplit("END", 1)[1].split())
-    G = 21.4 * 0.5 / (4 * 2 * HAYES)
+    assert pytest.approx(2.231, rel=2e-3) == HAYES
+    G = 21.4 * (1 - NU) / (4 * 2 * HAYES)
     assert low < G < high
     assert abs(value / G - 1) < 0.1
     assert {"result.json", "report.html", "case.toml", "fit.png"} <= {path.name for path in (tmp_path / "gel-result").iterdir()}
