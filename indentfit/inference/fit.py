@@ -163,7 +163,8 @@ def fit_with_runs(
     if gross is not None:
         result = without_meaning(result, gross)
     said = (*result.conclusions, *shallower.said)
-    result = replace(result, conclusions=said, seconds=time.perf_counter() - started)
+    whole_case = given if shallower.said else None
+    result = replace(result, conclusions=said, whole_case=whole_case, seconds=time.perf_counter() - started)
     return FitWithRuns(result, problem, solved, wide, tuple(watched.known))
 
 

@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 Interval = tuple[float, float]
-NOT_IN_JSON = ("curves", "case", "samples")
+NOT_IN_JSON = ("curves", "case", "whole_case", "samples")
 MOST = 12  # decimals of a number
 
 

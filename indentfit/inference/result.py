@@ -295,6 +295,8 @@ class FitResult:
         The samples themselves (not part of result.json).
     case : Case or None
         The fitted case; None for a result that was read from result.json.
+    whole_case : Case or None
+        The case with all points of its curves, where not all were fitted.
     """
 
     FORMAT: ClassVar[str] = "indentfit.fit/2"
@@ -347,6 +349,7 @@ class FitResult:
     curves: dict[str, InstanceOf[Curve]] = field(default_factory=dict)
     samples: Any = None
     case: InstanceOf[Case] | None = None
+    whole_case: InstanceOf[Case] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of result.json, under the tag `format`."""

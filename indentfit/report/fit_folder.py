@@ -44,7 +44,7 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
     """Write the files of a fit into a folder that exists; returns what its result.json holds."""
     if result.case is None:
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
-    again = copy_case(result.case, folder)
+    again = copy_case(result.whole_case or result.case, folder)
     seen = fields_of(result)
     displacements = {"displacements": {known.test: known.as_json() for known in seen}} if seen else {}
     written = stamped({**result.as_json(), **displacements, "overrides": list(again), "case": case_json(result.case)})
