@@ -205,8 +205,9 @@ def write_displacements(path: str | Path, field: Displacements) -> None:
     header = [*position, *(f"u{axis}" for axis in axes), *(["sd"] if stated else []), *(["depth"] if deep else [])]
     rows = [",".join(f"{name}_mm" for name in header)]
     for n, (point, direction) in enumerate(zip(field.points.tolist(), field.directions, strict=True)):
-        along = int(np.argmax(direction))
-        moved = [repr(float(field.values[n])) if axis == along else "" for axis in range(len(axes))]
+        along = int(np.argmax(np.abs(direction)))
+        value = float(field.values[n] * np.sign(direction[along]))
+        moved = [repr(value) if axis == along else "" for axis in range(len(axes))]
         more = [*([repr(float(field.sd[n]))] if stated else []), *([repr(float(field.depths[n]))] if deep else [])]
         rows.append(",".join([*map(repr, point[: len(position)]), *moved, *more]))
     Path(path).write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")

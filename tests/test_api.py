@@ -7,16 +7,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from fixtures.two_layers import Layers
 
 import indentfit
-from indentfit.layer import Layer
 
 PAGE = Path(indentfit.__file__).parent / "guide" / "python.md"
 STUB = Path(indentfit.__file__).with_name("__init__.pyi")
 # k of a bonded layer, a/h = 2 / 3.3. Hayes et al. 1972 have 2.213 at 0.6 and 2.860 at 0.8 for nu = 0.5, between them 2.231; the
-# example's bulk ratio of 1000 is nu = 0.4995. Layer meets Hayes' table (tests/test_layer.py).
+# example's bulk ratio of 1000 is nu = 0.4995. Hankel's transform meets Hayes' table (tests/test_layered.py).
 NU = 0.4995
-HAYES = Layer(True, NU).punch_stiffness(2 / 3.3) * (1 - NU) / 4 / (2 / 3.3)
+HAYES = Layers((0.3, 0.7), (1.0, 1.0), (NU, NU)).punch(2 / 3.3) * (1 - NU) / 4 / (2 / 3.3)
 
 
 def in_a_new_process(text, folder):

@@ -162,4 +162,4 @@ def test_samples_far_apart_before_contact_are_no_slow_noise():
         widths.append(contact.uncertainty)
         held += abs(contact.displacement) <= contact.uncertainty
     assert np.median(widths) < 0.0065  # interpolated values gave 0.0087
-    assert held >= 21  # 99.9 % of binomial draws at 95 %
+    assert held >= 21  # 99 % of binomial draws at 95 %

@@ -7,8 +7,10 @@ import subprocess
 import sys
 
 import pytest
+from click.testing import CliRunner
 from fixtures.cases import straight_curve, tiny_case
 
+from indentfit.cli import main
 from indentfit.experiment.measured import read_case
 from indentfit.report.live import LiveFit, fragment
 from indentfit.report.live_server import served
@@ -85,3 +87,16 @@ def test_the_page_beside_a_fit_ends_with_its_standard_input(case, tmp_path):
         assert "no set of parameters is complete yet" in answer(address)[1]
         page.stdin.close()
         assert page.wait(20) == 0
+
+
+def test_the_page_runs_no_code_that_the_fit_refuses_to_run(tmp_path, monkeypatch):
+    started = []
+
+    def refuse(words, **_):
+        started.append(words)
+        raise OSError("no process here")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    for options in ([], ["--no-plugins"]):
+        CliRunner().invoke(main, [*options, "fit", str(tmp_path / "none.toml"), "--live"])
+    assert ["--no-plugins" in words for words in started] == [False, True]

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from indentfit import Case, Curve, Indenter, MaterialChoice, Mesh, Sample, Test, fit
+from indentfit.case.measured_field import MeasuredField
 from indentfit.case.search import Fit
-from indentfit.inverse.sharp_edges import LEFT_OUT, without_folds
+from indentfit.displacements import Displacements
+from indentfit.errors import CaseError
+from indentfit.inverse.sharp_edges import FOLDED, LEFT_OUT, without_folds
 from indentfit.layer import Layer
 from indentfit.report.first_screen import next_step
 
@@ -14,14 +17,14 @@ DEPTHS = 0.02 * np.arange(1, 21)
 STIFFNESS, RADIUS, THICKNESS = 3.79, 0.75, 5.0
 
 
-def slice_of_brain(depths=DEPTHS, mesh=Mesh(error=0.03), preload=0.0, **indenter):  # noqa: B008
+def slice_of_brain(depths=DEPTHS, mesh=Mesh(error=0.03), preload=0.0, field=(), **indenter):  # noqa: B008
     return Case(
         sample=Sample(shape="disc", diameter=30.0, thickness=THICKNESS, base="bonded"),
         indenter=Indenter(shape="cylinder", diameter=2 * RADIUS, **{"friction": 0, **indenter}),
         material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 0.6, "min": 0.05, "max": 10}}),
         mesh=mesh,
-        tests=[Test("white", curve=Curve(depths, preload + STIFFNESS * depths))],
-        fit=Fit(workers=1),
+        tests=[Test("white", curve=Curve(depths, preload + STIFFNESS * depths), field=list(field))],
+        fit=Fit(workers=1, method="least_squares" if field else "ga"),
     )
 
 
@@ -43,13 +46,30 @@ def test_a_curve_ends_where_the_error_of_a_sharp_edge_reaches_that_of_the_mesh()
         slice_of_brain(edge_radius=0.05),
         slice_of_brain(friction="stick"),
         slice_of_brain(0.1 * DEPTHS),
-        slice_of_brain(0.2 * np.arange(1, 6)),
     ],
-    ids=["rounded", "sticks", "shallow", "too few points"],
+    ids=["rounded", "sticks", "shallow"],
 )
-def test_all_points_are_fitted_where_no_edge_folds_or_too_few_would_be_left(case):
+def test_all_points_are_fitted_where_no_edge_folds(case):
     shallower = without_folds(case)
     assert shallower.case is case and not shallower.said
+
+
+@pytest.mark.quick
+def test_folded_points_that_are_fitted_since_too_few_would_be_left_are_told():
+    case = slice_of_brain(0.2 * np.arange(1, 6))
+    shallower = without_folds(case)
+    assert shallower.case is case
+    (said,) = shallower.said
+    assert said.startswith(FOLDED) and "beyond 0.184 mm" in said
+
+
+@pytest.mark.quick
+def test_a_field_beside_a_curve_that_would_be_cut_is_refused():
+    """Displacements of the deepest state would be compared with those of the last point that is left."""
+    points, moved = np.array([[r, 5.0, 0.0] for r in (1.0, 2.0, 3.0, 4.0)]), np.array(4 * [[np.nan, -0.1, np.nan]])
+    seen = Displacements.of(points, moved, 0.001, np.nan, "oct.csv")
+    with pytest.raises(CaseError, match="edge_radius"):
+        without_folds(slice_of_brain(field=[MeasuredField(file=seen)]))
 
 
 def test_a_stiffness_at_small_strain_gives_the_modulus_of_the_exact_layer_and_a_deep_line_nearly_so():

@@ -160,7 +160,7 @@ def test_shear_stress_of_the_papers_law_with_families_at_any_angles_is_the_deriv
 
     expected = (psi(0.2 + 1e-5) - psi(0.2 - 1e-5)) / 2e-5
     assert solved(PAPER, state("shear", (25.0, -50.0)), 0.2) == pytest.approx(expected, rel=1e-8)
-    turned = state("shear", (65.0, 140.0), fibres="across")  # the same directions, from axis 2 towards axis 1
+    turned = state("shear", (-65.0, 40.0), fibres="across")  # the same directions: from axis 2, which is at 90, in the same sense
     assert solved(PAPER, turned, 0.2) == pytest.approx(expected, rel=1e-8)
 
 

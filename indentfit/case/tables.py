@@ -412,7 +412,7 @@ class Test(Section):
         default=None,
         examples=[[30, -30]],
         description="angles of two families of fibres from the direction that `fibres` names, without an indenter, in the plane of "
-        "shear or of two stretches; for materials with two families",
+        "shear or of two stretches, in the sense of a turn from the axis along to the one across; for materials with two families",
     )
     loading: Literal["tension", "compression"] | None = Field(
         default=None,

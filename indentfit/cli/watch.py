@@ -62,7 +62,8 @@ def command(case: str, overrides: tuple[str, ...], output: str | None, port: int
 def beside(case: str, overrides: tuple[str, ...], output: str) -> Iterator[None]:
     """Context in which a process of its own shows the page of a fit; what goes wrong with the page never stops the fit."""
     changes = [part for change in overrides for part in ("--set", change)]
-    words = [sys.executable, "-P", "-m", "indentfit", "watch", case, "-o", output, "--child", *changes]
+    refuses = ["--no-plugins"] if click.get_current_context().find_root().params.get("no_plugins") else []
+    words = [sys.executable, "-P", "-m", "indentfit", *refuses, "watch", case, "-o", output, "--child", *changes]
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
     try:
         page = subprocess.Popen(words, text=True, start_new_session=True, **pipes)  # Ctrl-C is the fit's

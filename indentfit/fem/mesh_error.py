@@ -109,7 +109,7 @@ def _error_by(
 ) -> ForceError | str:
     """The stated error of a test by the model of a second mesh, or why it cannot be stated."""
     try:
-        other = model.run(replace(press, sensitivities=()), progress)
+        other = model.run(replace(press, sensitivities=(), observed=None), progress)
     except ConvergenceError as error:
         return f"the second mesh for its estimate was not solved: {error}"
     if other.facts.tries > 1 and FEWER < other.facts.elements / test.facts.elements < 1 / FEWER:
@@ -268,4 +268,4 @@ def _kind_of_edge(setup: Setup) -> str:
 
 def _width_of_folds(setup: Setup) -> float:
     """The length, mm, over which the depth is counted for folds."""
-    return float(min(setup.indenter.geometry.half_width, setup.sample.thickness))
+    return float(min(setup.indenter.geometry.half_width, setup.sample.top_thickness))

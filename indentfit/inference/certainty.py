@@ -60,8 +60,9 @@ RIGHT = 0.15  # largest difference between a run and its prediction, over a prof
 SOLVES = 12  # sets of parameters that least squares may run, ends of profiles included
 UNPROVED = (
     "profiles by a surrogate of the search's {runs} runs; {proved} of their {ends} ends confirmed by runs, since {solves} sets of "
-    "parameters are allowed in all; `ga` confirms every end"
+    "parameters are allowed in all; `ga` has no such limit"
 )
+SURE_OF = "{proved} of the {ends} ends of profiles are runs; of the others the surrogate is sure to 5 % of the limit"
 OF_RUNS = "profiles by a surrogate of the search's {runs} runs; {more} more sets of parameters were run to confirm them"
 LINEARISED = (
     "profiles and bootstrap use the curves linearised at the optimum, since no surrogate can be trusted, or the parameters are many"
@@ -285,7 +286,8 @@ def _predicted(solution: Solution, model: Watched, solved: Solved, uncertain: Un
         return {}
     surrogate = _learned(problem, model, solved.exploration) or linearised(problem, best, solved.optimum.derivatives or ())
     sd = _of_forces(uncertain)
-    common: list[list[Array]] = [[sd * force] for force in best.forces]
+    pairs = zip(problem.tests, best.forces, strict=True)
+    common: list[list[Array]] = [[] if test.moves else [sd * force] for test, force in pairs]
     for name, share in uncertain.inputs.items():
         if name not in MOVES and share.sd is not None:
             slopes = input_derivatives(solution.case, problem, solution.model, best, name)
@@ -312,9 +314,11 @@ def _findings(solution: Solution, model: Watched, surrogate: Surrogate, most: in
     wrong = [name for name, points in confirmed.items() if not all(_right(point, last[name].limit) for point in points)]
     if wrong:
         notes.append(f"the profiles of {', '.join(wrong)} were predicted badly at their ends, and corrected by the runs there")
+    proved = sum(len(points) for points in confirmed.values())
     if most is not None:
-        proved = sum(len(points) for points in confirmed.values())
         notes.append(UNPROVED.format(runs=len(surrogate.training), solves=SOLVES, proved=proved, ends=2 * len(last)))
+    elif proved < 2 * len(last):
+        notes.append(SURE_OF.format(proved=proved, ends=2 * len(last)))
     progress(0.95, "bootstrap")
     return Findings(
         profiles={name: path.shown(confirmed[name]) for name, path in last.items()},

@@ -125,7 +125,7 @@ def fit_with_runs(
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     given, run = case, with_prior_tests(case)
     require_fittable(with_field_tests(run))
-    shallower = without_folds(run)
+    uncut, shallower = run, without_folds(run)
     run = shallower.case
     case = with_field_tests(run)
     if case.fit.posterior:
@@ -163,8 +163,9 @@ def fit_with_runs(
     if gross is not None:
         result = without_meaning(result, gross)
     said = (*result.conclusions, *shallower.said)
-    whole_case = given if shallower.said else None
-    result = replace(result, conclusions=said, whole_case=whole_case, seconds=time.perf_counter() - started)
+    result = replace(result, conclusions=said, seconds=time.perf_counter() - started)
+    if shallower.case is not uncut:
+        result = replace(result, whole_case=given, case_hash=uncut.hash)
     return FitWithRuns(result, problem, solved, wide, tuple(watched.known))
 
 

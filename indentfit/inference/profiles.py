@@ -111,26 +111,28 @@ class Proving:
         points = self._farthest(_apart(np.concatenate([*ends.values()]), widths))[: self.most]
         limits = [path.limit for path in paths.values()]
         doubts = [self._doubt(x, limits) for x in points]
-        first = [x for x, doubt in zip(points, doubts, strict=True) if doubt > SURE] or [points[k] for k in np.argsort(doubts)[-1:]]
-        confirmed = self._run(first, ends, widths, report)
-        allowed = {name: max(SURE, BELIED * max(doubts, default=0.0)) * np.sqrt(path.limit) for name, path in paths.items()}
-        if len(first) == len(points) or all(_as_predicted(confirmed[name], allowed[name]) for name in confirmed):
-            return confirmed
-        return self._run(points, ends, widths, report)
+        first = [k for k, doubt in enumerate(doubts) if doubt > SURE] or [int(k) for k in np.argsort(doubts)[-1:]]
+        confirmed = self._run([points[k] for k in first], ends, widths, report)
+        allowed = [max(SURE, BELIED * doubts[k]) for k in first]
+        rows = ((k, point, paths[name].limit) for name, known in confirmed.items() for k, point in known.items())
+        right = (_as_predicted(point, allowed[k] * np.sqrt(limit)) for k, point, limit in rows)
+        if len(first) < len(points) and not all(right):
+            confirmed = self._run(points, ends, widths, report)
+        return {name: tuple(rows.values()) for name, rows in confirmed.items()}
 
     def _run(
         self, points: list[Array], ends: Mapping[str, Array], widths: Array, report: Report | None
-    ) -> dict[str, tuple[ConfirmedPoint, ...]]:
-        """The ends that runs at some points prove."""
+    ) -> dict[str, dict[int, ConfirmedPoint]]:
+        """The ends of each profile that runs at some points prove, by the number of the point."""
         problem = self.problem
         runs = evaluate_at_reference(problem, self.model, [problem.parameters(x) for x in points], report)
         x = problem.units(self.candidate.parameters)
         promised = estimate(problem, self.surrogate, self.known.weights, x)[1]
         least = min(self._squares(self.candidate.forces), promised)
-        confirmed: dict[str, tuple[ConfirmedPoint, ...]] = {}
+        confirmed: dict[str, dict[int, ConfirmedPoint]] = {}
         for n, (name, pair) in enumerate(ends.items()):
             numbers = [_near(end, points, widths) for end in pair]
-            confirmed[name] = tuple(self._confirmed(n, points[k], runs[k], least) for k in numbers if k is not None)
+            confirmed[name] = {k: self._confirmed(n, points[k], runs[k], least) for k in numbers if k is not None}
         return confirmed
 
     def _doubt(self, x: Array, limits: Sequence[float]) -> float:
@@ -171,12 +173,10 @@ class Proving:
         return sum(weight * float(np.sum((test.curve.trust * (force - test.curve.force)) ** 2)) for test, force, weight in rows)
 
 
-def _as_predicted(points: tuple[ConfirmedPoint, ...], allowed: float) -> bool:
-    """Whether runs at ends of a profile are as near their predictions as allowed, by the roots of chi2."""
-    return all(
-        point.chi2 is not None and point.predicted is not None and abs(np.sqrt(point.chi2) - np.sqrt(point.predicted)) <= allowed
-        for point in points
-    )
+def _as_predicted(point: ConfirmedPoint, allowed: float) -> bool:
+    """Whether the run at an end of a profile is as near its prediction as allowed, by the roots of chi2."""
+    known = point.chi2 is not None and point.predicted is not None
+    return known and bool(abs(np.sqrt(point.chi2) - np.sqrt(point.predicted)) <= allowed)  # type: ignore[arg-type]
 
 
 def _apart(ends: Array, widths: Array) -> list[Array]:

@@ -46,6 +46,7 @@ PROFILES = (
     "uncertain inputs are coordinates of the fit: intervals are profiles over parameters and inputs, under the inputs' priors, and "
     "so may be too wide: weighted draws of the posterior have an effective number of {effective:.0f} only"
 )
+OVERLAP = "shares of the variance overlap where sources act alike: each is what would vanish without its source"
 UNPROVED = (
     "the surrogate's prediction at the optimum was not proved by a run to a third of a standard error: intervals are doubtful"
 )
@@ -110,7 +111,8 @@ def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: Uncertain
     name = list(fit.problem.free)[n]
     bounds, pieces = fit.problem.free[name], fit.pieces(n)
     value = values_of(fit.best.fit, n, fit.best.fit.mode.z[[n]])[0]
-    error, total = float(known.stderr[n]), uncertain.stderr_total[name]
+    total = uncertain.stderr_total[name]
+    error = (total if total is not None else np.inf) * float(np.sqrt(fit.best.fit.of_noise[n]))
     interval: Interval = (pieces[0][0], pieces[-1][1])
     half = float(fit.best.fit.quantiles[n]) * (total or np.inf)
     return ParameterEstimate(
@@ -190,6 +192,7 @@ def _notes(case: Case, fit: WideFit) -> Iterator[str]:
     if fit.elements is not None:
         sd = float(np.sqrt(np.max(np.diag(fit.mesh.mesh))))
         yield CORRECTED.format(most=np.abs(fit.mesh.correction).max(), elements=fit.elements, sd=sd)
+    yield OVERLAP
     if not fit.reached:
         yield UNPROVED
     if any(known.systematic for known in _noise(fit).values()):

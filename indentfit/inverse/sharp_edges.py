@@ -10,17 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.case import Case
-from indentfit.curve import Curve
+from indentfit.errors import CaseError
 from indentfit.fem.mesh_error import unfolded_depth
-from indentfit.fem.setup import Setup
 from indentfit.runs.points import setup_of
 
 FEWEST = 4  # points that a curve must have left; all of them are fitted otherwise
 LEFT_OUT = "not all points are fitted: "
+FOLDED = "folded points are fitted: "
 SAID = (
     LEFT_OUT
     + "{test} to {depth:.3g} mm, its first {kept} of {points} points; beyond, the surface folds in at the sharp edge, and no "
     "mesh keeps the error of the force within {error:.2g} (state the edge's radius, indenter.edge_radius, to fit all)"
+)
+
+ALL_FITTED = (
+    FOLDED + "{test} beyond {depth:.3g} mm, where the surface folds in at the sharp edge and no mesh keeps the error of the force "
+    "within {error:.2g}; {why} (state the edge's radius, indenter.edge_radius)"
 )
 
 
@@ -43,29 +48,27 @@ def without_folds(case: Case) -> Shallower:
     -------
     Shallower
     """
-    if case.relaxation is not None:
-        return Shallower(case)
     setups = {test.name: setup_of(piece) for piece in case.pieces for test in piece.tests}
     curves, said = list(case.curves), []
     for n, (test, curve) in enumerate(zip(case.tests, case.curves, strict=True)):
         setup = setups.get(test.name)
-        part = None if curve is None or setup is None else _first_points(curve, setup)
-        if part is None or curve is None or setup is None:
+        if curve is None or setup is None:
             continue
-        curves[n] = part
-        said.append(
-            SAID.format(
-                test=test.name,
-                depth=part.displacement[-1],
-                kept=part.force.size,
-                points=curve.force.size,
-                error=setup.mesh.wanted_error,
-            )
-        )
-    return Shallower(case.model_copy(update={"curves": tuple(curves)}), tuple(said)) if said else Shallower(case)
-
-
-def _first_points(curve: Curve, setup: Setup) -> Curve | None:
-    """The points of a curve that are kept; None where all are, or where too few would be."""
-    kept = np.flatnonzero(curve.displacement <= unfolded_depth(setup) * (1 + 1e-9))
-    return None if kept.size == curve.force.size or kept.size < FEWEST else curve.part(kept)
+        depth = unfolded_depth(setup)
+        kept = np.flatnonzero(curve.displacement <= depth * (1 + 1e-9))
+        facts = {"test": test.name, "depth": depth, "error": setup.mesh.wanted_error}
+        if kept.size == curve.force.size:
+            continue
+        if case.relaxation is not None:
+            said.append(ALL_FITTED.format(**facts, why="a curve in time is fitted whole"))
+        elif kept.size < FEWEST:
+            said.append(ALL_FITTED.format(**facts, why=f"too few of its points, {kept.size}, lie above that depth"))
+        elif test.field:
+            text = f"test.{test.name}.field: the surface of this test folds in at the sharp edge beyond {depth:.3g} mm; state"
+            raise CaseError([f"{text} indenter.edge_radius, so that all points can be fitted, or remove the field"])
+        else:
+            curves[n] = part = curve.part(kept)
+            facts["depth"] = float(part.displacement[-1])
+            said.append(SAID.format(**facts, kept=kept.size, points=curve.force.size))
+    cut = any(now is not before for now, before in zip(curves, case.curves, strict=True))
+    return Shallower(case.model_copy(update={"curves": tuple(curves)}) if cut else case, tuple(said))

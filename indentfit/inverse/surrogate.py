@@ -347,11 +347,11 @@ def _best_fit(training: tuple[TrainingRun, ...], problem: InverseProblem) -> Fit
                     continue
                 tried.add(tuple(trial))
                 for degree in DEGREES:
-                    fitted = _fit_rows(rows, trial, degree)
+                    fitted = _fit_rows(rows, trial, degree, with_shifts=False)
                     if fitted and (best is None or fitted.error < best.error):
                         best = fitted
             betas = best.betas if best else betas
-    return best
+    return best and _fit_rows(rows, best.betas, best.degree)
 
 
 def widest_degree(d: int) -> int:
@@ -368,7 +368,7 @@ def fit_polynomial(training: Sequence[TrainingRun], betas: Array, degree: int, e
     return _fit_rows(_Rows.of(training), betas, degree, expected)
 
 
-def _fit_rows(rows: "_Rows", betas: Array, degree: int, expected: bool = False) -> Fitted | None:
+def _fit_rows(rows: "_Rows", betas: Array, degree: int, expected: bool = False, with_shifts: bool = True) -> Fitted | None:
     d = len(betas)
     if (len(rows.owners) < polynomials.SPARE * len(polynomials.powers(d, degree)) and not expected) or len(rows.places) < 2:
         return None
@@ -384,7 +384,8 @@ def _fit_rows(rows: "_Rows", betas: Array, degree: int, expected: bool = False) 
     if left_out is None:
         return Fitted(betas, degree, coefficients, np.inf)
     errors, shifts = left_out
-    return Fitted(betas, degree, coefficients, float(np.sqrt(np.mean(np.square(errors)))), errors, np.linalg.solve(R, shifts))
+    kept = np.linalg.solve(R, shifts) if with_shifts else None
+    return Fitted(betas, degree, coefficients, float(np.sqrt(np.mean(np.square(errors)))), errors, kept)
 
 
 def _expected(rows: "_Rows", d: int, degree: int) -> Array:

@@ -72,7 +72,7 @@ class HomogeneousState:
         axis = AXES[self.fibres]
         if self.families is None:
             return np.eye(3)[axis]
-        turns = np.radians([angle if axis == 0 else 90 - angle for angle in self.families])
+        turns = np.radians([90 * axis + angle for angle in self.families])
         return np.stack([np.cos(turns), np.sin(turns), np.zeros(2)], axis=1)
 
     def solve(self, material: Material, kappa: float, strain: Array, names: Collection[str] = ()) -> Stresses:

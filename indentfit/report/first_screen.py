@@ -11,7 +11,7 @@ from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstima
 from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
 from indentfit.inference.what_if import warnings_of
-from indentfit.inverse.sharp_edges import LEFT_OUT
+from indentfit.inverse.sharp_edges import FOLDED, LEFT_OUT
 
 SYSTEMATIC = 0.02  # RMSE over the largest force from which systematic residuals are worth another law
 CURE = re.compile(r"about ([\d,]+) elements")
@@ -94,7 +94,7 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
-    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith((HEREDITARY, LEFT_OUT)))
+    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith((HEREDITARY, LEFT_OUT, FOLDED)))
     yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
 
 

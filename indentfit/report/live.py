@@ -17,7 +17,9 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.curve import Curve
-from indentfit.inverse.problem import scale_of
+from indentfit.errors import CaseError
+from indentfit.inverse.problem import InverseProblem, inverse_problem
+from indentfit.inverse.sharp_edges import without_folds
 from indentfit.report.digits import CurveScale
 from indentfit.report.live_drawing import Line, drawing
 from indentfit.report.typeset import symbol
@@ -35,12 +37,15 @@ class SeenSet:
     values : dict of name -> float
     forces : dict of test -> array (n,), mN
         At the displacements of the measured curve.
+    objective : float, mN
+        Equation (1), by which sets are ordered.
     error : float
-        Weighted mean of the tests' root mean square errors over their largest forces.
+        The largest of the tests' root mean square errors, over their largest forces.
     """
 
     values: dict[str, float]
     forces: dict[str, Array]
+    objective: float
     error: float
 
 
@@ -63,70 +68,57 @@ class LiveFit:
     sets: list[SeenSet] = field(default_factory=list)
     _last: int = 0
     _waiting: dict[str, dict[str, SeenRun]] = field(default_factory=dict)
+    _problem: InverseProblem = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.case.relaxation is not None:
+            raise CaseError(["material.relaxation: the live page shows no fit over time; leave out --live"])
+        self.case = without_folds(self.case).case  # the points that are fitted
+        self._problem = inverse_problem(self.case)
 
     def look(self) -> None:
         """Take in the runs that have been added since the last look."""
         for run in runs_so_far(self.ledger, self._last):
             self._last = run.number
             self.runs += 1
-            if run.cause is not None or run.force.size != run.depths.size or not run.force.size:
+            if run.cause is not None or not run.force.size:
                 self.failed += 1
                 continue
-            tests = self._waiting.setdefault(_key(run), {})
+            parameters = run.inputs.get("parameters", {})
+            if run.test not in self.measured or not self._of_this_model(parameters):
+                continue
+            tests = self._waiting.setdefault(repr(sorted(parameters.items())), {})
             tests[run.test] = run
             if tests.keys() >= self.measured.keys():
-                self._take(self._waiting.pop(_key(run)))
+                self._take(parameters, tests)
+                tests.clear()
 
     @property
     def best(self) -> SeenSet | None:
-        """The set of the smallest error; None before the first."""
-        return min(self.sets, key=lambda known: known.error, default=None)
+        """The set of the least objective; None before the first."""
+        return min(self.sets, key=lambda known: known.objective, default=None)
 
     @property
     def measured(self) -> dict[str, Curve]:
-        """Test -> its measured curve."""
-        return {test.name: curve for test, curve in zip(self.case.tests, self.case.curves, strict=True) if curve is not None}
+        """Test -> its measured curve, as far as it is fitted."""
+        return {test.name: test.curve for test in self._problem.tests}
 
-    def _take(self, tests: Mapping[str, SeenRun]) -> None:
-        measured, weights = self.measured, {test.name: float(test.weight or 1.0) for test in self.case.tests}
-        forces = {
-            name: np.interp(curve.displacement, np.append(0.0, tests[name].depths), np.append(0.0, tests[name].force))
-            for name, curve in measured.items()
-        }
-        values = _values(next(iter(tests.values())).inputs, self.case)
-        name, _ = scale_of(self.case)
-        if name is not None and name in values:  # forces are proportional to it, and runs are made at one value
-            factor = _factor(measured, forces, weights)
-            bounds = self.case.free[name]
-            factor = float(np.clip(factor, bounds.min / values[name], bounds.max / values[name]))
-            values[name] *= factor
-            forces = {test: factor * force for test, force in forces.items()}
+    def _of_this_model(self, parameters: Mapping[str, Any]) -> bool:
+        """Whether a run is one of the mesh and the base of the fit."""
+        return parameters.keys() <= self._problem.start.keys() | self.case.fit.uncertain.fitted.keys()
+
+    def _take(self, parameters: Mapping[str, Any], tests: Mapping[str, SeenRun]) -> None:
+        to_reference = 1 / self._problem.factor(parameters)
+        forces = [to_reference * tests[test.name].force for test in self._problem.tests]
+        candidate = self._problem.judge_best_scale({**self._problem.start, **parameters}, forces)
+        pairs = list(zip(self._problem.tests, candidate.forces, strict=True))
         share = {
-            test: float(np.sqrt(np.mean((forces[test] - m.force) ** 2)) / np.abs(m.force).max()) for test, m in measured.items()
+            test.name: float(np.sqrt(np.mean((force - test.curve.force) ** 2)) / np.abs(test.curve.force).max())
+            for test, force in pairs
         }
-        error = sum(weights[test] * share[test] for test in share) / sum(weights[test] for test in share)
-        self.sets.append(SeenSet(values, forces, error))
-
-
-def _key(run: SeenRun) -> str:
-    """What the runs of one set have in common."""
-    rest = {name: value for name, value in run.inputs.items() if name not in ("depths", "angle", "rate", "kind")}
-    return repr(sorted(rest.items(), key=lambda item: item[0]))
-
-
-def _values(inputs: Mapping[str, Any], case: Case) -> dict[str, float]:
-    """The fitted parameters and inputs of a run."""
-    told = {**{name: inputs[name] for name in case.fit.uncertain.fitted if name in inputs}, **inputs.get("parameters", {})}
-    wanted = [*case.free, *case.fit.uncertain.fitted]
-    return {name: float(told[name]) for name in wanted if isinstance(told.get(name), int | float)}
-
-
-def _factor(measured: Mapping[str, Curve], forces: Mapping[str, Array], weights: Mapping[str, float]) -> float:
-    """The factor of all forces that fits the measured ones best."""
-    largest = {test: float(np.abs(curve.force).max()) for test, curve in measured.items()}
-    over = sum(weights[test] / largest[test] ** 2 * float(np.mean(forces[test] * measured[test].force)) for test in measured)
-    under = sum(weights[test] / largest[test] ** 2 * float(np.mean(forces[test] ** 2)) for test in measured)
-    return over / under if under > 0 else 1.0
+        values = {name: float(candidate.parameters[name]) for name in self._problem.free}
+        named = {test.name: force for test, force in pairs}
+        self.sets.append(SeenSet(values, named, candidate.objective, max(share.values())))
 
 
 # The page
@@ -198,7 +190,7 @@ def _profiles(fit: LiveFit) -> str:
 
 def _table(fit: LiveFit) -> str:
     """The best sets and their errors."""
-    known = sorted(fit.sets, key=lambda seen: seen.error)[:SHOWN]
+    known = sorted(fit.sets, key=lambda seen: seen.objective)[:SHOWN]
     names = list(known[0].values)
     head = "".join(f'<th scope="col" class="number">{escape(symbol(word))}</th>' for word in (*names, "error, %"))
     rows = "".join(

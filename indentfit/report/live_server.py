@@ -58,7 +58,6 @@ def served(title: str, now: Callable[[], str], port: int = 0) -> Iterator[str]:
 
     answers = type("Answers", (_Answers,), {"title": title, "now": staticmethod(told)})
     with ThreadingHTTPServer((HOST, port), answers) as server:
-        server.daemon_threads = True
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         try:
@@ -77,7 +76,7 @@ class _Answers(BaseHTTPRequestHandler):
     sys_version = ""
 
     def do_GET(self) -> None:
-        host = self.headers.get("Host", "").rpartition(":")[0]
+        host = self.headers.get("Host", "").partition(":")[0]
         if host not in (HOST, "localhost"):  # a page of elsewhere whose name was made to point here
             self.send_error(403)
         elif self.path == "/":

@@ -76,4 +76,5 @@ def _seen(stored: list[rows.Stored], after: int) -> Iterator[SeenRun]:
             return  # a half-written row, and perhaps those after it
         inputs = json.loads(row.row.inputs)
         depths, force = np.array(inputs.get("depths", []), dtype=float), np.zeros(0) if run.force is None else run.force
+        force = force[: depths.size]  # displacements that were seen come behind the forces
         yield SeenRun(row.number, row.row.test.decode(), inputs, depths, force, run.seconds, run.cause)
