@@ -169,6 +169,14 @@ def test_a_preload_and_adhesion_are_seen_in_the_curve_itself():
     assert not list(doubts("t", Curve(d[1:], d[1:] ** 3)))
 
 
+def test_an_earlier_contact_that_the_record_leaves_open_is_no_preload():
+    """Contact 0.05 mm earlier: within twice a standard deviation of 0.03 mm the fit knows it, beyond twice 0.02 mm it does not."""
+    d = np.linspace(0, 0.2, 21)
+    known, early = (Curve(d, 10 * (d + 0.05), contact=sd) for sd in (0.03, 0.02))
+    assert not list(doubts("t", known, recorded=True))
+    assert "preload" in next(doubts("t", early, recorded=True)).seen
+
+
 def test_noise_is_no_preload_nor_adhesion():
     """1 and 5 % of noise on 20 points, straight and Hertzian: in 400 curves at most 1 %."""
     rng, d = np.random.default_rng(0), np.linspace(0.05, 1, 20)

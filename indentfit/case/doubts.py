@@ -11,6 +11,7 @@ from indentfit.curve import Curve
 LEAST = 0.02  # of the largest force: a smaller force at zero displacement, or below zero, is not mentioned
 CLEAR = 4.0  # standard deviations of one point: a smaller force may be noise
 FIRST = 0.25  # share of the depth in which the first forces lie
+CONTACT = 2.0  # standard deviations of the contact point: an earlier contact within them is no doubt, a fit widens its intervals by it
 EXTRAPOLATED = 0.4  # share of the depth from which the force at zero displacement is extrapolated
 FEWEST = 6  # points for this
 PRELOAD = (
@@ -72,6 +73,8 @@ def doubts(name: str, curve: Curve, recorded: bool = False) -> Iterator[CurveDou
     force, error = force_at_zero(curve)
     if force > max(least, CLEAR * error):
         earlier = _earlier(curve, force)
+        if curve.contact is not None and earlier <= CONTACT * curve.contact:
+            return
         remedy = (OF_RECORD if recorded else OF_CURVE).format(start=-earlier, low=-3 * earlier)
         yield CurveDoubt(name, PRELOAD.format(force=force, share=force / largest), remedy)
 
