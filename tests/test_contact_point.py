@@ -11,6 +11,7 @@ from indentfit.case import Record
 from indentfit.errors import RecordError
 from indentfit.experiment.contact_point import METHODS, find_contact_point
 from indentfit.experiment.loading import constant_velocity, filtered, find_ramp
+from indentfit.experiment.noise import covariance, noise_in
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.rig import Rig, SensorNoise
@@ -149,6 +150,12 @@ def test_a_stage_that_turns_at_once_loses_nothing_of_its_peak():
     rng = np.random.default_rng(6)
     off = [process_record(retracted(rng), settings=Record(indenter="flat")).peak - 1 for _ in range(25)]
     assert abs(np.mean(off)) < 0.0016  # three standard errors of the mean at 0.27 % of scatter
+
+
+def test_a_value_that_no_residual_depends_on_is_unknown():
+    jacobian = np.column_stack([np.ones(100), np.zeros(100)])
+    spread = covariance(jacobian, noise_in(np.random.default_rng(0).standard_normal(100)))
+    assert spread[0, 0] == pytest.approx(0.01, rel=0.4) and spread[1, 1] == np.inf and spread[0, 1] == 0
 
 
 def test_samples_far_apart_before_contact_are_no_slow_noise():

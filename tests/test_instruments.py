@@ -190,6 +190,8 @@ def test_the_end_mark_of_a_block_is_no_cut_off_line(tmp_path):
         ("Tijd (s),Verplaatsing (mm),Kracht (mN)", "utf-8"),
         ("Czas [s],Przemieszczenie [mm],Siła [mN]", "utf-8"),
         ("time_S,tip_position_mm,normal_force_mN", "utf-8"),
+        ("Tid (s),Förskjutning (mm),Kraft (mN)", "cp1252"),
+        ("Tempo (s),Deslocamento (mm),Força (mN)", "cp1252"),
     ],
 )
 def test_a_header_of_another_language_is_read_in_its_own_encoding(header, encoding, tmp_path):
@@ -197,6 +199,55 @@ def test_a_header_of_another_language_is_read_in_its_own_encoding(header, encodi
     np.testing.assert_allclose(record.displacement, D, atol=1e-9)
     np.testing.assert_allclose(record.force, F, atol=1e-9)
     np.testing.assert_allclose(record.time, T, atol=1e-9)
+
+
+@pytest.mark.parametrize("header", ["Time (s)\tGap (mm)\tNormal force (mN)", "Zeit [s]\tSpaltweite [mm]\tNormalkraft [mN]"])
+def test_a_gap_falls_toward_the_sample(header, tmp_path):
+    """Rheometers write the gap between their plates."""
+    record = read_record(written(tmp_path / "r.txt", [header], (T, 3.0 - D, F)))
+    np.testing.assert_allclose(record.displacement, D - 3.0, atol=1e-9)
+
+
+LABVIEW = """LabVIEW Measurement\t
+Separator\tTab
+Decimal_Separator\t{point}
+Multi_Headings\tYes
+X_Columns\t{columns}
+***End_of_Header***\t
+
+"""
+PACKET = """Channels\t2
+Samples\t200\t200
+Y_Unit_Label\tMillimeters\tNewtons
+X_Dimension\tTime\tTime
+X0\t{start}\t{start}
+Delta_X\t0.01\t0.01
+***End_of_Header***\t\t
+X_Value\tStage\tLoad cell\tComment
+"""
+
+
+@pytest.mark.parametrize("point", [".", ","])
+@pytest.mark.parametrize("columns", ["One", "No", "Multi"])
+def test_a_labview_measurement_file_has_its_units_and_times_in_its_header(point, columns, tmp_path):
+    """Two packets of 200 rows, the first row with a comment; X for all channels, for each of them, or the step alone."""
+    text = LABVIEW
+    for begin in (0, 200):
+        part = slice(begin, begin + 200)
+        text += PACKET.format(start=T[begin]).replace(
+            "Stage\tLoad", "Stage\tX_Value\tLoad" if columns == "Multi" else "Stage\tLoad"
+        )
+        for t, d, f in zip(T[part], D[part], F[part], strict=True):
+            x = "" if columns == "No" else f"{t:.6f}"
+            text += f"{x}\t{d:.7f}\t" + (f"{x}\t" if columns == "Multi" else "") + f"{f / 1000:.10f}\n"
+    text = text.replace("\n0.000000\t", "\n0.000000\t").format(point=point, columns=columns)
+    head, _, rows = text.partition("X_Value")
+    (tmp_path / "r.lvm").write_text(head + "X_Value" + (rows.replace(".", ",") if point == "," else rows))
+    record = read_record(tmp_path / "r.lvm")
+    np.testing.assert_allclose(record.time, T, atol=1e-6)
+    np.testing.assert_allclose(record.displacement, D, atol=1e-6)
+    np.testing.assert_allclose(record.force, F, atol=1e-6)
+    assert record.notes == ()
 
 
 def test_the_travel_of_a_piezo_less_the_cantilever_is_the_indentation(tmp_path):

@@ -11,7 +11,7 @@ from indentfit.curve import Curve
 LEAST = 0.02  # of the largest force: a smaller force at zero displacement, or below zero, is not mentioned
 CLEAR = 4.0  # standard deviations of one point: a smaller force may be noise
 FIRST = 0.25  # share of the depth in which the first forces lie
-CONTACT = 2.0  # standard deviations of the contact point: an earlier contact within them is no doubt, a fit widens its intervals by it
+CONTACT = 2.0  # standard deviations of the contact point: an earlier contact within them is no doubt; the fit's intervals hold it
 EXTRAPOLATED = 0.4  # share of the depth from which the force at zero displacement is extrapolated
 FEWEST = 6  # points for this
 PRELOAD = (

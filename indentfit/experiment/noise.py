@@ -82,15 +82,20 @@ def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
     Returns
     -------
     array (p, p)
+        Infinite on the diagonal where no residual depends on a value.
     """
     n, p = jacobian.shape
-    lengths = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)  # columns of one length: units do not matter
-    columns = jacobian / lengths
+    lengths = np.linalg.norm(jacobian, axis=0)
+    unknown = lengths == 0
+    lengths[unknown] = 1.0
+    columns = jacobian / lengths  # of one length: units do not matter
     bread = np.linalg.pinv(columns.T @ columns)
     sized = columns * noise.scale[:, None]
     white = not noise.weights.size
     meat = sized.T @ (sized if white else matmul_toeplitz((noise.correlation, noise.correlation), sized))
-    return bread @ meat @ bread * n / max(n - p, 1) / np.outer(lengths, lengths)
+    spread = bread @ meat @ bread * n / max(n - p, 1) / lengths[:, None] / lengths
+    spread[unknown, unknown] = np.inf
+    return spread
 
 
 def _autoregression(moments: Array, most: int, n: int) -> Array:

@@ -223,7 +223,7 @@ def _spread(jacobian: Array, residual: Array, noise: CorrelatedNoise) -> Array:
         rows = jacobian[:kept].reshape(-1, thin, jacobian.shape[1]).mean(axis=1)
         slow = noise_in(means)
         spread = covariance(rows, slow) * _lost(means.size, rows.shape[1], independent(slow))
-        if spread[-1, -1] > CLEARLY * widest[-1, -1]:
+        if np.inf > spread[-1, -1] > CLEARLY * widest[-1, -1]:  # the last few samples, in no block, may be all that are in contact
             widest = spread
     return widest
 

@@ -23,7 +23,7 @@ from indentfit.experiment.formats.choice import (
 )  # fmt: skip
 from indentfit.experiment.formats.stated import stated
 from indentfit.experiment.formats.table import Table
-from indentfit.experiment.formats.words import ALIASES, ELECTRIC, TARGETS, rank_of, words_of
+from indentfit.experiment.formats.words import ALIASES, ELECTRIC, TARGETS, is_height, rank_of
 from indentfit.experiment.record import CUT_OFF, FEWEST, RawRecord, Stated
 from indentfit.units import unit_factor
 
@@ -214,10 +214,9 @@ def _require_apart(source: _Source, place: int) -> None:
 
 
 def _facing(source: _Source, place: int) -> RecordChannel:
-    """The channel of the displacement; a height falls toward the sample, so its sign is turned unless the settings give one."""
+    """The channel of the displacement; a height or gap falls toward the sample: its sign is turned unless the settings give one."""
     channel = source.settings.displacement
-    heights = any(words_of(label)[:1] == ["height"] for label in source.table.labels(place))
-    if heights and "sign" not in channel.model_fields_set:
+    if any(map(is_height, source.table.labels(place))) and "sign" not in channel.model_fields_set:
         return channel.model_copy(update={"sign": -1})
     return channel
 

@@ -8,17 +8,18 @@ import re
 TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
 # Words of each quantity in ranks: where a header has several columns of a quantity, the first rank is taken.
 WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 t",),
+    "time": ("time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 tid aika čas zaman t",),
     "displacement": (
         "indentation indent depth penetration eindringtiefe eindringweg enfoncement profondeur 压入深度 深さ 押込み深さ pd",
         "displacement disp extension compression weg standardweg verformung allongement déplacement deplacement desplazamiento "
-        "spostamento verplaatsing przemieszczenie перемещение 位移 変位 변위 travel distance deformation",
+        "spostamento verplaatsing przemieszczenie перемещение 位移 変位 변위 travel distance deformation deslocamento förskjutning "
+        "forskydning forskyvning siirtymä posunutí",
         "crosshead traverse traversenweg stroke ストローク hub course position stage step steps",
         "piezo height tip z d x s h",
     ),
     "force": (
         "force load kraft standardkraft prüfkraft normalkraft charge effort fuerza carga forza kracht siła сила нагрузка "
-        "力 载荷 荷重 試験力 负荷 试验力 하중 fn fz gram grams",
+        "力 载荷 荷重 試験力 负荷 试验力 하중 fn fz gram grams força síla voima kuvvet",
         "f p l",
     ),
 }
@@ -29,6 +30,7 @@ ASIDE = {  # a column whose header has one of these words is another quantity, o
     "energy", "work", "arbeit", "area", "stiffness", "modulus", "temperature", "frequency", "phase", "amplitude",
     "harmonic", "max", "maximum", "zero", "lateral", "count", "number", "cycle", "cycles", "stamp", "raw",
 }  # fmt: skip
+FALLING = ("height", "höhe", "gap", "spalt", "entrefer", "隙間", "ギャップ")  # they become less under the indenter
 DEFLECTIONS = ("cantilever", "deflection")  # what a piezo's travel exceeds the indentation by
 STAGES = ("segment", "segmentid", "stage", "phase", "seg", "abschnitt")
 LENGTHS = ("pm", "nm", "um", "mm", "cm", "m", "in", "step")
@@ -44,7 +46,8 @@ ALIASES = {
     "micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "newton": "N", "newtons": "N", "grams": "gf",
     "gram": "gf", "inch": "in", "inches": "in", "volt": "V", "volts": "V", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
     "초": "s", "с": "s", "мм": "mm", "мкм": "um", "Н": "N", "мН": "mN",
-    "nanometer": "nm", "millimeter": "mm", "mm.": "mm", "in.": "in", "sec.": "s",
+    "nanometer": "nm", "nanometers": "nm", "millimeter": "mm", "millimeters": "mm", "millimetre": "mm", "millimetres": "mm",
+    "meter": "m", "meters": "m", "kilograms": "kgf", "pounds": "lbf", "mm.": "mm", "in.": "in", "sec.": "s",
 }  # fmt: skip
 KEPT = 2000  # texts whose meaning is kept: the tables of a force map have the same headers
 IN_BRACKETS = re.compile(r"[\[(（<]\s*([^\])）>]*?)\s*[\])）>]")
@@ -102,6 +105,11 @@ def rank_of(label: str, quantity: str) -> tuple[int, int] | None:
 def is_deflection(label: str) -> bool:
     """Whether a header's text names the deflection of a cantilever."""
     return any(word.startswith(DEFLECTIONS) for word in words_of(label))
+
+
+def is_height(label: str) -> bool:
+    """Whether a header's text names a height or a gap, which becomes less while the indenter moves into the sample."""
+    return any(word.startswith(FALLING) for word in words_of(label)[:1])
 
 
 def is_stage(label: str) -> bool:
