@@ -9,7 +9,9 @@ so that each step is an elastic one: of a law that is c times as stiff, on a bod
 coordinates the forces of H are linear in the displacements (`Body.prestress`), and the tangent is consistent.
 
 The path goes through a ramp of the depth and a hold. Its steps of a ramp are those of an elastic path; in a hold, where only the
-small redistribution of the stress changes S_e, they grow in proportion to the time since the ramp's end.
+small redistribution of the stress changes S_e, they grow in proportion to the time since the ramp's end. A step of a hold starts
+from tractions and pressures that have relaxed as the whole force does, so that little is left to iterate. The factor of an earlier
+step serves the next, although that is another number of times as stiff (`contact_first` corrects this).
 """
 
 from __future__ import annotations
@@ -63,6 +65,11 @@ class StressHistory:
         gained = float(shares @ gain)
         return self.relaxation.long_term + gained, np.tensordot(shares * decay, self.terms, 1) - gained * self.elastic
 
+    def elastic_of(self, whole: float, dt: float) -> Array:
+        """The elastic stress (...) after a step of time dt, s, of which the whole stress is `whole`, kPa."""
+        factor, kept = self.ahead(dt)
+        return np.asarray((whole - kept) / factor)
+
     def after(self, dt: float, elastic: Array) -> StressHistory:
         """The history at the end of a step of time dt, s, where the elastic stresses are `elastic` (..., 3, 3), kPa."""
         decay, gain = (factor.reshape(-1, *(1,) * elastic.ndim) for factor in self.relaxation.steps(dt))
@@ -78,11 +85,19 @@ class Moment:
     time : float, s
     at : Equilibrium
     stress : StressHistory
+    force : StressHistory
+        That of the force, mN, (1,): its elastic part is the one of which the steps so far make the whole force.
     """
 
     time: float
     at: Equilibrium
     stress: StressHistory = field(repr=False)
+    force: StressHistory = field(repr=False)
+
+    def share_left(self, dt: float) -> float:
+        """The force after a time dt, s, in which the elastic force stays as it is, over the force now."""
+        now, factor, kept = self.at.force, *self.force.ahead(dt)
+        return float(factor * self.force.elastic[0] + kept[0]) / now if now > 0 else 1.0
 
 
 class _Stiffer:
@@ -124,8 +139,10 @@ def press_in_time(
     The `part` of these errors is the tuple of moments so far.
     """
     loading = replace(loading, springs=loading.springs.scaled(relaxation.instantaneous), directions=())
-    rest = elastic.untouched(equations, loading, newton)
-    moments = [Moment(0.0, rest, StressHistory.none(relaxation, _elastic(equations, loading, rest).shape))]
+    force = StressHistory.none(relaxation, (1,))
+    first, _ = force.ahead(_largest(0.0, ramp, newton.controls, _shortest(ramp, relaxation)))
+    rest = elastic.untouched(equations, _as_stiff(loading, first), newton)
+    moments = [Moment(0.0, rest, StressHistory.none(relaxation, _elastic(equations, loading, rest).shape), force)]
     try:
         _follow(moments, equations, loading, newton, ramp, relaxation)
     except IndentfitError as error:
@@ -180,19 +197,26 @@ def _step(here: Moment, dt: float, equations: Equations, loading: Loading, newto
     """The moment after a step of time."""
     factor, kept = here.stress.ahead(dt)
     at_rest, values = equations.body.prestress(kept)
-    now = replace(
-        loading,
-        material=cast(Material, _Stiffer(loading.material, factor)),
-        mu=factor * loading.mu,
-        memory=Memory(at_rest, equations.body.matrix(values)),
-    )
+    now = replace(_as_stiff(loading, factor), memory=Memory(at_rest, equations.body.matrix(values)))
     time, leash = here.time + dt, elastic.LEASH * ramp.depth
     depth = float(ramp.depth_at(time))
-    newton.solver.forget()  # the tangent is that of another stiffness
-    there, _ = elastic._step(newton, elastic._increment(equations, now, here.at, depth, leash), here.at, relax)
+    before = here.at if depth > here.at.depth else _relaxed(here.at, here.share_left(dt))
+    there, _ = elastic._step(newton, elastic._increment(equations, now, before, depth, leash), before, relax)
     there = elastic._augmented(equations, now, newton, there, leash)
     there = there.since(here.at, equations.face, ()) if depth > here.at.depth else replace(there, rate=here.at.rate)
-    return Moment(time, there, here.stress.after(dt, _elastic(equations, loading, there)))
+    force = here.force.after(dt, here.force.elastic_of(there.force, dt))
+    return Moment(time, there, here.stress.after(dt, _elastic(equations, loading, there)), force)
+
+
+def _as_stiff(loading: Loading, factor: float) -> Loading:
+    """A loading whose law is a number of times as stiff."""
+    return replace(loading, material=cast(Material, _Stiffer(loading.material, factor)), mu=factor * loading.mu)
+
+
+def _relaxed(at: Equilibrium, share: float) -> Equilibrium:
+    """An equilibrium whose tractions and pressures have relaxed to a share."""
+    contact = replace(at.contact, pressure=share * at.contact.pressure, friction=share * at.contact.friction)
+    return replace(at, pressure=share * at.pressure, contact=contact)
 
 
 def _elastic(equations: Equations, loading: Loading, at: Equilibrium) -> Array:
