@@ -17,6 +17,7 @@ from indentfit.fem.viscous import StressHistory, pulled_back
 from indentfit.hereditary import Ramp, fractional, prony
 from indentfit.material import load
 from indentfit.runs.key import Inputs
+from indentfit.runs.points import press_of
 from indentfit.study.runs import Execution
 
 ORACLE = SHARED / "oracles" / "visco_strip_fast.json"
@@ -133,6 +134,22 @@ def test_strip_follows_the_curve_of_another_code():
     assert ratio[hold] == pytest.approx(theirs[hold], rel=4e-3)
     at = [int(np.argmin(np.abs(curve.time - time))) for time in oracle["time_s"][:5]]
     assert ratio[at] == pytest.approx(oracle["ratio"][:5], rel=2e-3)
+
+
+def test_steps_in_time_share_factors_and_a_hold_starts_from_relaxed_tractions():
+    disc = {"shape": "disc", "diameter": 14.0, "thickness": 3.3, "base": "sliding"}
+    strip = {"shape": "strip", "width": 2.0, "length": 20.0}
+    case = case_of(strip, disc, 0.33, 0.5, ramp=0.5, hold=10.0).model_copy(update={"mesh": indentfit.Mesh(elements=40)})
+    test = indentfit.simulate(case, mesh_error=False).tests[0]
+    before = test.model.solver.work.factorizations
+    ramp = Ramp(0.33, 0.5, 10.0)
+    function = case.relaxation.function(ramp.seconds, ramp.end)
+    moments = test.model.over_time(press_of(case, case.tests[0], GEL(mu=1.0)), ramp, function)
+    assert test.model.solver.work.factorizations - before <= len(moments)
+    forces = [moment.at.whole_force * test.model.body.copies for moment in moments]
+    assert forces[-1] == pytest.approx(test.in_time.force[-1], rel=1e-3)
+    held = [moment for moment in moments if moment.time > 0.5 + 1e-9]
+    assert len(held) > 3 and all(abs(moment.at.penalty_error) < 3e-4 * moment.at.force for moment in held)
 
 
 def test_sphere_follows_lee_and_radok():
