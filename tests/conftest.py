@@ -14,3 +14,9 @@ pytest_plugins = ["fixtures.cases", "fixtures.drawing", "fixtures.strips"]
 def own_cache(tmp_path_factory):
     """Curves of raw records are kept in a folder of these tests, not in the user's."""
     os.environ["INDENTFIT_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(autouse=True)
+def no_server(monkeypatch):
+    """Commands that run inside the process of the tests spawn their workers, which then see the environment of their own test."""
+    monkeypatch.setattr("indentfit.runs.start.prepare", lambda: None)

@@ -21,10 +21,11 @@ from indentfit.errors import CaseError, ConvergenceError, MeshError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.report.folder import LEDGER
+from indentfit.runs import isolated
 from indentfit.runs.forward import simulate
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import setup_of
-from indentfit.study import isolated, mesh_family, mesh_measurement, runs
+from indentfit.study import mesh_family, mesh_measurement, runs
 from indentfit.study.mesh_family import estimate, own_checks, own_family
 from indentfit.study.mesh_measurement import Measured, measure
 from indentfit.study.runs import Execution

@@ -477,7 +477,7 @@ def test_without_dask_the_extra_is_named(case, monkeypatch):
 
 NEWBORN = """
 import multiprocessing, os, signal
-from indentfit.runs.processes import deaf_to_interrupts
+from indentfit.runs.start import deaf_to_interrupts
 if __name__ == "__main__":
     with deaf_to_interrupts():
         process = multiprocessing.get_context("spawn").Process(target=print, args=("ran",))

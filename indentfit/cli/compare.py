@@ -59,8 +59,10 @@ def command(
     # imported when the command runs: --help and completion are quick without
     from indentfit.experiment.measured import read_case
     from indentfit.report.comparison_folder import fill_comparison
+    from indentfit.report.conduct import Place
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.lasting import Place, study_in_folder
+    from indentfit.report.lasting import study_in_folder
+    from indentfit.runs.start import prepare_for
     from indentfit.study.compare import plan_comparison, run_comparison
     from indentfit.study.law_ranges import laws_asked
     from indentfit.study.runs import Execution
@@ -71,6 +73,7 @@ def command(
     place = Place(output or f"{name}-comparison", overwrite, reuse=reuse)
     refuse_existing(place.output, overwrite)
     plan = plan_comparison(read, laws_asked(asked), _ranges(given))
+    prepare_for(read, where)
     warn(read.warnings())
     others = [each for _, each in plan.laws]
     with (

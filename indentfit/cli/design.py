@@ -35,6 +35,7 @@ def command(
     from indentfit.experiment.measured import read_case
     from indentfit.report.folder import json_text, refuse_existing
     from indentfit.report.schema import fitted_parameters
+    from indentfit.runs.start import prepare_for
     from indentfit.study.design import design
     from indentfit.study.runs import Execution
 
@@ -45,6 +46,7 @@ def command(
     parameters = fitted_parameters(result, read) if result else None
     if output is not None:
         refuse_existing(output, overwrite)
+    prepare_for(read)
     warn(read.warnings())
     with progress("design", total=1) as step:
         designed = design(read, parameters, noise, Execution(progress=step))

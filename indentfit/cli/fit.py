@@ -19,7 +19,7 @@ from indentfit.errors import CaseError, FitError
 if TYPE_CHECKING:
     from indentfit.inference.per_sample import PerSample
     from indentfit.inference.population_fit import Population
-    from indentfit.report.lasting import Place
+    from indentfit.report.conduct import Place
 
 
 @click.command(cls=Command, short_help="Find the parameters that its curves ask for.")
@@ -84,7 +84,7 @@ def command(
     address given is used, and a local cluster listens on 127.0.0.1 alone. No file is ever read by pickle.
     """
     # imported when the command runs: --help and completion are quick without
-    from indentfit.report.lasting import Place
+    from indentfit.report.conduct import Place
 
     where = clusters.chosen(cluster, scheduler)
     flags = {name: "true" for name, given in (("direct", direct), ("posterior", posterior)) if given}
@@ -110,12 +110,16 @@ def _fit(
 ) -> None:
     from indentfit.case import require_fittable
     from indentfit.experiment.measured import read_case
+    from indentfit.report.conduct import Conduct
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.lasting import Conduct, fit_in_folder, refuse_unfinished
+    from indentfit.runs.start import prepare_for
 
     case = read_case(path, overrides)
     require_fittable(case)
     refuse_existing(place.output, place.overwrite)
+    prepare_for(case, cluster)  # the server imports what workers need while this process imports what the fit needs
+    from indentfit.report.lasting import fit_in_folder, refuse_unfinished
+
     refuse_unfinished(place, samples=False)
     warn(case.warnings())
     with stopping() as stop, progress("fit", total=1) as step:
@@ -148,13 +152,16 @@ def _fit_samples(
     from indentfit.experiment.specimens import TABLE, read_specimens
     from indentfit.inference.per_sample import sample_cases
     from indentfit.inference.population_fit import require_positive
+    from indentfit.report.conduct import Conduct
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.lasting import Conduct, fit_population_in_folder, fit_samples_in_folder, refuse_unfinished
+    from indentfit.report.lasting import fit_population_in_folder, fit_samples_in_folder, refuse_unfinished
     from indentfit.report.vtu import file_names
+    from indentfit.runs.start import prepare_for
 
     cases = sample_cases(path, read_specimens(Path(path).parent / TABLE), overrides)
     refuse_existing(place.output, place.overwrite)
     refuse_unfinished(place, samples=True)
+    prepare_for(cases[0][1], cluster)
     warn(cases[0][1].warnings())
     named = dict(zip(file_names([name for name, _ in cases]), cases, strict=True))
     if groups is not None:

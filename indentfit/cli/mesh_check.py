@@ -43,8 +43,9 @@ def command(
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import require_fittable
     from indentfit.experiment.measured import read_case
+    from indentfit.report.conduct import Place
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.lasting import Place, study_in_folder
+    from indentfit.report.lasting import study_in_folder
     from indentfit.report.study_folder import fill_study
     from indentfit.study.mesh_check import run_mesh_check
     from indentfit.study.mesh_family import own_checks, own_family, parse_family, plan_mesh_check

@@ -51,11 +51,9 @@ def command(
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import require_fittable
     from indentfit.experiment.measured import read_case
+    from indentfit.report.conduct import Place
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.lasting import Place, study_in_folder
-    from indentfit.report.study_folder import fill_study
-    from indentfit.study.runs import Execution
-    from indentfit.study.sweep import run_sweep
+    from indentfit.runs.start import prepare_for
     from indentfit.study.variations import plan_sweep
 
     where = clusters.chosen(cluster, scheduler)
@@ -66,6 +64,12 @@ def command(
     name = Path(case).resolve().parent.name or "case"
     place = Place(output or f"{name}-sweep", overwrite, reuse=reuse)
     refuse_existing(place.output, overwrite)
+    prepare_for(read, where)  # the server imports what workers need while this process imports what the sweep needs
+    from indentfit.report.lasting import study_in_folder
+    from indentfit.report.study_folder import fill_study
+    from indentfit.study.runs import Execution
+    from indentfit.study.sweep import run_sweep
+
     warn(read.warnings())
     with (
         stopping() as stop,

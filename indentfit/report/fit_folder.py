@@ -1,7 +1,8 @@
 """The result folder of a fit."""
 
+import contextlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
 from indentfit.report.time_curves import fit_over_time
+from indentfit.runs.isolated import Died, beside
 from indentfit.runs.pieces import pieces_of, together
 from indentfit.runs.points import case_at
 
@@ -40,10 +42,42 @@ def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrit
         fill_fit(folder, result, fields)
 
 
-def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str], object] = warnings.warn) -> dict[str, Any]:
-    """Write the files of a fit into a folder that exists; returns what its result.json holds."""
+def fill_fit(
+    folder: Path, result: FitResult, fields: bool, warn: Callable[[str], object] = warnings.warn, apart: bool = False
+) -> dict[str, Any]:
+    """Write the files of a fit into a folder that exists; returns what its result.json holds.
+
+    Parameters
+    ----------
+    folder : Path
+    result : FitResult of `fit`
+    fields : bool
+        With the stresses at the optimum, by one more run.
+    warn : function
+        Called with the text of a warning.
+    apart : bool
+        Whether the stresses are computed and drawn by a second process beside the other files.
+
+    Raises
+    ------
+    OutputError
+    """
     if result.case is None:
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
+    drawn: contextlib.AbstractContextManager[Callable[[], str | None]] = contextlib.nullcontext(lambda: None)
+    if fields and result.objective is not None and result.case.indentations:
+        drawn = _drawn(folder / "fields", result, apart)
+    with drawn as remark:
+        written = _fill(folder, result)
+        if said := remark():
+            warn(said)
+    write_report(folder)
+    return written
+
+
+def _fill(folder: Path, result: FitResult) -> dict[str, Any]:
+    """Write all files but the stresses and the report."""
+    assert result.case is not None  # `fill_fit` refuses it
     again = copy_case(result.whole_case or result.case, folder)
     seen = fields_of(result)
     displacements = {"displacements": {known.test: known.as_json() for known in seen}} if seen else {}
@@ -65,25 +99,44 @@ def fill_fit(folder: Path, result: FitResult, fields: bool, warn: Callable[[str]
     if result.samples is not None:
         write_netcdf(result.samples, result.measured, folder / "posterior.nc")
         corner(result.samples, folder / "posterior")
-    if fields and result.objective is not None and result.case.indentations:
-        _write_stresses(folder / "fields", result.case, result, warn)
-    write_report(folder)
     return written
 
 
-def _write_stresses(folder: Path, case: Case, result: FitResult, warn: Callable[[str], object]) -> None:
-    """The stresses at the optimum, by one more run on the finest mesh of the fit; a fit whose stresses cannot be computed does not
-    fail."""
+def _drawn(folder: Path, result: FitResult, apart: bool) -> contextlib.AbstractContextManager[Callable[[], str | None]]:
+    """Context that gives a function: it ends when the stresses at the optimum are in the folder, and returns why they are not, in
+    words; a fit whose stresses cannot be computed does not fail."""
+    assert result.case is not None  # `fill_fit` refuses it
     point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
+    work = (folder, result.case, point, result.refined)
+    if not apart:
+        return contextlib.nullcontext(lambda: _write_stresses(*work))
+    return _drawn_beside(*work)
+
+
+@contextlib.contextmanager
+def _drawn_beside(*work: Any) -> Iterator[Callable[[], str | None]]:
+    with beside(_write_stresses, *work) as value:
+
+        def remark() -> str | None:
+            try:
+                return value()
+            except Died as error:
+                return f"no stress pictures: {error}"
+
+        yield remark
+
+
+def _write_stresses(folder: Path, case: Case, point: dict[str, Any], refined: float | None) -> str | None:
+    """Write the stresses at a point, by one run on the finest mesh of the fit; returns why there are none, in words."""
     there, material = case_at(case, point), case.law(**{name: point[name] for name in case.law.parameters})
-    pieces = [piece.refined(result.refined) if result.refined else piece for piece in pieces_of(there)]
+    pieces = [piece.refined(refined) if refined else piece for piece in pieces_of(there)]
     try:
         for piece in pieces:
             piece.solve(material)
     except ConvergenceError as error:
-        warn(f"no stress pictures: {error}")
-        return
+        return f"no stress pictures: {error}"
     kappa = there.material.bulk_moduli(material)
     simulation = together(there, pieces)
     assert simulation is not None  # every piece is solved
     write_fields(folder, Solved(pieces[0].model, material, kappa, simulation.tests))
+    return None

@@ -2,7 +2,7 @@
 gets its name once the result is whole. A stopped or killed command leaves its runs, and names the option that continues it."""
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,46 +13,11 @@ from indentfit.inference.fit import fit
 from indentfit.inference.per_sample import PerSample, SampleFit, fit_sample
 from indentfit.inference.population_fit import Population, population
 from indentfit.inference.result import FitResult
+from indentfit.report.conduct import Conduct, Place, Say
 from indentfit.report.fit_folder import fill_fit
 from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished
 from indentfit.report.samples_folder import fill_population, fill_samples
 from indentfit.runs.ledger import Ledger, refuse_in_use
-
-Say = Callable[[str], object]
-"""Called with a line for the user, such as "warning: ..."."""
-
-
-@dataclass(frozen=True)
-class Place:
-    """The place to which a long command writes.
-
-    Parameters
-    ----------
-    output : str
-        The result folder.
-    overwrite : bool
-        Whether an earlier result is replaced; its runs are used again.
-    resume : bool
-        Whether a command that was stopped or killed is continued.
-    reuse : str or None
-        Another result folder whose runs are used too.
-    """
-
-    output: str
-    overwrite: bool = False
-    resume: bool = False
-    reuse: str | None = None
-
-
-@dataclass(frozen=True)
-class Conduct:
-    """The surroundings of a long command: functions that receive its progress (share done, note), stop it and print its lines, and
-    the cluster of its runs ("local", the address of a Dask scheduler, or None for this machine)."""
-
-    progress: Callable[..., object]
-    stop: Callable[[], int]
-    say: Say
-    cluster: str | None = None
 
 
 @dataclass(frozen=True)
@@ -118,7 +83,9 @@ def fit_in_folder(case: Case, place: Place, conduct: Conduct, fields: bool) -> t
         with saying_what_is_kept(ledger):
             result = fit(case, conduct.progress, ledger=ledger, cluster=conduct.cluster, stop=conduct.stop)
             conduct.progress(1.0, "stresses at the optimum, pictures and report" if fields else "report")
-        return result, fill_fit(folder, result, fields, _warning(conduct.say))
+        return result, fill_fit(
+            folder, result, fields, _warning(conduct.say), result.solver is not None and result.solver.workers > 1
+        )
 
 
 def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, conduct: Conduct) -> PerSample:

@@ -18,8 +18,8 @@ from indentfit.errors import OutOfTime, WorkerError
 from indentfit.runs.bench import Bench
 from indentfit.runs.key import Inputs
 from indentfit.runs.mechanics import Mechanics
-from indentfit.runs.processes import deaf_to_interrupts
 from indentfit.runs.run import Run, RunRequest, out_of_time
+from indentfit.runs.start import deaf_to_interrupts
 from indentfit.runs.watch import watched
 
 LOCAL = "local"

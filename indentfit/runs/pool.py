@@ -1,11 +1,10 @@
 """Parallel runs of the forward model, each computed only once: a run is taken from the ledger, or computed by a worker.
 
 The unit of work is one test at one set of parameters, so that two cores stay busy whatever the size of a population. No number
-depends on the process of a run, the moment of its end, or whether it comes from the ledger. Workers are spawned, so a script that
+depends on the process of a run, the moment of its end, or whether it comes from the ledger. A script that
 uses this module needs the usual `if __name__ == "__main__":`.
 """
 
-import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Protocol, Self
 
@@ -23,6 +22,7 @@ from indentfit.runs.mechanics import Mechanics, mechanics_of
 from indentfit.runs.points import UNITS
 from indentfit.runs.processes import Processes
 from indentfit.runs.run import Point, Run, RunRequest
+from indentfit.runs.start import cores
 
 RECENT = 500  # latest runs, from which the durations of the next runs are estimated
 DIFFERENTIABLE = frozenset(UNITS) - {"thickness"}  # inputs by which the mechanics can differentiate, beside the law's parameters
@@ -251,11 +251,6 @@ def is_foreign(law: type[Material]) -> bool:
     """Whether a law is third-party code, which may never return, so that its runs need a process that can be ended."""
     laws = laws_of(law).values()
     return any(base.__module__.partition(".")[0] not in ("indentfit", "builtins") for own in laws for base in own.__mro__)
-
-
-def cores() -> int:
-    """The number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _never() -> int:

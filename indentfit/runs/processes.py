@@ -1,7 +1,7 @@
 """Worker processes on this machine, each with one request at a time, so that the request of a lost process is known.
 
-Objects pass between the processes by pickle, over private pipes. The processes are spawned, so a script that starts them needs the
-usual `if __name__ == "__main__":`.
+Objects pass between the processes by pickle, over private pipes. A script that starts the processes needs the usual
+`if __name__ == "__main__":` (runs/start.py says how they are started).
 """
 
 import contextlib
@@ -14,7 +14,6 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -23,9 +22,9 @@ from indentfit.errors import WorkerError
 from indentfit.runs.bench import Bench
 from indentfit.runs.mechanics import Mechanics
 from indentfit.runs.run import Run, RunRequest, out_of_time
+from indentfit.runs.start import context, deaf_to_interrupts, one_thread
 from indentfit.runs.watch import Watch
 
-THREAD_VARIABLES = ("MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 START = 600.0  # seconds for a process to start: to import, to compile the element loop once, and to mesh
 STILLBORN = 3  # no more processes are started after so many that died one after the other before they were ready
 TICK = 1.0  # seconds between two checks of the clock
@@ -175,45 +174,17 @@ def _give(worker: _Worker, request: RunRequest) -> None:
 
 def _started(mechanics: Mechanics, limit: float) -> _Worker:
     """A new process, deaf to Ctrl-C, which reaches all processes of a terminal: the parent alone decides what ends."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(mechanics, theirs, limit), daemon=True)
+    begin = context()
+    ours, theirs = begin.Pipe()
+    process = begin.Process(target=_serve, args=(mechanics, theirs, limit), daemon=True)  # type: ignore[attr-defined]
     try:
         with one_thread(), deaf_to_interrupts():
             process.start()
-    except OSError as error:
-        raise WorkerError(f"no worker process can be started ({error.strerror or error}); try --workers 1") from error
+    except (OSError, EOFError) as error:
+        what = getattr(error, "strerror", None) or str(error) or "the server of processes has ended"
+        raise WorkerError(f"no worker process can be started ({what}); try --workers 1") from error
     theirs.close()
     return _Worker(process, ours, Watch(process.pid, limit))
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Environment in which a new process starts its numerical libraries with one thread."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextlib.contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
-    """Context in which Ctrl-C does not reach the processes and threads that are started; the parent receives it afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # Python would start the tracker before the first process, and unblock the signal again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 # In the worker's process

@@ -12,8 +12,8 @@ from indentfit.errors import CaseError, MeshError
 from indentfit.experiment.measured import changed_case
 from indentfit.fem.linear.choice import choice
 from indentfit.fem.meshing import count
+from indentfit.runs.isolated import available_memory
 from indentfit.runs.points import setup_of
-from indentfit.study.isolated import available_memory
 
 SHARES = (0.2, 0.4, 0.5, 1.0, 2.0, 3.5)  # of the case's number of elements: a wide range of sizes at acceptable cost
 FITS = 0.9  # largest share of the free memory that a mesh may need

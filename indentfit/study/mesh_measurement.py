@@ -14,11 +14,11 @@ from indentfit.errors import ConvergenceError, IndentfitError, MeshError
 from indentfit.fem.meshing import size
 from indentfit.fem.result import Simulation
 from indentfit.fem.simulate import Model
+from indentfit.runs.isolated import DIED, Died, isolated, peak_memory
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.pieces import pieces_of, together
 from indentfit.runs.points import press_of, setup_of
 from indentfit.runs.run import Run
-from indentfit.study.isolated import DIED, Died, isolated, peak_memory
 from indentfit.study.mesh_family import estimate
 from indentfit.study.runs import Execution
 

@@ -1,17 +1,20 @@
-"""One function call in a fresh process: its processor time and memory can be measured, and the caller survives its death."""
+"""One function call in a process of its own: a fresh one, so that its processor time and memory can be measured, or one beside
+other work. The caller survives the death of the process."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, TypeVar
 
-from indentfit.runs.processes import deaf_to_interrupts
+from indentfit.runs.start import context, deaf_to_interrupts, one_thread
 
 Returned = TypeVar("Returned")
 
@@ -23,14 +26,36 @@ class Died(Exception):
 
 
 def isolated(function: Callable[..., Returned], *arguments: Any) -> Returned:
-    """The value of function(*arguments), called in a process of its own. Raises Died, and every exception of the function."""
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin) as executor:
+    """The value of function(*arguments), called in a new process. Raises Died, and every exception of the function."""
+    with _called(multiprocessing.get_context("spawn"), function, *arguments) as value:
+        return value()
+
+
+@contextlib.contextmanager
+def beside(function: Callable[..., Returned], *arguments: Any) -> Iterator[Callable[[], Returned]]:
+    """Context beside which function(*arguments) is called in a process of its own, started as workers are.
+
+    The context gives a function that waits for the value; it raises Died, and every exception of the function. The process is
+    ended where the block fails.
+    """
+    with one_thread(), _called(context(), function, *arguments) as value:
+        yield value
+
+
+@contextlib.contextmanager
+def _called(start: BaseContext, function: Callable[..., Returned], *arguments: Any) -> Iterator[Callable[[], Returned]]:
+    with ProcessPoolExecutor(1, start, initializer=_begin) as executor:
         try:
             with deaf_to_interrupts():
                 future = executor.submit(function, *arguments)
-            return future.result()
-        except BrokenProcessPool as error:
-            raise Died(DIED) from error
+
+            def value() -> Returned:
+                try:
+                    return future.result()
+                except BrokenProcessPool as error:
+                    raise Died(DIED) from error
+
+            yield value
         except BaseException:
             for process in list((executor._processes or {}).values()):
                 process.terminate()

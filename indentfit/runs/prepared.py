@@ -1,0 +1,34 @@
+"""What every worker needs, imported and loaded once by the server that workers are forked from (runs/start.py).
+
+The module solves one small problem, so that the compiled element loop and the solver's library are loaded too. No run depends on
+it: a run's numbers are the same in a process that was spawned. A failure here is left to the workers, which meet it again and can
+say it.
+"""
+
+import contextlib
+import gc
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from indentfit.case.tables import Indenter, Mesh, Sample, Solver
+from indentfit.fem.setup import Press, Setup
+from indentfit.fem.simulate import Model
+from indentfit.material import typed
+from indentfit.runs.bench import FIRST
+
+
+def _rehearse() -> None:
+    """One shallow indentation of a few bricks, with a sensitivity."""
+    sample = Sample(shape="block", length=4.0, width=4.0, thickness=1.0, base="sliding")
+    indenter = Indenter(shape="strip", width=2.0, length=8.0, edge_radius=0.2, friction=0.0)
+    model = Model(Setup(sample, indenter, Mesh(elements=20), Solver(), 0.1))
+    gel = typed(FIRST, ["mu"])(mu=1.0)
+    model.stiffness(gel, 100.0, 0)
+    model.run(Press(gel, 100.0, 0.0, np.array([0.02]), sensitivities=("mu",)))
+
+
+with contextlib.suppress(Exception), threadpool_limits(1):
+    _rehearse()
+gc.collect()
+gc.freeze()  # a collection in a worker then leaves the shared pages as they are
