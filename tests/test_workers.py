@@ -202,6 +202,41 @@ def test_a_script_without_its_guard_is_told_so_and_does_not_hang(case, tmp_path)
     assert "__main__" in done.stderr.splitlines()[-1]
 
 
+PREPARED = """
+import json, sys
+from pathlib import Path
+from indentfit.runs import start
+if __name__ == "__main__":
+    start.prepare()
+    from indentfit.experiment.measured import read_case
+    from indentfit.runs.pool import RunPool
+    with RunPool(read_case(sys.argv[1]), 2) as pool:
+        found = pool.evaluate([{"mu": 1.0, "zeta": 3.0}], sensitivities=["zeta"])
+        commands = [Path(f"/proc/{worker.process.pid}/cmdline").read_text() for worker in pool._workers._workers]
+        found += pool.evaluate([{"mu": 1.0, "zeta": 5.0}])
+    slopes = [slope["zeta"].tolist() for slope in found[0].sensitivities]
+    print(json.dumps([[force.tolist() for force in found[0].forces], slopes, found[1].cause, commands]))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are forked on Linux alone")
+def test_workers_forked_from_a_prepared_server_give_the_numbers_of_others_and_are_watched_as_these(case, tmp_path):
+    """The server must not import files of the working folder: one of these has the name of a library."""
+    (tmp_path / "script.py").write_text(PREPARED)
+    (tmp_path / "skfem.py").write_text("raise SystemExit('imported')")
+    given = case(wild="os.kill(os.getpid(), 9)")
+    command = [sys.executable, "-P", str(tmp_path / "script.py"), str(given.path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    forces, slopes, cause, commands = json.loads(done.stdout)
+    assert cause.count("killed by signal 9") == 2
+    assert commands and all("forkserver" in command for command in commands)
+    with RunPool(case(), 1) as pool:
+        (here,) = pool.evaluate([TAME], sensitivities=["zeta"])
+    assert forces == [force.tolist() for force in here.forces]
+    assert slopes == [slope["zeta"].tolist() for slope in here.sensitivities]
+
+
 def test_the_workers_end_with_a_killed_parent(case, tmp_path):
     guarded = SCRIPT.replace("with RunPool", "if __name__ == '__main__':\n  with RunPool").replace("    pool", "      pool")
     (tmp_path / "script.py").write_text(guarded.replace("3.0", "5.0"))

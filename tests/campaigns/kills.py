@@ -88,13 +88,21 @@ def kill_workers(command, place, length, dice):
 
 
 def children(pid):
-    """The worker processes of a fit: its children that multiprocessing has spawned, without its resource tracker."""
+    """The worker processes of a fit: forked from the server that the fit has prepared, or spawned by the fit."""
+    first, again = _of(pid), []
+    for process, command in first:
+        if b"forkserver" in command:
+            again += [child for child, _ in _of(process)]
+    return again + [process for process, command in first if b"spawn_main" in command]
+
+
+def _of(pid):
+    """(process, command line) of each child of a process."""
     found = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:
-            parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == pid and b"spawn_main" in (entry / "cmdline").read_bytes():
-                found.append(int(entry.name))
+            if int((entry / "stat").read_text().rpartition(")")[2].split()[1]) == pid:
+                found.append((int(entry.name), (entry / "cmdline").read_bytes()))
         except (OSError, ValueError):
             continue
     return found
