@@ -80,7 +80,11 @@ def faults_of_parameters(choice: MaterialChoice | None, law: type[Material] | No
         text = f"the relaxation has a parameter {name} too; rename that of the law"
         yield Fault((*place, name), plain(given.get(name, MISSING)), text)
     for name in given:
-        if name not in law.parameters:
+        if name in choice.shared:
+            yield Fault(
+                (*place, name), plain(given[name]), f"the families share it (shared = {[*choice.shared]}); remove one of the two"
+            )
+        elif name not in law.parameters:
             yield Fault((*place, name), plain(given[name]), unknown(name, _words_of(law), "parameter"))
     for name, parameter in law.parameters.items():
         if name in given:

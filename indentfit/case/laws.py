@@ -25,6 +25,7 @@ from indentfit.material import (
     laws_of,
     layered,
     load,
+    sharing,
     trial_values,
     typed,
 )
@@ -68,7 +69,7 @@ def law_of_choice(choice: MaterialChoice, folder: Path) -> type[Material]:
     """The class that a table [material] asks for, or that of the materials of layers; raises as `open_law` does."""
     if isinstance(choice, LayersChoice):
         return layered({layer.name: law_of_choice(layer.choice, folder) for layer in choice.layers})
-    return open_law(choice.model, choice.energy, tuple(choice.parameters), folder)
+    return sharing(open_law(choice.model, choice.energy, tuple(choice.parameters), folder), choice.shared)
 
 
 @functools.cache

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
-from pydantic import Field, WrapValidator, model_validator
+from pydantic import BeforeValidator, Field, WrapValidator, model_validator
 
 from indentfit import elastic
-from indentfit.case.quantities import BulkRatio, Length, Line, Pressure
+from indentfit.case.quantities import BulkRatio, Length, Line, Pressure, as_tuple
 from indentfit.case.ranges import Range, fixed_or_range
 from indentfit.case.relaxation import Relaxation
 from indentfit.case.section import Section, either, known
@@ -40,6 +40,12 @@ class MaterialChoice(Section):
         default_factory=dict,
         description="parameters of the material, each a number, or {start, min, max} to be fitted; young (kPa) may stand for the "
         "shear modulus of an isotropic law",
+    )
+    shared: Annotated[tuple[Line, ...], BeforeValidator(as_tuple)] = Field(
+        default=(),
+        examples=[["k2_second"]],
+        description="parameters of the second family of fibres that are those of the first, such as k2_second; they have no value "
+        "of their own",
     )
     bulk_ratio: BulkRatio | None = Field(
         default=None,
@@ -126,6 +132,11 @@ class Layer(Section):
         examples=[{"mu": {"start": 10.0, "min": 1.0, "max": 100.0}}],
         description="parameters of the layer's material, each a number, or {start, min, max} to be fitted",
     )
+    shared: Annotated[tuple[Line, ...], BeforeValidator(as_tuple)] = Field(
+        default=(),
+        examples=[["k2_second"]],
+        description="parameters of the second family of fibres that are those of the first, as in material.shared",
+    )
     bulk_ratio: BulkRatio | None = Field(
         default=None,
         examples=[DEFAULT_BULK_RATIO],
@@ -140,7 +151,7 @@ class Layer(Section):
     @property
     def choice(self) -> MaterialChoice:
         """The layer's material as the table [material] of a sample of its own."""
-        keys = {key: dict(self).get(key) for key in ("model", "energy", "parameters", "bulk_ratio", "poisson_ratio")}
+        keys = {key: dict(self).get(key) for key in ("model", "energy", "parameters", "shared", "bulk_ratio", "poisson_ratio")}
         if self.bulk_ratio is None and self.poisson_ratio is None:
             keys["bulk_ratio"] = DEFAULT_BULK_RATIO
         return MaterialChoice.model_construct(set(keys), **keys)
@@ -189,4 +200,4 @@ class LayersChoice(MaterialChoice):
         return self.layers[0].choice.bulk_modulus(shear_modulus)
 
 
-UNSET: dict[str, Any] = dict.fromkeys(("energy", "kappa", "poisson_ratio", "relaxation"))
+UNSET: dict[str, Any] = {**dict.fromkeys(("energy", "kappa", "poisson_ratio", "relaxation")), "shared": ()}

@@ -45,7 +45,7 @@ from indentfit.case.write import case_tree
 from indentfit.curve import Curve, read_curve
 from indentfit.displacements import Displacements, read_displacements
 from indentfit.errors import CaseError, CurveError, MaterialError, RecordError
-from indentfit.material import Layered, Material, layered
+from indentfit.material import Layered, Material, layered, sharing
 from indentfit.units import number_in
 
 KEYS = ("title", *SECTIONS, "test")
@@ -364,9 +364,21 @@ def _law(keys: Tree, sources: Sources, faults: list[Fault], place: Key = ("mater
     if not isinstance(named, str) or not named.strip() or not named.isprintable():
         return None
     try:
-        return sources.openers.law(model, energy, tuple(parameters) if isinstance(parameters, dict) else (), sources.folder)
+        law = sources.openers.law(model, energy, tuple(parameters) if isinstance(parameters, dict) else (), sources.folder)
     except (MaterialError, OSError) as error:
         faults.append(Fault((*place, key), named, str(error)))
+        return None
+    return _shared(keys.get("shared"), law, faults, place)
+
+
+def _shared(names: Any, law: type[Material], faults: list[Fault], place: Key) -> type[Material] | None:
+    """The law with the parameters that its families share; None, with a fault, where they cannot share them."""
+    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+        return law  # left out, or a fault that the table itself tells
+    try:
+        return sharing(law, tuple(names))
+    except MaterialError as error:
+        faults.append(Fault((*place, "shared"), list(names), str(error)))
         return None
 
 

@@ -310,6 +310,9 @@ class Case(BaseModel):
             mode="json",
             exclude={"title": True, "path": True, "overrides": True, "curves": True, "record": True, "fit": {"workers"}},
         )
+        for material in (facts["material"], *facts["sample"]["layer"]):
+            if not material["shared"]:
+                del material["shared"]
         if facts["sample"]["prestretch"] is None:
             del facts["sample"]["prestretch"]
         if not facts["sample"]["layer"]:

@@ -19,6 +19,7 @@ from indentfit.material.homogeneous import Fibres, HomogeneousState, Kind
 from indentfit.material.kinematics import INVARIANTS, REST, SECOND_FAMILY, invariant_gradients, invariants
 from indentfit.material.layers import Layered, laws_of, layered, parts_of
 from indentfit.material.model import FIRST_FAMILY, GROUP, Material, exchangeable, require_derivable, shipped
+from indentfit.material.pairs import sharing
 from indentfit.material.parameter import Parameter
 from indentfit.material.plugins import blamed, checked_derivatives, foreign_code, installed, load
 from indentfit.material.prestretch import Prestretched, rest_pressure, rest_pressure_changes
@@ -63,6 +64,7 @@ __all__ = [
     "require_derivable",
     "rest_pressure",
     "rest_pressure_changes",
+    "sharing",
     "shipped",
     "sqrt",
     "trial_values",

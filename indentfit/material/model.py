@@ -18,14 +18,15 @@ from indentfit.errors import MaterialError
 from indentfit.material.derive import Derived, Law, derive, has_two_families
 from indentfit.material.functions import Term
 from indentfit.material.jets import Jet, at_rest, value_at
-from indentfit.material.kinematics import INVARIANTS, REST, REST_OF_TWO, SECOND_FAMILY
+from indentfit.material.kinematics import INVARIANTS, REST, REST_OF_TWO, SECOND_FAMILY, determinant, invariants
 from indentfit.material.parameter import Parameter
 from indentfit.material.small_strain import moduli_of_two, young
 from indentfit.material.stretches import STRETCHES
-from indentfit.material.trials import trial_values
+from indentfit.material.trials import trial_fibres, trial_states, trial_values
 from indentfit.material.words import nearest
 
 FIRST_FAMILY = ("I4", "I5")
+TRIALS = 20  # states in which families of fibres change places
 GROUP = "indentfit.materials"
 """Package of the laws that indentfit ships, and entry-point group that packages register their materials in."""
 
@@ -329,12 +330,15 @@ def exchangeable(cls: type[Material], fixed: tuple[tuple[str, float], ...]) -> b
         Parameters that have these values; the others have any.
     """
     rng = np.random.default_rng(3)
-    swapped, compared, energy = dict(zip(FIRST_FAMILY, ("I6", "I7"), strict=True)), False, law_of(cls).energy
-    for _ in range(6):
-        I = dict(zip((*INVARIANTS, *SECOND_FAMILY, *STRETCHES), rng.uniform(0.8, 1.5, 10), strict=True))
-        there = {**I, **{a: I[b] for pair in swapped.items() for a, b in (pair, pair[::-1])}}
+    compared, energy = False, law_of(cls).energy
+    F, a0 = trial_states(rng, TRIALS)  # states of a body: invariants at random would leave fibres slack that states can pull
+    fibres = trial_fibres(a0, rng, cls.perpendicular)
+    stretches = np.linalg.svd(np.moveaxis(F / np.cbrt(determinant(F)), -1, 0), compute_uv=False).T
+    both = [np.vstack([invariants(F, pair), stretches]).T for pair in (fibres, fibres[::-1])]
+    for states in zip(*both, strict=True):
         theta = {**trial_values(cls.parameters, rng), **dict(fixed)}
-        values = value_at(energy, theta, I), value_at(energy, theta, there)
+        named = (dict(zip((*INVARIANTS, *SECOND_FAMILY, *STRETCHES), state, strict=True)) for state in states)
+        values = [value_at(energy, theta, I) for I in named]
         if values[0] is None or values[1] is None:
             continue
         compared = True

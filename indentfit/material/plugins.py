@@ -20,6 +20,8 @@ from indentfit.material.words import nearest, one_line
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
+NAMED = 12  # of the installed materials, in an error
+
 # Finding and loading -------------------------------------------------------------------------------------------------
 
 
@@ -98,7 +100,8 @@ def load(name: str) -> type[Material]:
             return _from_entry(entry)
     known = sorted({entry.name for entry in entries})
     near = nearest(name, known)
-    others = f"{near}; `indentfit materials` lists all" if near else f"; installed: {', '.join(known) or 'none'}"
+    more = f" and {len(known) - NAMED} more (`indentfit materials` lists all)" if len(known) > NAMED else ""
+    others = f"{near}; `indentfit materials` lists all" if near else f"; installed: {', '.join(known[:NAMED]) or 'none'}{more}"
     raise MaterialError(f"no material {name[:60]!r}{others}")
 
 

@@ -86,6 +86,8 @@ def _parameters(part: MaterialChoice, law: type[Material], prefix: str = "") -> 
     for name, value in own_parameters(part, law).items():
         young = f" (young {_value(part.parameters[YOUNG], 'kPa')})" if name not in part.parameters else ""
         yield f"    {prefix + name + ' ':<8}{_value(value, law.parameters[name].unit)}{young}"
+    for name in part.shared:
+        yield f"    {prefix + name + ' ':<8}shared: that of the first family"
 
 
 def _doubt(name: str, stated: Any) -> str:

@@ -90,7 +90,9 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
         if unknown := set(ranges) - set(free):
             raise CaseError([f"it has no parameter {sorted(unknown)[0]!r}; it has: {', '.join(free)}"])
         table = ", ".join(f"{name} = {_as_toml(bounds)}" for name, bounds in free.items())
-        return changed_case(case, [f"material.{kind}={_quoted(law)}", f"material.parameters={{ {table} }}", *_of_search(case)])
+        shared = ["material.shared=[]"] if case.material.shared else []
+        material = [f"material.{kind}={_quoted(law)}", f"material.parameters={{ {table} }}", *shared]
+        return changed_case(case, [*material, *_of_search(case)])
     except CaseError as error:
         raise CaseError([f"law {law!r}: {fault}" for fault in error.faults]) from error
     except (MaterialError, OSError) as error:
