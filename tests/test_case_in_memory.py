@@ -14,7 +14,7 @@ DEPTH = np.linspace(0.02, 0.3, 10)
 FORCE = 50 * DEPTH
 DISC = {"shape": "disc", "diameter": 14, "thickness": 3.3, "base": "sliding"}
 STRIP = {"shape": "strip", "width": 2, "length": 20, "friction": 0.5}
-NEO_HOOKEAN = {"model": "neo_hookean", "parameters": {"mu": {"start": 1, "min": 0.1, "max": 10}}}
+NEO_HOOKEAN = {"model": "neo_hookean", "bulk_ratio": 1000.0, "parameters": {"mu": {"start": 1, "min": 0.1, "max": 10}}}
 
 
 def case(**keys):

@@ -253,7 +253,11 @@ def test_a_fit_starts_from_the_rig_s_files_and_its_folder_can_be_run_again():
     """A neo-Hookean strip on quick elements: what the curves of `process` give, the raw records give; the copy is complete.
 
     A law without fibres cannot follow both directions: its misfit of 40 % is no fit, exit code 4, and the result is written."""
-    keys = ["material={model='neo_hookean',parameters={mu={start=1,min=0.1,max=20}}}", "solver.element=q1p0", "fit.workers=1"]
+    keys = [
+        "material={model='neo_hookean',bulk_ratio=1000,parameters={mu={start=1,min=0.1,max=20}}}",
+        "solver.element=q1p0",
+        "fit.workers=1",
+    ]
     words = [word for key in keys for word in ("--set", key)]
     result = run(CASE / "case.toml", *words, "-o", "out", "--json", command="fit")
     assert result.exit_code == 4 and "40% of the largest force" in result.stderr

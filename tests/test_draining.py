@@ -31,7 +31,12 @@ def case_of(indenters, left, noise=0.005, ramp=0.2):
     return indentfit.Case(
         sample={"shape": "disc", "diameter": 60.0, "thickness": 20.0, "base": "bonded"},
         indenter={**indenters[0], "friction": 0.0},
-        material={"model": "neo_hookean", "parameters": {"mu": {"start": 2, "min": 0.1, "max": 20}}, "relaxation": {"terms": 2}},
+        material={
+            "model": "neo_hookean",
+            "parameters": {"mu": {"start": 2, "min": 0.1, "max": 20}},
+            "relaxation": {"terms": 2},
+            "bulk_ratio": 1000.0,
+        },
         tests=tests,
     )
 

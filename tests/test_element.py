@@ -153,7 +153,9 @@ def test_a_whole_case_runs_on_the_plain_forms():
             sample=Sample(shape="block", length=6, width=6, thickness=3.3, base="sliding"),
             indenter=Indenter(shape="strip", width=2, length=20, friction=0.5),
             mesh=Mesh(elements=20),
-            material=MaterialChoice(model="transversely_isotropic", parameters={"mu": MU, "zeta": ZETA, "phi": PHI}),
+            material=MaterialChoice(
+                model="transversely_isotropic", parameters={"mu": MU, "zeta": ZETA, "phi": PHI}, bulk_ratio=1000.0
+            ),
             tests=(Test(name="perpendicular", angle=90, depth=0.1, points=2),),
             solver=Solver(assembly=assembly, tolerance=1e-9),
         )

@@ -170,7 +170,7 @@ def gel(field=None, method="least_squares", curve=None):
         sample=Sample(shape="disc", diameter=2 * RADIUS, thickness=THICKNESS, base="bonded"),
         indenter=Indenter(shape="sphere", diameter=4, friction=0),
         mesh=Mesh(elements=100),
-        material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 1.0, "min": 0.2, "max": 5.0}}),
+        material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 1.0, "min": 0.2, "max": 5.0}}, bulk_ratio=1000.0),
         tests=[test],
         fit={"method": method, "uncertain": {"mesh": 0}},
     )  # fmt: skip

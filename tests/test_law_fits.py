@@ -14,7 +14,7 @@ GEL = {
 
 
 def ogden(**parameters):
-    return MaterialChoice(model="ogden", parameters=parameters)
+    return MaterialChoice(model="ogden", parameters=parameters, bulk_ratio=1000.0)
 
 
 @pytest.mark.campaign

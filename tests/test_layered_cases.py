@@ -76,7 +76,7 @@ def test_a_case_without_layers_keeps_its_hash():
     case = Case(
         sample=Sample(shape="disc", diameter=14, thickness=3.3, base="bonded"),
         indenter=Indenter(shape="sphere", radius=1.0, friction=0.0),
-        material={"model": "neo_hookean", "parameters": {"mu": 1.0}},
+        material={"model": "neo_hookean", "bulk_ratio": 1000.0, "parameters": {"mu": 1.0}},
         tests=[Test("press", curve=Curve(np.arange(1, 6) / 10, np.arange(1, 6) * 1.0))],
     )
     assert case.hash.startswith("d90378bc10de106c")

@@ -113,6 +113,7 @@ friction = 0.5
 [material]
 model = "transversely_isotropic"
 parameters = { mu = 1, zeta = 3, phi = 1 }
+bulk_ratio = 1000
 
 [[test]]
 name = "press"

@@ -21,7 +21,7 @@ def case_of(prior, options=SQUARES, seed=3, parameters=None):
     stress = MU * STRAIN + SIGMA * np.random.default_rng(seed).standard_normal(STRAIN.size)
     free = {"mu": Range(start=1.0, min=0.1, max=5.0), "zeta": 3.0, "phi": Range(start=1.0, min=0.0, max=5.0)}
     return Case(
-        material=MaterialChoice(model="transversely_isotropic", parameters=parameters or free),
+        material=MaterialChoice(model="transversely_isotropic", parameters=parameters or free, bulk_ratio=1000.0),
         tests=[Test("across", kind="shear", fibres="normal", curve=Curve(STRAIN, stress))],
         fit={**options, "prior": prior, "workers": 1},
     )

@@ -341,7 +341,7 @@ def test_a_copied_case_runs_again_wherever_its_files_were(tmp_path):
         "from indentfit.materials.neo_hookean import NeoHookean as Given\nclass Mine(Given):\n    '''psi = mu/2 (I1b - 3)'''\n"
     )
     (home / "my case.toml").write_text(text)
-    overrides = ["material={model='../plugin.py:Mine', parameters={mu=1}}", "indenter.friction=0.2"]
+    overrides = ["material={model='../plugin.py:Mine', parameters={mu=1}, bulk_ratio=1000}", "indenter.friction=0.2"]
     case = read_case(home / "my case.toml", overrides)
     out.mkdir()
     again, known = copy_case(case, out), case.hash

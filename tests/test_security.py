@@ -38,7 +38,9 @@ def case(tmp_path):
     """A case with a plugin beside it, which tells when it runs."""
     text = (CASES / "quickstart" / "case.toml").read_text()
     head, tail = text[: text.index("[material]")], text[text.index("[[test]]") :]
-    (tmp_path / "case.toml").write_text(head + '[material]\nmodel = "mine.py:Mine"\nparameters = { mu = 1 }\n\n' + tail)
+    (tmp_path / "case.toml").write_text(
+        head + '[material]\nmodel = "mine.py:Mine"\nparameters = { mu = 1 }\nbulk_ratio = 1000\n\n' + tail
+    )
     (tmp_path / "mine.py").write_text(PLUGIN)
     (tmp_path / "curves").mkdir()
     for path in (CASES / "quickstart" / "curves").glob("*.csv"):

@@ -21,7 +21,7 @@ def slice_of_brain(depths=DEPTHS, mesh=Mesh(error=0.03), preload=0.0, field=(), 
     return Case(
         sample=Sample(shape="disc", diameter=30.0, thickness=THICKNESS, base="bonded"),
         indenter=Indenter(shape="cylinder", diameter=2 * RADIUS, **{"friction": 0, **indenter}),
-        material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 0.6, "min": 0.05, "max": 10}}),
+        material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 0.6, "min": 0.05, "max": 10}}, bulk_ratio=1000.0),
         mesh=mesh,
         tests=[Test("white", curve=Curve(depths, preload + STIFFNESS * depths), field=list(field))],
         fit=Fit(workers=1, method="least_squares" if field else "ga"),

@@ -43,7 +43,7 @@ BAR = {
 
 
 def case_of(tests, parameters=TRUTH, **tables):
-    return Case(material=MaterialChoice(model=WHITE, parameters=parameters), tests=tests, **tables)
+    return Case(material=MaterialChoice(model=WHITE, parameters=parameters, bulk_ratio=1000.0), tests=tests, **tables)
 
 
 def along(stretch, mu, zeta, phi):
@@ -176,6 +176,7 @@ def test_stretches_above_one_are_no_compression(tmp_path):
 
 HEAD = """[material]
 model = "transversely_isotropic"
+bulk_ratio = 1000
 [material.parameters]
 mu = 1.49
 zeta = 4.68
@@ -292,7 +293,8 @@ def test_commands_on_a_specimen_alone(tmp_path):
 
 def test_a_law_without_fibres_needs_no_direction():
     neo = Case(
-        material=MaterialChoice(model="neo_hookean", parameters={"mu": 2.0}), tests=[Test("s", kind="shear", strain=0.1, points=2)]
+        material=MaterialChoice(model="neo_hookean", parameters={"mu": 2.0}, bulk_ratio=1000.0),
+        tests=[Test("s", kind="shear", strain=0.1, points=2)],
     )
     assert simulate(neo).curves["s"].force == pytest.approx([0.1, 0.2])
     assert load("neo_hookean")(mu=2.0).shear_modulus == 2.0

@@ -169,7 +169,7 @@ def test_a_key_of_the_case_is_a_point_of_the_same_workers_and_changes_no_number(
             "material.kappa=30", "material.mu=2"]  # fmt: skip
     variants = [case, *(read_case(QUICK, [*SMALL, key]) for key in keys)]
     assert [list(points) for _, points in runs._groups(variants)] == [list(range(8))]
-    other = ["test.parallel.depth=0.05", "material={model='neo_hookean',parameters={mu=1}}"]
+    other = ["test.parallel.depth=0.05", "material={model='neo_hookean',parameters={mu=1},bulk_ratio=1000}"]
     assert len(runs._groups([case, *(read_case(QUICK, [*SMALL, key]) for key in other)])) == 3
     together = runs.evaluate_cases(variants, Execution(workers=1))
     for key, one, found in zip(["", *keys], variants, together, strict=True):

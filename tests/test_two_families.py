@@ -315,7 +315,7 @@ def test_sensitivities_with_two_families_are_central_differences(models):
 
 # ---- cases ----------------------------------------------------------------------------------------------------------
 
-VALUES = {"model": "two_families", "parameters": PAPER.values}
+VALUES = {"model": "two_families", "bulk_ratio": 1000.0, "parameters": PAPER.values}
 
 
 def case(folder, overrides=(), test=None, material=VALUES, **tables):

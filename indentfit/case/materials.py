@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, WrapValidator, model_validator
+from pydantic import BeforeValidator, Field, WrapValidator
 
 from indentfit import elastic
 from indentfit.case.quantities import BulkRatio, Length, Line, Pressure, as_tuple
@@ -50,7 +50,7 @@ class MaterialChoice(Section):
     bulk_ratio: BulkRatio | None = Field(
         default=None,
         examples=[DEFAULT_BULK_RATIO],
-        description='bulk modulus over shear modulus, or "unknown" (20 to 5000); without kappa and poisson_ratio 1000 by default',
+        description='bulk modulus over shear modulus, or "unknown" (20 to 5000), as it is without kappa and poisson_ratio',
     )
     kappa: Pressure | None = Field(default=None, examples=[1490.0], description="bulk modulus, instead of bulk_ratio")
     poisson_ratio: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] | None = Field(
@@ -61,19 +61,14 @@ class MaterialChoice(Section):
     )
     relaxation: Relaxation | None = Field(default=None, description="table of the relaxation of the stress in time")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _nearly_incompressible(cls, keys: Any) -> Any:
-        if isinstance(keys, dict) and all(keys.get(name) is None for name in BULK):
-            return {**keys, "bulk_ratio": DEFAULT_BULK_RATIO}
-        return keys
-
     @property
     def bulk_over_shear(self) -> float | None:
-        """Bulk modulus over shear modulus: `bulk_ratio`, or that of `poisson_ratio` (inf at 0.5); None where `kappa` is given."""
+        """Bulk modulus over shear modulus: `bulk_ratio`, or that of `poisson_ratio` (inf at 0.5); None where `kappa` is given. Of
+        an unknown ratio the value at which single runs are made."""
         if self.poisson_ratio is not None:
             return elastic.bulk_ratio(self.poisson_ratio)
-        assert not isinstance(self.bulk_ratio, str)  # a case has a value in place of `unknown`
+        if self.bulk_ratio is None or isinstance(self.bulk_ratio, str):
+            return DEFAULT_BULK_RATIO if self.kappa is None else None
         return self.bulk_ratio
 
     def bulk_modulus(self, shear_modulus: float) -> float:
@@ -140,7 +135,8 @@ class Layer(Section):
     bulk_ratio: BulkRatio | None = Field(
         default=None,
         examples=[DEFAULT_BULK_RATIO],
-        description="bulk modulus over shear modulus of the layer; without poisson_ratio 1000 by default",
+        description="bulk modulus over shear modulus of the layer; left out in all layers it is unknown (20 to 5000), the same in "
+        "each; left out beside layers that state theirs it is 1000",
     )
     poisson_ratio: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] | None = Field(
         default=None,

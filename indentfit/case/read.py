@@ -252,7 +252,9 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
         if name not in absent and not (name == "material" and name not in tree and tables_of_layers(tree))
     }
     sample = sections.get("sample")
-    sections = with_priors(with_materials({"material": None, **sections}, (sample and sample.layer) or ()))
+    sections = with_materials({"material": None, **sections}, (sample and sample.layer) or ())
+    tests = [keys for keys in tests_of(tree) if isinstance(keys, dict) and keys.get("kind") not in SPECIMENS]
+    sections = with_priors(sections, tests)
     parts = Parts(title, **sections)  # type: ignore[arg-type]
     faults += _faults_of_material(parts.material, law, faults)
     parts = parts.with_tests(*_tests_and_curves(tree, sources, parts, faults))

@@ -69,8 +69,10 @@ class Sample(Section):
     width: Length | None = Field(default=None, examples=[14.0], description="size of the block along z")
     thickness: Length = Field(description="thickness of the sample along y, the axis of indentation")
     base: Literal["sliding", "bonded", "unknown"] = Field(
+        default="unknown",
+        examples=["sliding"],
         description="support of the sample: the sample slides on it, or is bonded to it (the force can differ by half); "
-        "if unknown, a fit tries both"
+        "if unknown, or left out, a fit tries both",
     )
     fibre_angle: Turn = Field(
         default=0.0, description="angle by which the sample's fibres are turned from the angles that the tests state"
@@ -177,7 +179,11 @@ class Indenter(Section):
         default=0.0, examples=[0.05], description="radius of the tip of a cone or wedge, tangential to the flank; 0 is sharp"
     )
     edge_radius: Radius = Field(default=0.0, description="radius of the edge; 0 is sharp")
-    friction: Friction = Field(description='friction coefficient, "stick" for no slip at all, or "unknown" (0 to 1)')
+    friction: Friction = Field(
+        default="unknown",
+        examples=[0.5],
+        description='friction coefficient, "stick" for no slip at all, or "unknown" (0 to 1), as it is where it is left out',
+    )
 
     @property
     def geometry(self) -> indenters.IndenterShape:

@@ -1,16 +1,16 @@
-"""Inputs that a case calls "unknown": each gets a stated prior, and a value at which single runs are made."""
+"""Inputs that a case calls "unknown" or leaves out: each gets a stated prior, and a value at which single runs are made."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import BaseModel
-
+from indentfit.case.materials import BULK, MaterialChoice
 from indentfit.case.messages import Fault
 from indentfit.case.priors import Prior
 from indentfit.case.search import Fit, Uncertain
+from indentfit.case.section import Section
 
 UNKNOWN = "unknown"
 
@@ -37,6 +37,11 @@ class Ignorance:
     value: float | str
     prior: Prior | float
 
+    @property
+    def words(self) -> str:
+        """The prior in words."""
+        return self.prior.words() if isinstance(self.prior, Prior) else "both values, equally probable"
+
 
 IGNORANCE = (
     Ignorance("indenter", "friction", "friction", 0.5, Prior.model_construct(uniform=(0.0, 1.0))),
@@ -56,37 +61,63 @@ def faults_in_time(options: Fit) -> Iterator[Fault]:
             yield Fault((known.table, known.key), UNKNOWN, IN_TIME.format(name=known.name))
 
 
-def with_priors(tables: dict[str, Any]) -> dict[str, Any]:
-    """Tables, as values or dictionaries, in which no key is "unknown" any more: [fit.uncertain] holds the priors instead.
+def with_priors(tables: Mapping[str, Any], tests: Sequence[Any]) -> dict[str, Any]:
+    """Tables in which no key is "unknown" or left out any more: [fit.uncertain] holds the priors instead.
+
+    A key that every test has for itself needs no prior, and gets a value only. So does a left-out bulk ratio of a material that
+    relaxes, since a fit in time has no prior for it: `left_out_in_time` tells.
 
     Parameters
     ----------
-    tables : dict of name -> table
+    tables : mapping of name -> Section or None
         "sample", "indenter", "material" and "fit", where they are known.
+    tests : sequence of tests, as values or dictionaries
 
     Returns
     -------
-    dict of name -> table
+    dict of name -> Section or None
     """
-    unknown = [known for known in IGNORANCE if _get(tables.get(known.table), known.key) == UNKNOWN]
-    if not unknown:
-        return tables
-    fit = tables.get("fit") or Fit.untouched()
-    uncertain = _get(fit, "uncertain") or Uncertain.untouched()
     changed = dict(tables)
+    unknown = [known for known in IGNORANCE if _is_unknown(tables.get(known.table), known.key)]
+    if not unknown:
+        return changed
+    fit = tables.get("fit") or Fit.untouched()
+    uncertain = fit.uncertain or Uncertain.untouched()
     for known in unknown:
-        changed[known.table] = _with(changed[known.table], known.key, known.value)
-        if _get(uncertain, known.name) is None:
-            uncertain = _with(uncertain, known.name, known.prior)
-    changed["fit"] = _with(fit, "uncertain", uncertain)
+        table = tables[known.table]
+        if not getattr(table, "layers", ()):
+            changed[known.table] = table.model_copy(update={known.key: known.value})
+        if all_have_own(tests, known.table, known.key):
+            continue
+        if known.key == BULK[0] and table.bulk_ratio is None and table.relaxation is not None:
+            changed[known.table].model_fields_set.discard(BULK[0])
+        elif getattr(uncertain, known.name) is None:
+            uncertain = uncertain.model_copy(update={known.name: known.prior})
+    changed["fit"] = fit.model_copy(update={"uncertain": uncertain})
     return changed
 
 
+def left_out_in_time(material: MaterialChoice) -> bool:
+    """Whether a material that relaxes leaves its bulk ratio out, which is then taken as known."""
+    return material.relaxation is not None and not {*BULK} & material.model_fields_set
+
+
+def all_have_own(tests: Sequence[Any], table: str, key: str) -> bool:
+    """Whether there are tests, values or dictionaries, and each has its own value of a key of a table."""
+    return bool(tests) and all(_get(_get(test, table), key) is not None for test in tests)
+
+
+def _is_unknown(table: Section | None, key: str) -> bool:
+    """Whether a table is there, and calls a key unknown or leaves it out."""
+    if table is None or (key != BULK[0] and not table.model_fields_set):
+        return False  # an untouched table belongs to a case without indentations
+    if layers := getattr(table, "layers", ()):
+        return all(getattr(layer, name, None) is None for layer in layers for name in BULK)
+    value = getattr(table, key)
+    if value is None and key == BULK[0]:
+        return all(getattr(table, name) is None for name in BULK)
+    return value is None or value == UNKNOWN
+
+
 def _get(table: Any, key: str) -> Any:
-    return table.get(key) if isinstance(table, dict) else getattr(table, key, None)
-
-
-def _with(table: Any, key: str, value: Any) -> Any:
-    if isinstance(table, BaseModel):
-        return table.model_copy(update={key: value})
-    return {**table, key: value}
+    return table.get(key) if isinstance(table, Mapping) else getattr(table, key, None)

@@ -106,7 +106,6 @@ class Case(BaseModel):
         """Curves in memory move from the tests into `curves`; a test keeps the name of the file that `case_toml` gives it."""
         if not isinstance(keys, dict):
             return keys
-        keys = with_priors(keys)
         sample = keys.get("sample")
         keys = with_materials(keys, sample.layer if isinstance(sample, Sample) else (sample or {}).get("layer") or ())
         if keys.get("curves"):
@@ -116,6 +115,14 @@ class Case(BaseModel):
             return keys
         tests, curves = curve_files(tests)
         return {name: value for name, value in keys.items() if name != "test"} | {"tests": tests, "curves": curves}
+
+    @model_validator(mode="after")
+    def _give_priors(self) -> Case:
+        """Inputs that are unknown or left out get a value and a prior."""
+        tables = {name: getattr(self, name) for name in ("sample", "indenter", "material", "fit")}
+        for name, table in with_priors(tables, self.indentations).items():
+            object.__setattr__(self, name, table)
+        return self
 
     @model_validator(mode="after")
     def _name_the_axes(self) -> Case:

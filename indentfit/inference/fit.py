@@ -132,8 +132,12 @@ def fit_with_runs(
         require_emcee()
     started, problem = time.perf_counter(), inverse_problem(case)
     if case is not run and widens(case, problem):
+        uncertain = ", ".join(f"fit.uncertain.{name}" for name in case.fit.uncertain.given if name != "mesh")
         raise CaseError(
-            ["fit.uncertain: inputs are not fitted beside displacements yet; state them as known, or take out test.field"]
+            [
+                f"{uncertain or 'fit.uncertain'}: inputs are not fitted beside displacements yet; state them as known (an input "
+                "that is left out is unknown), or take out test.field"
+            ]
         )
     pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
     whole, stated = Progress(progress), with_offset_of_records(case)

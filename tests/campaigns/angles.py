@@ -53,14 +53,14 @@ def case_at(point):
     test = {"name": "press", "angle": point["angle"], "depth": point["strain"] * THICKNESS, "points": 4}
     paper = {"mu": 1.5, "zeta": point["zeta"], "phi": point["phi"]}
     if kind == 0:
-        material, test["dip"] = {"model": "transversely_isotropic", "parameters": paper}, point["dip"]
+        material, test["dip"] = {"model": "transversely_isotropic", "bulk_ratio": 1000.0, "parameters": paper}, point["dip"]
     else:
         mirrored, apart = point["mirrored"], point["apart"]
         second = 1.0 if mirrored else point["second"]
-        material = {"model": "two_families", "parameters": {**paper, "second": second}}
+        material = {"model": "two_families", "bulk_ratio": 1000.0, "parameters": {**paper, "second": second}}
         if kind == 2:
             values = {"c": 1.5, "k1": 0.2 + point["zeta"], "k2": 0.1 + point["phi"], "dispersion": point["second"] / 8}
-            material = {"model": "holzapfel_two_families", "parameters": values}
+            material = {"model": "holzapfel_two_families", "bulk_ratio": 1000.0, "parameters": values}
         sample["families"] = [apart / 2, -apart / 2] if mirrored else [0.0, apart]
         sample["family_dips"] = [point["dip"], point["dip"] if mirrored else point["dip"] / 3]
         if mirrored and point["angle"] < 90:

@@ -86,7 +86,7 @@ def _with_forces(rows, draws):
 
 
 def _case(parameters, tests):
-    return Case(material=MaterialChoice(model="transversely_isotropic", parameters=parameters), tests=tests)
+    return Case(material=MaterialChoice(model="transversely_isotropic", parameters=parameters, bulk_ratio=1000.0), tests=tests)
 
 
 def main():
