@@ -1,6 +1,7 @@
 """Laws against each other: evidences have known values, a choice abstains where it should, and the command compares laws."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from indentfit.experiment.measured import read_case
 from indentfit.inference.evidence import evidence, under_another_noise
 from indentfit.inference.law_choice import Weighed, choose
 from indentfit.inference.law_curves import PlainCurves
+from indentfit.inference.nested import nested_evidence
 from indentfit.inference.noise import correlations
 from indentfit.inference.out_of_sample import DEPTH, parts_left_out
 from indentfit.inference.residual_noise import CORRELATIONS, LARGEST, SIZES, SMALLEST, smoothed, unknown_noise
@@ -240,3 +242,53 @@ def test_a_range_of_an_unknown_law_or_parameter_is_refused(gel):
         compare(case, ["neo_hookean", "ogden"], {"gent": {"Jm": bounds}})
     with pytest.raises(CaseError, match="no parameter 'Jm'"):
         compare(case, ["neo_hookean", "ogden"], {"ogden": {"Jm": bounds}})
+
+
+class Bell:
+    """Curves and noise in one, whose density is a normal one in units of the ranges: its integral is known."""
+
+    size, sds, centre, top = 2, np.array([0.02, 0.05]), np.array([0.4, 0.7]), 3.0
+
+    def log_prior(self, places):
+        return np.zeros(len(places))
+
+    def forces(self, places):
+        return places
+
+    def log_likelihood(self, places):
+        return self.top - 0.5 * (((places - self.centre) / self.sds) ** 2).sum(axis=1)
+
+
+@quick
+def test_nested_sampling_finds_the_integral_of_a_normal_density(monkeypatch):
+    """log (2 pi s1 s2) + top, within three standard errors, and the stated one is that of so few points."""
+    pytest.importorskip("dynesty")
+    monkeypatch.setattr("indentfit.inference.nested.FEWEST", 60)
+    monkeypatch.setattr("indentfit.inference.nested.LIVE", 30)
+    found = nested_evidence(Bell(), Bell(), 1)
+    right = np.log(2 * np.pi * Bell.sds.prod()) + Bell.top
+    assert abs(found.log - right) < 3 * found.error and 0.1 < found.error < 0.5
+
+
+@pytest.mark.campaign
+def test_nested_sampling_agrees_with_the_integral_over_a_slope_and_with_laplaces_method():
+    pytest.importorskip("dynesty")
+    problem = line()
+    noise, curves = unknown_noise(problem, 0.0), PlainCurves(problem, None, 2.0 * DEPTHS, np.array([0.3]))
+
+    def density(mu):
+        return np.exp(noise.log_likelihood((mu * DEPTHS)[None])[0])
+
+    right = np.log(quad(density, 1, 4, points=(1.9, 2.0, 2.1), limit=200)[0] / 3)
+    found = nested_evidence(curves, noise, 0)
+    assert found.error < 0.12 and abs(found.log - right) < 3 * found.error
+    assert abs(found.log - evidence(curves, noise, 0).log) < 3 * found.error
+
+
+@quick
+def test_nested_sampling_without_dynesty_is_refused_in_one_line_before_any_run(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dynesty", None)
+    write_curve(tmp_path / "parallel.csv", Curve([0.05, 0.1, 0.15, 0.2, 0.25], [1.0, 2.0, 3.1, 4.2, 5.3]))
+    asked = ["compare", str(tiny_case(tmp_path)), "--materials", "neo_hookean,ogden", "--nested", "-o", str(tmp_path / "laws")]
+    done = CliRunner().invoke(main, asked)
+    assert done.exit_code == 2 and "pip install 'indentfit[nested]'" in done.output and not (tmp_path / "laws").exists()

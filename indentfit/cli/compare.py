@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     "--range", "given", multiple=True, metavar="LAW:PARAMETER=LOW:HIGH",
     help="Range of a parameter (mm, mN, kPa) in place of the automatic one; may be repeated.",
 )  # fmt: skip
+@click.option("--nested", is_flag=True, help="Compute the evidences by nested sampling; needs indentfit[nested] (dynesty).")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Number of processes; by default one for each core.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Result folder; by default CASEFOLDER-comparison.")
@@ -38,6 +39,7 @@ def command(
     case: str,
     asked: str,
     given: tuple[str, ...],
+    nested: bool,
     overrides: tuple[str, ...],
     workers: int | None,
     output: str | None,
@@ -54,7 +56,9 @@ def command(
     smoothness of the noise are integrated out. The laws also predict what they were not fitted to: the deep third of the curves,
     and each test from the others. The command says which law the curves prefer and by how much, or that they cannot tell: when
     the log evidences of the best two differ by less than 3 (odds of 20 to 1) once the error of the mesh is counted, or when no law
-    follows the curves. Every run is kept at once: a comparison that was stopped goes on when the same command is given again.
+    follows the curves. With --nested the integral is taken by nested sampling on the same surrogate, in up to minutes for
+    each law, and the table shows its standard error. Every run is kept at once: a comparison that was stopped goes on when the same
+    command is given again.
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.experiment.measured import read_case
@@ -72,7 +76,7 @@ def command(
     name = Path(case).resolve().parent.name or "case"
     place = Place(output or f"{name}-comparison", overwrite, reuse=reuse)
     refuse_existing(place.output, overwrite)
-    plan = plan_comparison(read, laws_asked(asked), _ranges(given))
+    plan = plan_comparison(read, laws_asked(asked), _ranges(given), nested)
     prepare_for(read, where)
     warn(read.warnings())
     others = [each for _, each in plan.laws]

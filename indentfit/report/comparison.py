@@ -27,6 +27,8 @@ def comparison_lines(result: Comparison) -> Iterator[str]:
         if law.cause:
             yield f"          {law.cause}"
     yield f"note      {PRIORS}"
+    if any(law.nested is not None for law in result.laws):
+        yield "note      the evidences are those of nested sampling (dynesty), with its standard errors"
     yield f"note      the noise's size and smoothness are integrated out, as for every law; {mesh_words(result)}"
 
 
@@ -42,6 +44,7 @@ def comparison_rows(result: Comparison) -> list[list[str]]:
         left_out = [share(law.left_out.get(part)) for part in parts]
         count = str(len(law.parameters))
         below = f"{law.log_evidence - best:+.1f}" if law.log_evidence != best else "best"
+        below += f" (+- {law.nested_error:.2f})" if law.nested_error is not None else ""
         rows.append([law.law, count, below, probability(law.probability), share(worst_misfit(law)), *left_out, str(law.runs)])
     return rows
 

@@ -24,6 +24,7 @@ from indentfit.inference.evidence import Evidence, evidence, under_another_noise
 from indentfit.inference.fit import FitWithRuns, fit_with_runs
 from indentfit.inference.law_choice import THRESHOLD, Choice, Weighed, choose
 from indentfit.inference.law_curves import LawCurves, alternatives_of
+from indentfit.inference.nested import NestedEvidence, nested_evidence, require_dynesty
 from indentfit.inference.out_of_sample import out_of_sample
 from indentfit.inference.residual_noise import unknown_noise
 from indentfit.inverse.objective import best_scale
@@ -61,6 +62,8 @@ class LawFit:
     log_evidence, laplace, without_mesh : float or None
         Logarithm of the evidence (natural; the density of the forces in mN), the same by Laplace's method alone, and the same as if
         the mesh were exact. None where the law could not be fitted.
+    nested, nested_error : float or None
+        The log evidence by nested sampling and its standard error, where it was asked for: `log_evidence` is then this one.
     probability : float
         Of the law among those that were asked for, each as probable as the others before.
     misfit : dict of test -> RMSE over the largest force
@@ -81,6 +84,8 @@ class LawFit:
     log_evidence: float | None = None
     laplace: float | None = None
     without_mesh: float | None = None
+    nested: float | None = None
+    nested_error: float | None = None
     probability: float = 0.0
     misfit: dict[str, float] = field(default_factory=dict)
     left_out: dict[str, float] = field(default_factory=dict)
@@ -184,6 +189,7 @@ def compare(
     materials: Sequence[str],
     ranges: Mapping[str, Mapping[str, Range]] | None = None,
     execution: Execution | None = None,
+    nested: bool = False,
 ) -> Comparison:
     """Compare laws on the curves of a case.
 
@@ -197,6 +203,8 @@ def compare(
         Ranges in place of the automatic ones.
     execution : Execution
         Ledger, cluster, stop and progress of the runs.
+    nested : bool
+        Whether the evidences are those of nested sampling (dynesty, the extra `nested`), not of Laplace's method and draws.
 
     Returns
     -------
@@ -206,24 +214,29 @@ def compare(
     Raises
     ------
     CaseError
-        A law cannot be found or used, or there is nothing to fit.
+        A law cannot be found or used, there is nothing to fit, or dynesty is not installed.
     ConvergenceError
         No law could be fitted.
     """
-    return run_comparison(plan_comparison(case, materials, ranges or {}), execution or Execution())
+    return run_comparison(plan_comparison(case, materials, ranges or {}, nested), execution or Execution())
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonPlan:
-    """What is compared: the case, each law with its case, and the shear modulus of the curves."""
+    """What is compared: the case, each law with its case, the shear modulus of the curves, and whether by nested sampling."""
 
     case: Case
     laws: tuple[tuple[str, Case], ...]
     modulus: float | None
+    nested: bool = False
 
 
-def plan_comparison(case: Case, materials: Sequence[str], ranges: Mapping[str, Mapping[str, Range]]) -> ComparisonPlan:
+def plan_comparison(
+    case: Case, materials: Sequence[str], ranges: Mapping[str, Mapping[str, Range]], nested: bool = False
+) -> ComparisonPlan:
     """The plan of a comparison; arguments and errors are those of `compare`. One run tells the stiffness of the curves."""
+    if nested:
+        require_dynesty()
     laws = list(dict.fromkeys(materials))
     if len(laws) < 2:
         raise CaseError(["--materials: name at least two different laws, with commas between, such as neo_hookean,ogden"])
@@ -238,7 +251,7 @@ def plan_comparison(case: Case, materials: Sequence[str], ranges: Mapping[str, M
     cases = tuple((law, law_case(case, law, modulus, ranges.get(law, {}))) for law in laws)
     for _, each in cases:
         require_fittable(each)
-    return ComparisonPlan(case, cases, modulus)
+    return ComparisonPlan(case, cases, modulus, nested)
 
 
 def require_curves(case: Case) -> None:
@@ -288,7 +301,7 @@ def run_comparison(plan: ComparisonPlan, execution: Execution) -> Comparison:
         raise ConvergenceError(f"no law could be fitted; the first: {next(iter(fits.values()))}")
     mesh = mesh_of([fitted for fitted in fits.values() if not isinstance(fitted, str)])
     execution.progress(0.95, "evidences")
-    known = [_law_fit(law, fitted, mesh, plan.case.fit.seed) for law, fitted in fits.items()]
+    known = [_law_fit(law, fitted, mesh, plan) for law, fitted in fits.items()]
     laws = ranked(known)
     choice = choice_of(laws)
     return Comparison(
@@ -351,12 +364,16 @@ def _fitted(case: Case, execution: Execution, report: Callable[..., None]) -> Fi
     return fitted if alternatives_of(fitted) else fitted.result.message
 
 
-def _law_fit(law: str, fitted: FitWithRuns | str, mesh: float, seed: int) -> LawFit:
+def _law_fit(law: str, fitted: FitWithRuns | str, mesh: float, plan: ComparisonPlan) -> LawFit:
     """The law with its evidence and its predictions."""
+    seed = plan.case.fit.seed
     if isinstance(fitted, str):
         return LawFit(law, cause=fitted)
     alternatives = alternatives_of(fitted)
     whole, exact, curves, known = total_evidence(fitted, alternatives, mesh, seed)
+    sampled = total_nested(fitted, alternatives, mesh, seed) if plan.nested else None
+    if sampled is not None:
+        whole, exact = sampled.log, exact + sampled.log - whole
     force = curves.forces(known.best[None])[0]
     parts, tests = {}, fitted.problem.tests
     for test, row in zip(tests, np.split(force, np.cumsum([test.curve.force.size for test in tests])[:-1]), strict=True):
@@ -367,6 +384,8 @@ def _law_fit(law: str, fitted: FitWithRuns | str, mesh: float, seed: int) -> Law
         log_evidence=whole,
         laplace=known.laplace,
         without_mesh=exact,
+        nested=None if sampled is None else sampled.log,
+        nested_error=None if sampled is None else sampled.error,
         misfit={test.name: _misfit(test.curve, parts[test.name]) for test in tests},
         left_out=out_of_sample(fitted.problem, curves, mesh, seed),
         systematic=any(noise.systematic for noise in fitted.result.noise.values()),
@@ -393,6 +412,15 @@ def total_evidence(
         weighed.append((curves, known))
     curves, known = weighed[int(np.argmax(logs))]
     return float(logsumexp(logs)), float(logsumexp(exact)), curves, known
+
+
+def total_nested(fitted: FitWithRuns, alternatives: Sequence[tuple[float, LawCurves]], mesh: float, seed: int) -> NestedEvidence:
+    """The log evidence of a law over all alternatives of the case, by nested sampling."""
+    found = [nested_evidence(curves, unknown_noise(fitted.problem, mesh, moves=curves.moves), seed) for _, curves in alternatives]
+    logs = np.array([math.log(max(share, 1e-300)) + each.log for (share, _), each in zip(alternatives, found, strict=True)])
+    total = float(logsumexp(logs))
+    errors = np.exp(logs - total) * [each.error for each in found]
+    return NestedEvidence(total, float(np.linalg.norm(errors)), sum(each.calls for each in found))
 
 
 def _misfit(measured: Curve, fitted: Curve) -> float:

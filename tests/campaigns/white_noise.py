@@ -128,8 +128,14 @@ def judged(case, own, other, truth):
     found = certainty(case, problem, solved.model or watched, solved)
     inside = {name: found.estimates[name].interval[0] <= truth[name] <= found.estimates[name].interval[1] for name in truth}
     words = {name: found.estimates[name].verdict for name in truth}
+    spans = {name: found.estimates[name].interval for name in truth}
     wrong = [name for name in truth if words[name].startswith("determined") and not inside[name]]
     blamed = [name for name in truth if "misfit" in words[name]]
+    if wrong or blamed:
+        print(
+            f"outside {wrong}, blames the law for {blamed}: {truth}, {spans}, {words}, {found.estimates[wrong[0]].stderr if wrong else None}",
+            flush=True,
+        )
     return inside, wrong, blamed, words
 
 
