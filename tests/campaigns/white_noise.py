@@ -132,10 +132,7 @@ def judged(case, own, other, truth):
     wrong = [name for name in truth if words[name].startswith("determined") and not inside[name]]
     blamed = [name for name in truth if "misfit" in words[name]]
     if wrong or blamed:
-        print(
-            f"outside {wrong}, blames the law for {blamed}: {truth}, {spans}, {words}, {found.estimates[wrong[0]].stderr if wrong else None}",
-            flush=True,
-        )
+        print(f"outside {wrong}, blames the law for {blamed}: {truth}, {spans}, {words}", flush=True)
     return inside, wrong, blamed, words
 
 
