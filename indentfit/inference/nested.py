@@ -65,8 +65,8 @@ def nested_evidence(curves: LawCurves, noise: UnknownNoise, seed: int) -> Nested
 
     sampler = dynesty.NestedSampler(log, _same, size, nlive=max(FEWEST, LIVE * size), rstate=np.random.default_rng(seed))
     sampler.run_nested(dlogz=LEFT, print_progress=False)
-    found = sampler.results
-    return NestedEvidence(float(found.logz[-1]), float(found.logzerr[-1]), int(np.sum(found.ncall)))
+    results = sampler.results
+    return NestedEvidence(float(results.logz[-1]), float(results.logzerr[-1]), int(np.sum(results.ncall)))
 
 
 def _same(unit: Array) -> Array:

@@ -416,11 +416,13 @@ def total_evidence(
 
 def total_nested(fitted: FitWithRuns, alternatives: Sequence[tuple[float, LawCurves]], mesh: float, seed: int) -> NestedEvidence:
     """The log evidence of a law over all alternatives of the case, by nested sampling."""
-    found = [nested_evidence(curves, unknown_noise(fitted.problem, mesh, moves=curves.moves), seed) for _, curves in alternatives]
-    logs = np.array([math.log(max(share, 1e-300)) + each.log for (share, _), each in zip(alternatives, found, strict=True)])
+    integrals = [
+        nested_evidence(curves, unknown_noise(fitted.problem, mesh, moves=curves.moves), seed) for _, curves in alternatives
+    ]
+    logs = np.array([math.log(max(share, 1e-300)) + each.log for (share, _), each in zip(alternatives, integrals, strict=True)])
     total = float(logsumexp(logs))
-    errors = np.exp(logs - total) * [each.error for each in found]
-    return NestedEvidence(total, float(np.linalg.norm(errors)), sum(each.calls for each in found))
+    errors = np.exp(logs - total) * [each.error for each in integrals]
+    return NestedEvidence(total, float(np.linalg.norm(errors)), sum(each.calls for each in integrals))
 
 
 def _misfit(measured: Curve, fitted: Curve) -> float:
