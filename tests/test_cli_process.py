@@ -107,6 +107,21 @@ def test_a_sidecar_beside_the_records_is_used_and_said():
     result = run("rig/S1_parallel.csv", "--no-figures", "-o", "out")
     assert result.exit_code == 0
     assert "record.toml" in result.stderr
+    Path("rig/record.toml").write_text('rate = 1000.0\n[force]\ngain = 24.0\n')
+    result = run("rig/S1_parallel.csv", "--no-figures", "-o", "other")
+    assert (result.exit_code, Path("other").exists()) == (2, False)
+    assert "rig/record.toml: there is no table [record]" in result.stderr
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_case_made_of_a_record_knows_no_friction_that_nobody_stated():
+    keys = ["record.rate=1000", "record.displacement={gain=6,sign=-1}", "record.force={gain=24,sign=-1}"]
+    keys += ["sample.diameter=14", "sample.thickness=3", "sample.base=bonded", "indenter.shape=cylinder", "indenter.diameter=2"]
+    words = [word for key in keys for word in ("--set", key)]
+    for stated, friction in ((), "unknown"), (("--set", "indenter.friction=0.1"), 0.1):
+        result = run(RECORD, *words, *stated, "--case", "--no-figures", "-o", "out", "--overwrite")
+        assert result.exit_code == 0, result.stderr
+        assert tomllib.loads(Path("out/case.toml").read_text())["indenter"]["friction"] == friction
 
 
 @pytest.mark.usefixtures("undrawn")

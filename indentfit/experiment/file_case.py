@@ -84,7 +84,7 @@ class FileCase:
         tree: Tree = {
             "title": f"from {good[0].name}" if len(good) == 1 else f"{len(good)} records, from {good[0].name} on",
             "sample": dict(self.told.get("sample", {})),
-            "indenter": {**_indenter(radius, good), "friction": 0, **self.told.get("indenter", {})},
+            "indenter": {**_indenter(radius, good), "friction": "unknown", **self.told.get("indenter", {})},
         }
         tree["sample"].setdefault("shape", "disc")
         for key, value in _thickness(good):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from indentfit.experiment.contact_point import METHODS, ContactPoint
+from indentfit.experiment.contact_point import METHODS, SHORTEST_TRAVEL, ContactPoint
 from indentfit.experiment.loading import Ramp
 
 RATINGS = ("good", "fair", "poor")
@@ -62,4 +62,7 @@ def _grade(share: float, limits: tuple[float, float]) -> int:
 def _approach(ramp: Ramp, contact: ContactPoint) -> str:
     if contact.method not in METHODS:
         return f"contact {contact.method}, not seen"
+    travel, depth = contact.displacement - ramp.displacement[0], ramp.displacement[-1] - contact.displacement
+    if travel < max(SHORTEST_TRAVEL * depth, 1.5 * contact.uncertainty):  # three standard errors
+        return "hardly an approach"
     return "a short approach" if contact.index < ramp.length else "an approach"
