@@ -12,6 +12,7 @@ from indentfit.curve import Curve, write_curve
 from indentfit.experiment.measured import read_case
 from indentfit.inference.moduli import moduli
 from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.shares import InputShare, UncertainInputs
 from indentfit.layer import Layer
 from indentfit.report.text import fit_lines
 from indentfit.runs.closed_form import closed_forms
@@ -164,3 +165,21 @@ def test_moduli_of_other_laws(tmp_path):
         tiny_case(tmp_path, material={"model": "mooney_rivlin", "parameters": {"c10": 1.0, "c01": 0.5}, "poisson_ratio": 0.5})
     )
     assert isotropic_moduli(case.material, case.law, case.start_values()) == pytest.approx({"mu": 3.0, "E": 9.0, "nu": 0.5})
+
+
+def test_moduli_beside_an_uncertain_bulk_ratio_are_those_of_its_interval(tmp_path):
+    """nu = (3 r - 2) / (2 (3 r + 1)), E = 2 (1 + nu) mu; the interval of E goes over the ends of both."""
+    straight_curve(tmp_path / "parallel.csv", 3.0)
+    case = read_case(tiny_case(tmp_path, material={"bulk_ratio": None}))
+    share = InputShare(1000.0, 500.0, fitted=30.0, interval=(20.0, 5000.0))
+    known = moduli(case, result(uncertain=UncertainInputs({"bulk_ratio": share})))
+
+    def nu(ratio):
+        return (3 * ratio - 2) / (2 * (3 * ratio + 1))
+
+    assert (known["nu"].value, known["nu"].interval, known["nu"].fixed) == (
+        pytest.approx(nu(30)), pytest.approx((nu(20), nu(5000))), False,
+    )  # fmt: skip
+    assert known["E"].value == pytest.approx(2 * (1 + nu(30)) * 2.0)
+    assert known["E"].interval == pytest.approx((2 * (1 + nu(20)) * 1.5, 2 * (1 + nu(5000)) * 2.6))
+    assert known["E"].verdict == "from mu and the bulk ratio"

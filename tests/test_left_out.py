@@ -1,9 +1,10 @@
 """Inputs that a case leaves out: they are unknown, and a fit goes over a stated prior, named in a warning."""
 
+import numpy as np
 import pytest
 from fixtures.cases import CASES, MU, tiny_case
 
-from indentfit import Case, Sample, Test, read_case, simulate
+from indentfit import Case, Curve, Sample, Test, fit, read_case, simulate
 from indentfit.inference.what_if import taken_as_known
 
 PRESSES = [{"name": name, "angle": 0, "depth": 0.1, "points": 3} for name in ("a", "b")]
@@ -84,3 +85,19 @@ def test_the_shipped_cases_state_every_input_or_call_it_unknown_on_purpose(path)
     for key in ("friction", "base", "bulk_ratio"):
         if getattr(case.fit.uncertain, key) is not None:
             assert f'{key} = "unknown"' in text or f"\n{key} = " in text.partition("[fit.uncertain]")[2]
+
+
+def test_tests_without_an_indenter_are_fitted_with_a_bulk_ratio_that_nobody_knows(tmp_path):
+    """Simple shear does not depend on the bulk ratio: mu is that of the line, whatever the ratio; no mesh has an error."""
+    strain = np.linspace(0.02, 0.3, 12)
+    noise = 0.01 * np.random.default_rng(2).standard_normal(12)
+    case = Case(
+        material={"model": "neo_hookean", "parameters": {"mu": {"start": 2, "min": 0.1, "max": 50}}},
+        tests=[Test("shear", kind="shear", curve=Curve(strain, 3.0 * strain + noise))],
+        fit={"workers": 1},
+    )
+    fitted = fit(case)
+    slope = strain @ (3.0 * strain + noise) / (strain @ strain)
+    assert fitted.parameters["mu"].value == pytest.approx(slope, rel=2e-3)
+    low, high = fitted.parameters["mu"].interval
+    assert low < 3.0 < high and "bulk_ratio" in fitted.uncertain.inputs and "mesh" not in fitted.uncertain.inputs

@@ -14,6 +14,7 @@ from indentfit.inference.result import FitResult, ParameterEstimate
 SMALL = 1e-6  # relative change of a parameter, for a derivative
 UNITS = {"mu": "kPa", "E": "kPa", "nu": "1"}
 RATIO = "Ginf_G0"
+RATIO_OF_BULK = "bulk_ratio"
 
 
 def moduli(case: Case, result: FitResult) -> dict[str, ParameterEstimate]:
@@ -21,11 +22,22 @@ def moduli(case: Case, result: FitResult) -> dict[str, ParameterEstimate]:
     is the long-term over the instantaneous modulus, where the fit frees the relaxation.
 
     A modulus that changes with one free parameter alone has the interval of that parameter, carried over. One that changes with
-    several has no interval, because the parameters' errors are not independent.
+    several has no interval, because the parameters' errors are not independent. Where the bulk ratio is an uncertain input, moduli
+    are those at its fitted value, and their intervals go over the ends of its interval too.
     """
     values = {name: known.value for name, known in result.parameters.items()}
+    if (ratio := _uncertain_ratio(result)) is not None:
+        values[RATIO_OF_BULK] = ratio[0]
     known = {name: _estimate(case, result, values, name, value) for name, value in _moduli(case, values).items()}
     return known | _of_relaxation(case, result, values)
+
+
+def _uncertain_ratio(result: FitResult) -> tuple[float, Interval] | None:
+    """The fitted value and the interval of a bulk ratio that is an uncertain input; None where it is known, or a parameter."""
+    share = result.uncertain.inputs.get(RATIO_OF_BULK)
+    if share is None or share.fitted is None or share.interval is None or RATIO_OF_BULK in result.parameters:
+        return None
+    return share.fitted, share.interval
 
 
 def _of_relaxation(case: Case, result: FitResult, values: dict[str, float]) -> dict[str, ParameterEstimate]:
@@ -54,7 +66,7 @@ def _of_relaxation(case: Case, result: FitResult, values: dict[str, float]) -> d
 
 def _moduli(case: Case, values: dict[str, float]) -> dict[str, float]:
     """The moduli at values of the parameters, and of a fitted bulk ratio."""
-    ratio = values.get("bulk_ratio")
+    ratio = values.get(RATIO_OF_BULK)
     choice = case.material if ratio is None else case.material.with_key("bulk_ratio", ratio)
     return isotropic_moduli(choice, case.law, values)
 
@@ -62,9 +74,14 @@ def _moduli(case: Case, values: dict[str, float]) -> dict[str, float]:
 def _estimate(case: Case, result: FitResult, values: dict[str, float], modulus: str, value: float) -> ParameterEstimate:
     unit = UNITS[modulus.rpartition(".")[2]]
     changing = [name for name in result.free if _changes(case, result, values, name, modulus)]
+    ratio = _uncertain_ratio(result)
+    spans = () if ratio is None else [_moduli(case, {**values, RATIO_OF_BULK: end})[modulus] for end in ratio[1]]
+    spread = [span for span in spans if abs(span - value) > 1e-9 * abs(value)]
+    if not changing and spread:
+        return ParameterEstimate(value, unit, interval=(min(*spans, value), max(*spans, value)), verdict="from the bulk ratio")
     if not changing:
         return ParameterEstimate(value, unit, fixed=True)
-    verdict = f"from {' and '.join(changing)}"
+    verdict = f"from {' and '.join([*changing, *(['the bulk ratio'] if spread else [])])}"
     if len(changing) > 1:
         return ParameterEstimate(value, unit, verdict=verdict)
     known = result.parameters[changing[0]]
@@ -75,6 +92,8 @@ def _estimate(case: Case, result: FitResult, values: dict[str, float], modulus: 
         return _moduli(case, {**values, changing[0]: number})[modulus]
 
     low, high = sorted(at(number) for number in known.interval)
+    if spread and value:  # the ends of the parameter and of the bulk ratio together: no interval of both is wider
+        low, high = min(low, low * min(spans) / value), max(high, high * max(spans) / value)
     first, last = known.interval
     if first == last:  # a fit without any error
         first, last = known.value * (1 - SMALL), known.value * (1 + SMALL)

@@ -198,7 +198,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     mesh, elements = ModelError.none(size), None
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
-        unknown = elements is None and bool(case.fit.uncertain.mesh)
+        unknown = elements is None and bool(case.fit.uncertain.mesh and case.indentations)
         fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part, ROUNDS if unknown else LIMIT)
         if fit is not None and unknown:
             mesh, elements = mesh_error(case, fit, model)
