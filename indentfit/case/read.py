@@ -167,7 +167,7 @@ def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) ->
     """
     tree = _tree(Path(path)) if path is not None else {"record": {}}
     if "record" not in tree:
-        raise CaseError([f"{path}: there is no table [record]; begin it with the line [record], and call its tables [record.force]"])
+        raise CaseError([f"{path}: there is no table [record]; begin with the line [record], and call its tables [record.force]"])
     tree = {"record": tree["record"]}
     given, faults = override(tree, overrides)
     faults += [Fault((key,), tree[key], "only keys of [record] can be set here") for key in tree if key != "record"]
