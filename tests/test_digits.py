@@ -7,7 +7,7 @@ from fixtures.cases import tiny_case
 from indentfit.curve import Curve
 from indentfit.experiment.measured import read_case
 from indentfit.report import plots
-from indentfit.report.digits import CurveScale, Scale, fixed, quantity
+from indentfit.report.digits import CurveScale, Scale, fixed, plainly, quantity
 from indentfit.runs.forward import simulate
 
 pytestmark = pytest.mark.quick
@@ -72,3 +72,8 @@ def test_a_simulated_bead_can_be_read(tmp_path):
     forces = [float(row.split()[1]) for row in (first, last)]
     np.testing.assert_allclose(forces, result.curves["press"].force * 1e6, rtol=2e-3)
     assert [row.split()[0] for row in (first, last)] == ["0.0500", "0.1000"]
+
+
+def test_numbers_of_usual_size_are_written_in_full():
+    numbers = (5000.0, 25.68, 0.0, 0.00123, 999.6, -3.0, 12345678.0, 5e-5)
+    assert [plainly(number) for number in numbers] == ["5000", "25.7", "0", "0.00123", "1000", "-3", "1.23e+07", "5e-05"]

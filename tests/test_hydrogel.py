@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from fixtures.cases import CASES
 
 from indentfit.experiment.measured import read_case
 from indentfit.inference.fit import fit
+from indentfit.inference.moduli import moduli
+from indentfit.inference.shares import InputShare, UncertainInputs
 
 GEL = CASES / "hydrogel_sphere" / "case.toml"
 MU = 9.0 / (2 * 1.499)
@@ -31,6 +34,21 @@ def test_the_truth_comes_back(fitted):
     assert (high - low) / 2 <= 0.03 * known.value
     young = fitted.moduli["E"]
     assert young.value == pytest.approx(9.0, rel=0.01) and young.interval[0] < 9.0 < young.interval[1]
+
+
+def test_moduli_of_an_unknown_bulk_ratio_are_those_after_the_fit_and_hold_its_interval(fitted):
+    """E = 2 mu (1 + nu), nu = (3 k - 2) / (6 k + 2) for a bulk modulus of k shear moduli."""
+
+    def nu(k):
+        return (3 * k - 2) / (6 * k + 2)
+
+    share = InputShare(1000.0, None, prior="20 to 5000 in the logarithm", fitted=25.0, interval=(20.0, 5000.0))
+    found = moduli(fitted.case, replace(fitted, uncertain=UncertainInputs({"bulk_ratio": share})))
+    mu = fitted.parameters["mu"]
+    assert (found["nu"].value, *found["nu"].interval) == pytest.approx((nu(25), nu(20), nu(5000)))
+    assert not found["nu"].fixed and found["nu"].verdict == "from bulk_ratio"
+    assert found["E"].value == pytest.approx(2 * mu.value * (1 + nu(25)))
+    assert found["E"].interval == pytest.approx((2 * mu.interval[0] * (1 + nu(20)), 2 * mu.interval[1] * (1 + nu(5000))))
 
 
 def test_the_closed_forms_stand_beside_it(fitted):

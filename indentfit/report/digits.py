@@ -106,6 +106,15 @@ def fixed(value: float | None, digits: int = 3) -> str:
     return f"{value:.{max(3, digits - 1 - _power(value))}f}"
 
 
+def plainly(value: float, digits: int = 3) -> str:
+    """A number with so many digits, in full where its size is between 0.0001 and ten million: 5000, not 5e+03."""
+    if not math.isfinite(value) or not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{digits}g}"
+    power = _power(value)
+    text = f"{round(value, digits - 1 - power):.{max(0, digits - 1 - power)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A single number with the unit that suits its size, such as "120 nN"."""
     scale = Scale.of([value], unit)

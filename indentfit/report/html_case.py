@@ -4,6 +4,7 @@ import hashlib
 import shlex
 from pathlib import Path
 
+from indentfit.report.digits import plainly
 from indentfit.report.page import Code, Lines, Part, Section, Table, Text
 from indentfit.report.schema import CaseFacts, Stored
 
@@ -90,7 +91,7 @@ def number(value: float | str | None, digits: int = 4) -> str:
     """A number in words; a dash where there is none."""
     if value is None:
         return "–"
-    return value if isinstance(value, str) else f"{value:.{digits}g}"
+    return value if isinstance(value, str) else plainly(value, digits)
 
 
 def computed(value: float | None, digits: int = 4) -> str:

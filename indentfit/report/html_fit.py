@@ -128,7 +128,7 @@ def _what(stored: Stored, result: FitResult) -> Section:
 
 def _parameters(result: FitResult) -> Section:
     known = {**result.parameters, **{name: value for name, value in result.moduli.items() if name not in result.parameters}}
-    rows = tuple(_parameter_row(name, value) for name, value in known.items())
+    rows = tuple(_parameter_row(name, value, name in result.parameters) for name, value in known.items())
     table = Table("Parameters, their errors, and how well they are determined", PARAMETERS, rows)
     return Section(
         "parameters",
@@ -137,11 +137,13 @@ def _parameters(result: FitResult) -> Section:
     )
 
 
-def _parameter_row(name: str, known: ParameterEstimate) -> tuple[str, ...]:
+def _parameter_row(name: str, known: ParameterEstimate, own: bool) -> tuple[str, ...]:
+    """The row of a parameter of the law, or of a modulus that follows from these."""
     value, unit = value_words(known), _unit(known.unit) or "–"
     if known.fixed:
         return (name, value, unit, "–", "fixed", "–", "–", "–")
-    errors = ("unknown" if error is None else number(error, 2) for error in (known.stderr, known.total))
+    nothing = "unknown" if own else "–"
+    errors = (nothing if error is None else number(error, 2) for error in (known.stderr, known.total))
     bounds = "–" if known.min is None else f"{number(known.min)} to {number(known.max)}"
     return (name, value, unit, pieces_words(known), known.verdict or "", *(["–", "–"] if known.at_bound else errors), bounds)
 

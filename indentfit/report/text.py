@@ -15,7 +15,7 @@ from indentfit.inference.result import FitResult
 from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
-from indentfit.report.digits import CurveScale, quantity
+from indentfit.report.digits import CurveScale, plainly, quantity
 from indentfit.report.first_screen import doubts_of, first_lines, pieces_words, value_words
 from indentfit.runs.closed_form import ClosedForm, closed_forms, left_out
 from indentfit.runs.simulated import SimulatedCase
@@ -267,7 +267,8 @@ def _parameter_lines(result: FitResult) -> Iterator[str]:
         if known.fixed:
             rows.append([name, f"{known.value:.6g}", "", "", "", unit, "fixed"])
             continue
-        errors = ["unknown" if error is None else f"{error:.2g}" for error in (known.stderr, known.total)]
+        nothing = "" if name in result.moduli else "unknown"
+        errors = [nothing if error is None else f"{error:.2g}" for error in (known.stderr, known.total)]
         errors = ["", ""] if known.at_bound else errors  # no error of a value that is the bound's
         rows.append([name, value_words(known, 6), *errors, pieces_words(known), unit, known.verdict or ""])
     widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
@@ -381,7 +382,7 @@ def _of_input(name: str, share: InputShare) -> str:
         return f"force (+- {share.sd:.2%} of each test's)"
     if share.interval is not None and share.fitted is not None:
         unit = "" if share.unit in (None, "1") else f" {share.unit}"
-        return f"{name} (prior {share.prior}; fitted {share.fitted:.3g}, {_span(share.interval)}{unit})"
+        return f"{name} (prior {share.prior}; fitted {plainly(share.fitted)}, {_span(share.interval)}{unit})"
     if name == "base":
         return f"base ({share.probability:.0%} that it is {OTHER[str(share.value)]})"
     if share.prior is not None:
@@ -424,4 +425,4 @@ def _of_surrogate(surrogate: SurrogateFacts) -> str:
 
 
 def _span(interval: Interval) -> str:
-    return f"{interval[0]:.3g} to {interval[1]:.3g}"
+    return f"{plainly(interval[0])} to {plainly(interval[1])}"
