@@ -46,7 +46,7 @@ def test_moduli_of_an_unknown_bulk_ratio_are_those_after_the_fit_and_hold_its_in
     found = moduli(fitted.case, replace(fitted, uncertain=UncertainInputs({"bulk_ratio": share})))
     mu = fitted.parameters["mu"]
     assert (found["nu"].value, *found["nu"].interval) == pytest.approx((nu(25), nu(20), nu(5000)))
-    assert not found["nu"].fixed and found["nu"].verdict == "from bulk_ratio"
+    assert not found["nu"].fixed and found["nu"].verdict == "from the bulk ratio"
     assert found["E"].value == pytest.approx(2 * mu.value * (1 + nu(25)))
     assert found["E"].interval == pytest.approx((2 * mu.interval[0] * (1 + nu(20)), 2 * mu.interval[1] * (1 + nu(5000))))
 
