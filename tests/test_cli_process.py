@@ -110,7 +110,7 @@ def test_a_sidecar_beside_the_records_is_used_and_said():
     Path("rig/record.toml").write_text("rate = 1000.0\n[force]\ngain = 24.0\n")
     result = run("rig/S1_parallel.csv", "--no-figures", "-o", "other")
     assert (result.exit_code, Path("other").exists()) == (2, False)
-    assert "rig/record.toml: no table [record]" in result.stderr
+    assert "rig/record.toml: there is no table [record]" in result.stderr
 
 
 @pytest.mark.usefixtures("undrawn")
