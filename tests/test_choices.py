@@ -150,6 +150,30 @@ def run(*arguments):
     return CliRunner().invoke(main, ["process", *map(str, arguments), "--no-figures"])
 
 
+@pytest.mark.parametrize(
+    ("line", "told", "ratio", "said"),
+    [
+        ("Operator: A", (), 0.499, "0.499, as tissue"),
+        ("Sample Poisson's ratio :\t0.30", (), 0.3, "0.3, as the file states"),
+        ("Poisson ratio\t0,5", (), 0.499, "0.499, as the file states"),
+        ("Poisson's ratio: 0.3", ("--set=material.poisson_ratio=0.4", "--set=indenter.friction=0"), 0.4, None),
+    ],
+)
+def test_a_case_says_what_it_presumes(line, told, ratio, said, tmp_path, monkeypatch):
+    """Poisson's ratio goes by the experimenter, then the file, then that of tissue; friction is unknown until it is told."""
+    monkeypatch.chdir(tmp_path)
+    plain = record([(0, 0), (3, 0.4)])
+    rows = ("\t".join(f"{value:.6f}" for value in row) for row in zip(plain.time, plain.displacement, plain.force, strict=True))
+    (tmp_path / "r.txt").write_text("\n".join([line, "Tip radius (um)\t500", "Time (s)\tDisplacement (mm)\tLoad (mN)", *rows]))
+    sample = [f"--set=sample.{key}" for key in ("diameter=10", "thickness=4", "base=unknown")]
+    made = run("r.txt", "--case", "-o", "out", *sample, *told)
+    assert made.exit_code == 0, made.stderr
+    text = (tmp_path / "out" / "case.toml").read_text()
+    assert f"poisson_ratio = {ratio}" in text
+    assert said in made.stderr if said else "--case:" not in made.stderr
+    assert ('friction = "unknown"' in text) == (not told) and 'base = "unknown"' in text
+
+
 def test_a_file_becomes_a_case_that_asks_only_for_the_sample(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = ["Tip radius (um)\t500", "Time (s)\tDisplacement (mm)\tLoad (mN)"]

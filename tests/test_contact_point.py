@@ -9,6 +9,7 @@ from scipy.signal import savgol_filter
 
 from indentfit.case import Record
 from indentfit.errors import RecordError
+from indentfit.experiment.baselines import HiddenDrift
 from indentfit.experiment.contact_point import METHODS, find_contact_point
 from indentfit.experiment.loading import constant_velocity, filtered, find_ramp
 from indentfit.experiment.noise import covariance, noise_in
@@ -150,6 +151,17 @@ def test_a_stage_that_turns_at_once_loses_nothing_of_its_peak():
     rng = np.random.default_rng(6)
     off = [process_record(retracted(rng), settings=Record(indenter="flat")).peak - 1 for _ in range(25)]
     assert abs(np.mean(off)) < 0.0016  # three standard errors of the mean at 0.27 % of scatter
+
+
+def test_a_hidden_drift_and_noise_exceed_a_size_as_often_as_draws_do():
+    """A drift of 0.4 +- 0.2 mN with probability 0.3, one of -1 +- 0.5 mN with 0.1, and an error of 0.3 mN, in 400,000 draws."""
+    hidden, rng = HiddenDrift(((0.3, 0.4, 0.2), (0.1, -1.0, 0.5))), np.random.default_rng(0)
+    kind = rng.choice(3, 400_000, p=(0.6, 0.3, 0.1))
+    drawn = np.array([0.0, 0.4, -1.0])[kind] + np.array([0.0, 0.2, 0.5])[kind] * rng.standard_normal(kind.size)
+    whole = np.abs(drawn + 0.3 * rng.standard_normal(kind.size))
+    for size in (0.2, 0.5, 1.0, 1.5):
+        assert hidden.beyond(size, 0.3) == pytest.approx(np.mean(whole > size), abs=0.002)
+    assert hidden.largest(0.05, 0.3) == pytest.approx(np.quantile(whole, 0.95), abs=0.03)
 
 
 def test_a_value_that_no_residual_depends_on_is_unknown():

@@ -8,6 +8,7 @@ move contact (Lepski 1991, Theory Probab Appl 35:454, chooses a bandwidth in thi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import exp, sqrt
 
 import numpy as np
 from scipy.special import ndtr
@@ -35,21 +36,53 @@ LONGEST_WAVE = 1.4  # of the travel before contact
 DECAYS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # time constants that are tried, of the duration of the stretch
 WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may leave to be fitted
 SCREENED = 200  # samples with which baselines are screened
-DYING = 0.35  # of the duration of the stretch: the time constant from which that of a drift is sought that dies out
-HIDDEN_DRIFT = 0.01  # of the rise in contact, during the loading: standard deviation of drifts before the record is seen
-DRIFTING = 0.05  # probability of a drift before the record is seen
+DYING = (0.35, 0.05)  # of the duration of the stretch: time constants from which that of a drift is sought that dies out
+# Kinds of drifts before the record is seen: standard deviation, of the rise in contact, during the loading; and probability
+HIDDEN_DRIFTS = ((0.002, 0.2), (0.01, 0.02))
 LARGEST_RATIO = 200.0  # an F ratio above it is as sure
 TELLING = 0.3  # of the depth: the travel before contact that tells a drift
+SIZES = 400  # of a drift that are tried
 CERTAIN = 1.96  # standard deviations in half of a 95 % interval
-SURELY = 3.0  # standard deviations from which an error is taken for none
+
+
+@dataclass(frozen=True)
+class HiddenDrift:
+    """A drift that the force does not show.
+
+    kinds: for each kind of drift its probability, and mean and standard deviation, mN, of how much it would change the force
+    without contact at the end of loading. There is no drift with the probability that is left.
+    """
+
+    kinds: tuple[tuple[float, float, float], ...]
+
+    def beyond(self, size: float, error: float) -> float:
+        """Probability that drift and a normal error with a standard deviation, mN, together exceed a size, mN, either way."""
+        none = (1 - sum(probability for probability, _, _ in self.kinds), 0.0, 0.0)
+        return sum(
+            probability * _outside(size, mean, float(np.hypot(scatter, error)))
+            for probability, mean, scatter in (none, *self.kinds)
+        )
+
+    def largest(self, probability: float, error: float) -> float:
+        """The size, mN, that both together exceed with a probability."""
+        sizes = np.linspace(0.0, max(abs(mean) + 5 * float(np.hypot(scatter, error)) for _, mean, scatter in self.kinds), SIZES)
+        return float(sizes[int(np.argmax([self.beyond(size, error) < probability for size in sizes]))])
+
+
+def _outside(size: float, mean: float, scatter: float) -> float:
+    """Probability that a normal value exceeds a size either way."""
+    scatter = max(scatter, 1e-300)
+    return float(ndtr((mean - size) / scatter) + ndtr((-mean - size) / scatter))
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """How far rivals that fit as well, or nearly, put the contact point, mm, and the zero at the end of loading, mN, from a fit."""
+    """How far rivals that fit as well, or nearly, put the contact point, mm, and the zero at the end of loading, mN, from a fit;
+    and the drift that the force does not show, or None where one is ruled out or not looked for."""
 
     contact: float = 0.0
     zero: float = 0.0
+    hidden: HiddenDrift | None = None
 
 
 def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
@@ -177,7 +210,7 @@ def _straight(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, D
 
 
 def _hidden_drift(fit: Piecewise) -> Doubt:
-    """The doubt because of a drift that the force does not show: a normal prior of its rate, by the rate that was fitted.
+    """The doubt because of a drift that the force does not show: small ones are common and large ones rare (HIDDEN_DRIFTS).
 
     Contact point and zero follow the rate as they do in the covariance of the fit. Nobody expects a drift that no force shows to be
     as large as a short approach allows.
@@ -187,39 +220,43 @@ def _hidden_drift(fit: Piecewise) -> Doubt:
     rise = float(stretch.force[-1] - fit.free(stretch.time[-1:], stretch.displacement[-1:])[0])
     if variance <= 0 or touching <= 0:
         return Doubt()
-    prior, rate = (HIDDEN_DRIFT * rise / touching) ** 2, float(fit.coefficients[1])
-    kept = prior / (prior + variance)
-    mean, scatter = kept * rate, float(np.sqrt(kept * variance))  # of the rate, mN/s, if there is a drift
-    odds = DRIFTING / (1 - DRIFTING) * np.sqrt(1 - kept) * np.exp(min(0.5 * kept * rate**2 / variance, LARGEST_RATIO))
-    probability = float(odds / (1 + odds))
-    reach = CERTAIN * float(np.sqrt(probability * (scatter**2 + mean**2)))
-    place, zero = float(fit.spread[-1, 1]) / variance, float(fit.spread[0, 1]) / variance + float(stretch.time[-1])
-    return Doubt(reach * abs(place), CERTAIN / SURELY * _surely_below(probability, abs(mean), scatter) * abs(zero))
+    rate, place = float(fit.coefficients[1]), float(fit.spread[-1, 1]) / variance
+    zero = float(fit.spread[0, 1]) / variance + float(stretch.time[-1])
+    kinds = _posterior([(probability, size * rise / touching) for size, probability in HIDDEN_DRIFTS], rate, variance)
+    square = sum(probability * (mean**2 + scatter**2) for probability, mean, scatter in kinds)
+    hidden = HiddenDrift(tuple((probability, mean * zero, scatter * abs(zero)) for probability, mean, scatter in kinds))
+    return Doubt(CERTAIN * float(np.sqrt(square)) * abs(place), hidden=hidden)
 
 
-def _surely_below(probability: float, mean: float, scatter: float) -> float:
-    """The size that a drift surely stays below, at three standard deviations of a normal error.
+def _posterior(prior: list[tuple[float, float]], rate: float, variance: float) -> list[tuple[float, float, float]]:
+    """Probability, mean and standard deviation of the rate of each kind of drift, by the rate that was fitted and its variance.
 
-    A drift that is unlikely, but large if there is one, is more often far out than a normal error of the same variance.
+    prior: probability and standard deviation of the rate of each kind, before the record is seen; without a drift the rate is 0.
     """
-    sizes = np.linspace(0.0, mean + 4 * scatter, 400)
-    above = probability * (ndtr((mean - sizes) / scatter) + ndtr((-mean - sizes) / scatter))
-    return float(sizes[int(np.argmax(above < 2 * ndtr(-SURELY)))])
+    kept = [size**2 / (size**2 + variance) for _, size in prior]
+    odds = [
+        probability * sqrt(1 - share) * exp(min(0.5 * share * rate**2 / variance, LARGEST_RATIO))
+        for (probability, _), share in zip(prior, kept, strict=True)
+    ]
+    whole = sum(odds) + 1 - sum(probability for probability, _ in prior)
+    return [(chance / whole, share * rate, sqrt(share * variance)) for chance, share in zip(odds, kept, strict=True)]
 
 
 def _bent(fit: Piecewise, doubt: Doubt) -> tuple[Piecewise, Doubt]:
     """The fit with a drift that dies out in place of a straight one, where the force shows it; else how far it would move both,
     beside the doubt that there is."""
     stretch = fit.stretch
-    bent = fit_of(stretch, fit.powers, Baseline("decay", DYING * float(np.ptp(stretch.time))))
-    ratio = _ratio(fit, bent)
-    if ratio > SURE["decay"]:
-        return bent, Doubt()
-    if ratio < -AGREE:
-        return fit, doubt
     last = (stretch.time[-1:], stretch.displacement[-1:])
-    zero = abs(float(bent.free(*last)[0] - fit.free(*last)[0]))
-    return fit, Doubt(float(np.hypot(doubt.contact, bent.contact - fit.contact)), float(np.hypot(doubt.zero, zero)))
+    contacts, zeros = [0.0], [0.0]
+    for share in DYING:
+        bent = fit_of(stretch, fit.powers, Baseline("decay", share * float(np.ptp(stretch.time))))
+        ratio = _ratio(fit, bent)
+        if ratio > SURE["decay"]:
+            return bent, Doubt()
+        if ratio >= -AGREE:
+            contacts.append(abs(bent.contact - fit.contact))
+            zeros.append(abs(float(bent.free(*last)[0] - fit.free(*last)[0])))
+    return fit, replace(doubt, contact=float(np.hypot(doubt.contact, max(contacts))), zero=float(np.hypot(doubt.zero, max(zeros))))
 
 
 def _uneven(fit: Piecewise) -> bool:

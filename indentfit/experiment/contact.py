@@ -143,7 +143,7 @@ def _zeroed(ramp: Ramp, settings: Record, contact: ContactPoint) -> ContactPoint
     """A contact point with the zero that the settings ask for in place of the baseline."""
     if settings.zero in ("auto", "approach"):
         return contact
-    return replace(contact, baseline=_zero(ramp, settings), drift=0.0, form="constant", amplitudes=(), zero_error=0.0)
+    return replace(contact, baseline=_zero(ramp, settings), drift=0.0, form="constant", amplitudes=(), zero_error=0.0, hidden=None)
 
 
 def _at(ramp: Ramp, settings: Record, place: float, uncertainty: float, method: str) -> ContactPoint:

@@ -22,7 +22,7 @@ from scipy.stats import t as student
 
 from indentfit.arrays import Array, Bools
 from indentfit.errors import RecordError
-from indentfit.experiment.baselines import Doubt, fitted
+from indentfit.experiment.baselines import Doubt, HiddenDrift, fitted
 from indentfit.experiment.loading import SHORTEST_FILTER, Ramp, filtered
 from indentfit.experiment.piecewise import POWERS, Piecewise, Stretch, independent, solved, stretch_of
 
@@ -63,7 +63,9 @@ class ContactPoint:
     amplitudes : tuple of float, mN
         Of the decay at time 0; of cosine and sine of the waves.
     zero_error : float, mN
-        Half of the 95 % interval of the force without contact at the end of loading.
+        Half of the 95 % interval of the force without contact at the end of loading, if there is no hidden drift.
+    hidden : HiddenDrift or None
+        The drift that the force does not show.
     stretch : tuple of float, mm
         First and last displacement of the record that baseline and polynomial were fitted to; empty without a fit.
     """
@@ -79,6 +81,7 @@ class ContactPoint:
     scale: float = 0.0
     amplitudes: tuple[float, ...] = ()
     zero_error: float = 0.0
+    hidden: HiddenDrift | None = None
     stretch: tuple[float, ...] = ()
 
     def free(self, time: Array, displacement: Array) -> Array:
@@ -204,6 +207,7 @@ def _point(approach: Approach, method: str) -> ContactPoint:
         noise=float(np.std(model.residual)),
         method=method,
         zero_error=float(np.linalg.norm([_quantile(model) * model.free_error(), ON_TRUST * _changes(model), approach.doubt.zero])),
+        hidden=approach.doubt.hidden,
         stretch=(float(model.stretch.displacement.min()), float(model.stretch.displacement.max())),
         **_free_force(model),
     )

@@ -17,6 +17,7 @@ MOST_TESTS = 12  # of a case: each is a curve of its own
 SIZES = {"disc": ("diameter", "thickness"), "block": ("length", "width", "thickness")}
 RANGE = 30.0  # the range of the modulus about that of the record, as a factor
 INCOMPRESSIBLE = 0.75  # E over E / (1 - nu^2) with nu = 0.5
+POISSON = 0.499  # of a sample whose file and experimenter do not tell another: tissue and gels hardly change their volume
 DIGITS = 3
 Tree = dict[str, Any]
 
@@ -56,6 +57,17 @@ class FileCase:
         known = {"radius": float(radius)} if isinstance(radius, int | float) and radius > 0 else {}
         return settings.model_copy(update={"indenter": shape.end, **known})
 
+    def presumed(self, good: Sequence[Usable]) -> Iterator[str]:
+        """One line for each key that neither the file nor the experimenter tells, and that changes the result."""
+        if not {"poisson_ratio", "bulk_ratio"} & set(self.told.get("material", {})):
+            source = "as the file states" if good[0].processed.record.stated.poisson else "as tissue and gels have it"
+            yield (
+                f"--case: Poisson's ratio is taken as {_poisson(good):g}, {source}: a fit's modulus goes by it; tell another by "
+                "--set material.poisson_ratio=0.3, or --set material.bulk_ratio=unknown"
+            )
+        if "friction" not in self.told.get("indenter", {}):
+            yield "--case: friction is not known, and a fit goes over 0 to 1; tell it by --set indenter.friction=0"
+
     def tree(self, good: Sequence[Usable], radius: float | None, curves: Mapping[str, str]) -> Tree:
         """The tables of the case.
 
@@ -90,7 +102,9 @@ class FileCase:
         for key, value in _thickness(good):
             tree["sample"].setdefault(key, value)
         _require(tree)
-        material = {"model": "neo_hookean", "poisson_ratio": 0.499, **self.told.get("material", {})}
+        material = {"model": "neo_hookean", **self.told.get("material", {})}
+        if not {"poisson_ratio", "bulk_ratio"} & set(material):
+            material["poisson_ratio"] = _poisson(good)
         if "parameters" not in material and material["model"] == "neo_hookean":
             material["parameters"] = {"young": _range(_modulus(good[0], tree["indenter"]))}
         tree["material"] = material
@@ -111,6 +125,10 @@ def _indenter(radius: float | None, good: Sequence[Usable]) -> Tree:
     return {"shape": "sphere", "radius": float(f"{radius:.6g}")} if radius else {}
 
 
+def _poisson(good: Sequence[Usable]) -> float:
+    return min(good[0].processed.record.stated.poisson or POISSON, POISSON)
+
+
 def _thickness(good: Sequence[Usable]) -> Iterator[tuple[str, float]]:
     for key in ("thickness", "diameter"):
         value = getattr(good[0].entry, key)
@@ -123,7 +141,7 @@ def _require(tree: Tree) -> None:
     sample, indenter = tree["sample"], tree["indenter"]
     wanted = [f"sample.{key}" for key in SIZES.get(sample["shape"], ("thickness",)) if key not in sample]
     wanted += ["sample.base"] if "base" not in sample else []
-    examples = {"sample.base": "sample.base=bonded (or sliding)"}
+    examples = {"sample.base": "sample.base=unknown (or bonded, or sliding)"}
     if "shape" not in indenter:
         wanted = [*wanted, "indenter.shape", "indenter.radius or diameter"]
         examples |= {"indenter.shape": "indenter.shape=sphere (or cylinder)", "indenter.radius or diameter": "indenter.radius=0.5"}

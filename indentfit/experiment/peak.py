@@ -32,6 +32,7 @@ FEWEST_BEFORE = 40  # samples before contact that tell its noise
 SLOW = 0.5  # share of the samples that are independent, below which noise is slow
 STOPPED = 2.5  # standard errors by which the last samples of a record lie behind a stage that moves on
 SURE = 3.0  # standard errors
+RARELY = 0.0027  # probability that a normal error is larger than SURE standard errors
 FOLLOWS = 25.0  # excess of squares, in squares of noise, below which the indenter's law follows the end of the loading
 AGREE = 2.5  # standard errors within which the law and that with a power more agree
 FAR = 3.0  # standard errors within which the law and the parabola agree
@@ -281,3 +282,6 @@ def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> I
     if SURE * error > OTHER * peak.force:
         cause = "the baseline" if contact.zero_error / SIGMA_95 > peak.stderr else "the noise"
         yield f"the peak is uncertain by {SIGMA_95 * error / peak.force:.1%} (95 %) because of {cause}"
+    elif contact.hidden and contact.hidden.beyond(OTHER * peak.force, error) > RARELY:
+        most = contact.hidden.largest(RARELY, error) / peak.force
+        yield f"the peak may be off by {most:.1%}: the baseline is too short, or too noisy, to rule out a drift of this size"

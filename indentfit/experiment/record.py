@@ -16,11 +16,13 @@ CUT_OFF = "the header tells of "  # begins the note on a file that holds fewer s
 
 @dataclass(frozen=True)
 class Stated:
-    """What a file states: radius of the sphere, mm, stiffness of cantilever or load cell, mN/mm, and number of samples."""
+    """What a file states: radius of the sphere, mm, stiffness of cantilever or load cell, mN/mm, number of samples, and Poisson's
+    ratio of the sample."""
 
     radius: float | None = None
     stiffness: float | None = None
     samples: int | None = None
+    poisson: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,17 @@ from indentfit.report.records import curve_files
 HEAD = """\
 # Made by `indentfit process FILE --case`:
 #     indentfit fit case.toml
-# Lengths in mm, forces in mN, moduli in kPa. Friction is "unknown" unless it is stated: a fit then goes over 0 to 1.
+# Lengths in mm, forces in mN, moduli in kPa. Friction is "unknown" unless it is stated: a fit then goes over 0 to 1; a base may be, too.
 """
 
 
-def write_file_case(folder: Path, result: ProcessResult, case: FileCase) -> None:
+def write_file_case(folder: Path, result: ProcessResult, case: FileCase) -> list[str]:
     """Write case.toml into a folder that holds the curves of the records.
+
+    Returns
+    -------
+    list of str
+        What the case presumes, one line each.
 
     Raises
     ------
@@ -32,6 +37,7 @@ def write_file_case(folder: Path, result: ProcessResult, case: FileCase) -> None
     taken = "".join(f"# {outcome.name}: {_taken(outcome.processed.record.taken)}\n" for outcome in good)
     (folder / "case.toml").write_text(f"{HEAD}{taken}\n{tomli_w.dumps(tree)}", encoding="utf-8")
     read_case(folder / "case.toml")
+    return list(case.presumed(good))
 
 
 def _taken(text: str) -> str:

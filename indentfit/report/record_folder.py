@@ -65,7 +65,8 @@ def write_process(
         if isinstance(case, FileCase):
             from indentfit.report.file_case import write_file_case
 
-            write_file_case(folder, result, case)
+            for presumed in write_file_case(folder, result, case):
+                listener.warn(presumed)
         elif case:
             from indentfit.report.record_case import write_case
 

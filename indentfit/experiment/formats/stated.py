@@ -1,4 +1,4 @@
-"""What the lines above a table state of the instrument: the radius of the sphere, and the stiffness of cantilever or load cell."""
+"""What the lines above a table state: the radius of the sphere, the stiffness of cantilever or load cell, Poisson's ratio."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ DIAMETER = re.compile(r"^(?:tip|probe|indenter|sphere|ball|bead|kugel)[\s_-]*(?:
 STIFFNESS = re.compile(
     r"^k\b|^(?:cantilever[\s_-]*)?(?:spring[\s_-]*constant|stiffness)|^federkonstante|^cantilever[\s_-]*k\b", re.I
 )
+POISSON = re.compile(
+    r"^(?:sample[\s_-]*)?poisson['\u2019]?s?[\s_-]*(?:ratio|number|zahl)|^querkontraktionszahl|^coefficient de poisson", re.I
+)
 SAMPLES = re.compile(r'"?(?:number of (?:data )?points|point count|anzahl der punkte|data points)"?\s*[:=\t;,]\s*(\d+)\b', re.I)
 VALUE = re.compile(rf"(?:[\[(]\s*([^\])]+?)\s*[\])])?[\s:=;,\"\t]*({NUMBER})\s*(?:[\[(]?\s*([^\W\d][\w/µμ]*)\s*[\])]?)?")
 
@@ -33,14 +36,15 @@ def stated(lines: Iterable[str]) -> Stated:
     Stated
         None for what the lines do not state, or state without a unit.
     """
-    radius = stiffness = samples = None
+    radius = stiffness = samples = poisson = None
     for line in lines:
         text = line.strip().lstrip("#").strip().strip('"').strip()
         radius = radius or _length(text, RADIUS, 1.0) or _length(text, DIAMETER, 0.5)
         stiffness = stiffness or _stiffness(text)
+        poisson = poisson or _poisson(text)
         counted = SAMPLES.match(text)
         samples = samples or (int(counted[1]) if counted else None)
-    return Stated(radius, stiffness, samples)
+    return Stated(radius, stiffness, samples, poisson)
 
 
 def _length(text: str, words: re.Pattern[str], share: float) -> float | None:
@@ -66,6 +70,12 @@ def _stiffness(text: str) -> float | None:
         return number * unit_factor(unit.replace("µ", "u").replace("μ", "u"), "mN/mm")
     except ValueError:
         return None
+
+
+def _poisson(text: str) -> float | None:
+    """The Poisson's ratio that a line states, up to that of a body of constant volume; None where it states none."""
+    number, _ = _value(text, POISSON)
+    return number if number is not None and 0 < number <= 0.5 else None
 
 
 def _value(text: str, words: re.Pattern[str]) -> tuple[float | None, str | None]:
