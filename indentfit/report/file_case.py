@@ -13,7 +13,7 @@ from indentfit.report.records import curve_files
 HEAD = """\
 # Made by `indentfit process FILE --case`:
 #     indentfit fit case.toml
-# Lengths in mm, forces in mN, moduli in kPa. Friction is "unknown" unless it is stated: a fit then goes over 0 to 1; so may a base be.
+# Lengths in mm, forces in mN, moduli in kPa. Friction is "unknown" unless it is stated: a fit then goes over 0 to 1.
 """
 
 
