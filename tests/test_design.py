@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 from fixtures.cases import CASES, white_matter
 
+from indentfit.case import Fit
 from indentfit.cli import main
 from indentfit.errors import CaseError, ConvergenceError, DesignError
 from indentfit.fem.simulate import Model
@@ -147,6 +148,13 @@ def test_a_modulus_known_from_elsewhere_counts_in_a_design(springs):
     case = white_matter(MU, "fit.prior={shear_across=[2.0, 0.1]}", "fit.method=least_squares")
     plain, known = (design(each, noise=0.5).stderr["mu"] for each in (white_matter(MU), case))
     assert known**-2 - plain**-2 == pytest.approx((2 / 0.1) ** 2, rel=1e-6)
+
+
+def test_uncertain_inputs_that_a_design_takes_as_known_are_named(springs):
+    case = springs.model_copy(update={"fit": Fit(uncertain={"friction": {"uniform": [0, 1]}, "offset": 0.01})})
+    remarks = design(case, noise=0.5).remarks
+    assert len(remarks) == 1 and remarks[0].startswith("friction, offset: uncertain in this case")
+    assert not design(springs, noise=0.5).remarks
 
 
 def test_other_kinds_and_pairs_are_ranked(springs):

@@ -193,7 +193,7 @@ def design_lines(design: Design) -> Iterator[str]:
     for pair in design.pairs[:SHOWN_PAIRS]:
         gain = design.stderr[design.worst] / pair.stderr[design.worst]
         yield f"pair      {pair.first}; and {pair.second}: falls {gain:.2g} times"
-    yield from (f"relaxation {remark}" for remark in design.remarks)
+    yield from (f"note      {remark}" for remark in design.remarks)
 
 
 def design_rows(design: Design) -> list[Row]:

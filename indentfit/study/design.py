@@ -50,6 +50,10 @@ EFFORTS = {  # what a further test needs
     "shear": "a specimen of its own and a shear rig",
     "uniaxial": "a strip of tissue, clamped",
 }
+AS_KNOWN = (
+    "{names}: uncertain in this case, or left out, and taken as known here, at the value that a simulation takes: errors are at "
+    "least these, and another test may be the best"
+)
 
 Values = Mapping[str, float]
 
@@ -248,6 +252,8 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     values = {name: value for name, value in given.items() if name in case.law.parameters or name in _turn(elastic)}
     if in_time is not None and TURN in case.fit.uncertain.fitted:
         remarks = (*remarks, "the angle of the fibres, which the fit finds, is taken as known here: errors may be larger")
+    if doubtful := [name for name in case.fit.uncertain.given if name != "mesh"]:
+        remarks = (*remarks, AS_KNOWN.format(names=", ".join(doubtful)))
     own, runs = _own(elastic, values, execution)
     if in_time is not None:
         own = in_time.own(own)
