@@ -6,7 +6,7 @@ COEFFICIENTS = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # of the inv
 
 
 class ArrudaBoyce(Material):
-    """psi = mu sum of C_i/lambda_m^(2i-2) (I1^i - 3^i), i = 1 to 5, isochoric.
+    """psi = mu sum(C_i/lambda_m^(2i-2) (I1^i - 3^i), i = 1 to 5), isochoric.
 
     C = 1/2, 1/20, 11/1050, 19/7000, 519/673750: the series of the inverse Langevin function. Shear modulus
     mu (1 + 3/(5 L) + 99/(175 L^2) + 513/(875 L^3) + 42039/(67375 L^4)), L = lambda_m^2.

@@ -4,12 +4,12 @@ from indentfit.material import Material, Parameter, Term, exp, sqrt
 
 
 class FungOrthotropic(Material):
-    """psi = c/2 (exp(Q) - 1), Q = 2 sum mi ni.E^2 ni + s1 E11^2 + s2 E22^2 + 2 r sqrt(s1 s2) E11 E22, E = (Cb - 1)/2, r = coupling.
+    """psi = c/2 (exp(Q) - 1), Q = 2 sum(m_i n_i.E^2 n_i, i = 1 to 3) + s1 E11^2 + s2 E22^2 + 2 r sqrt(s1 s2) E11 E22, r = coupling.
 
     E is the isochoric Green strain, in the axes n1 = a0, n2 = b0 and n3 normal to both; the families a0 and b0, the axes of the
-    tissue in its plane, are at right angles. Small strain: the shear modulus in the plane of ni and nk is c (mi + mk) / 2.
+    tissue in its plane, are at right angles. Small strain: the shear modulus in the plane of n_i and n_k is c (m_i + m_k)/2.
     Source: Fung 1993, Biomechanics, 2nd ed., 7.11; without choice of coordinates: Ateshian, Costa 2009, J Biomech 42:781, with
-    a_ii = si, a_12 = r sqrt(s1 s2) and no further stiffness along n3, which the other two decide in a body of constant volume.
+    a_ii = s_i, a_12 = r sqrt(s1 s2) and no further stiffness along n3, which the other two decide in a body of constant volume.
     """
 
     perpendicular = True

@@ -6,7 +6,7 @@ from indentfit.material import Material, Parameter, Term
 class Ogden(Material):
     """psi = 2 mu/alpha^2 (l1^alpha + l2^alpha + l3^alpha - 3), principal stretches isochoric; shear modulus mu.
 
-    Any exponent but 0, where the formula is 0/0 (its limit is Hencky's energy, mu (log(l1)^2 + log(l2)^2 + log(l3)^2)).
+    Any exponent but 0, where the formula is 0/0; its limit is Hencky's energy, mu (log(l1)^2 + log(l2)^2 + log(l3)^2).
     alpha 2 is neo-Hookean. Source: Ogden 1972, Proc R Soc Lond A 326:565, with 2 mu/alpha in place of its mu.
     """
 
@@ -18,7 +18,7 @@ class Ogden(Material):
 
 
 class Ogden2(Material):
-    """psi = sum of 2 mu_i/alpha_i^2 (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), i = 1, 2; shear modulus mu1 + mu2.
+    """psi = sum(2 mu_i/alpha_i^2 (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), i = 1 to 2); shear modulus mu1 + mu2.
 
     Principal stretches isochoric; any exponents but 0. A term may soften (mu_i < 0) while the sum does not.
     Source: Ogden 1972, Proc R Soc Lond A 326:565, with 2 mu_i/alpha_i in place of its mu_i.
@@ -35,7 +35,7 @@ class Ogden2(Material):
 
 
 class Ogden3(Material):
-    """psi = sum of 2 mu_i/alpha_i^2 (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), i = 1, 2, 3; shear modulus mu1 + mu2 + mu3.
+    """psi = sum(2 mu_i/alpha_i^2 (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), i = 1 to 3); shear modulus mu1 + mu2 + mu3.
 
     Principal stretches isochoric; any exponents but 0. A term may soften (mu_i < 0) while the sum does not.
     Source: Ogden 1972, Proc R Soc Lond A 326:565, with 2 mu_i/alpha_i in place of its mu_i.

@@ -4,7 +4,7 @@ from indentfit.material import Material, Parameter, Term
 
 
 class Polynomial(Material):
-    """psi = sum of c_ij (I1 - 3)^i (I2 - 3)^j, 1 <= i + j <= 2, isochoric; shear modulus 2 (c10 + c01).
+    """psi = sum(c_ij (I1 - 3)^i (I2 - 3)^j, 1 <= i + j <= 2), isochoric; shear modulus 2 (c10 + c01).
 
     A constant that is not needed is given as 0: c10 alone is neo-Hookean, c10 and c01 are Mooney-Rivlin.
     Source: Rivlin, Saunders 1951, Phil Trans R Soc A 243:251.

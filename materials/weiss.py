@@ -4,7 +4,7 @@ from indentfit.material import Material, Parameter, Term, exp, expi, log, positi
 
 
 class Weiss(Material):
-    """psi = c/2 (I1 - 3) + W(l), l = sqrt(I4): l dW/dl = 0 for l < 1, c3 (exp(c4 (l - 1)) - 1) up to l = straight, then c5 l + c6.
+    """psi = c/2 (I1 - 3) + W(l), l = sqrt(I4): l dW/dl = 0 for l < 1; c3 (exp(c4 (l - 1)) - 1) up to l = straight; then c5 l + c6.
 
     Invariants isochoric; c6 makes the stress continuous. At rest the fibres are about to be stretched: the small-strain moduli are
     those of the matrix, c.

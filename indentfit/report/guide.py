@@ -1,7 +1,7 @@
 """The guide as a static site: the Markdown pages of indentfit/guide, and reference pages generated from the code.
 
 A page is Markdown with tables. A line `@@NAME@@` stands for a generated part. The page `index.md` lists all pages under the
-headings of the site's menu. The first use of a word of the glossary on a page is linked to its definition. A picture is shown where
+headings of the site's menu. A formula stands between dollar signs, as the code writes it, and is drawn as MathML. The first use of a word of the glossary on a page is linked to its definition. A picture is shown where
 the examples of its page were run (guide_examples). The site loads nothing from a network and runs no script.
 """
 
@@ -17,10 +17,12 @@ from pathlib import Path
 
 import jinja2
 from markdown_it import MarkdownIt
+from markdown_it.rules_inline import StateInline
 from markdown_it.token import Token
 from markupsafe import Markup
 
 from indentfit.errors import InputError, OutputError, suggestion
+from indentfit.report.formulas import NoFormula, math, relations
 from indentfit.report.page import HERE, Picture
 
 PAGES = Path(__file__).parents[1] / "guide"
@@ -28,6 +30,7 @@ ELSEWHERE = {"architecture": PAGES.parent / "ARCHITECTURE.md"}  # pages that lie
 GENERATED = re.compile(r"^@@(\w+)@@$", re.MULTILINE)
 TERM = r"(?<![\w-]){}(?:s|es)?(?![\w-])"
 TABLE = '<div class="scroll" role="region" tabindex="0" aria-label="Table {}"><table>'  # regions have names of their own
+FORMULA = '<div class="formula" role="region" tabindex="0" aria-label="Formula {}">{}</div>\n'
 NO_PICTURES: Mapping[str, Picture] = {}
 ITEM = re.compile(r"^- \[([^\]]+)\]\(([^)]+)\)$")
 
@@ -112,7 +115,8 @@ def write_site(folder: str | Path, generated: Mapping[str, str], pictures: Mappi
 def html_page(name: str, text: str, pictures: Mapping[str, Picture] = NO_PICTURES) -> str:
     """One page of the site."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = _pictured(reader.parse(text), pictures)
+    reader.inline.ruler.before("escape", "formula", _formula)
+    tokens = _displayed(_pictured(reader.parse(text), pictures))
     headings = list(_named(tokens))
     _link_terms(tokens, name)
     for token in tokens:
@@ -226,6 +230,36 @@ def _figure(picture: Picture) -> Markup:
         picture.source, picture.alt, picture.width, picture.height
     )
     return (picture.svg or image) + Markup("<figcaption>{}</figcaption>").format(picture.caption)
+
+
+def _formula(state: StateInline, silent: bool) -> bool:
+    """Markdown's rule of formulas between dollar signs; a text that is no formula stays, with its signs."""
+    end = state.src.find("$", state.pos + 1)
+    if state.src[state.pos] != "$" or end < 0:
+        return False
+    formula = state.src[state.pos + 1 : end]
+    if formula != formula.strip():  # two sums of money
+        return False
+    try:
+        drawn = math(formula)
+    except NoFormula:
+        return False
+    if not silent:
+        state.push("html_inline", "math", 0).content = drawn
+        state.tokens[-1].info = formula
+    state.pos = end + 1
+    return True
+
+
+def _displayed(tokens: list[Token]) -> list[Token]:
+    """Tokens of a page in which a paragraph that is a formula stands by itself, each relation of it in a row that may scroll."""
+    shown, count = list(tokens), itertools.count(1)
+    for n, token in enumerate(tokens):
+        inner = token.children or []
+        if token.type == "inline" and len(inner) == 1 and inner[0].tag == "math" and tokens[n - 1].type == "paragraph_open":
+            rows = "".join(FORMULA.format(next(count), math(row, block=True)) for row in relations(inner[0].info))
+            shown[n - 1 : n + 2] = [Token("html_block", "", 0, content=each) for each in (rows, "", "")]
+    return shown
 
 
 def _address(link: str) -> str:

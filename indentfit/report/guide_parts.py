@@ -8,8 +8,10 @@ from typing import Any
 
 from indentfit.case.reference import reference_page
 from indentfit.errors import MaterialError
-from indentfit.material import installed
+from indentfit.material import Material, installed
+from indentfit.report.formulas import with_formulas
 from indentfit.report.schema import READERS
+from indentfit.report.typeset import symbol
 
 PUBLIC = "indentfit"  # the package whose public names are described
 
@@ -28,13 +30,33 @@ def _materials() -> Iterator[str]:
     for name, law in installed().items():
         if isinstance(law, MaterialError) or not law.__module__.startswith("indentfit."):
             continue
-        yield f"## {name}\n\n```text\n{inspect.cleandoc(law.__doc__ or '')}\n```\n"
+        yield f"## {name}\n"
+        yield from (f"{paragraph}\n" for paragraph in _in_words(law))
         yield "| parameter | unit | least | largest | meaning |\n|---|---|---|---|---|"
         for parameter, known in law.parameters.items():
             low, high = ("" if bound is None else f"{bound:g}" for bound in (known.min, known.max))
             scale = "; the energy is proportional to it" if known.scale else ""
-            yield f"| `{parameter}` | {known.unit} | {low} | {high} | {known.meaning}{scale} |"
+            yield f"| `{parameter}` | {known.unit} | {low} | {high} | {_prose(known.meaning, law)}{scale} |"
         yield ""
+
+
+def _in_words(law: type[Material]) -> Iterator[str]:
+    """The paragraphs of a material's docstring, the energy that it begins with in one of its own, and the source."""
+    said = " ".join(inspect.cleandoc(law.__doc__ or "").split())
+    before, mark, source = said.partition("Source")
+    text = _prose(before, law)
+    if text.startswith("$"):
+        _, energy, text = text.split("$", 2)
+        yield f"${energy}$"
+        text = text.lstrip(" .,;:")
+        text = text[:1].upper() + text[1:]
+    yield from (part for part in (text.strip(), f"{mark}{source}") if part)
+
+
+def _prose(text: str, law: type[Material]) -> str:
+    """A text about a material with its formulas between dollar signs, and Greek letters outside of them."""
+    parts = with_formulas(text, law.parameters).split("$")
+    return "$".join(symbol(part) if n % 2 == 0 else part for n, part in enumerate(parts))
 
 
 def _api() -> Iterator[str]:
