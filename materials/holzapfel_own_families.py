@@ -4,9 +4,9 @@ from indentfit.material import Material, Parameter, Term, exp, positive
 
 
 class HolzapfelOwnFamilies(Material):
-    """psi = c/2 (I1 - 3) + sum ki/(2 qi) (exp(qi Ei^2) - 1), Ei = max(di (I1 - 3) + (1 - 3 di) (Ii - 1), 0), i = 4, 6.
+    """psi = c/2 (I1 - 3) + sum(k_i/(2 q_i) (exp(q_i E_i^2) - 1), i = 4, 6), E_i = max(d_i (I1 - 3) + (1 - 3 d_i) (I_i - 1), 0).
 
-    The first family has ki = k1, qi = k2 and di = dispersion, the second k1_second, k2_second and dispersion_second; a case says
+    The first family has k_i = k1, q_i = k2 and d_i = dispersion, the second k1_second, k2_second and dispersion_second; a case says
     which of them the families share (`shared = ["k2_second"]`). Invariants isochoric. Dispersion 0: all fibres along a0 and b0;
     1/3: isotropic. At rest the fibres are slack, so the small-strain moduli are those of the matrix, c.
     Source: Gasser, Ogden, Holzapfel 2006, J R Soc Interface 3:15, with parameters of their own for each family.

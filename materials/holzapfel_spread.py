@@ -4,10 +4,10 @@ from indentfit.material import Material, Parameter, Term, exp, positive
 
 
 class HolzapfelSpread(Material):
-    """psi = c/2 (I1 - 3) + k1/(2 k2) (exp(k2 E^2) - 1), E = max(A (I1 - 3) + B (I4 - 1) + (1 - 3 A - B) (In - 1), 0).
+    """psi = c/2 (I1 - 3) + k1/(2 k2) (exp(k2 E^2) - 1), E = max(A (I1 - 3) + B (I4 - 1) + (1 - 3 A - B) (I_n - 1), 0).
 
     E = H:Cb - 1 with the structure tensor H of fibres about a0 in the plane of a0 and b0: A = 2 s p, B = 2 s (1 - 2 p), where
-    p (in_plane, 0 to 1) is the spread within the plane and s (out_of_plane, 0 to 1/2) that across it; In = I1 - I4 - I6 is the
+    p (in_plane, 0 to 1) is the spread within the plane and s (out_of_plane, 0 to 1/2) that across it; I_n = I1 - I4 - I6 is the
     squared stretch along the plane's normal. All fibres along a0: p = 0, s = 1/2; planar: s = 1/2 (p = 1/2: even in the plane);
     isotropic: p = 1/2, s = 1/3; round about a0, as `holzapfel` with a dispersion d: 2 s = 1 - d, 2 s p = d.
     b0 only names the plane, at a right angle to a0 (`families = [0, 90]`). Invariants isochoric. At rest the fibres are slack, so

@@ -4,10 +4,11 @@ from indentfit.material import Material, Parameter, Term, exp, positive
 
 
 class HolzapfelTwoFamilies(Material):
-    """psi = c/2 (I1 - 3) + k1/(2 k2) sum(exp(k2 E_i^2) - 1, i = 4, 6), E_i = max(d (I1 - 3) + (1 - 3 d) (I_i - 1), 0), d = dispersion.
+    """psi = c/2 (I1 - 3) + k1/(2 k2) sum(exp(k2 E_i^2) - 1, i = 4, 6), E_i = max(d (I1 - 3) + (1 - 3 d) (I_i - 1), 0).
 
-    Invariants isochoric. The families have the same stiffness. Dispersion 0: all fibres along a0 and b0; 1/3: isotropic. At rest
-    the fibres are slack, so the small-strain moduli are those of the matrix, c. As k2 falls, a fibre term tends to k1/2 E_i^2.
+    Invariants isochoric. The families have the same stiffness. The dispersion d is 0 where all fibres run along a0 and b0,
+    1/3 where the directions are even. At rest they are slack, so the small-strain moduli are those of the matrix, c. As k2 falls,
+    a fibre term tends to k1/2 E_i^2.
     Source: Gasser, Ogden, Holzapfel 2006, J R Soc Interface 3:15.
     """
 

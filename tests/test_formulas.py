@@ -79,14 +79,14 @@ def energy_shown(name):
 def test_the_formula_that_a_page_shows_is_the_energy_of_the_law(name):
     """`weiss` and `fung_orthotropic` are told by a derivative and by strains, which test_laws compares."""
     law, shown = installed()[name], energy_shown(name)
-    values = {parameter: 0.21 + 0.13 * n for n, parameter in enumerate(law.parameters)} | {
-        "lambda_m": 1.7,
-        "Jm": 9.0,
-        "dispersion": 0.2,
-    }
+    chosen = {"lambda_m": 1.7, "Jm": 9.0, "dispersion": 0.2, "dispersion_second": 0.1, "in_plane": 0.3, "out_of_plane": 0.4}
+    values = {parameter: 0.21 + 0.13 * n for n, parameter in enumerate(law.parameters)} | chosen
     names = ("I1", "I2", "I4", "I5", "I6", "I7", "l1", "l2", "l3")
     state = dict(zip(names, (3.31, 3.24, 1.21, 1.53, 1.11, 1.36, 1.2, 0.9, 1 / 1.08), strict=True))
     written = {**{k.replace("_", ""): v for k, v in values.items()}, **state, "lambda1": 1.2, "lambda2": 0.9, "lambda3": 1 / 1.08}
+    written |= {"d": 0.2, "A": 0.24, "B": 0.32, "In": 3.31 - 1.21 - 1.11}  # of holzapfel_spread: 2 s p, 2 s (1 - 2 p), I1 - I4 - I6
+    pairs = {"k": ("k1", "k1_second"), "q": ("k2", "k2_second"), "d": ("dispersion", "dispersion_second")}
+    written |= {f"{k}{i}": values.get(pair[n]) for k, pair in pairs.items() for n, i in enumerate("46")}
     numbers = {symbol: written[symbol.name] for symbol in shown.free_symbols}
     used = {k: v for k, v in state.items() if k in law.energy.__code__.co_varnames[: law.energy.__code__.co_argcount]}
     model = law(**{k: values[k] for k in law.parameters})
@@ -114,8 +114,7 @@ def test_formulas_are_found_within_a_sentence():
 
 
 def test_a_page_draws_formulas_and_leaves_other_dollar_signs():
-    body = html_page("x", "# Title\n\n$psi = mu/2 (I1 - 3), E = max(a, 0)$\n\nIt is $a + b$, `$c$` and 5 $ or 6 $.\n").split(
-        "<main"
-    )[1]
+    text = "# Title\n\n$psi = mu/2 (I1 - 3), E = max(a, 0)$\n\nIt is $a + b$, `$c$` and 5 $ or 6 $.\n"
+    body = html_page("x", text).split("<main")[1]
     assert body.count("<math") == 3 and body.count('class="formula"') == 2
     assert "<code>$c$</code> and 5 $ or 6 $." in body

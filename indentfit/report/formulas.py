@@ -1,8 +1,8 @@
 """Formulas as the code writes them, `mu/2 (I1 - 3)^2`, set as MathML, which browsers draw without a script.
 
-The notation is that of the materials' docstrings: powers with ^, products with a space, `/` divides what stands before it in its product
-by the factor behind it, `sqrt(x)`, `exp(x)`, `sum(x, i = 1 to 3)`. A name is a Greek letter, one letter or a word; an index follows
-it (`c10`, `E_along`). l1, l2, l3 and l are stretches, so they are written with the Greek lambda.
+The notation is that of the materials' docstrings: powers with ^, products with a space, `/` divides what stands before it in its
+product by the factor behind it, `sqrt(x)`, `exp(x)`, `sum(x, i = 1 to 3)`. A name is a Greek letter, one letter or a word; an
+index follows it (`c10`, `E_along`). l1, l2, l3 and l are stretches, so they are written with the Greek lambda.
 """
 
 import re
@@ -15,10 +15,9 @@ from markupsafe import escape
 from indentfit.report.typeset import GREEK
 
 FUNCTIONS = ("sqrt", "exp", "log", "max", "cos", "sin", "sum")
-TOKEN = re.compile(r"\s*(?:(\d+(?:\.\d+)?)|([A-Za-z]+(?:_?\d+|_[A-Za-z]+)?)|(->|<=|>=|[-+*/^=<>()\[\],]|\.(?=[A-Za-z])))")
-NAME = re.compile(
-    rf"({'|'.join(sorted(GREEK, key=len, reverse=True))}|[A-Z](?=[a-z]$)|[A-Za-z]+?)(?:_?(\d+)|_([A-Za-z]+)|(?<=[A-Z])([a-z]))?$"
-)
+TOKEN = re.compile(r"\s*(?:(\d+(?:\.\d+)?)|([A-Za-z]+(?:_?\d+)?(?:_[A-Za-z]+)?)|(->|<=|>=|[-+*/^=<>()\[\],]|\.(?=[A-Za-z])))")
+LETTER = "|".join(sorted(GREEK, key=len, reverse=True))
+NAME = re.compile(rf"({LETTER}|[A-Z](?=[a-z]$)|[A-Za-z]+?)(?:_?(\d+))?(?:_([A-Za-z]+)|(?<=[A-Z])([a-z]))?$")
 RELATIONS = {"=": "=", "<": "&lt;", ">": "&gt;", "<=": "≤", ">=": "≥", "->": "→", "to": "…"}
 ENDS = ("(", "[")
 TIMES, APPLY = "<mo>&#x2062;</mo>", "<mo>&#x2061;</mo>"  # invisible: a product, a function of
@@ -104,13 +103,7 @@ def _is_formula(words: list[str], names: Container[str]) -> bool:
 
 def _known(word: str, names: Container[str]) -> bool:
     stem = re.sub(r"_?\d+$|_[A-Za-z]+$", "", word)
-    return (
-        word in names
-        or len(stem) == 1
-        or stem in GREEK
-        or bool(re.fullmatch("d[A-Z]|d[a-z]", word))
-        or word in ("to", "psi", *FUNCTIONS)
-    )
+    return word in names or len(stem) == 1 or stem in GREEK or word in ("to", "dW", "dl", *FUNCTIONS)
 
 
 def _tokens(text: str) -> list[Token]:
@@ -272,7 +265,9 @@ def _name(name: str) -> str:
     base = f"<mi>{GREEK.get(stem, stem)}</mi>"
     if not (number or word or letter):
         return base
-    index = f"<mn>{number}</mn>" if number else "".join(_indices(word or letter))
+    parts = [f"<mn>{number}</mn>"] if number else []
+    parts += ["".join(_indices(word or letter))] if word or letter else []
+    index = "<mo>,</mo>".join(parts)
     return f"<msub>{base}<mrow>{index}</mrow></msub>"
 
 

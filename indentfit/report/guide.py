@@ -1,8 +1,9 @@
 """The guide as a static site: the Markdown pages of indentfit/guide, and reference pages generated from the code.
 
 A page is Markdown with tables. A line `@@NAME@@` stands for a generated part. The page `index.md` lists all pages under the
-headings of the site's menu. A formula stands between dollar signs, as the code writes it, and is drawn as MathML. The first use of a word of the glossary on a page is linked to its definition. A picture is shown where
-the examples of its page were run (guide_examples). The site loads nothing from a network and runs no script.
+headings of the site's menu. A formula stands between dollar signs, as the code writes it, and is drawn as MathML. The first use
+of a word of the glossary on a page is linked to its definition. A picture is shown where the examples of its page were run
+(guide_examples). The site loads nothing from a network and runs no script.
 """
 
 import base64
