@@ -5,6 +5,7 @@ import io
 import json
 import math
 import sys
+import threading
 import xml.etree.ElementTree as ET
 
 import meshio
@@ -128,17 +129,61 @@ def test_a_run_that_does_not_converge_ends_with_3_in_one_line_and_leaves_no_fold
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(capsys, monkeypatch):
-    clock = iter([0.0, 5.0, 20.0, 25.0, 200.0])
+    clock = iter([0.0, 3.0, 20.0, 22.0, 200.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    with progress.progress("fit", total=10) as step:
-        for done, note in ((1, "early"), (2, "objective 0.9 mN"), (3, "too soon"), (5, "")):
-            step(done, note)
+    lines = progress._Lines("fit", 10)
+    for done, note in ((1, "early"), (2, "objective 0.9 mN"), (3, "too soon"), (5, "")):
+        lines.step(done, note)
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.splitlines() == [
         "fit: 20% after 20 s, about 80 s left; objective 0.9 mN",
         "fit: 50% after 3 min, about 3 min left",
     ]
+
+
+def test_a_long_part_of_the_work_is_said_again_with_its_time(capsys, monkeypatch):
+    clock = iter([0.0, 4.0, 6.0, 7.0, 8.0, 13.0, 19.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    lines = progress._Lines("fit", 1)
+    lines.tick(), lines.tick()
+    lines.step(0.5, "exploring 7 of 18")
+    lines.tick(), lines.tick(), lines.tick()
+    assert capsys.readouterr().err.splitlines() == [
+        "fit: preparing for 6 s",
+        "fit: 50% after 13 s, about 13 s left; exploring 7 of 18 for 6 s",
+        "fit: 50% after 19 s, about 19 s left; exploring 7 of 18 for 12 s",
+    ]
+
+
+def test_the_thread_of_the_progress_ticks_and_ends(monkeypatch):
+    ticked = threading.Event()
+    monkeypatch.setattr(progress, "TICK", 0.001)
+    with progress._ticking(ticked.set):
+        assert ticked.wait(60)
+    assert not [thread for thread in threading.enumerate() if thread.name == "indentfit-progress"]
+
+
+def test_on_a_terminal_a_command_says_that_it_is_at_work_where_it_shows_no_bar(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(progress, "INTERVAL", 0.0)
+    monkeypatch.setattr(progress, "TICK", 3600.0)  # the test ticks
+    with progress.waiting("fit"):
+        (lines,) = progress._waiting
+        lines.tick()
+        with progress.progress("fit", total=2):
+            before = terminal.getvalue()
+            lines.tick()
+            assert "fit: " not in terminal.getvalue().removeprefix(before)
+        lines.tick()
+    assert terminal.getvalue().startswith("fit: preparing for 0 s\n") and "fit: finishing for 0 s\n" in terminal.getvalue()
+    assert not progress._waiting
 
 
 @pytest.mark.parametrize("total", [0, math.inf])

@@ -4,6 +4,8 @@ from typing import Any
 
 import click
 
+from indentfit.cli.progress import waiting
+
 
 class Command(click.Command):
     """A click command that runs with the permission that the group has left in its context: `--no-plugins`, or a note."""
@@ -11,5 +13,5 @@ class Command(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         from indentfit.material import foreign_code  # imported here, because --help shall not wait for NumPy
 
-        with foreign_code(ctx.obj):
+        with waiting(ctx.info_name or "indentfit"), foreign_code(ctx.obj):
             return super().invoke(ctx)

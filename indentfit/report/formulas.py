@@ -107,16 +107,16 @@ def _known(word: str, names: Container[str]) -> bool:
 
 
 def _tokens(text: str) -> list[Token]:
-    found, place = [], 0
+    tokens, place = [], 0
     text = text.strip()
     while place < len(text):
         match = TOKEN.match(text, place)
         if match is None:
             raise NoFormula(text)
         number, name, operator = match.groups()
-        found.append(Token("number", number) if number else Token("name", name) if name else Token("operator", operator))
+        tokens.append(Token("number", number) if number else Token("name", name) if name else Token("operator", operator))
         place = match.end()
-    return found
+    return tokens
 
 
 @dataclass
