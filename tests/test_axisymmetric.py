@@ -168,6 +168,37 @@ def test_fields_are_those_of_a_quarter_and_balance_the_force():
     assert fields.nodal_stress[near, 1] == pytest.approx(-fields.contact_pressure[near], rel=0.2)
 
 
+ROUGH_PUNCH = {"shape": "cylinder", "diameter": 1.0, "friction": "stick"}
+
+
+def test_the_force_under_a_sharp_edge_that_sticks_does_not_depend_on_the_steps_and_no_surface_is_inside_the_punch():
+    """Without the wall above the edge the surface passed into the punch, and 8, 12 and 24 steps led to forces 3 % apart."""
+    depths = np.array([0.1, 0.2, 0.3])
+    few, many = (pressed(DISC, ROUGH_PUNCH, depths, solver=Solver(max_step=0.3 / n), error=0.03) for n in (9, 15))
+    assert few.facts.steps < many.facts.steps and few.facts.tries == many.facts.tries == 1
+    assert few.force == pytest.approx(many.force, rel=2e-3)
+    for result in (few, many):
+        contact, under = result.last.contact, result.model.contact.under
+        beside = contact.place[~under]  # in the punch's frame, whose face is at the sample's height
+        inside = (beside[..., 0] < 0.5) & (beside[..., 1] > 1)
+        assert contact.touching[~under].any()
+        assert np.max(0.5 - beside[..., 0], where=inside, initial=0.0) < 1e-3
+
+
+def test_sensitivities_are_exact_where_the_surface_lies_against_the_wall():
+    exact = Solver(tolerance=1e-8, max_step=0.025)
+    names, depths = ("mu", "bulk_ratio"), [0.1, 0.2]
+
+    def solved(kappa=50.0, sensitivities=()):
+        return pressed(DISC, ROUGH_PUNCH, depths, kappa, solver=exact, error=0.03, sensitivities=sensitivities)
+
+    result = solved(sensitivities=names)
+    assert result.last.contact.touching[~result.model.contact.under].any()
+    assert result.sensitivities["mu"][-1] == pytest.approx(result.force[-1], rel=1e-5)  # the force is linear in mu, and mu is 1
+    difference = (solved(50.05).force[-1] - solved(49.95).force[-1]) / 0.1
+    assert result.sensitivities["bulk_ratio"][-1] == pytest.approx(difference, rel=1e-3)
+
+
 def test_a_punch_that_goes_half_of_its_radius_deep_softens_and_no_mesh_does_that():
     """A brain slice under a punch of 0.15 thicknesses that sticks: a straight curve fits a larger modulus than the layer's.
 

@@ -14,7 +14,7 @@ from indentfit.fem.contact_state import History, Springs, Stride
 from indentfit.fem.element import Solid
 from indentfit.fem.equations import Linearisation
 from indentfit.fem.mesh import quarter
-from indentfit.indenters.distances import from_ball_on_shaft
+from indentfit.indenters.distances import from_ball_on_shaft, from_upright_punch
 
 UP = np.array([0.0, 1.0, 0.0])
 SPRINGS = Springs(normal=1000.0, tangential=300.0)  # kPa/mm
@@ -372,6 +372,20 @@ def test_distance_at_the_corner_of_a_short_rounded_strip_is_a_spheres():
     assert gap[0] == pytest.approx(0.6 - 0.2)
     assert_allclose(n[0], np.array([2, -1, 2]) / 3, rtol=1e-12)
     assert_allclose(H[0], (np.eye(3) - np.outer(n[0], n[0])) / 0.6, atol=1e-12)
+
+
+def test_distance_from_an_upright_punch_by_hand_and_its_derivatives():
+    """Radius 0.5, face at 1: below the face, beside the wall, and inside near the wall and near the face."""
+    points = np.array([[0.0, 0.8, 0.3], [0.6, 1.5, 0.8], [0.48, 1.1, 0.0], [0.0, 1.01, 0.2]])
+    gap, n, H = from_upright_punch(0.5, points, 1.0)
+    assert_allclose(gap, [0.2, 0.5, -0.02, -0.01], rtol=1e-12)
+    assert_allclose(n, [-UP, [0.6, 0, 0.8], [1, 0, 0], -UP], atol=1e-12)
+    h = 1e-6
+    ahead, behind = ([from_upright_punch(0.5, points + s * h * e, 1.0) for e in np.eye(3)] for s in (1, -1))
+    slopes = np.stack([(a.gap - b.gap) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    turns = np.stack([(a.normal - b.normal) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    assert_allclose(slopes, n, atol=1e-8)
+    assert_allclose(turns, H, atol=1e-6)
 
 
 def test_distance_from_a_sphere_by_hand():

@@ -25,6 +25,10 @@ coefficient of STICK.
 A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the candidate for contact: flat,
 unilateral, free to slip. A rounded edge is a signed distance in the current configuration.
 
+Where the footprint is tied and the punch sinks in, the surface beside the edge folds up against the punch's side. In the meridian
+plane this surface is a candidate for contact with that upright wall, which is smooth. Without the wall the surface would pass into
+the punch, and the sample would have several equilibria there, whose forces differ by 2 to 3 %.
+
 Springs have to be stiff enough for the pressure p, too (`ContactFace.firm`). In a wave of the surface along the face, of wave
 number k, the pressure pushes the crests into the springs: it gains p k for each unit of sliding and of sinking in, against the
 energies of the springs, e, and of the body, about mu k. So waves grow where p^2 k > 4 e mu, first those of the mesh, whose k is pi
@@ -47,11 +51,12 @@ from indentfit.arrays import Array, Bools
 from indentfit.case import Indenter
 from indentfit.fem.contact_points import ContactPoints
 from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs, dot
-from indentfit.indenters import UP, Distance, has_sharp_edge
+from indentfit.indenters import UP, Distance, Rings, from_upright_punch, has_sharp_edge
 
 NORMAL, TANGENTIAL = 3e2, 1e2  # springs e and e_t in units of shear modulus / thickness
 STICK = 10.0
 FIRM = np.pi  # least spring e, in units of p^2 over the shear modulus and the distance of the nodes: four times what waves need
+OF_WALL = 1e-3  # springs at the wall above a sharp edge that sticks, of those that tie its face
 GRIP = 3.0  # tangential stiffness at a curved face, in units of pressure over radius: the pressure may grow in a step
 
 
@@ -106,6 +111,9 @@ class ContactFace:
         self.thickness, self.shape = thickness, indenter.geometry
         sticks = indenter.friction == "stick"
         self.tied = self.under[:, None] & (has_sharp_edge(self.shape) and sticks)
+        upright = has_sharp_edge(self.shape) and isinstance(self.shape.partition(thickness), Rings)
+        self._wall = ~self.under[:, None] & upright
+        self._share = np.where(self._wall, OF_WALL if sticks else 1.0, 1.0)
         self.friction = STICK if sticks else float(indenter.friction)
         self.curvature = self.shape.curvature
 
@@ -125,8 +133,9 @@ class ContactFace:
         """
         if self.tied.all():
             return springs
-        squared = np.sum(self.weights * state.pressure**2, axis=1) / np.maximum(np.sum(self.weights, axis=1), 1e-300)
-        share = FIRM * np.max(squared / self.points.spacing) / (shear_modulus * springs.normal)
+        weights = self.weights * ~self.tied
+        squared = np.sum(weights * state.pressure**2, axis=1) / np.maximum(np.sum(weights, axis=1), 1e-300)
+        share = FIRM * np.max(squared / (self.points.spacing * self._share[:, 0])) / (shear_modulus * springs.normal)
         return Springs(springs.normal * 2.0 ** np.ceil(np.log2(share)), springs.tangential) if share > 1 else springs
 
     def field(self, u: Array) -> Array:
@@ -141,7 +150,7 @@ class ContactFace:
         if trial.slipping.any():
             limit = self._limit(p)
             T = np.where(trial.slipping, limit / trial.size, 1.0)[..., None] * T
-        D = self._derivative(trial, springs.normal) if derivative else None
+        D = self._derivative(trial, self._normal(springs)) if derivative else None
         return ContactState(
             place=place,
             gap=trial.distance.gap,
@@ -159,8 +168,8 @@ class ContactFace:
 
     def _trial(self, place: Array, history: History, springs: Springs) -> _Trial:
         """The trial state at places (n_f, n_q, 3), in which every touching point sticks."""
-        distance = self.shape.distance(place, self.thickness)
-        n, p = distance.normal, history.pressure - springs.normal * distance.gap
+        distance = self._distance(place)
+        n, p = distance.normal, history.pressure - self._normal(springs) * distance.gap
         touching = (p >= 0) | self.tied
         p = np.where(touching, p, 0.0)
         pull = self._pull(place, history, springs, touching)
@@ -170,13 +179,32 @@ class ContactFace:
         size = np.where(size > 0, size, 1.0)
         return _Trial(distance, p, pull, along, size, self._grip(springs, history.pressure), touching, slipping)
 
+    def _distance(self, place: Array) -> Distance:
+        """Distances of places (n_f, n_q, 3): those of the footprint from the face, of the surface beside it from the wall."""
+        face = self.shape.distance(place, self.thickness)
+        if not self._wall.any():
+            return face
+        wall = from_upright_punch(self.shape.half_width, place, self.thickness)
+        assert wall.bend is not None  # it is curved
+        bend = np.where(self._wall[..., None, None], wall.bend, 0.0 if face.bend is None else face.bend)
+        return Distance(np.where(self._wall, wall.gap, face.gap), np.where(self._wall[..., None], wall.normal, face.normal), bend)
+
+    @property
+    def _coefficient(self) -> Array:
+        """Coefficients of friction (n_f, 1)."""
+        return np.where(self._wall, 0.0, self.friction)
+
+    def _normal(self, springs: Springs) -> Array:
+        """Stiffness (n_f, 1) against penetration, kPa/mm."""
+        return springs.normal * self._share
+
     def _limit(self, pressure: Array) -> Array:
         """Largest friction (n_f, n_q), kPa, under a pressure."""
-        return np.where(self.tied, np.inf, self.friction * pressure)
+        return np.where(self.tied, np.inf, self._coefficient * pressure)
 
     def _grip(self, springs: Springs, pressure: Array) -> Array:
         """Stiffness (n_f, n_q) against slip, kPa/mm, at a history's pressure; linear in both."""
-        return springs.tangential + GRIP * self.curvature * pressure
+        return springs.tangential * self._share + GRIP * self.curvature * pressure
 
     def _pull(self, place: Array, history: History, springs: Springs, touching: Bools) -> Array:
         """Friction (n_f, n_q, 3) that sticking would need."""
@@ -185,11 +213,11 @@ class ContactFace:
         grip = self._grip(springs, history.pressure)[..., None]
         return (history.friction + grip * (place - history.anchor)) * touching[..., None]
 
-    def _derivative(self, trial: _Trial, normal: float) -> Array:
-        """D = d(T - p n)/dx, consistent with the radial return; normal: the spring, kPa/mm."""
+    def _derivative(self, trial: _Trial, normal: Array) -> Array:
+        """D = d(T - p n)/dx, consistent with the radial return; normal: the springs (n_f, 1), kPa/mm."""
         n, H, p = trial.distance.normal, trial.distance.bend, trial.pressure
         nn = n[..., :, None] * n[..., None, :]
-        D = trial.touching[..., None, None] * normal * nn
+        D = (trial.touching * normal)[..., None, None] * nn
         if H is not None:
             D = D - p[..., None, None] * H
         if self.friction == 0:
@@ -199,9 +227,9 @@ class ContactFace:
             pn = dot(trial.pull, n)
             stick = stick - pn[..., None, None] * H - n[..., :, None] * np.einsum("fqi,fqij->fqj", trial.pull, H)[..., None, :]
         if trial.slipping.any():
-            f, m = self.friction, trial.along / trial.size[..., None]
+            f, m = self._coefficient[..., None, None], trial.along / trial.size[..., None]
             turn = stick - m[..., :, None] * np.einsum("fqi,fqij->fqj", m, stick)[..., None, :]
-            slip = (f * p / trial.size)[..., None, None] * turn - f * normal * m[..., :, None] * n[..., None, :]
+            slip = f * ((p / trial.size)[..., None, None] * turn - normal[..., None, None] * m[..., :, None] * n[..., None, :])
             stick = np.where(trial.slipping[..., None, None], slip, stick)
         return D + trial.touching[..., None, None] * stick
 
@@ -230,7 +258,7 @@ class ContactFace:
         """
         n, H = state.normal, state.bend
         dn = np.zeros_like(place) if H is None else np.einsum("fqij,fqj->fqi", H, place)
-        p = history.pressure - spring_change.normal * state.gap - springs.normal * dot(n, place)
+        p = history.pressure - self._normal(spring_change) * state.gap - self._normal(springs) * dot(n, place)
         p = np.where(state.touching, p, 0.0)
         if self.friction == 0:
             T = np.zeros_like(place)
@@ -240,7 +268,7 @@ class ContactFace:
             along = dot(pull, n)[..., None]
             T = dpull - (dot(dpull, n) + dot(pull, dn))[..., None] * n - along * dn
             if state.slipping.any():
-                limit = friction_change * state.pressure + self.friction * p
+                limit = friction_change * state.pressure * ~self._wall + self._coefficient * p
                 T = np.where(state.slipping[..., None], self._slip_change(state, pull - along * n, T, limit), T)
         traction = T - p[..., None] * n - state.pressure[..., None] * dn
         return ContactChange(place, dn, p, T, traction, history)
@@ -256,14 +284,15 @@ class ContactFace:
         size = np.sqrt(dot(trial, trial))[..., None]
         m = trial / np.where(size > 0, size, 1.0)
         turn = (trial_change - m * dot(m, trial_change)[..., None]) / np.where(size > 0, size, 1.0)
-        return limit_change[..., None] * m + (self.friction * state.pressure)[..., None] * turn
+        return limit_change[..., None] * m + (self._coefficient * state.pressure)[..., None] * turn
 
     def stiffness_change(self, state: ContactState, spring_change: Springs) -> Array:
         """Derivative (n_f, n_q, 3, 3) of the D of an untouched sample, whose pressures and friction are zero."""
         n = state.normal
         nn = n[..., :, None] * n[..., None, :]
-        tangential = spring_change.tangential if self.friction else 0.0
-        return state.touching[..., None, None] * (spring_change.normal * nn + tangential * (np.eye(3) - nn))
+        normal = (self._normal(spring_change) * state.touching)[..., None, None]
+        tangential = (spring_change.tangential * self._share * state.touching)[..., None, None] if self.friction else 0.0
+        return np.asarray(normal * nn + tangential * (np.eye(3) - nn))
 
     def residual(self, state: ContactState) -> Array:
         """Nodal forces (n,) of the contact in the residual, mN."""
@@ -321,7 +350,7 @@ class ContactFace:
     def _deflection_change(self, state: ContactState, springs: Springs, change: ContactChange, spring_change: Springs) -> Array:
         """Derivative of `_deflection`."""
         give, slip = self._give_and_slip(state, springs)
-        dgive = (change.pressure - change.history.pressure - give * spring_change.normal) / springs.normal
+        dgive = (change.pressure - change.history.pressure - give * self._normal(spring_change)) / self._normal(springs)
         grip, dgrip = self._grip(springs, state.history.pressure), self._grip(spring_change, change.history.pressure)
         dslip = (change.friction - change.history.friction) * ~state.slipping[..., None] - slip * dgrip[..., None]
         moved = dslip / grip[..., None] - dgive[..., None] * state.normal - give[..., None] * change.normal
@@ -329,6 +358,6 @@ class ContactFace:
 
     def _give_and_slip(self, state: ContactState, springs: Springs) -> tuple[Array, Array]:
         """Deflections of the springs against penetration (n_f, n_q) and against slip (n_f, n_q, 3), mm."""
-        give = (state.pressure - state.history.pressure) / springs.normal
+        give = (state.pressure - state.history.pressure) / self._normal(springs)
         grip = self._grip(springs, state.history.pressure)[..., None]
         return give, (state.friction - state.history.friction) / grip * ~state.slipping[..., None]

@@ -111,13 +111,14 @@ class EdgePoints:
     Parameters
     ----------
     body : Meridian
-        Its mesh has the boundary footprint.
+        Its mesh has the boundaries footprint and beside.
     """
 
     ahead = True
 
     def __init__(self, body: Meridian) -> None:
-        facets = body.mesh.boundaries["footprint"]
+        parts = [body.mesh.boundaries[name] for name in ("footprint", "beside")]
+        facets = np.concatenate(parts)
         elements, nodes = body.mesh.f2t[0, facets], _edge_nodes(body, facets)
         dofs = body.dofs[elements[:, None], nodes]  # (n_f, 3, 2): the edge's ends, then its middle
         places, weights = np.polynomial.legendre.leggauss(GAUSS)
@@ -128,7 +129,7 @@ class EdgePoints:
         length = np.linalg.norm(nodal[:, 1] - nodal[:, 0], axis=1)
         self.X = np.ascontiguousarray(np.concatenate([plane, np.zeros((*plane.shape[:2], 1))], axis=2))
         self.weights = np.pi * length[:, None] * weights * plane[..., 0]  # 2 pi r times half of the length
-        self.spacing, self.under = length / 2, np.ones(len(facets), dtype=bool)
+        self.spacing, self.under = length / 2, np.arange(len(facets)) < len(parts[0])
         self.n_dofs, self._dofs = body.n_dofs, dofs
         self.surface, at = np.unique(dofs, return_inverse=True)
         self._places = at.reshape(len(facets), 6)

@@ -27,13 +27,14 @@ from indentfit.indenters import IndenterShape, has_sharp_edge
 SCALE, SHRINK = 1.0, 0.6
 CONTACT = 8.0  # elements along the contact's radius at the largest depth
 BEYOND = 1.2  # of that radius, which elements of this width reach to: the sample's surface sinks in before it touches
-EDGE = 0.02  # width at a sharp edge, of the punch's radius or of the thickness, the less
+# Width at a sharp edge, of the punch's radius or of the thickness, the less: where the sample slips under it, and where it sticks.
+EDGE = {"free": 0.02, "stick": 0.005}
 ROUND = 4.0  # elements along a rounded edge
 SLOPE = 0.5  # growth of the widths with the distance
 DIVISIONS = 2.0  # elements along half of a side of the rings about a sharp edge; in proportion to the root of 1 / scale
 # Narrower elements than the depth over DEPTHS fold up at a sharp edge: where the sample slips under it, and where it sticks. Where
 # it slips, meshes of a twelfth to a sixth of the depth folded or not, by chance, already at a depth of 8 % of the punch's radius.
-DEPTHS = {"free": 4.0, "stick": 48.0}
+DEPTHS = {"free": 4.0, "stick": 120.0}
 OF_LAYER, WIDE = 0.5, 8.0  # width at the contact's end, of the top layer's thickness; and how much narrower it may make elements
 FAR = 0.4  # largest width, of the thickness; in the radial direction far from the contact, of the radius
 COARSEST, COARSEST_SHARP = (
@@ -70,6 +71,16 @@ class _Task:
         """Radius of the contact at the largest depth, mm."""
         return self.shape.partition(self.depth).half_width
 
+    @property
+    def edge(self) -> str:
+        """Whether the sample slips freely under a sharp edge, or sticks."""
+        return "stick" if self.sticks else "free"
+
+    @property
+    def beside(self) -> float:
+        """Width of the ring beside a sharp edge whose surface may come to lie against the punch's wall, mm."""
+        return self.depth if self.sticks and has_sharp_edge(self.shape) else 0.0
+
 
 def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) -> MeshQuad:
     """Mesh of the meridian plane of a round sample under a round indenter.
@@ -83,7 +94,8 @@ def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) 
     Returns
     -------
     MeshQuad
-        Points (r, y), mm, with the boundaries top, base, axis and footprint (the edges of the top that may touch).
+        Points (r, y), mm, with the boundaries top, base, axis, footprint (the edges of the top that may touch the face) and beside
+        (those that may touch the wall above a sharp edge).
     """
     task = _Task.of(sample, indenter, depth)
     plane, top = _plane(task, _scale(task, mesh)), task.thickness * (1 - 1e-9)
@@ -93,6 +105,7 @@ def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) 
             "base": lambda x: x[1] < task.thickness - top,
             "axis": lambda x: x[0] < 1e-9 * task.radius,
             "footprint": lambda x: (x[1] > top) & task.shape.may_touch(x[0], np.zeros_like(x[0])),
+            "beside": lambda x: (x[1] > top) & (x[0] > task.contact) & (x[0] < task.contact + task.beside),
         }
     )
 
@@ -143,7 +156,7 @@ def _plane(task: _Task, scale: float) -> MeshQuad:
 def _finest(task: _Task) -> float:
     """Width at the contact's end of the mesh of scale 1, mm."""
     if has_sharp_edge(task.shape):
-        return EDGE * min(task.contact, task.top)
+        return EDGE[task.edge] * min(task.contact, task.top)
     finest = task.contact / CONTACT
     if task.interfaces:
         finest = min(finest, max(OF_LAYER * task.top, finest / WIDE))
@@ -152,7 +165,7 @@ def _finest(task: _Task) -> float:
 
 def _corner(task: _Task, scale: float) -> list[Array]:
     """Patches of the mesh under a sharp edge. A coarser mesh is coarser at the edge too where elements may not be narrower."""
-    folds = max(scale, 1.0) * task.depth / DEPTHS["stick" if task.sticks else "free"]
+    folds = max(scale, 1.0) * task.depth / DEPTHS[task.edge]
     width, divisions = max(scale * _finest(task), folds), max(1, round(DIVISIONS * scale**-0.5))
     corner = Corner(task.contact, task.radius, task.thickness, task.top, width, divisions)
     far_r, far_y = _far(task, scale)

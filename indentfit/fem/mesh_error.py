@@ -13,8 +13,9 @@ may touch such an edge, so that the surface beside the footprint comes to lie in
 small. Punches with small edge radii show by how much: their forces are the same on all meshes, and approach a limit as the radius
 falls. At a depth of half of the radius, on a neo-Hookean gel of 7 radii without friction, that limit is 9 % below the straight line
 of small strain, while a sharp edge has 12 to 13 %. There the band is at least that of FOLDS, a power of the depth over the
-indenter's half-width (or over the thickness, where that is less). Where the sample sticks, the force approaches its limit slower
-than the elements at the edge get narrower, and FOLDS holds that.
+indenter's half-width (or over the thickness, where that is less). Where the sample sticks, the surface beside the edge comes to lie
+against the punch's wall, on which it slips freely, and the force approaches its limit slower than the elements at the edge get
+narrower. FOLDS holds that, and friction on the wall.
 
 The steps of the depth err too where a contact grows with friction. In the meridian plane they cost up to 0.3 % of the last force
 and 1 % of the first ones, and the second solution takes longer ones, so that |F - G| shows that error. Bricks state STEPS times
@@ -57,7 +58,8 @@ FOLDS = {  # factor, power, and largest share of the force
     # Curves of six meshes on layers of 0.5 to 3 punch radii. Punches with an edge of a tenth of the radius have forces that are
     # larger by 15 % without friction, and by 24 % at a friction of 0.3, where the depth is 1.5 radii.
     "free": (0.5, 2.0, 0.3),
-    "stick": (0.03, 1.0, 0.006),  # another code's curve (axi_punch_a0.5_stick_bonded)
+    # Another code's curve (axi_punch_a0.5_stick_bonded), which knows no wall above the edge; a wall that sticks adds 0.5 %.
+    "stick": (0.03, 1.0, 0.01),
 }
 STEPS = 0.12  # measured on spheres of 1 to 10 thicknesses, friction 0.3 and 1 (tests/test_mesh_error.py holds one)
 COARSER_STEPS = 3.0

@@ -6,6 +6,7 @@ case's table [indenter]; another key would have to be a field of that table firs
 Axes: y is the axis of indentation; the indenter is centred on the axis x = z = 0, above the sample. All lengths in mm.
 """
 
+from indentfit.indenters.distances import from_upright_punch
 from indentfit.indenters.fit import WIDEST_INDENTER
 from indentfit.indenters.flat import Cylinder, Strip
 from indentfit.indenters.pointed import Cone, Sphere, Wedge
@@ -13,5 +14,5 @@ from indentfit.indenters.shape import SHAPES, UP, Band, Distance, IndenterShape,
 
 __all__ = [
     "SHAPES", "UP", "WIDEST_INDENTER", "Band", "Cone", "Cylinder", "Distance", "IndenterShape", "Rings", "Sphere", "Strip", "Wedge",
-    "has_sharp_edge",
+    "from_upright_punch", "has_sharp_edge",
 ]  # fmt: skip

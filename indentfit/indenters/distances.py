@@ -16,6 +16,22 @@ def from_plane(x: Array, bottom: float) -> Distance:
     return Distance(bottom - x[..., 1], np.broadcast_to(_DOWN, x.shape), None)
 
 
+def from_upright_punch(a: float, x: Array, bottom: float) -> Distance:
+    """Distance from a punch of radius a with an upright wall and a sharp edge, of points beside its face.
+
+    Inside, the nearest of the wall and the face counts. Outside it is the larger distance from the two, which is the true one but
+    for points off the edge.
+    """
+    rho = np.hypot(x[..., 0], x[..., 2])
+    safe = np.where(rho > 0, rho, 1.0)
+    outwards = np.stack([x[..., 0] / safe, np.zeros_like(rho), x[..., 2] / safe], axis=-1)
+    beside, below = rho - a, bottom - x[..., 1]
+    wall = beside > below
+    gap, n = np.where(wall, beside, below), np.where(wall[..., None], outwards, _DOWN)
+    hoop = np.stack([-outwards[..., 2], np.zeros_like(rho), outwards[..., 0]], axis=-1)
+    return Distance(gap, n, (wall / safe)[..., None, None] * _square(hoop))
+
+
 def from_rounded_bar(half_lengths: tuple[float, float], r: float, x: Array, bottom: float) -> Distance:
     """Distance from a bar with half-lengths along x and along z: r less than the distance from the bar's core."""
     a, b = half_lengths
