@@ -9,10 +9,11 @@ import pytest
 import sympy
 
 from indentfit.material import installed
-from indentfit.report.formulas import NoFormula, math, relations, with_formulas
+from indentfit.report.formulas import NoFormula, drawn_formulas, lined, math, relations, with_formulas
 from indentfit.report.guide import html_page
 from indentfit.report.guide_parts import generated_parts
-from indentfit.report.typeset import GREEK
+from indentfit.report.page import marked
+from indentfit.report.typeset import GREEK, typeset
 
 LETTERS = {letter: name for name, letter in GREEK.items()}
 SERIES = {1: "1/2", 2: "1/20", 3: "11/1050", 4: "19/7000", 5: "519/673750"}  # of the inverse Langevin function: Arruda, Boyce 1993
@@ -96,7 +97,7 @@ def test_the_formula_that_a_page_shows_is_the_energy_of_the_law(name):
 def test_a_formula_carries_its_text_and_is_well_formed():
     drawn = math("a_ii < 2 b/(c - 1) [x^-2, sqrt(y)]", block=True)
     assert ET.fromstring(drawn).get("alttext") == "a_ii < 2 b/(c - 1) [x^-2, sqrt(y)]"
-    assert "<mfrac>" in drawn and "<msqrt>" in drawn and 'display="block"' in drawn
+    assert "<mfrac>" in drawn and "<msqrt>" in drawn and 'displaystyle="true"' in drawn
 
 
 @pytest.mark.parametrize("text", ["", "mu +", "(a", "a)", "/ 2", "5 %", "x^", "a,, b", "c. E"])
@@ -118,3 +119,15 @@ def test_a_page_draws_formulas_and_leaves_other_dollar_signs():
     body = html_page("x", text).split("<main")[1]
     assert body.count("<math") == 3 and body.count('class="formula"') == 2
     assert "<code>$c$</code> and 5 $ or 6 $." in body
+
+
+def test_a_report_draws_the_energy_of_a_case_and_shows_what_is_none_as_it_is():
+    drawn = marked(drawn_formulas("psi = mu/2 (I1 - 3), isochoric; <b> & 5 $."))
+    assert drawn == "ψ = μ/2 (I1 - 3), isochoric; &lt;b&gt; &amp; 5 $."
+    drawn = marked(drawn_formulas("psi = mu/2 (I1 - 3), isochoric; <b> alone"))
+    assert drawn.startswith("<math") and drawn.endswith("</math>, isochoric; &lt;b&gt; alone")
+
+
+def test_a_formula_in_a_line_of_letters_has_its_powers_and_signs():
+    text = lined("psi = mu/2 [(I1 - 3) + zeta (I4 - 1)^2 + phi (I5 - I4^2)], invariants isochoric")
+    assert typeset(text) == "ψ = μ/2 [(I₁ − 3) + ζ (I₄ − 1)² + φ (I₅ − I₄²)], invariants isochoric"

@@ -11,7 +11,8 @@ class Command(click.Command):
     """A click command that runs with the permission that the group has left in its context: `--no-plugins`, or a note."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        from indentfit.material import foreign_code  # imported here, because --help shall not wait for NumPy
+        with waiting(ctx.info_name or "indentfit"):
+            from indentfit.material import foreign_code  # imported here, because --help shall not wait for NumPy
 
-        with waiting(ctx.info_name or "indentfit"), foreign_code(ctx.obj):
-            return super().invoke(ctx)
+            with foreign_code(ctx.obj):
+                return super().invoke(ctx)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from markupsafe import escape
 
-from indentfit.report.typeset import GREEK
+from indentfit.report.typeset import GREEK, SUBSCRIPTS, SUPERSCRIPTS
 
 FUNCTIONS = ("sqrt", "exp", "log", "max", "cos", "sin", "sum")
 TOKEN = re.compile(r"\s*(?:(\d+(?:\.\d+)?)|([A-Za-z]+(?:_?\d+)?(?:_[A-Za-z]+)?)|(->|<=|>=|[-+*/^=<>()\[\],]|\.(?=[A-Za-z])))")
@@ -21,6 +21,7 @@ NAME = re.compile(rf"({LETTER}|[A-Z](?=[a-z]$)|[A-Za-z]+?)(?:_?(\d+))?(?:_([A-Za
 RELATIONS = {"=": "=", "<": "&lt;", ">": "&gt;", "<=": "≤", ">=": "≥", "->": "→", "to": "…"}
 ENDS = ("(", "[")
 TIMES, APPLY = "<mo>&#x2062;</mo>", "<mo>&#x2061;</mo>"  # invisible: a product, a function of
+MARK = "\u2063"  # the invisible separator
 WIDEST = 60  # words of a formula within a text
 
 
@@ -45,7 +46,7 @@ def math(text: str, block: bool = False) -> str:
     """
     tokens = _tokens(text)
     inner = _Reader(tokens).all()
-    kind = ' display="block"' if block else ""
+    kind = ' displaystyle="true"' if block else ""
     return f'<math{kind} alttext="{escape(" ".join(text.split()))}">{inner}</math>'
 
 
@@ -85,6 +86,27 @@ def with_formulas(text: str, names: Container[str] = ()) -> str:
         done.append(f"${bare}${formula[len(bare) :]}")
         start = stop
     return " ".join(done)
+
+
+def drawn_formulas(text: str) -> str:
+    """A paragraph with its formulas between marks that `split_formulas` knows, which no other text has."""
+    return text if "$" in text else with_formulas(text).replace("$", MARK)
+
+
+def split_formulas(text: str) -> list[str]:
+    """The parts of a paragraph of `drawn_formulas`: text and formula in turn."""
+    return text.split(MARK)
+
+
+def lined(text: str) -> str:
+    """A paragraph with its formulas in one line of letters, such as (I₁ − 3)², for texts that are copied into others."""
+    parts = with_formulas(text).split("$")
+    return "".join(_letters(part) if n % 2 else part for n, part in enumerate(parts))
+
+
+def _letters(formula: str) -> str:
+    text = re.sub(r"\^(\d)(?![\w.])", lambda power: power[1].translate(SUPERSCRIPTS), formula.replace(" - ", " − "))
+    return re.sub(r"(?<![A-Za-z])([A-Za-z])(\d+)(?![0-9A-Za-z_])", lambda name: name[1] + name[2].translate(SUBSCRIPTS), text)
 
 
 def _is_formula(words: list[str], names: Container[str]) -> bool:

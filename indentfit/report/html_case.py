@@ -5,6 +5,7 @@ import shlex
 from pathlib import Path
 
 from indentfit.report.digits import plainly
+from indentfit.report.formulas import drawn_formulas
 from indentfit.report.page import Code, Lines, Part, Section, Table, Text
 from indentfit.report.schema import CaseFacts, Stored
 
@@ -26,7 +27,7 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
         *([f"Sample: {case.sample}", f"Indenter: {case.indenter}"] if case.sample else []),
         *(f"Layer {words}" for words in case.layers),
         *([] if case.layers else [f"Material: {material.model or material.energy}, {bulk}"]),
-        *([f"Energy: {' '.join(case.equation.split())}"] if case.equation else []),
+        *([f"Energy: {drawn_formulas(case.equation)}"] if case.equation else []),
         *(f"Test {test.name}: {test.own}" for test in case.tests if test.own),
         *([_mesh_words(case, asked)] if case.sample else []),
     ]

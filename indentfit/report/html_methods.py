@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from indentfit.inference.result import FitResult
 from indentfit.report.first_screen import pieces_words, value_words
+from indentfit.report.formulas import lined
 from indentfit.report.html_case import number
 from indentfit.report.page import Lines, Part, Section, Text
 from indentfit.report.schema import CaseFacts, Stored
@@ -56,8 +57,8 @@ def _model(case: CaseFacts, result: FitResult) -> Iterator[str]:
 
 
 def _first_sentence(equation: str) -> str:
-    words = " ".join(equation.split())
-    return f"{words.partition('. ')[0].rstrip('.')}."
+    words = lined(" ".join(equation.split()).partition(". ")[0])
+    return f"{words.rstrip('.')}."
 
 
 def _fit(stored: Stored, result: FitResult) -> Iterator[str]:

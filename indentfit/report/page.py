@@ -22,6 +22,7 @@ import matplotlib
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from indentfit.report.formulas import NoFormula, math, split_formulas
 from indentfit.report.style import DOTS, PIXELS, STYLE
 from indentfit.report.typeset import typeset
 
@@ -142,6 +143,19 @@ def marked(text: str) -> Markup:
 
 
 def _set(text: str) -> Markup:
+    """Prose, typeset, with its formulas drawn."""
+    parts = split_formulas(text)
+    return Markup("").join(_formula(part) if n % 2 else _prose(part) for n, part in enumerate(parts))
+
+
+def _formula(text: str) -> Markup:
+    try:
+        return Markup(math(text))  # of letters, digits and operators alone, which it escapes
+    except NoFormula:
+        return _prose(text)
+
+
+def _prose(text: str) -> Markup:
     return escape(re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", typeset(text)))
 
 
