@@ -1,5 +1,7 @@
 """Fits of curves with times: motions, forces over time with free relaxation, and what a case says of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -18,15 +20,23 @@ from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, prony
 from indentfit.inference.certainty import holds
+from indentfit.inference.density import Density
 from indentfit.inference.estimate import estimate
 from indentfit.inference.inputs import Solution
+from indentfit.inference.joint import JointFit, ModelError, first_runs, joint_fit
+from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.noise import errors
+from indentfit.inference.posterior import Curves, Mode, NoiseModel, Posterior
 from indentfit.inference.result import ParameterEstimate
 from indentfit.inference.seen import far_from_model, seen_sentences, unseen, with_seen
 from indentfit.inference.what_if import _moved
+from indentfit.inference.wide_fit import widens
+from indentfit.inference.wide_shares import values_of
 from indentfit.inverse.derivatives import curve_derivatives
+from indentfit.inverse.exploration import Watched
 from indentfit.inverse.problem import inverse_problem
 from indentfit.inverse.surrogate import learn
+from indentfit.inverse.wide import uncertain_inputs, widened_problem
 from indentfit.layer import Layer
 from indentfit.motion import Motion
 from indentfit.runs.forward import Evaluation
@@ -492,14 +502,129 @@ def test_creep_is_not_simulated():
         case_of(Curve(STEADY, STEADY), control="force", ramp=1.0)
 
 
+def unknown_case(curve, fit=None, **values):
+    """A fit whose inputs are unknown: friction, bulk_ratio or base = "unknown"."""
+    given = {"friction": 0.0, "bulk_ratio": 1000.0, "base": "bonded"} | values
+    return indentfit.Case(
+        sample={"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": given["base"]},
+        indenter={"shape": "sphere", "diameter": 2.0, "friction": given["friction"]},
+        mesh={"elements": 60},
+        material={
+            "model": "neo_hookean", "parameters": {"mu": FREE}, "bulk_ratio": given["bulk_ratio"], "relaxation": RANGES,
+        },
+        tests=[indentfit.Test("press", angle=0, curve=curve)],
+        fit={"workers": 1} | (fit or {}),
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("key", ["friction", "bulk_ratio"])
-def test_unknown_inputs_of_a_material_that_relaxes_are_refused_by_a_fit(key):
+def test_unknown_inputs_of_a_material_that_relaxes_need_a_surrogate(key):
     time, depth = held()
-    case = case_of(Curve(depth, depth, time=time))
-    values = {"friction": 0.0, "bulk_ratio": 1000.0} | {key: "unknown"}
-    indenter = {"shape": "sphere", "diameter": 2.0, "friction": values["friction"]}
-    material = {"model": "neo_hookean", "parameters": {"mu": FREE}, "bulk_ratio": values["bulk_ratio"], "relaxation": RANGES}
-    tests = [indentfit.Test("press", angle=0, curve=Curve(depth, depth, time=time))]
-    case = indentfit.Case(sample=case.sample, indenter=indenter, material=material, tests=tests)
-    with pytest.raises(CaseError, match="cannot be fitted over all its values where the material relaxes"):
+    case = unknown_case(Curve(depth, depth, time=time), {"profiles": False}, **{key: "unknown"})
+    with pytest.raises(CaseError, match=f"{key} = .*an unknown input is fitted on surrogates only"):
         indentfit.fit(case)
+
+
+class Rubbed(Powers):
+    """Elastic forces mu d^1.5 (1 + 0.3 f) (1 - 4 / r), with friction f and bulk ratio r, in place of runs."""
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        evaluations = super().evaluate(points)
+        inputs = [(1 + 0.3 * point["friction"]) * (1 - 4 / point["bulk_ratio"]) for point in points]
+        pairs = zip(evaluations, inputs, strict=True)
+        return [replace(known, forces=tuple(share * force for force in known.forces)) for known, share in pairs]
+
+
+def rubbed(time, depth, truth, fit=None):
+    """The case, the problem widened by its uncertain inputs, these, and the forward model; the curve is that of the truth."""
+    case = unknown_case(Curve(depth, depth, time=time), fit, friction="unknown", bulk_ratio="unknown")
+    kernel = kernel_of(case)
+    model = Relaxing(Rubbed(kernel), kernel)
+    force = np.concatenate(model.evaluate([truth])[0].forces)
+    noisy = force + 2e-3 * force.max() * np.random.default_rng(5).standard_normal(force.size)
+    case = unknown_case(Curve(depth, noisy, time=time), fit, friction="unknown", bulk_ratio="unknown")
+    inputs = uncertain_inputs(case)
+    return case, widened_problem(inverse_problem(case), inputs), inputs, Watched(model)
+
+
+INPUTS = {"friction": 0.4, "bulk_ratio": 300.0}
+OF_CURVES = {"uncertain": {"offset": 0.01, "force": 0.02, "mesh": 0}}
+
+
+def test_curves_over_inputs_and_relaxation_follow_their_derivatives_and_the_draws_see_the_same_curves():
+    time, depth = held()
+    _, problem, inputs, model = rubbed(time, depth, TRUTH | INPUTS, OF_CURVES)
+    assert problem.searched == ["friction", "bulk_ratio", "g1", "g2", "tau1", "tau2"] and problem.solved == problem.searched[:2]
+    first_runs(problem, model, 0)
+    surrogate, error = learn(problem, model.known), ModelError.none(depth.size)
+    curves = Curves.of(problem, surrogate, inputs, error.correction)
+    trust, none = tuple(test.curve.trust for test in problem.tests), np.zeros(2)
+    posterior = Posterior(curves, NoiseModel(np.ones(2), none, np.zeros((40, 40)), trust, none), (True, True))
+    density = Density(JointFit(posterior, Mode(np.full(9, 0.5), 0.0, np.eye(9)), (), 1.0, surrogate, error))
+    assert [known.name for known in curves.inputs] == ["friction", "bulk_ratio", "offset", "force"]
+    z = np.array([0.3, 0.4, 0.6, 0.5, 0.3, 0.55, 0.5, 0.7, 0.4])
+    force, J = curves.at(z)
+    assert density.forces(z[None])[0][0] == pytest.approx(force, rel=1e-9)
+    for n, step in enumerate(1e-5 * np.eye(z.size)):
+        slope = (curves.at(z + step)[0] - curves.at(z - step)[0]) / 2e-5
+        assert J[:, n] == pytest.approx(slope, abs=1e-3 * np.abs(slope).max() + 1e-9)
+    values = dict(zip([*curves.free, *(known.name for known in inputs)], density.values(z), strict=True))
+    assert values["tau2"] == pytest.approx(2.0 * 10**0.3) and values["tau1"] == pytest.approx(0.1 * 20**0.5)
+
+
+def test_a_later_contact_delays_the_whole_history():
+    """Under a later contact the elastic force is mu (d - o)^1.5, and the hold remembers it too."""
+    time, depth = held()
+    _, problem, inputs, model = rubbed(time, depth, TRUTH | INPUTS, OF_CURVES)
+    first_runs(problem, model, 0)
+    surrogate = learn(problem, model.known)
+    curves = Curves.of(problem, surrogate, inputs, np.zeros(depth.size))
+    z, offset = curves.place(TRUTH | INPUTS), 0.01
+    z[[known.name for known in inputs].index("offset") + len(curves.free)] = inputs[2].unit_of(offset)
+    force, start = curves.at(z)[0], 0.5 * offset / 0.3
+    share = surrogate.of_kernel(problem.place(TRUTH | INPUTS)[None])[0, -1] * TRUTH["mu"] / problem.reference
+
+    def change(s, moment):
+        return float(SERIES(moment - s)) * share * 1.5 * (0.3 * s / 0.5 - offset) ** 0.5 / 0.3**1.5 * 0.3 / 0.5
+
+    for n in (5, 14, 20, 39):
+        exact = quad(change, start, min(time[n], 0.5), args=(time[n],), epsabs=1e-11)[0]
+        assert force[n] == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.campaign
+def test_a_fit_over_unknown_inputs_and_the_relaxation_holds_the_truth():
+    time, depth = held(ramp=0.2, hold=20.0)
+    case, problem, inputs, model = rubbed(time, depth, TRUTH | INPUTS, {"uncertain": {"mesh": 0}})
+    assert widens(case, inverse_problem(case))
+    fit = joint_fit(problem, inputs, model, ModelError.none(depth.size), 0)
+    assert fit.reached
+    paths, names = joint_profiles(fit), fit.posterior.curves.free
+    for n, name in enumerate(names):
+        low, high = values_of(fit, n, np.array(paths[n].interval))
+        assert low < TRUTH[name] < high
+    low, high = values_of(fit, 0, np.array(paths[0].interval))
+    assert high / low > 1.25  # friction and compressibility are worth 30 % and more of the force
+    low, high = values_of(fit, 1, np.array(paths[1].interval))
+    assert high / low < 1.4  # they leave the relaxation as it is
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("values", [{"friction": "unknown"}, {"friction": "unknown", "base": "unknown"}, {"bulk_ratio": "unknown"}])
+def test_a_fit_with_unknown_inputs_to_curves_of_the_viscoelastic_model_holds_the_truth(values):
+    test = indentfit.Test("press", depth=0.3, points=25, ramp=0.5, hold=20.0)
+    true = {
+        "model": "neo_hookean",
+        "parameters": {"mu": 1.5},
+        "bulk_ratio": 1000.0,
+        "relaxation": {"g": [0.8, 0.5], "tau": [0.5, 5.0]},
+    }
+    case = unknown_case(Curve(STEADY, STEADY, time=MOMENTS), friction=0.3)
+    made = indentfit.Case(sample=case.sample, indenter=case.indenter, mesh={"elements": 150}, material=true, tests=[test])
+    over_time = indentfit.simulate(made, mesh_error=False).in_time["press"]
+    force = over_time.force + 2e-3 * over_time.force.max() * np.random.default_rng(1).standard_normal(over_time.force.size)
+    result = indentfit.fit(unknown_case(Curve(over_time.displacement, force, time=over_time.time), **({"friction": 0.3} | values)))
+    for name, true_value in TRUTH.items():
+        low, high = result.parameters[name].interval
+        assert low < true_value < high
+    assert result.success

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from indentfit.case.materials import BULK, MaterialChoice
+from indentfit.case.materials import BULK
 from indentfit.case.messages import Fault
 from indentfit.case.priors import Prior
 from indentfit.case.search import Fit, Uncertain
@@ -49,23 +49,23 @@ IGNORANCE = (
     Ignorance("sample", "base", "base", "sliding", 0.5),
 )
 IN_TIME = (
-    "cannot be fitted over all its values where the material relaxes; give a value, with its standard deviation in "
-    "fit.uncertain.{name}, or fit at two values; or fit the ramp alone, without [material.relaxation]"
+    "where the material relaxes, an unknown input is fitted on surrogates only: these need profiles, and a method among {methods}; "
+    "change these, or give a value, with its standard deviation in fit.uncertain.{name}"
 )
 
 
-def faults_in_time(options: Fit) -> Iterator[Fault]:
-    """Inputs that a fit of a material that relaxes cannot take as unknown: its intervals are linear in an input's error."""
+def faults_in_time(options: Fit, methods: str) -> Iterator[Fault]:
+    """Inputs that a fit of a material that relaxes cannot take as unknown where it has no surrogate: its intervals are linear in an
+    input's error then. `methods` names those that have surrogates."""
     for known in IGNORANCE:
         if isinstance(known.prior, Prior) and getattr(options.uncertain, known.name) == known.prior:
-            yield Fault((known.table, known.key), UNKNOWN, IN_TIME.format(name=known.name))
+            yield Fault((known.table, known.key), UNKNOWN, IN_TIME.format(name=known.name, methods=methods))
 
 
 def with_priors(tables: Mapping[str, Any], tests: Sequence[Any]) -> dict[str, Any]:
     """Tables in which no key is "unknown" or left out any more: [fit.uncertain] holds the priors instead.
 
-    A key that every test has for itself needs no prior, and gets a value only. So does a left-out bulk ratio of a material that
-    relaxes, since a fit in time has no prior for it: `left_out_in_time` tells.
+    A key that every test has for itself needs no prior, and gets a value only.
 
     Parameters
     ----------
@@ -89,17 +89,10 @@ def with_priors(tables: Mapping[str, Any], tests: Sequence[Any]) -> dict[str, An
             changed[known.table] = table.model_copy(update={known.key: known.value})
         if all_have_own(tests, known.table, known.key):
             continue
-        if known.key == BULK[0] and table.bulk_ratio is None and table.relaxation is not None:
-            changed[known.table].model_fields_set.discard(BULK[0])
-        elif getattr(uncertain, known.name) is None:
+        if getattr(uncertain, known.name) is None:
             uncertain = uncertain.model_copy(update={known.name: known.prior})
     changed["fit"] = fit.model_copy(update={"uncertain": uncertain})
     return changed
-
-
-def left_out_in_time(material: MaterialChoice) -> bool:
-    """Whether a material that relaxes leaves its bulk ratio out, which is then taken as known."""
-    return material.relaxation is not None and not {*BULK} & material.model_fields_set
 
 
 def all_have_own(tests: Sequence[Any], table: str, key: str) -> bool:

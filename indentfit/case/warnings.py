@@ -14,7 +14,7 @@ from indentfit.case.draining import draining
 from indentfit.case.faults import depth_of
 from indentfit.case.laws import has_fibres
 from indentfit.case.materials import DEFAULT_BULK_RATIO, LayersChoice
-from indentfit.case.unknown import IGNORANCE, left_out_in_time
+from indentfit.case.unknown import IGNORANCE
 from indentfit.errors import MaterialError
 from indentfit.indenters import Rings
 from indentfit.material import Material, parts_of
@@ -123,11 +123,6 @@ def _unknown(case: Case) -> Iterator[str]:
             taken = value if isinstance(value, str) else f"{value:g}"
             key = f"{known.table}.{known.key}"
             yield f"{key} is unknown or left out: a fit goes over {known.words}, a simulation takes {taken}; give it if it is known"
-    if left_out_in_time(case.material):
-        yield (
-            f"material.bulk_ratio is left out: {case.material.bulk_ratio:g} is taken as known, since a fit of a material that "
-            "relaxes has no prior for it; give it"
-        )
     layers = [layer.name for layer in case.sample.layer if layer.bulk_ratio is None and layer.poisson_ratio is None]
     if len(layers) < len(case.sample.layer):
         for name in layers:

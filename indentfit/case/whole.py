@@ -40,7 +40,7 @@ from indentfit.case.search import Fit
 from indentfit.case.section import raise_disagreements
 from indentfit.case.specimen import OF_SPECIMENS, Specimen, axes_of, specimen_of
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, Range, Sample, Solver, Test
-from indentfit.case.unknown import faults_in_time, with_priors
+from indentfit.case.unknown import with_priors
 from indentfit.case.warnings import warnings_of
 from indentfit.curve import Curve, require_loading
 from indentfit.errors import CaseError, CurveError, MaterialError
@@ -368,7 +368,6 @@ def require_fittable(case: Case) -> None:
     """Raise CaseError unless the case has a free parameter, every test has a curve, and at least one test has a weight."""
     relaxing = case.relaxation.free if case.relaxation is not None else {}
     faults = list(faults_of_fit(case.free | relaxing, case.tests, case.curves))
-    faults += faults_in_time(case.fit) if case.relaxation is not None else ()
     if faults:
         raise CaseError([line(case.path, fault) for fault in faults])
 

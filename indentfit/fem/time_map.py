@@ -92,7 +92,8 @@ class TimeMap:
             total = self._retracting(rows, function)
         else:
             histories, _ = self._histories(rows, function)
-            total = function.long_term * rows[:, self.at] + np.tensordot(np.array(function.shares), histories, 1)
+            relaxing = np.array(function.shares) @ histories.reshape(len(histories), -1)
+            total = function.long_term * rows[:, self.at] + relaxing.reshape(histories.shape[1:])
         return np.asarray(total.reshape(*np.shape(elastic)[:-1], self.at.size))
 
     def by_term(self, elastic: Array, function: RelaxationFunction) -> tuple[Array, Array]:

@@ -102,7 +102,7 @@ class Density:
         first, columns = len(self.curves.free), []
         problem = self.curves.problem
         for n, name in enumerate(self.curves.free):
-            columns.append(problem.free[name].min + z[..., n] * problem.range(name))
+            columns.append(problem.values_at(name, z[..., n]))
         for n, known in enumerate(self.curves.inputs, start=first):
             low, high = known.ends
             at = low + z[..., n] * (high - low)
@@ -114,20 +114,33 @@ class Density:
         curves, problem = self.curves, self.curves.problem
         own = self.values(z)
         values = dict(zip([*curves.free, *(k.point or "" for k in curves.inputs)], own.T, strict=False))
-        units = np.column_stack([(values[name] - problem.free[name].min) / problem.range(name) for name in problem.free])
-        places = units[:, problem.searched_numbers]
-        forces = curves.surrogate.curves(places) * (1 + curves.mesh)
+        given = dict(zip(curves.free, z.T, strict=False))
+        by_name = [given[n] if n in given else (values[n] - problem.free[n].min) / problem.range(n) for n in problem.free]
+        places = np.column_stack(by_name)[:, problem.searched_numbers]
+        forces = (curves.surrogate.curves(places) if problem.kernel is None else self._relaxed(places, own)) * (1 + curves.mesh)
         if problem.scale is not None:
             forces = forces * (values[problem.scale] / problem.reference)[:, None]
         for n, known in enumerate(curves.inputs, start=len(curves.free)):
-            if known.test is None:
+            if known.test is None or (known.name == "offset" and problem.kernel is not None):
                 continue
-            rows = curves.slices[known.test]
-            if known.name == "offset":
-                forces[:, rows] += _moved(curves.shifts[known.test], own[:, n], forces[:, rows])
-            else:
-                forces[:, rows] *= 1 + own[:, [n]]
+            for rows in curves.of_tests[known.test]:
+                if known.name == "offset":
+                    forces[:, rows] += _moved(curves.shifts[known.test], own[:, n], forces[:, rows])
+                else:
+                    forces[:, rows] *= 1 + own[:, [n]]
         return forces, curves.surrogate.near_failure(places)
+
+    def _relaxed(self, places: Array, own: Array) -> Array:
+        """Curves (m, N) of a material that relaxes, at places of the surrogate; offsets own[:, n] move the elastic curves."""
+        curves, surrogate = self.curves, self.curves.surrogate
+        kernel = curves.problem.kernel
+        assert kernel is not None
+        elastic, ends = surrogate.of_kernel(places), np.cumsum([0, *kernel.sizes])
+        for n, known in enumerate(curves.inputs, start=len(curves.free)):
+            if known.name == "offset" and known.test is not None:
+                part = slice(ends[known.test], ends[known.test + 1])
+                elastic[:, part] += _moved(curves.shifts[known.test], own[:, n], elastic[:, part])
+        return surrogate.relaxed(elastic, places)
 
 
 def _moved(shift: Shift, offsets: Array, forces: Array) -> Array:

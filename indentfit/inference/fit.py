@@ -54,6 +54,7 @@ CONTACT = (
     "the standard deviation of each contact point is that which its record tells ({of}); fit.uncertain.offset would state another"
 )
 NO_FIT = "not determined: the model cannot follow the curves"
+LESS = 0.9  # of the bulk ratio at the optimum: where the low end of its interval is below that, the viscoelastic model is run there
 SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
 
@@ -307,13 +308,24 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         surrogate=known.surrogate,
         predicted=known.predicted,
         published=known.published,
-        conclusions=(*known.conclusions, *far_from_model(differences), *draining(case)),
+        conclusions=(*known.conclusions, *far_from_model(differences), *_at_least_bulk(case, best, known), *draining(case)),
         taken_as_known=known.taken_as_known,
         recording=tuple(recording(case)),
         curves=_curves(problem, best),
         case=case,
     )
     return _with_moduli(case, result if of_noise is None else _with_covariance(result, of_noise))
+
+
+def _at_least_bulk(case: Case, best: Candidate | None, known: Certainty) -> Iterator[str]:
+    """A sentence where the viscoelastic model is far from the hereditary integral at the low end of the bulk ratio's interval."""
+    share = known.uncertain.inputs.get("bulk_ratio")
+    if case.relaxation is None or best is None or share is None or share.interval is None or share.fitted is None:
+        return
+    low = share.interval[0]
+    if low < LESS * share.fitted:
+        _, differences = of_relaxation(case, {**best.parameters, "bulk_ratio": low})
+        yield from far_from_model(differences, f"at a bulk ratio of {low:.3g}, the low end of its interval, ")
 
 
 def _with_moduli(case: Case, result: FitResult) -> FitResult:

@@ -15,7 +15,7 @@ from scipy.stats import norm, qmc
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
-from indentfit.inference.posterior import FINEST, Climber, Curves, Mode, NoiseModel, Posterior, Shift, noise_at
+from indentfit.inference.posterior import FINEST, Climber, Curves, Mode, NoiseModel, Posterior, noise_at
 from indentfit.inverse.course import HistoryStep, Proof
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.exploration import Watched
@@ -200,16 +200,16 @@ def joint_fit(
 
 def first_runs(problem: InverseProblem, model: Watched, seed: int, progress: Progress = SILENT) -> None:
     """Run the start values and the places that determine a polynomial best."""
-    d = len(problem.searched)
-    known = len([name for name in problem.searched if name not in problem.differences and name in model.differentiable()])
-    places = design_points(d, known, seed, betas=problem.betas)
+    d = len(problem.solved)
+    known = len([name for name in problem.solved if name not in problem.differences and name in model.differentiable()])
+    places = design_points(d, known, seed, betas=problem.betas[:d]) if d else ()
     points = [_parameters(problem, place) for place in places]
     evaluate_at_reference(problem, model, [problem.start, *points], progress.of_runs("first runs"))
 
 
 def _parameters(problem: InverseProblem, place: Array) -> dict[str, float]:
     x = problem.units(problem.start)
-    x[problem.searched_numbers] = place
+    x[problem.searched_numbers[: len(problem.solved)]] = place
     return problem.parameters(x)
 
 
@@ -233,8 +233,7 @@ def fitted(
     -------
     JointFit
     """
-    shifts = tuple(Shift.of(test.curve.displacement) for test in problem.tests)
-    curves = Curves(problem, surrogate, inputs, shifts, error.correction)
+    curves = Curves.of(problem, surrogate, inputs, error.correction)
     counted = tuple(used) if used is not None else tuple(test.weight > 0 for test in problem.tests)
     force = curves.measured()
     sizes = np.array([np.abs(force[rows]).max() for rows in curves.slices])
@@ -273,8 +272,9 @@ def left_out_covar(curves: Curves) -> tuple[Array, float]:
     surrogate = curves.surrogate
     if surrogate.fitted.left_out is None:
         return np.zeros((curves.measured().size,) * 2), np.inf
-    weights = np.array([run.weight for run in surrogate.training])
-    errors = _relative(surrogate.fitted.left_out / weights[:, None], np.array([run.curves for run in surrogate.training]))
+    weights, start = np.array([run.weight for run in surrogate.training]), curves.problem.start
+    left_out, forces = surrogate.fitted.left_out / weights[:, None], np.array([run.curves for run in surrogate.training])
+    errors = _relative(*(surrogate.measured(rows, start) for rows in (left_out, forces)))
     shares = weights**4 / np.sum(weights**4)  # the place of interest is where the misfit is small
     return np.asarray(np.einsum("m,mi,mj->ij", shares, errors, errors)), float(1 / np.sum(shares**2))
 
@@ -371,8 +371,9 @@ def telling(fit: JointFit, seed: int) -> list[dict[str, float]]:
     places = draws[values <= max(fit.mode.chi2 + ALLOWED, np.quantile(values, 0.1))]
     points = [curves.point(z) for z in places]
     betas = fit.surrogate.fitted.betas
-    here = np.array([warp(problem.place(point), betas) for point in points])
-    known = warp(np.vstack([fit.surrogate.known_places(), problem.place(curves.point(fit.mode.z))[None]]), betas)
+    own = fit.surrogate.of_runs
+    here = np.array([warp(own(problem.place(point)), betas) for point in points])
+    known = warp(np.vstack([fit.surrogate.known_places(), own(problem.place(curves.point(fit.mode.z)))[None]]), betas)
     chosen = []
     for _ in range(min(TELLING, len(points))):
         n = int(np.argmax(np.abs(here[:, None] - known[None]).max(axis=2).min(axis=1)))

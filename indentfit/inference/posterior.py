@@ -81,6 +81,12 @@ class Curves:
     shifts: tuple[Shift, ...]
     mesh: Array
 
+    @classmethod
+    def of(cls, problem: InverseProblem, surrogate: Surrogate, inputs: tuple[UncertainInput, ...], mesh: Array) -> "Curves":
+        """The curves of a problem; where the material relaxes, the shifts are those of the elastic forces of each test."""
+        depths = [t.curve.displacement for t in problem.tests] if problem.kernel is None else problem.kernel.depths
+        return cls(problem, surrogate, inputs, tuple(Shift.of(depth) for depth in depths), mesh)
+
     @cached_property
     def free(self) -> list[str]:
         """The free parameters, without inputs."""
@@ -97,6 +103,13 @@ class Curves:
         """The part of the row that each test is."""
         ends = np.cumsum([0, *(test.curve.force.size for test in self.problem.tests)]).tolist()
         return [slice(a, b) for a, b in pairwise(ends)]
+
+    @cached_property
+    def of_tests(self) -> list[list[slice]]:
+        """The parts of the row that each test of the case is: one, or one for each segment in time."""
+        names = list(dict.fromkeys(test.test for test in self.problem.tests))
+        pairs = list(zip(self.problem.tests, self.slices, strict=True))
+        return [[rows for test, rows in pairs if test.test == name] for name in names]
 
     def point(self, z: Array) -> dict[str, float]:
         """Parameters and changed inputs at a place, as the forward model takes them."""
@@ -137,27 +150,40 @@ class Curves:
         force, J = self._solved(z)
         first = len(self.free)
         for n, known in enumerate(self.inputs):
-            if known.test is None:
+            if known.test is None or (known.name == "offset" and self.problem.kernel is not None):
                 continue
-            rows, column, (low, high) = self.slices[known.test], first + n, known.ends
-            if known.name == "offset":
-                moved, slope = self.shifts[known.test].by(known.value_at(z[column]))
-                J[rows, column] = slope @ force[rows] * (high - low)
-                J[rows] = np.where(np.arange(J.shape[1]) == column, J[rows], moved @ J[rows])
-                force[rows] = moved @ force[rows]
-            else:
-                gain = 1 + known.value_at(z[column])
-                J[rows] *= gain
-                J[rows, column] = force[rows] * (high - low)
-                force[rows] *= gain
+            column, (low, high) = first + n, known.ends
+            for rows in self.of_tests[known.test]:
+                if known.name == "offset":
+                    moved, slope = self.shifts[known.test].by(known.value_at(z[column]))
+                    J[rows, column] = slope @ force[rows] * (high - low)
+                    J[rows] = np.where(np.arange(J.shape[1]) == column, J[rows], moved @ J[rows])
+                    force[rows] = moved @ force[rows]
+                else:
+                    gain = 1 + known.value_at(z[column])
+                    J[rows] *= gain
+                    J[rows, column] = force[rows] * (high - low)
+                    force[rows] *= gain
         return force, J
+
+    @cached_property
+    def _offsets(self) -> dict[int, int]:
+        """The number of each test whose contact point is uncertain -> that of the input."""
+        return {known.test: k for k, known in enumerate(self.inputs) if known.name == "offset" and known.test is not None}
 
     def _solved(self, z: Array) -> tuple[Array, Array]:
         """Curves and derivatives before offset and gain, with the correction for the mesh."""
         problem, (units, ahead) = self.problem, self._units(z)
         searched = problem.searched_numbers
-        curves, slopes = self.surrogate.at(units[searched])
-        columns = self._columns
+        columns, offsets = self._columns, self._offsets
+        if problem.kernel is not None and offsets:
+            values = dict.fromkeys(range(len(self.shifts)), 0.0)
+            values |= {test: self.inputs[k].value_at(z[len(self.free) + k]) for test, k in offsets.items()}
+            moves, ahead_of = zip(*(shift.by(values[n]) for n, shift in enumerate(self.shifts)), strict=True)
+            curves, slopes, by_offset = self.surrogate.at_moved(units[searched], moves, ahead_of)
+        else:
+            curves, slopes = self.surrogate.at(units[searched])
+            offsets, by_offset = {}, np.zeros((0, curves.size))
         J, factor = np.zeros((curves.size, self.size)), 1.0
         if problem.scale is not None:
             n = list(problem.free).index(problem.scale)
@@ -165,13 +191,16 @@ class Curves:
             J[:, columns[n]] = curves * problem.range(problem.scale) / problem.reference
         for k, n in enumerate(searched):
             J[:, columns[n]] = factor * slopes[k] * ahead[n]
+        for test, number in offsets.items():
+            low, high = self.inputs[number].ends
+            J[:, len(self.free) + number] = factor * by_offset[test] * (high - low)
         return factor * curves * (1 + self.mesh), J * (1 + self.mesh)[:, None]
 
     @property
     def solved_numbers(self) -> list[int]:
-        """The coordinates whose change needs a run: all but the scale, offsets and gains."""
-        points = [known.point for known in self.inputs]
-        return [n for n, name in enumerate([*self.free, *points]) if name and name != self.problem.scale]
+        """The coordinates whose change needs a run: all but the scale, the relaxation, offsets and gains."""
+        points, solved = [known.point for known in self.inputs], set(self.problem.solved)
+        return [n for n, name in enumerate([*self.free, *points]) if name in solved]
 
     def measured(self) -> Array:
         """The measured forces, (N,)."""

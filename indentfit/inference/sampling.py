@@ -196,7 +196,7 @@ def sampled(fits: Sequence[JointFit], probabilities: Sequence[float], names: Seq
 
 
 def _test(curves: Curves, number: int) -> str:
-    return curves.problem.tests[number].name
+    return list(dict.fromkeys(test.test for test in curves.problem.tests))[number]
 
 
 def _picked(values: Array, chosen: Ints) -> Array:

@@ -92,12 +92,13 @@ def seen_sentences(case: Case, values: Mapping[str, float]) -> Iterator[str]:
         yield f"at {end} the force is still {left:.0%} above its long-term value, so the long-term modulus is extrapolated"
 
 
-def far_from_model(differences: Mapping[str, float]) -> Iterator[str]:
-    """A sentence on tests whose force by the viscoelastic model is far from the hereditary integral with which a fit is made."""
+def far_from_model(differences: Mapping[str, float], where: str = "") -> Iterator[str]:
+    """A sentence on tests whose force by the viscoelastic model is far from the hereditary integral with which a fit is made;
+    `where` begins the sentence, where the model was not run at the optimum."""
     far = {name: size for name, size in differences.items() if size > FAR}
     if far:
         sizes = ", ".join(f"{name} {size:.1%}" for name, size in far.items())
         yield (
-            f"{HEREDITARY} up to {sizes} from the viscoelastic model, whose pressure does not relax: no interval holds this error; "
-            "it is small where the sample is nearly incompressible (Poisson's ratio above 0.49)"
+            f"{where}{HEREDITARY} up to {sizes} from the viscoelastic model, whose pressure does not relax: no interval holds this "
+            "error; it is small where the sample is nearly incompressible (Poisson's ratio above 0.49)"
         )

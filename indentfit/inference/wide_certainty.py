@@ -19,6 +19,7 @@ from indentfit.inference.mixture import CERTAIN
 from indentfit.inference.noise import whiteness
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
+from indentfit.inference.seen import seen_sentences, with_seen
 from indentfit.inference.shares import UncertainInputs
 from indentfit.inference.verdicts import (
     against_each_other,
@@ -79,7 +80,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     predicted = joint_predictions(fit.best.fit, singles, case.fit.seed)
     estimates = {name: _estimate(fit, n, known, uncertain, limited[name]) for n, name in enumerate(problem.free)}
     estimates = unless_proved(against_each_other(estimates, predicted, alone), solved.optimum.success)
-    estimates = unless_in_doubt(estimates, recording(case))
+    estimates = with_seen(case, unless_in_doubt(estimates, recording(case)), best.parameters)
     alone = alone_unless_in_doubt(alone_unless_proved(alone, solved.optimum.success), recording(case))
     at_inputs = replace(problem, start={**problem.start, **uncertain.at})  # type: ignore[dict-item]
     published = published_comparison(Solution(case, at_inputs, model, best, known), estimates)
@@ -92,7 +93,12 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
         surrogate=facts_of(fit.best.fit.surrogate, fit.best.fit.proofs),
         predicted=predicted,
         published=published,
-        conclusions=(*contradictions(predicted), *conclusions(estimates, len(problem.tests), published), *_preferred(fit)),
+        conclusions=(
+            *contradictions(predicted),
+            *conclusions(estimates, len({test.test for test in problem.tests}), published),
+            *_preferred(fit),
+            *seen_sentences(case, best.parameters),
+        ),
         notes=tuple(_notes(case, fit)),
         taken_as_known=taken_as_known(case),
     )
@@ -149,7 +155,7 @@ def _noise(fit: WideFit) -> dict[str, CurveNoise]:
 def _singles(case: Case, fit: WideFit) -> list[JointFit | None]:
     """The fit to each test alone, on the surrogate of the best alternative; None for a test without weight, or a single one."""
     tests, joint = fit.problem.tests, fit.best.fit
-    if len(tests) < 2:
+    if len(tests) < 2 or fit.problem.segmented:  # the segments of a test are no tests that could contradict each other
         return [None for _ in tests]
     problem, inputs = joint.posterior.curves.problem, joint.posterior.curves.inputs
     ones = [[k == n for k in range(len(tests))] for n in range(len(tests))]

@@ -13,7 +13,9 @@ from scipy.linalg import block_diag
 
 from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.case.messages import line
 from indentfit.case.search import Fit
+from indentfit.case.unknown import faults_in_time
 from indentfit.errors import CaseError
 from indentfit.inference import draws, mixture
 from indentfit.inference.draws import Draws, drawn
@@ -120,8 +122,8 @@ class WideFit:
     def pieces(self, n: int) -> tuple[Interval, ...]:
         """The 95 % set of free parameter n, in its unit."""
         name = list(self.problem.free)[n]
-        low, width = self.problem.free[name].min, self.problem.range(name)
-        return tuple((float(low + a * width), float(low + b * width)) for a, b in pieces_of(self.alternatives, n))
+        value = self.problem.value
+        return tuple((value(name, a), value(name, b)) for a, b in pieces_of(self.alternatives, n))
 
 
 def pieces_of(alternatives: Sequence[WideAlternative], n: int) -> tuple[Interval, ...]:
@@ -158,8 +160,11 @@ def widens(case: Case, problem: InverseProblem) -> bool:
     inputs, tried = uncertain_inputs(case), alternatives(case)
     if not inputs and len(tried) == 1:
         return False
-    coordinates = len(widened_problem(problem, inputs).searched)
-    possible = problem.kernel is None and _learnable(case.fit) and 0 < coordinates <= MOST
+    relaxes = problem.kernel is not None
+    if relaxes and len(tried) == 1 and not any(known.point for known in inputs):
+        return False  # contact points and gains alone: the intervals are linear in them
+    coordinates = len(widened_problem(problem, inputs).solved)
+    possible = _learnable(case.fit) and (relaxes or coordinates > 0) and coordinates <= MOST
     lists = [name for name, _, _ in listed_inputs(case) if name != "base"]
     if lists and not possible:
         low, high = getattr(case.fit.uncertain, lists[0]).numbers
@@ -168,6 +173,9 @@ def widens(case: Case, problem: InverseProblem) -> bool:
             f"{MOST} with the inputs), a method among {', '.join(SEARCHES)}, and profiles; or give uniform = [{low:g}, {high:g}]"
         )
         raise CaseError([f"fit.uncertain.{lists[0]}: {said}"])
+    faults = list(faults_in_time(case.fit, ", ".join(SEARCHES))) if relaxes and not possible else []
+    if faults:
+        raise CaseError([line(case.path, fault) for fault in faults])
     return possible
 
 
@@ -244,9 +252,11 @@ def _improbable(alternative: WideAlternative) -> float:
 
 
 def _with_mesh(fit: JointFit, mesh: ModelError, model: Watched, seed: int, progress: Progress) -> JointFit | None:
-    """The fit with the error of the mesh; an optimum that was not proved without this error may be proved beside it."""
-    if fit.reached:
-        return _again(fit, mesh.with_surrogate_of(fit.error), seed)
+    """The fit with the error of the mesh; an optimum that was not proved without this error may be proved beside it, and one that
+    was may have moved."""
+    again = _again(fit, mesh.with_surrogate_of(fit.error), seed) if fit.reached else fit
+    if again.reached:
+        return again
     curves = fit.posterior.curves
     return joint_fit(curves.problem, curves.inputs, model, mesh, seed, progress.part(0.8, 1), LIMIT, fit)
 

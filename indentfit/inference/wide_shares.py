@@ -27,7 +27,7 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
     joint, names = fit.best.fit, list(fit.problem.free)
     curves, covar = joint.posterior.curves, joint.mode.covar
     p = len(names)
-    ranges = fit.problem.ranges
+    ranges = _ranges(fit)
     sd = np.sqrt(np.diag(covar))
     rows: dict[str, InputShare] = {}
     paths = joint_profiles(joint, range(p, curves.size))
@@ -82,18 +82,18 @@ def _of_mesh(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
     without = _without_mesh(fit)
     p, share = len(names), _vanishing(without, whole, [])
     sd = float(np.sqrt(np.max(np.diag(fit.mesh.mesh))))
-    spread = np.sqrt(np.maximum(covar - np.diag(without.mode.covar), 0.0))[:p] * fit.problem.ranges
+    spread = np.sqrt(np.maximum(covar - np.diag(without.mode.covar), 0.0))[:p] * _ranges(fit)
     return {"mesh": InputShare(0.0, sd, _named(names, spread), _named(names, share), fit.elements)}
 
 
 def _of_alternatives(case: Case, fit: WideFit, names: Sequence[str]) -> dict[str, InputShare]:
     """The part of each parameter's variance that is between the values of each input that is known as alternatives."""
-    inner = np.diag(fit.best.fit.mode.covar)[: len(names)] * fit.problem.ranges**2
+    inner = np.diag(fit.best.fit.mode.covar)[: len(names)] * _ranges(fit) ** 2
     rows = {}
     for name, key, own in listed_inputs(case):
         levels = [str(known.changes.get(key, own)) for known in fit.alternatives]
         weights = np.array([known.probability for known in fit.alternatives])
-        modes = np.array([known.fit.mode.z[: len(names)] * fit.problem.ranges for known in fit.alternatives])
+        modes = np.array([[fit.problem.value(*pair) for pair in zip(names, k.fit.mode.z, strict=False)] for k in fit.alternatives])
         distinct = list(dict.fromkeys(levels))
         if len(distinct) < 2:
             continue
@@ -129,13 +129,18 @@ def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
         yield AlternativeFit(known.name, known.prior, known.probability, values, intervals, sizes)
 
 
+def _ranges(fit: WideFit) -> Array:
+    """The derivatives of the free parameters by their units at the optimum, (p,)."""
+    joint = fit.best.fit
+    return fit.problem.per_units(joint.posterior.curves.point(joint.mode.z))
+
+
 def values_of(fit: JointFit, n: int, units: Array) -> list[float]:
     """Values of coordinate n, in its unit."""
     curves = fit.posterior.curves
     if n >= len(curves.free):
         return [curves.inputs[n - len(curves.free)].value_at(float(unit)) for unit in units]
-    bounds = curves.problem.free[curves.free[n]]
-    return [float(bounds.min + unit * (bounds.max - bounds.min)) for unit in units]
+    return [curves.problem.value(curves.free[n], float(unit)) for unit in units]
 
 
 def span_of(fit: JointFit, n: int, interval: Interval) -> Interval:

@@ -139,6 +139,13 @@ class InverseProblem:
             return float(bounds.min * (bounds.max / bounds.min) ** unit)
         return bounds.min + unit * (bounds.max - bounds.min)
 
+    def values_at(self, name: str, units: Array) -> Array:
+        """`value` of units (...)."""
+        bounds = self.free[name]
+        if self._by_logarithm(name):
+            return np.asarray(bounds.min * (bounds.max / bounds.min) ** units)
+        return np.asarray(bounds.min + units * (bounds.max - bounds.min))
+
     def per_unit(self, name: str, parameters: Values) -> float:
         """The derivative of a free parameter by its unit: the width of its range, but for logarithms."""
         if self._by_logarithm(name):

@@ -130,8 +130,35 @@ class Surrogate:
         """Curves of all tests in a row, (m, N) mN at the reference scale, at places (m, d) in units of the ranges."""
         if self.problem.kernel is None or self.of_measured:
             return self._runs(places)
-        elastic, values = self._runs(self.of_runs(places)), [self._values(place) for place in places]
-        return np.array([self._relaxed(row, at) for row, at in zip(elastic, values, strict=True)]).reshape(len(places), -1)
+        return self.relaxed(self.of_kernel(places), places)
+
+    def of_kernel(self, places: Array) -> Array:
+        """Curves of the runs themselves at places (m, d), (m, N_elastic), which `relaxed` takes."""
+        return self._runs(self.of_runs(places))
+
+    def relaxed(self, elastic: Array, places: Array) -> Array:
+        """Curves at the measured times (m, N), from those of the runs (m, N_elastic), at places (m, d)."""
+        rows = [self._relaxed(row, self._values(place)) for row, place in zip(elastic, places, strict=True)]
+        return np.array(rows).reshape(len(places), -1)
+
+    def measured(self, rows: Array, values: Mapping[str, float]) -> Array:
+        """Rows (..., N) at the measured times of rows of the runs, such as their errors, with the relaxation of `values`."""
+        return rows if self.problem.kernel is None or self.of_measured else self._relaxed(rows, values)
+
+    def at_moved(self, place: Array, moves: Sequence[Array], by_offset: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Curves (N,) and slopes (d, N) at one place (d,) where the material relaxes and the elastic curves of each test are moved
+        along the depth by operators (n_grid, n_grid), and what further operators make of each test's own, (tests, N)."""
+        own, kernel = self.of_runs(place[None]), self.problem.kernel
+        assert kernel is not None
+        elastic, slopes = self._runs(own)[0], self._slopes_of_runs(own)[0]
+        parts = [slice(end - size, end) for end, size in zip(np.cumsum(kernel.sizes), kernel.sizes, strict=True)]
+        ahead = np.zeros((len(parts), elastic.size))
+        for n, part in enumerate(parts):
+            ahead[n, part] = by_offset[n] @ elastic[part]
+        moved, moved_slopes = elastic.copy(), slopes.copy()
+        for move, part in zip(moves, parts, strict=True):
+            moved[part], moved_slopes[:, part] = move @ elastic[part], slopes[:, part] @ move.T
+        return self._relaxed_with_slopes(moved, moved_slopes, place, ahead)
 
     def slopes(self, places: Array) -> Array:
         """Derivatives of the curves by the units, (m, d, N)."""
@@ -139,7 +166,7 @@ class Surrogate:
             return self._slopes_of_runs(places)
         own = self.of_runs(places)
         triples = zip(self._runs(own), self._slopes_of_runs(own), places, strict=True)
-        return np.array([self._relaxed_slopes(row, slopes, place) for row, slopes, place in triples])
+        return np.array([self._relaxed_with_slopes(row, slopes, place)[1] for row, slopes, place in triples])
 
     def of_runs(self, places: Array) -> Array:
         """The columns of places (..., d) by which runs differ."""
@@ -170,7 +197,10 @@ class Surrogate:
 
     def at(self, place: Array) -> tuple[Array, Array]:
         """The curves (N,) and slopes (d, N) at one place (d,)."""
-        if self.problem.kernel is not None or not self.fitted.betas.size:
+        if self.problem.kernel is not None and not self.of_measured:
+            own = self.of_runs(place[None])
+            return self._relaxed_with_slopes(self._runs(own)[0], self._slopes_of_runs(own)[0], place)[:2]
+        if not self.fitted.betas.size:
             return self.curves(place[None])[0], self.slopes(place[None])[0]
         rows = polynomials.at_place(place, self.fitted.betas, self.degree) @ self.fitted.coefficients
         return rows[0], rows[1:]
@@ -191,17 +221,22 @@ class Surrogate:
         forces = np.concatenate(kernel.forces(parts, values), axis=-1)
         return forces if self.correction is None else np.asarray(self.correction * forces)
 
-    def _relaxed_slopes(self, elastic: Array, slopes: Array, place: Array) -> Array:
-        """Derivatives (d, N) at a place (d,), from elastic curves (N_elastic,) and their derivatives (d_runs, N_elastic)."""
+    def _relaxed_with_slopes(
+        self, elastic: Array, slopes: Array, place: Array, others: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """The curves (N,), their derivatives (d, N) and other rows (k, N) at a place (d,), from elastic curves (N_elastic,), their
+        derivatives (d_runs, N_elastic) and other rows (k, N_elastic)."""
         kernel, problem, values = self.problem.kernel, self.problem, self._values(place)
         assert kernel is not None
-        rows = list(self._relaxed(slopes, values)) if len(slopes) else []
+        given = [elastic[None], slopes, *([] if others is None else [others])]
+        force, rest = np.split(self._relaxed(np.concatenate(given), values), [1])
+        rows, beside = list(rest[: len(slopes)]), rest[len(slopes) :]
         names = problem.searched[len(rows) :]
         by_test = kernel.slopes(np.split(elastic, np.cumsum(kernel.sizes)[:-1]), values, names)
         for name in names:
             row = np.concatenate([given[name] for given in by_test]) * problem.per_unit(name, values)
             rows.append(row if self.correction is None else self.correction * row)
-        return np.array(rows)
+        return force[0], np.array(rows).reshape(-1, force.shape[1]), beside
 
     def near_failure(self, places: Array) -> Bools:
         """Whether the run nearest to each place failed, (m,)."""

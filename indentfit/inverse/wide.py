@@ -127,10 +127,12 @@ def widened_problem(problem: InverseProblem, inputs: tuple[UncertainInput, ...])
     starts = {known.point: min(max(known.value, known.low), known.high) for known in solved}
     free = {known.point: Range(start=starts[known.point], min=known.low, max=known.high) for known in solved}
     differences = tuple(known.point for known in solved if known.name not in DIFFERENTIABLE)
+    relaxing = problem.kernel.free if problem.kernel is not None else ()  # these stay the last of the searched parameters
+    own = {name: bounds for name, bounds in problem.free.items() if name not in relaxing}
     return replace(
         problem,
         start={**problem.start, **starts},
-        free={**problem.free, **free},
+        free={**own, **free, **{name: problem.free[name] for name in relaxing}},
         differences=(*problem.differences, *differences),
         warps={known.point: _warp(known) for known in solved},
     )
