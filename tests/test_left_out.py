@@ -58,12 +58,12 @@ def test_a_key_that_every_test_has_for_itself_may_be_left_out(tmp_path):
     assert one.fit.uncertain.friction.uniform == (0.0, 1.0)
 
 
-def test_a_left_out_bulk_ratio_of_a_material_that_relaxes_is_taken_as_known_and_said(tmp_path):
+def test_a_left_out_bulk_ratio_of_a_material_that_relaxes_is_unknown(tmp_path):
     relaxes = {"bulk_ratio": None, "relaxation": {"g": [0.5], "tau": [1.0]}}
     case = read_case(tiny_case(tmp_path, material=relaxes, test=[{**PRESSES[0], "ramp": 1.0}]))
-    assert case.fit.uncertain.bulk_ratio is None and case.material.bulk_ratio == 1000
-    assert any(line.startswith("material.bulk_ratio is left out: 1000 is taken as known") for line in case.warnings())
-    assert read_case(case.path, ["material.bulk_ratio=1000"]).hash == case.hash
+    assert case.fit.uncertain.bulk_ratio.log_uniform == (20.0, 5000.0) and case.material.bulk_ratio == 1000
+    assert any(line.startswith("material.bulk_ratio is unknown or left out: a fit goes over") for line in case.warnings())
+    assert read_case(case.path, ["material.bulk_ratio=unknown"]).hash == case.hash
 
 
 def test_layers_that_all_leave_their_bulk_ratio_out_have_an_unknown_one(tmp_path):
