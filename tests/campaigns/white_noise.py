@@ -10,7 +10,11 @@ its interval, and where none is said to be limited by the law's misfit, since th
 Prints for each noise the share of right verdicts, and how often mu and alpha lie in their intervals, with the exact binomial 99 %
 band about 95 %. Exit code 1 where fewer than 95 % of the verdicts are right, or a coverage is below the band.
 
-Seen so far: 4 cases at each noise, all right (8 s of CPU for 8 fits, 25 to 45 s for the runs).
+Seen on 28 and 29 November 2026: at 0.1 % noise 200 of 200 verdicts right; at 1 % 187 of 200, and on other draws (--draws 2, seeds 5
+and 6) 76 of 80, none of which blames the law: each wrong one is a miss of a 95 % interval (mu inside in 76 of 80, alpha in 77).
+Parameters that are determined miss as often as their intervals may, and a case counts as wrong where one of two does: intervals
+that are exact make between 5 and 10 % of the cases wrong. The 3 wrong among 51 "determined" mu of `rig_coverage` at 0.1 % noise are
+likewise the 3 of 61 that its intervals miss. 55 s of CPU for 40 fits, 25 to 55 s for the runs.
 """
 
 import argparse
