@@ -56,6 +56,7 @@ def pages(case, tmp_path_factory):
     return {path.name: path / "report.html" for path in home.iterdir() if path.is_dir()}
 
 
+REFERENCES = ("href", "clip-path", "fill")  # a bar whose hatching is not there is not seen
 KINDS = ("fit", "sweep", "mesh-check", "simulate", "design")
 PICTURES = {"design": 1}  # at least two in pages of other kinds
 
@@ -102,7 +103,7 @@ def test_names_within_the_page_are_its_own_and_every_reference_is_met(pages, kin
     outline = Outline(pages[kind].read_text())
     names = [attributes["id"] for _, attributes in outline.tags if "id" in attributes]
     assert len(names) == len(set(names))
-    used = [re.findall(r"#([^)\s]+)", value or "") for _, a in outline.tags for k, value in a.items() if k in ("href", "clip-path")]
+    used = [re.findall(r"#([^)\s]+)", value or "") for _, a in outline.tags for k, value in a.items() if k in REFERENCES]
     assert {name for found in used for name in found} <= set(names)
 
 
@@ -197,6 +198,16 @@ def test_a_drawn_figure_has_no_style_and_keeps_its_colours():
     figure.add_subplot().plot([0, 1], [0, 1], color="#0072B2")
     svg = str(drawn(figure, "caption", "a line").svg)
     assert "style" not in svg and 'stroke="#0072b2"' in svg and "url(#f" in svg
+
+
+def test_a_hatched_bar_of_a_figure_keeps_its_hatching():
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    figure.add_subplot().bar([0, 1], [1, 2], color="#D55E00", hatch="////")
+    svg = str(drawn(figure, "caption", "two bars").svg)
+    (used,) = set(re.findall(r'fill="url\(#([^)]+)\)"', svg))
+    assert f'<pattern id="{used}"' in svg or re.search(rf'<pattern [^>]*id="{used}"', svg)
 
 
 # ---- in a browser ------------------------------------------------------------------------------------------------

@@ -39,6 +39,7 @@ def test_both_ends_of_an_interval_have_the_same_digits():
     ("written", "shown"),
     [
         ("mu = 1.2, zeta and phi.", "μ = 1.2, ζ and φ."), ("alpha1, alpha_2", "α₁, α₂"),
+        ("an order 0.5 <= p <= 2.1", "an order 0.5 ≤ p ≤ 2.1"),
         ("psi = mu/2 (I1 - 3)", "ψ = μ/2 (I1 - 3)"),
         ("-0.089 to -1", "−0.089 to −1"), ("+-0.47 %", "±0.47 %"), ("2 x 20 mm", "2 × 20 mm"),
         ("R2 0.99, 3 mN^2", "R² 0.99, 3 mN²"),

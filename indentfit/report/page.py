@@ -30,7 +30,7 @@ HERE = Path(__file__).parent
 SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 STACKED = 3
 NUMBER = itertools.count()  # of figures: their names differ on a page
-DRAWN = ("svg", "g", "defs", "path", "use", "clipPath", "rect", "image", "text", "tspan")  # elements of a figure that a page shows
+DRAWN = ("svg", "g", "defs", "path", "use", "clipPath", "pattern", "rect", "image", "text", "tspan")  # elements that a page shows
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ EDGE = r"(?<![\w./\\=-])"  # no part of a file's name, of a key with points, or 
 NAMES = re.compile(rf"{EDGE}({'|'.join(GREEK)})(?:_?(\d))?(?![\w\\-]|/(?!\d)|\.\w)")
 MINUS = re.compile(r"(?<![\w./\\-])-(?=\d)")
 POWERS = re.compile(r"\b(mm|mN|kPa|R)\^?2\b")
+RELATIONS = {" <= ": " ≤ ", " >= ": " ≥ "}
 TIMES = re.compile(r"(?<=\d) x (?=\d|shear)")
 EXPONENT = re.compile(r"(?<=\d)e([+-])0?(\d+)\b")
 
@@ -25,6 +26,8 @@ def symbol(name: str) -> str:
 def typeset(text: str) -> str:
     """A sentence, or the cell of a table, with Greek letters of parameters, true minus signs, plus-minus signs and powers."""
     text = EXPONENT.sub(_power_of_ten, symbol(text).replace("+-", "±"))
+    for written, shown in RELATIONS.items():
+        text = text.replace(written, shown)
     return TIMES.sub(" × ", POWERS.sub(r"\1²", MINUS.sub("−", text)))
 
 
