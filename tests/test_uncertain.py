@@ -1,6 +1,8 @@
 """Uncertain inputs as coordinates of a fit: priors, the density over parameters and inputs, profiles, and mixtures."""
 
+import html
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,6 +32,7 @@ from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import UncertainInput, alternatives, uncertain_inputs, widened_problem
+from indentfit.report.fit_folder import write_fit
 from indentfit.runs.forward import Evaluation, simulate
 
 DEPTH = np.linspace(0.0132, 0.33, 25)
@@ -352,6 +355,17 @@ def test_the_result_of_uncertain_inputs_is_written_and_read_back(unknown_base):
     text = unknown_base.summary()
     assert "base = bonded, probability" in text
     assert "friction (prior 0 to 1; fitted" in text
+
+
+def test_the_methods_of_a_joint_fit_are_those_of_a_joint_fit(unknown_base, tmp_path):
+    """Not profile likelihoods at a known friction, which the paragraph named until a newcomer's case showed it."""
+    write_fit(unknown_base, tmp_path / "out", fields=False)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    methods = " ".join(html.unescape(re.sub("<[^>]+>", "", page[page.index("Methods, ready to paste</h2>") :])).split())
+    assert "a joint search over the parameters and friction" in methods
+    assert "friction, 0 to 1" in methods and "base = bonded, probability" in methods
+    assert "smallest sets that hold 95 % of the posterior" in methods
+    assert "profile likelihood" not in methods
 
 
 def unproved(tmp_path, monkeypatch, **fitted):

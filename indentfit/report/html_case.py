@@ -26,7 +26,7 @@ def case_words(case: CaseFacts) -> tuple[str, ...]:
     lines = [
         *([f"Sample: {case.sample}", f"Indenter: {case.indenter}"] if case.sample else []),
         *(f"Layer {words}" for words in case.layers),
-        *([] if case.layers else [f"Material: {material.model or material.energy}, {bulk}"]),
+        *([] if case.layers else [f"Material: {material.model or material.energy}, {bulk}{case.bulk_doubt}"]),
         *([f"Energy: {drawn_formulas(case.equation)}"] if case.equation else []),
         *(f"Test {test.name}: {test.own}" for test in case.tests if test.own),
         *([_mesh_words(case, asked)] if case.sample else []),

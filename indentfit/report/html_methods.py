@@ -16,11 +16,13 @@ METHODS = {
     "differential_evolution": "differential evolution with a surrogate of the force curves",
     "cma": "the covariance matrix adaptation evolution strategy with a surrogate of the force curves",
 }
+OF_PROFILES = (
+    "Raue A et al. (2009) Bioinformatics 25:1923-1929, doi 10.1093/bioinformatics/btp358 (profile likelihood)",
+    "JCGM 100:2008, Guide to the expression of uncertainty in measurement, annex G (degrees of freedom)",
+)
 REFERENCES = (
     "Feng Y, Lee C-H, Sun L, Ji S, Zhao X (2017) J Mech Behav Biomed Mater 65:490-501, doi 10.1016/j.jmbbm.2016.09.020 (inverse "
     "method, equation (1))",
-    "Raue A et al. (2009) Bioinformatics 25:1923-1929, doi 10.1093/bioinformatics/btp358 (profile likelihood)",
-    "JCGM 100:2008, Guide to the expression of uncertainty in measurement, annex G (degrees of freedom)",
     "Gustafsson T, McBain GD (2020) J Open Source Softw 5:2369, doi 10.21105/joss.02369 (scikit-fem)",
 )
 
@@ -30,7 +32,8 @@ def methods_section(stored: Stored, result: FitResult) -> list[Section]:
     if stored.case is None or result.no_fit or not result.success:
         return []
     paragraphs = (" ".join(_model(stored.case, result)), " ".join(_fit(stored, result)), " ".join(_found(result)))
-    parts: tuple[Part, ...] = (*(Text(paragraph) for paragraph in paragraphs), Lines(REFERENCES))
+    references = REFERENCES if _is_joint(result) else (REFERENCES[0], *OF_PROFILES, *REFERENCES[1:])
+    parts: tuple[Part, ...] = (*(Text(paragraph) for paragraph in paragraphs), Lines(references))
     return [Section("methods", "Methods, ready to paste", parts)]
 
 
@@ -53,6 +56,7 @@ def _model(case: CaseFacts, result: FitResult) -> Iterator[str]:
     if case.layers:
         yield f"The layers, from the top, followed hyperelastic laws ({'; '.join(case.layers)}): {_first_sentence(case.equation)}"
         return
+    bulk = "an unknown bulk modulus" if case.bulk_doubt else bulk
     yield f"The material followed the hyperelastic law {name} with {bulk}: {_first_sentence(case.equation)}"
 
 
@@ -69,12 +73,15 @@ def _fit(stored: Stored, result: FitResult) -> Iterator[str]:
     )
     kind = "synthetic" if len(stored.synthetic) == len(stored.case.tests) else "measured"
     version = result.versions.get("indentfit", "")
-    yield (
-        f"Its parameters {', '.join(result.free)} were fitted to the {kind} forces of {tests} with indentfit {version}, by "
-        f"{METHODS.get(result.method, result.method)} ({result.nfev} sets of parameters), which made the weighted sum of the "
-        "root mean square errors least (Feng et al. 2017)."
-    )
+    fitted = f"Its parameters {', '.join(result.free)} were fitted to the {kind} forces of {tests} with indentfit {version}, by "
     inputs = result.uncertain.inputs
+    if _is_joint(result):
+        yield fitted + " ".join(_jointly(result))
+        return
+    yield (
+        f"{fitted}{METHODS.get(result.method, result.method)} ({result.nfev} sets of parameters), which made the weighted sum of "
+        "the root mean square errors least (Feng et al. 2017)."
+    )
     others = [name for name in inputs if name not in ("mesh", "noise")]
     mesh = inputs.get("mesh")
     sources = ["the noise of the residuals, whose autocorrelation was taken into account"]
@@ -84,6 +91,38 @@ def _fit(stored: Stored, result: FitResult) -> Iterator[str]:
         f"Intervals are 95 % profile likelihoods (Raue et al. 2009) of {'; '.join(sources)}; the limit of χ² follows Student's t "
         "with Welch and Satterthwaite's degrees of freedom (JCGM 100:2008)."
     )
+    yield from _known(result)
+
+
+def _is_joint(result: FitResult) -> bool:
+    """Whether uncertain inputs were coordinates of the fit."""
+    return any(share.prior is not None for share in result.uncertain.inputs.values())
+
+
+def _jointly(result: FitResult) -> Iterator[str]:
+    """How uncertain inputs were fitted beside the parameters; the words go on from "by"."""
+    inputs = result.uncertain.inputs
+    coordinates = [name for name, share in inputs.items() if share.fitted is not None]
+    priors = "; ".join(
+        f"{name}, {share.prior}{'' if share.unit in (None, '1') else f' {share.unit}'}"
+        for name, share in inputs.items()
+        if share.fitted is not None
+    )
+    yield f"a joint search over the parameters and {', '.join(coordinates) or 'the alternatives'} on a surrogate of"
+    yield f"{result.nfev} sets of parameters and inputs."
+    if priors:
+        yield f"These inputs had priors ({priors})."
+    if result.uncertain.alternatives:
+        weighed = "; ".join(f"{each.name}, probability {each.probability:.2f}" for each in result.uncertain.alternatives)
+        yield f"Alternatives were fitted each and weighed by their evidence ({weighed})."
+    mesh = inputs.get("mesh")
+    error = f", with the error of the mesh (±{mesh.sd:.2%} of the force) as a correlated term" if mesh and mesh.sd else ""
+    yield f"Intervals are the smallest sets that hold 95 % of the posterior of parameters, inputs and noise{error}."
+    yield from _known(result)
+
+
+def _known(result: FitResult) -> Iterator[str]:
+    """The inputs that were taken as exact."""
     if result.taken_as_known:
         known = "; ".join(f"{given.input} {given.taken}" for given in result.taken_as_known)
         yield f"These inputs were taken as exactly known: {known}."

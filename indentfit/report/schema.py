@@ -77,6 +77,8 @@ class CaseFacts:
         "1" for none.
     layers : tuple of str
         Each layer of the sample in words, the top one first, with its law and bulk modulus; empty for a sample of one material.
+    bulk_doubt : str
+        Behind the bulk modulus: by what the bulk ratio is uncertain, in words; empty where it is taken as known.
     """
 
     sample: str
@@ -88,6 +90,7 @@ class CaseFacts:
     equation: str
     units: dict[str, str]
     layers: tuple[str, ...] = ()
+    bulk_doubt: str = ""
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "CaseFacts":
@@ -104,6 +107,7 @@ class CaseFacts:
             equation=value.get("equation", ""),
             units=dict(value.get("units", {})),
             layers=tuple(map(_layer_words, value["sample"].get("layer") or ())),
+            bulk_doubt=_doubts(value, "bulk_ratio"),
         )
 
 
