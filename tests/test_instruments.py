@@ -122,6 +122,8 @@ SPELLED = {  # how a number is spelled, and the separator
     "thousands in quotes": (lambda value: f'"{value:,.5f}"', ","),
     "thousands": (lambda value: f"{value:,.5f}", "\t"),
     "thousands of German": (lambda value: f"{value:,.5f}".translate(str.maketrans(".,", ",.")), ";"),
+    "thousands of Swiss": (lambda value: f"{value:,.5f}".replace(",", "'"), ";"),
+    "thousands of French": (lambda value: f"{value:,.5f}".replace(",", "\u202f").replace(".", ","), ";"),
     "decimal comma in quotes": (lambda value: '"' + f"{value:.5f}".replace(".", ",") + '"', ","),
 }
 
@@ -260,6 +262,23 @@ def test_the_travel_of_a_piezo_less_the_cantilever_is_the_indentation(tmp_path):
     assert record.stated.radius == pytest.approx(0.0275) and record.stated.stiffness == pytest.approx(0.019)
     named = read_record(tmp_path / "r.txt", Record(displacement=RecordChannel(column="Piezo"), preset=None))
     np.testing.assert_allclose(named.displacement, D, atol=1e-9)
+
+
+def test_a_travel_of_another_sensor_is_named(tmp_path):
+    """A crosshead that moves a fifth more than the sensor beside the sample; the same travel the other way round is no other."""
+    path = written(tmp_path / "r.csv", ["Time (s),Crosshead (mm),LVDT (mm),Load (N)"], (T, 1.2 * D, D, F / 1000), ",")
+    (note,) = read_record(path).notes
+    assert "'LVDT (mm)' moves otherwise than 'Crosshead (mm)'" in note and "record.displacement.column" in note
+    chosen = read_record(path, Record(displacement=RecordChannel(column="LVDT")))
+    np.testing.assert_allclose(chosen.displacement, D, atol=1e-9)
+    same = written(tmp_path / "s.csv", ["Time (s),Crosshead (mm),Position (mm),Load (N)"], (T, D, 50 - D, F / 1000), ",")
+    assert chosen.notes == read_record(same).notes == ()
+
+
+def test_of_a_sensor_with_three_directions_that_of_the_indenter_is_taken(tmp_path):
+    header = ["Time [s],z-Position [µm],F_x [mN],F_z [mN],F_y [mN]"]
+    record = read_record(written(tmp_path / "r.csv", header, (T, 1e3 * D, 0.1 * F, F, -0.1 * F), ","))
+    np.testing.assert_allclose(record.force, F, atol=1e-9)
 
 
 def test_stiffness_and_compliance_are_subtracted(tmp_path):

@@ -10,9 +10,21 @@ from indentfit.arrays import Array
 from indentfit.case import RecordChannel
 from indentfit.errors import RecordError
 from indentfit.experiment.formats.table import Table
-from indentfit.experiment.formats.words import ELECTRIC, KIND, is_deflection, is_stage, rank_of, unit_of_label, without_unit
+from indentfit.experiment.formats.words import (
+    ELECTRIC,
+    KIND,
+    is_axial,
+    is_deflection,
+    is_height,
+    is_stage,
+    rank_of,
+    unit_of_label,
+    without_unit,
+)
 
 LONGEST_LIST = 300  # letters of the columns that a message lists
+OTHERWISE = 0.01  # share of the travel by which another sensor's travel differs clearly
+REACH = 5.0  # ratio of travels of the indenter by two sensors
 Rank = tuple[int, ...]  # smaller is better
 
 
@@ -44,6 +56,8 @@ def chosen_column(path: Path, table: Table, quantity: str, channel: RecordChanne
     best = [n for n, rank in ranks.items() if rank == min(ranks.values())]
     if len(best) > 1 and _alike(table, best):
         best = best[:1]
+    if len(best) > 1:
+        best = [n for n in best if any(map(is_axial, table.labels(n)))] or best
     if len(best) == 1:
         return best[0]
     what = f"{len(best) or 'no'} columns of {quantity}"
@@ -93,6 +107,24 @@ def stage_column(table: Table) -> int | None:
         if any(map(is_stage, table.labels(n))) and column_unit(table, n) is None:
             return n
     return None
+
+
+def other_travels(table: Table, place: int) -> list[int]:
+    """Columns of lengths that move as far as the column at `place`, within a factor of REACH, and not as it does: another sensor's.
+
+    A column that holds the same motion, counted from elsewhere or the other way round, is none of them.
+    """
+    own = table.values[:, place]
+    others = []
+    for n in range(table.width):
+        unit, labels = column_unit(table, n), table.labels(n)
+        if n == place or unit != column_unit(table, place) or any(is_deflection(label) or is_height(label) for label in labels):
+            continue
+        values, span = table.values[:, n], _span(own)
+        apart = min(_span(values - own), _span(values + own))
+        if apart > OTHERWISE * span and span / REACH < _span(values) < REACH * span:
+            others.append(n)
+    return others
 
 
 def listed_columns(table: Table) -> str:

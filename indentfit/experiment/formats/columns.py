@@ -18,6 +18,7 @@ from indentfit.experiment.formats.choice import (
     column_unit,
     deflection_column,
     named_column,
+    other_travels,
     piezo_column,
     stage_column,
 )  # fmt: skip
@@ -205,7 +206,20 @@ def _displacement(source: _Source, travel: _Travel, force: Array) -> _Taken:
     """The displacement of the indenter into the sample: its travel less what the instrument gives way."""
     stiffness = _stiffness(source, travel)
     values, bent = _unbent(source, travel, force, stiffness)
-    return _Taken(values, travel.words + bent, () if stiffness else tuple(_travel_notes(source, travel)))
+    notes = () if stiffness else tuple(_travel_notes(source, travel))
+    return _Taken(values, travel.words + bent, (*notes, *_other_travels(source, travel)))
+
+
+def _other_travels(source: _Source, travel: _Travel) -> Iterator[str]:
+    """A note where the file has travels of two sensors, of which nobody chose one."""
+    if source.settings.displacement.column is not None or travel.minus is not None:
+        return
+    others = [source.label(n) for n in other_travels(source.table, travel.place)]
+    if others:
+        yield (
+            f"{', '.join(map(repr, others))} moves otherwise than {source.label(travel.place)!r}, which was taken: give "
+            "record.displacement.column, the sensor that is nearest to the sample"
+        )
 
 
 def _require_apart(source: _Source, place: int) -> None:

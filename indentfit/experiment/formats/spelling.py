@@ -7,6 +7,7 @@ import re
 BEFORE, AFTER = r'(?<![^\t;"\n])[ ]*', r'(?=[ ]*(?:[\t;"\n]|$))'
 POINTED = re.compile(rf"{BEFORE}([-+]?\d{{1,3}}(?:,\d{{3}})+\.\d+){AFTER}", re.M)  # 1,500.25
 COMMAED = re.compile(rf"{BEFORE}([-+]?\d{{1,3}}(?:\.\d{{3}})+,\d+){AFTER}", re.M)  # 1.500,25
+SPACED = re.compile(rf"{BEFORE}([-+]?\d{{1,3}}(?:[\u00a0\u2009\u202f'\u2019]\d{{3}})+(?:[.,]\d+)?){AFTER}", re.M)  # 1'500.25
 QUOTED = re.compile(r'"([-+]?\d+(?:,\d+)+(?:[eE][-+]?\d+)?)"')  # "0,125" or "1,500" between commas
 POINT = re.compile(r'(?<![\w.:/-])"?[-+]?\d*\.\d+(?:[eE][-+]?\d+)?"?(?=[\t;,\s]|$)')
 CLOCK = re.compile(
@@ -22,6 +23,7 @@ def plain_numbers(text: str) -> str:
 
     A comma in quotes marks thousands where the text has decimal points, and decimals where it has none.
     """
+    text = SPACED.sub(lambda match: re.sub(r"[\u00a0\u2009\u202f'\u2019]", "", match[1]), text)
     if "," in text:
         text = POINTED.sub(_without_commas, text)
         text = COMMAED.sub(_without_points, text)

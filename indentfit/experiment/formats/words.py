@@ -107,6 +107,11 @@ def is_deflection(label: str) -> bool:
     return any(word.startswith(DEFLECTIONS) for word in words_of(label))
 
 
+def is_axial(label: str) -> bool:
+    """Whether a header's text names the direction z: that of the indenter, where a sensor has three."""
+    return any(word in ("z", "fz") for word in words_of(label))
+
+
 def is_height(label: str) -> bool:
     """Whether a header's text names a height or a gap, which becomes less while the indenter moves into the sample."""
     return any(word.startswith(FALLING) for word in words_of(label)[:1])

@@ -54,12 +54,21 @@ def _table(path: Path, name: str, rows: list[list[Cell]], skip_rows: int) -> Tab
             f'{path}: no row of numbers in the sheet; give record.sheet or record.sheets = "all", or store numbers as numbers, not '
             "as text"
         )
-    wanted = [_is_number(cell) for cell in rows[first]]
+    held = [_mostly_numbers(rows[first:], n) for n in range(len(rows[first]))]
+    wanted = [_is_number(cell) and numbers for cell, numbers in zip(rows[first], held, strict=True)]
     body = [(n, row) for n, row in enumerate(rows[first:], start=first + 1) if any(map(_is_number, row)) or n == first + 1]
     values = [[_value(f"{path}: row {n}", cell, number) for cell, number in zip(row, wanted, strict=True)] for n, row in body]
+    table = np.array(values)
+    table[:, ~np.array(held)] = np.nan
     header = [[str(cell).strip() for cell in row] for row in rows[skip_rows:first] if any(cell != "" for cell in row)]
     above = tuple(" ".join(cell for cell in row if cell) for row in header)
-    return Table(header, np.array(values), first + 1, name=name, above=above)
+    return Table(header, table, first + 1, name=name, above=above)
+
+
+def _mostly_numbers(rows: list[list[Cell]], column: int) -> bool:
+    """Whether a column holds more numbers than words: a few results beside the table are none of it."""
+    cells = [row[column] for row in rows if row[column] != ""]
+    return 2 * sum(map(_is_number, cells)) > len(cells)
 
 
 def _is_number(cell: Cell) -> bool:
