@@ -271,7 +271,7 @@ def test_a_travel_of_another_sensor_is_named(tmp_path):
     assert "'LVDT (mm)' moves otherwise than 'Crosshead (mm)'" in note and "record.displacement.column" in note
     chosen = read_record(path, Record(displacement=RecordChannel(column="LVDT")))
     np.testing.assert_allclose(chosen.displacement, D, atol=1e-9)
-    same = written(tmp_path / "s.csv", ["Time (s),Crosshead (mm),Position (mm),Load (N)"], (T, D, 50 - D, F / 1000), ",")
+    same = written(tmp_path / "s.csv", ["Time (s),Extension (mm),Position (mm),Load (N)"], (T, D, 50 - D, F / 1000), ",")
     assert chosen.notes == read_record(same).notes == ()
 
 
