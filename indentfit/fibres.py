@@ -12,6 +12,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.errors import MeshError
+from indentfit.fibre_map import FibreMap
 
 Kept = Literal["quarter", "half", "mirror_x", "mirror_z", "whole"]
 """What of the sample decides on the rest: a quarter (mirror planes x = 0 and z = 0), a half (turned by 180 degrees about y, it is
@@ -43,6 +44,15 @@ def direction(angle: float, dip: float = 0.0) -> Array:
 
 Families = tuple[tuple[float, float], tuple[float, float]]
 """Two families of fibres: angle of each from a common direction in the plane of the sample, and its dip, degrees."""
+
+
+Fibre = Array | FibreMap
+"""Directions of fibres in a sample: (3,) of one family, (2, 3) of two, or a map of them."""
+
+
+def fibre_of(angle: float, dip: float = 0.0, families: Families | FibreMap | None = None) -> Fibre:
+    """The directions of the fibres in a test: those of a map, turned by the angle, or as `directions` has them."""
+    return families.turned(angle) if isinstance(families, FibreMap) else directions(angle, dip, families)
 
 
 def directions(angle: float, dip: float = 0.0, families: Families | None = None) -> Array:
@@ -79,6 +89,17 @@ def kept_by_two(fibres: Array, alike: bool) -> Kept:
     return "mirror_x" if mirror_x else "mirror_z" if mirror_z else "whole"
 
 
+def kept_by_map(fibres: FibreMap) -> Kept:
+    """The symmetry that directions on points keep, at the points and their images."""
+    places = fibres.own_places
+    turn, mirror_x, mirror_z = (fibres.keeps(image, places) for image in ("turn", "x", "z"))
+    if mirror_x and mirror_z:
+        return "quarter"
+    if turn:
+        return "half"
+    return "mirror_x" if mirror_x else "mirror_z" if mirror_z else "whole"
+
+
 def _same(a: Array, b: Array) -> bool:
     """Whether two unit vectors are along the same line."""
     return bool(abs(abs(float(a @ b)) - 1) < SAME_LINE)
@@ -106,8 +127,8 @@ class Direction:
     angle, dip : float, degrees
     turns : bool
         Whether a fit turns them about y, so that no symmetry may be used that only the angle keeps.
-    families : Families or None
-        Two families of fibres about the direction `angle`.
+    families : Families, FibreMap or None
+        Two families of fibres about the direction `angle`, or directions on points of the sample that is turned by `angle`.
     alike : bool
         Whether the two are of the same kind.
     """
@@ -115,12 +136,14 @@ class Direction:
     angle: float
     dip: float = 0.0
     turns: bool = False
-    families: Families | None = None
+    families: Families | FibreMap | None = None
     alike: bool = False
 
     @property
     def kept(self) -> Kept:
         """The symmetry that the fibres keep."""
+        if isinstance(self.families, FibreMap):
+            return kept_by_map(self.families.turned(self.angle + (TURNED if self.turns else 0.0)))
         if self.families is not None:
             return kept_by_two(directions(self.angle + (TURNED if self.turns else 0.0), 0.0, self.families), self.alike)
         return kept(45.0 if self.turns else self.angle, self.dip)
@@ -128,6 +151,10 @@ class Direction:
     def turned(self, angle: float) -> "Direction":
         """The direction turned about y by an angle, degrees."""
         return replace(self, angle=(self.angle + angle) % 180) if angle else self
+
+    def on(self, fibres: FibreMap, angle: float) -> "Direction":
+        """The direction with a map in its place, on a sample that is turned by a further angle, degrees."""
+        return replace(self, angle=self.angle + angle, families=fibres)
 
 
 def part_for(directions: Iterable[Kept], asked: str = "auto") -> Kept:
@@ -158,8 +185,10 @@ def part_for(directions: Iterable[Kept], asked: str = "auto") -> Kept:
     return "half" if asked == "half" and least == "quarter" else least
 
 
-def words(angle: float, dip: float = 0.0, families: Families | None = None) -> str:
+def words(angle: float, dip: float = 0.0, families: Families | FibreMap | None = None) -> str:
     """A direction for people, such as "30°" or "30°, dipping 45°"; of two families "0°, families at 41° and -41°"."""
+    if isinstance(families, FibreMap):
+        return f"{angle:g}°, {families.words}"
     if families is not None:
         return f"{angle:g}°, families at {' and '.join(words(*family) for family in families)} from there"
     return f"{angle:g}°" + (f", dipping {dip:g}°" if dip else "")

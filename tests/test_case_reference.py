@@ -85,6 +85,8 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
     beside |= {"test.rate": relaxes, "test.ramp": relaxes, "test.hold": [*relaxes, "test.parallel.rate=0.1"]}
     two = ["material.model=two_families", "material.parameters={mu=1,zeta=1,phi=1,second=1}", "sample.families=[40,-40]"]
     beside |= {key: two for key in EVERY if key.endswith((".families", ".family_dips"))}
+    places = [(x, z) for x in range(-6, 7, 3) for z in range(-6, 7, 3) if x * x + z * z < 48]
+    (case.parent / "fibres.csv").write_text("x_mm,z_mm,angle_deg\n" + "".join(f"{x},{z},{x + 20}\n" for x, z in places))
     own = "{c=1,k1=1,k2=1,dispersion=0,k1_second=1,dispersion_second=0}"
     beside["material.shared"] = ["material.model=holzapfel_own_families", f"material.parameters={own}", "sample.families=[40,-40]"]
     if key.removeprefix("test.") in OF_SPECIMENS:

@@ -9,11 +9,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from indentfit.arrays import Array
+from indentfit.case.fibre_faults import faults_of_map, faults_of_turns
 from indentfit.case.laws import families_of, fibres_in, has_fibres
 from indentfit.case.messages import MISSING, Fault, Key
 from indentfit.case.specimen import specimen_of
 from indentfit.case.tables import MaterialChoice, Sample, Test
 from indentfit.errors import CaseError
+from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Direction, directions
 from indentfit.material import Material
 
@@ -41,6 +43,8 @@ def faults_of_families(
     for place, table in places:
         if table is not None:
             yield from _of_sample(place, table, law)
+            on_it = [(label, test) for label, test in indentations if test and bool(test.sample) == (place != ("sample",))]
+            yield from _of_map(place, table, law, [pair for pair in on_it if place in (("sample",), ("test", pair[0], "sample"))])
     for label, test in tests:
         if test is not None and test.kind in (None, "indentation"):
             yield from _of_dip(label, test, law)
@@ -65,12 +69,21 @@ def _of_sample(place: Key, sample: Sample, law: type[Material]) -> Iterator[Faul
                 yield Fault((*place, key), list(value), _one_family(law))
         return
     if families is None:
-        if "families" not in sample.model_fields_set:
+        if "families" not in sample.model_fields_set and sample.directions is None:
             yield Fault((*place, "families"), MISSING, NEEDED.format("test.angle states"))
         return
     a, b = directions(0.0, 0.0, families_of(law, sample))
     if text := _between(law, float(a @ b)):
         yield Fault((*place, "families"), list(families), text)
+
+
+def _of_map(place: Key, sample: Sample, law: type[Material], tests: Sequence[tuple[str, Test]]) -> Iterator[Fault]:
+    """Faults of directions on points, of a sample and the tests on it."""
+    fibres, shape, key = sample.directions, sample.geometry_if_right(), (*place, "directions")
+    if not isinstance(fibres, FibreMap) or shape is None:
+        return
+    faults = list(faults_of_map(key, fibres, shape.outline, float(sample.thickness), law, has_fibres(law)))
+    yield from faults or faults_of_turns(key, fibres, shape.outline, tests, sample.prestretch is not None)
 
 
 def _one_family(law: type[Material]) -> str:

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from indentfit.case.fibre_file import TURNED_BLOCK
 from indentfit.case.materials import LayersChoice, MaterialChoice
 from indentfit.case.tables import Mesh, Range, Sample
-from indentfit.errors import MaterialError
+from indentfit.errors import CaseError, MaterialError
+from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Direction, Families, Kept
 from indentfit.material import (
     FIRST_FAMILY,
@@ -29,6 +31,7 @@ from indentfit.material import (
     trial_values,
     typed,
 )
+from indentfit.samples import Circle
 
 YOUNG = "young"  # the word for Young's modulus among the parameters
 OF_FIBRES = {*FIRST_FAMILY, *SECOND_FAMILY}  # invariants that depend on a direction
@@ -111,7 +114,17 @@ def families_of(law: type[Material], sample: Sample) -> Families | None:
 
 
 def fibres_in(choice: MaterialChoice, law: type[Material], sample: Sample, direction: Direction) -> Direction:
-    """The direction of the fibres in a test, as the sample has them, of the one that the test states."""
+    """The direction of the fibres in a test, as the sample has them, of the one that the test states.
+
+    Raises
+    ------
+    CaseError
+        The test would turn a block on which directions were measured.
+    """
+    if isinstance(sample.directions, FibreMap) and has_fibres(law):
+        if direction.angle % 180 and not isinstance(sample.geometry.outline, Circle):
+            raise CaseError([f"test.angle = {direction.angle:g}: {TURNED_BLOCK}"])
+        return direction.on(sample.directions, sample.fibre_angle)
     turned = direction.turned(sample.fibre_angle)
     families = families_of(law, sample)
     if families is None:

@@ -123,11 +123,11 @@ def unknown(key: str, known: Iterable[str], what: str = "key", sections: Mapping
         return f"unknown {what}; did you mean {word}?{reason}"
     if word == "young" and "parameters" in known:
         return f"unknown {what}; give young among [material.parameters].{reason}"
-    if near := suggestion(key, known):
-        return f"unknown {what}{near}"
     for name, model in (sections or {}).items():
         if key in model.model_fields:
             return f"unknown {what} here; it belongs to [{name}]"
+    if near := suggestion(key, known):
+        return f"unknown {what}{near}"
     return f"unknown {what}; known here: {', '.join(known)}"
 
 

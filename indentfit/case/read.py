@@ -41,10 +41,11 @@ from indentfit.case.specimen import loading_of
 from indentfit.case.tables import MaterialChoice, Test
 from indentfit.case.unknown import with_priors
 from indentfit.case.whole import Case
-from indentfit.case.write import case_tree
+from indentfit.case.write import case_tree, maps_of
 from indentfit.curve import Curve, read_curve
 from indentfit.displacements import Displacements, read_displacements
 from indentfit.errors import CaseError, CurveError, MaterialError, RecordError
+from indentfit.fibre_map import FibreMap, read_fibre_map
 from indentfit.material import Layered, Material, layered, sharing
 from indentfit.units import number_in
 
@@ -124,8 +125,9 @@ def override_case(case: Case, overrides: Sequence[str], openers: Openers | None 
         test.curve: curve for test, curve in zip(case.tests, case.curves, strict=True) if isinstance(test.curve, str) and curve
     }
     fields = {own.points.file: own.points for test in case.tests for own in test.field}
+    maps = dict(maps_of(case).values())
     given, faults = override(tree, overrides)
-    parts = _parts(tree, Sources(case.folder, openers, curves, fields), faults)
+    parts = _parts(tree, Sources(case.folder, openers, curves, fields, maps), faults)
     _raise(faults, None, tree, given)
     return Case.of_parts(parts, None, ())
 
@@ -138,6 +140,11 @@ class Sources:
     openers: Openers | None = None
     curves: Mapping[str, Curve] = field(default_factory=dict)
     fields: Mapping[str, Displacements] = field(default_factory=dict)
+    maps: Mapping[str, FibreMap] = field(default_factory=dict)
+
+    def fibres(self, name: str) -> FibreMap:
+        """The directions of fibres in a file, or those of a map in memory that is called so."""
+        return self.maps[name] if name in self.maps else replace(read_fibre_map(self.folder / name), file=name)
 
     def displacements(self, name: str) -> Displacements:
         return self.fields[name] if name in self.fields else replace(read_displacements(self.folder / name), file=name)
@@ -253,7 +260,7 @@ def _parts(tree: Tree, sources: Sources, faults: list[Fault]) -> Parts:
         for name, model in SECTIONS.items()
         if name not in absent and not (name == "material" and name not in tree and tables_of_layers(tree))
     }
-    sample = sections.get("sample")
+    sections["sample"] = sample = _with_map(sections.get("sample"), ("sample",), sources, faults)
     sections = with_materials({"material": None, **sections}, (sample and sample.layer) or ())
     tests = [keys for keys in tests_of(tree) if isinstance(keys, dict) and keys.get("kind") not in SPECIMENS]
     sections = with_priors(sections, tests)
@@ -444,9 +451,24 @@ def _tests_and_curves(
     return tests, curves
 
 
+def _with_map(sample: Any, place: Key, sources: Sources, faults: list[Fault]) -> Any:
+    """The sample, of a case or a test, with the directions of its fibres in the place of their file."""
+    if sample is None or not isinstance(sample.directions, str):
+        return sample
+    try:
+        return sample.with_key("directions", sources.fibres(sample.directions))
+    except CurveError as error:
+        faults.append(Fault((*place, "directions"), sample.directions, str(error)))
+        return sample
+
+
 def _with_fields(test: Test | None, label: str, sources: Sources, faults: list[Fault]) -> Test | None:
-    """The test with the displacements of its fields in the place of their files."""
-    if test is None or not test.field:
+    """The test with the displacements of its fields, and the directions of its sample's fibres, in the place of their files."""
+    if test is None:
+        return test
+    if test.sample is not None:
+        test = test.model_copy(update={"sample": _with_map(test.sample, ("test", label, "sample"), sources, faults)})
+    if not test.field:
         return test
     read = []
     for own in test.field:

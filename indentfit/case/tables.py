@@ -18,6 +18,7 @@ from pydantic.fields import FieldInfo
 from indentfit import indenters, samples
 from indentfit.arrays import Array, Ints
 from indentfit.case import specimen
+from indentfit.case.fibre_file import FibreFile
 from indentfit.case.materials import Layer as Layer
 from indentfit.case.materials import MaterialChoice as MaterialChoice
 from indentfit.case.measured_field import MeasuredField, one_or_many
@@ -86,6 +87,13 @@ class Sample(Section):
         default=None,
         examples=[[0, 0]],
         description="angles by which these two families rise out of the sample's plane, towards the indenter; 0 by default",
+    )
+    directions: FibreFile | None = Field(
+        default=None,
+        examples=["fibres.csv"],
+        description="CSV file of directions of fibres on points of the sample, relative to the case file, such as from imaging: "
+        "columns x, z, and y where they change with the height, each with its unit, and angle_deg (and dip_deg) or ax, ay, az; "
+        "axes are those of a test of angle 0, and tests of other angles turn the sample. For materials with one family",
     )
     prestretch: Annotated[float, Field(ge=1, le=2, allow_inf_nan=False)] | None = Field(
         default=None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from indentfit.case.field_faults import faults_of_fields
 from indentfit.case.in_time import GRID, relaxation_of
 from indentfit.case.laws import fibres_in, kept_by, law_of_choice, own_parameters, plugin_files
 from indentfit.case.layers import OF_LAYERS, with_materials
-from indentfit.case.messages import MISSING, Fault, line, lines
+from indentfit.case.messages import MISSING, Fault, Key, line, lines
 from indentfit.case.quantities import Title
 from indentfit.case.recording import Record
 from indentfit.case.relaxation import Relaxation
@@ -145,12 +145,22 @@ class Case(BaseModel):
             *faults_of_turn(self.fit, law),
             *faults_of_fibres(self.material, law, self.tests),
             *faults_of_families(self.material, law, self.sample, self._labelled),
+            *self._faults_of_maps(),
             *faults_across(self._parts()),
             *faults_of_fields(self._parts()),
             *self._faults_of_curves(),
         ]
         raise_disagreements(type(self), faults)
         return self
+
+    def _faults_of_maps(self) -> Iterator[Fault]:
+        """Files of directions of fibres, which only a case that is read from a file opens."""
+        tables: list[tuple[Key, Any]] = [(("sample",), self.sample)]
+        tables += [(("test", label, "sample"), test.sample) for label, test in self._labelled]
+        for key, table in tables:
+            if table is not None and isinstance(table.directions, str):
+                text = "a case in memory opens no file; give indentfit.fibre_map.read_fibre_map(file) in its place"
+                yield Fault((*key, "directions"), table.directions, text)
 
     @property
     def _labelled(self) -> list[tuple[str, Test]]:
@@ -327,7 +337,7 @@ class Case(BaseModel):
         if not facts["sample"]["fibre_angle"]:
             del facts["sample"]["fibre_angle"]
         for place in (facts["sample"], *(test["sample"] for test in facts["tests"] if test.get("sample"))):
-            for key in ("families", "family_dips"):
+            for key in ("families", "family_dips", "directions"):
                 if place[key] is None:
                     del place[key]
         if facts["fit"]["uncertain"]["fibre_angle"] is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import tomli_w
@@ -14,6 +14,7 @@ from indentfit.case.whole import Case
 from indentfit.curve import write_curve
 from indentfit.displacements import write_displacements
 from indentfit.errors import OutputError
+from indentfit.fibre_map import FibreMap, write_fibre_map
 
 
 def case_toml(case: Case) -> str:
@@ -36,7 +37,26 @@ def case_tree(case: Case) -> dict[str, Any]:
     tree = case.without_fields.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude=excluded)
     if case.sample.layer:
         tree.pop("material")  # it is that of the layers
+    for place, (name, _) in maps_of(case).items():
+        table = tree["sample"] if place is None else tree["test"][place]["sample"]
+        table["directions"] = name
     return {name: table for name, table in _without_none(tree).items() if table != {}}
+
+
+def maps_of(case: Case) -> dict[int | None, tuple[str, FibreMap]]:
+    """The directions of fibres on points: of the case (None) or the number of a test -> the name of the file and the map. Maps that
+    differ have names that differ."""
+    tables: dict[int | None, Any] = {None: case.sample}
+    tables |= {n: test.sample for n, test in enumerate(case.without_fields.tests)}
+    maps = {place: table.directions for place, table in tables.items() if table and isinstance(table.directions, FibreMap)}
+    names: dict[str, FibreMap] = {}
+    for fibres in maps.values():
+        path, number = PurePath(fibres.file), 1
+        while names.get(name := fibres.file if number == 1 else f"{path.with_suffix('')}-{number}{path.suffix}", fibres) != fibres:
+            number += 1
+        names[name] = fibres
+    of_map = {fibres: name for name, fibres in names.items()}
+    return {place: (of_map[fibres], fibres) for place, fibres in maps.items()}
 
 
 def write_case(case: Case, folder: str | Path) -> Path:
@@ -72,6 +92,11 @@ def write_case(case: Case, folder: str | Path) -> Path:
                 table["name"], table["file"] = field.label, file_for(f"{given.name}-{field.label}", taken)
                 (folder / table["file"]).parent.mkdir(parents=True, exist_ok=True)
                 write_displacements(folder / table["file"], field.points)
+        for place, (name, fibres) in maps_of(case).items():
+            table = tree["sample"] if place is None else tree["test"][place]["sample"]
+            table["directions"] = file_for(PurePath(name).stem, taken)
+            (folder / table["directions"]).parent.mkdir(parents=True, exist_ok=True)
+            write_fibre_map(folder / table["directions"], fibres)
         for model, plugin in plugin_files(case.material, case.folder).items():
             (folder / "plugins").mkdir(parents=True, exist_ok=True)
             shutil.copyfile(plugin, folder / "plugins" / plugin.name)

@@ -7,6 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from indentfit.arrays import Array, Ints
+from indentfit.fibres import Fibre
 from indentfit.material import Material
 
 Bulk = float | Array
@@ -116,7 +117,7 @@ class Body(Protocol):
         """Points (3, n) of the elements' corners, and their displacements (3, n), mm."""
         ...
 
-    def state(self, u: Array, fibre: Array) -> BodyState:
+    def state(self, u: Array, fibre: Fibre) -> BodyState:
         """Invariants and dilatation at displacements u (n,), with the direction of the fibres (3,) at rest, or
         those of two families (2, 3).
 
@@ -129,11 +130,11 @@ class Body(Protocol):
         unit."""
         ...
 
-    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         """Internal forces (n,), mN, of a material at given pressure modes, which need not be those of the state."""
         ...
 
-    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
         """Internal forces (n,), mN, of an energy's derivatives by the invariants (4, n_el * n_q), kPa, and of pressure modes.
 
         The forces are linear in both, so that derivatives by parameters come from the same function.
@@ -147,7 +148,7 @@ class Body(Protocol):
         material: Material,
         pressure: Array,
         kappa: Bulk | Volumetric,
-        fibre: Array,
+        fibre: Fibre,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         """Forces and tangent of one Newton iteration.
@@ -169,7 +170,7 @@ class Body(Protocol):
         """Derivative of the pressure modes of J by each element's displacements, (n_el, n_m, n_n, k)."""
         ...
 
-    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
         ...
 

@@ -9,6 +9,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import InputError
 from indentfit.fem.body import Bulk
+from indentfit.fibres import Fibre
 from indentfit.material import Layered, Material, parts_of, rest_pressure_changes
 
 NUDGE = 1e-5  # relative step of the one numerical derivative, that of the springs' stiffness
@@ -44,7 +45,7 @@ class Direction:
     kappa: Bulk = 0.0
     springs: float = 0.0
     friction: float = 0.0
-    turned: tuple[tuple[float, Array], ...] = ()
+    turned: tuple[tuple[float, Fibre], ...] = ()
     rest: Bulk = 0.0
 
 
@@ -111,7 +112,7 @@ def directions(
     return tuple(ways)
 
 
-def of_fibre_angle(fibre: Callable[[float], Array], stiffness: Callable[[Array], float]) -> Direction:
+def of_fibre_angle(fibre: Callable[[float], Fibre], stiffness: Callable[[Fibre], float]) -> Direction:
     """The Direction of an angle about y, degrees, by which the fibres are turned.
 
     Parameters

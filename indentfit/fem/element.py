@@ -24,6 +24,8 @@ from indentfit.arrays import Array, Ints
 from indentfit.compiled import THREADS, compiled, on_stack, on_threads
 from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
 from indentfit.fem.symmetry import PARTS, Part
+from indentfit.fibre_map import FibreMap
+from indentfit.fibres import Fibre
 from indentfit.material import Material, checked_derivatives
 
 ELEMENTS = {
@@ -34,6 +36,7 @@ NORMALS = {"x0": "u^1", "z0": "u^3"}  # component of the displacements that is n
 SAME_END = 1e-9  # relative difference of the places of a sample's end, by round-off
 LANES = 8  # doubles in the widest registers: the nodes of an element are padded to a multiple with shape functions that are zero
 INVARIANTS_OF = {1: 4, 2: 7}  # numbers of invariants by the number of families of fibres
+MAPS = 8  # of fibres whose directions at the integration points are kept
 RANGES = 16  # of elements, that are looped over one by one or, where they share no node, at once
 WORTH_THREADS = 200_000  # integration points times nodes of an element from which a second thread pays
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
@@ -66,6 +69,7 @@ class Solid:
         self.nodes, self.signs = self.dofs[:, :, 0] // 3, np.ones(self.dofs.shape)
         self.indptr, self.indices, self.positions = sparsity(self.nodes, self.basis.N // 3, 3)
         self._groups = _independent(self.nodes, self.basis.N // 3)
+        self._mapped: dict[FibreMap, Array] = {}
         self._threads = THREADS if self.grads.size // 3 > WORTH_THREADS else 1
 
     def held(self, base: str, motions: frozenset[str] = frozenset(), ends: bool = False) -> Ints:
@@ -103,12 +107,24 @@ class Solid:
     def n_dofs(self) -> int:
         return self.basis.N
 
-    def _loop(self, fibre: Array) -> tuple[SimpleNamespace, Array]:
-        """The loops for the directions of one family of fibres (3,) or of two (2, 3), and these directions as rows."""
-        fibres = np.atleast_2d(fibre)
+    def _loop(self, fibre: Fibre) -> tuple[SimpleNamespace, Array]:
+        """The loops for the directions of one family of fibres (3,), of two (2, 3) or of a map, and these directions: a family, a
+        point, a component. Where they are the same everywhere, they stand at one point."""
+        fibres = self.directions(fibre)
         return self._loops(INVARIANTS_OF[len(fibres)]), fibres
 
-    def state(self, u: Array, fibre: Array) -> BodyState:
+    def directions(self, fibre: Fibre) -> Array:
+        """Directions (k, 1, 3) of the fibres' k families; of a map those at the integration points, (1, n_el * n_q, 3)."""
+        if not isinstance(fibre, FibreMap):
+            return np.ascontiguousarray(np.atleast_2d(fibre)[:, None])
+        if fibre not in self._mapped:
+            if len(self._mapped) >= MAPS:
+                self._mapped.clear()
+            points = np.asarray(self.basis.global_coordinates()).reshape(3, -1)
+            self._mapped[fibre] = np.ascontiguousarray(fibre.at(points).T[None])
+        return self._mapped[fibre]
+
+    def state(self, u: Array, fibre: Fibre) -> BodyState:
         """Invariants and dilatation at displacements u (n,) with the fibre direction (3,), or those of two families (2, 3)."""
         loop, fibres = self._loop(fibre)
         I, theta = np.empty((INVARIANTS_OF[len(fibres)], self.weights.size)), np.zeros(self.means.shape)
@@ -119,11 +135,11 @@ class Solid:
         """Pressure modes (n_el, n_m) that belong to a state, tension positive"""
         return volumetric(kappa).pressure(state.theta, self.means)
 
-    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         """Internal forces (n,), mN, at given pressure modes."""
         return self.forces(u, checked_derivatives(material, "gradient", state.I), pressure, fibre)
 
-    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
         """Internal forces (n,), mN, of an energy's derivatives (4, n_el * n_q) by the invariants and of pressure modes: linear in
         both."""
         loop, fibres = self._loop(fibre)
@@ -138,7 +154,7 @@ class Solid:
         material: Material,
         pressure: Array,
         kappa: Bulk | Volumetric,
-        fibre: Array,
+        fibre: Fibre,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         """Internal forces (n,) at the pressure modes that follow from u, and CSR data (nnz,) of the consistent tangent.
@@ -162,7 +178,7 @@ class Solid:
         self._run(self._loops(INVARIANTS_OF[1]).dilatation_map, u, self.dofs, self.grads, self.weights, self.modes, B)
         return B
 
-    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz."""
         d1 = checked_derivatives(material, "gradient", state.I)
         stress, (loop, fibres) = np.empty((6, *self.weights.shape)), self._loop(fibre)
@@ -541,7 +557,7 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
 
     @_kernel
     def kinematics(elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibres: Any, I: Any, theta: Any) -> Any:
-        n_q = weights.shape[1]
+        n_q, many = weights.shape[1], fibres.shape[1] > 1
         F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         a2, c2 = on_stack((3,)), on_stack((3,))
         ue = on_stack((3, N_P))
@@ -553,7 +569,7 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
                 J = _gradient(ue, grads[e, q], F)
                 if not (smallest <= J):
                     smallest = J
-                _strain(F, J, fibres[0], b, a, c)
+                _strain(F, J, fibres[0, (e * n_q + q) * many], b, a, c)
                 I1 = b[0, 0] + b[1, 1] + b[2, 2]
                 bb = 0.0
                 for i in range(3):
@@ -565,7 +581,7 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
                 I[2, p] = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
                 I[3, p] = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
                 if N_I == 7:
-                    _second_family(F, J, fibres[1], b, a2, c2)
+                    _second_family(F, J, fibres[1, (e * n_q + q) * many], b, a2, c2)
                     I[4, p] = a2[0] * a2[0] + a2[1] * a2[1] + a2[2] * a2[2]
                     I[5, p] = a2[0] * c2[0] + a2[1] * c2[1] + a2[2] * c2[2]
                     I[6, p] = a[0] * a2[0] + a[1] * a2[1] + a[2] * a2[2]
@@ -577,7 +593,7 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
     def residual(
         elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibres: Any, pressure: Any, d1: Any, out: Any
     ) -> None:
-        n_q, n_p = weights.shape[1], grads.shape[3]
+        n_q, n_p, many = weights.shape[1], grads.shape[3], fibres.shape[1] > 1
         F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         m, tau, a2, c2 = on_stack((N_I, 6)), on_stack((6,)), on_stack((3,)), on_stack((3,))
         ue, g, fe = on_stack((3, N_P)), on_stack((3, N_P)), on_stack((3, N_P))
@@ -588,10 +604,10 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
             for q in range(n_q):
                 J = _gradient(ue, grads[e, q], F)
                 _inverse(F, J, G)
-                _strain(F, J, fibres[0], b, a, c)
+                _strain(F, J, fibres[0, (e * n_q + q) * many], b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
                 if N_I == 7:
-                    _second_family(F, J, fibres[1], b, a2, c2)
+                    _second_family(F, J, fibres[1, (e * n_q + q) * many], b, a2, c2)
                     _directions_of_two(a, a2, c2, m)
                     _kirchhoff_of_two(m, d1, e * n_q + q, tau)
                 else:
@@ -608,7 +624,7 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
         elements: Any, u: Any, dofs: Any, grads: Any, weights: Any, modes: Any, fibres: Any, pressure: Any, target: Any, kappa: Any,
         d1: Any, d2: Any, indptr: Any, positions: Any, out: Any, values: Any,
     ) -> None:  # fmt: skip
-        n_q, n_p = weights.shape[1], grads.shape[3]
+        n_q, n_p, many = weights.shape[1], grads.shape[3], fibres.shape[1] > 1
         F, G, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         m, h, tau, total, D = on_stack((N_I, 6)), on_stack((N_I, 6)), on_stack((6,)), on_stack((6,)), on_stack((6, 6))
         a2, c2 = on_stack((3,)), on_stack((3,))
@@ -625,10 +641,10 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
                 w = weights[e, q]
                 J = _gradient(ue, grads[e, q], F)
                 _inverse(F, J, G)
-                _strain(F, J, fibres[0], b, a, c)
+                _strain(F, J, fibres[0, (e * n_q + q) * many], b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
                 if N_I == 7:
-                    _second_family(F, J, fibres[1], b, a2, c2)
+                    _second_family(F, J, fibres[1, (e * n_q + q) * many], b, a2, c2)
                     _directions_of_two(a, a2, c2, m)
                     trace = _kirchhoff_of_two(m, d1, e * n_q + q, tau)
                     _moduli_of_two(b, a, a2, m, d1, d2, e * n_q + q, tau, trace, h, D)
@@ -671,7 +687,7 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
 
     @_kernel
     def cauchy(elements: Any, u: Any, dofs: Any, grads: Any, modes: Any, fibres: Any, pressure: Any, d1: Any, stress: Any) -> None:
-        n_q = grads.shape[1]
+        n_q, many = grads.shape[1], fibres.shape[1] > 1
         F, b, a, c = on_stack((3, 3)), on_stack((3, 3)), on_stack((3,)), on_stack((3,))
         m, tau, ue, a2, c2 = on_stack((N_I, 6)), on_stack((6,)), on_stack((3, N_P)), on_stack((3,)), on_stack((3,))
         ue[:] = 0
@@ -679,10 +695,10 @@ def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
             _gather(u, dofs[e], ue)
             for q in range(n_q):
                 J = _gradient(ue, grads[e, q], F)
-                _strain(F, J, fibres[0], b, a, c)
+                _strain(F, J, fibres[0, (e * n_q + q) * many], b, a, c)
                 _directions(b, a, c, b[0, 0] + b[1, 1] + b[2, 2], m)
                 if N_I == 7:
-                    _second_family(F, J, fibres[1], b, a2, c2)
+                    _second_family(F, J, fibres[1, (e * n_q + q) * many], b, a2, c2)
                     _directions_of_two(a, a2, c2, m)
                     _kirchhoff_of_two(m, d1, e * n_q + q, tau)
                 else:

@@ -17,6 +17,7 @@ from indentfit.fem.contact import ContactFace
 from indentfit.fem.contact_state import ContactState, History, Springs
 from indentfit.fem.directions import Direction
 from indentfit.fem.linear.tangent import Tangent
+from indentfit.fibres import Fibre
 from indentfit.material import Material
 
 ROUND_OFF = 1e-13  # of the volumes of the elements
@@ -82,7 +83,7 @@ class Loading:
     kappa: Bulk
     tangent_bulk: Bulk
     mu: Bulk
-    fibre: Array
+    fibre: Fibre
     springs: Springs
     directions: tuple[Direction, ...] = ()
     memory: Memory | None = None

@@ -16,7 +16,7 @@ from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.meridian import Meridian
 from indentfit.fem.result import TestResult
 from indentfit.fem.simulate import Model
-from indentfit.fibres import directions
+from indentfit.fibres import fibre_of
 from indentfit.material import Material
 
 SECTORS = 12  # of the quarter that a meridian plane sweeps for pictures and files
@@ -97,7 +97,7 @@ def recover(
     """
     equilibrium = equilibrium or result.last
     model = result.model or model
-    (body, u), fibre = model.body.unfolded(equilibrium.u), directions(result.angle, result.dip, result.families)
+    (body, u), fibre = model.body.unfolded(equilibrium.u), fibre_of(result.angle, result.dip, result.families)
     state = body.state(u, fibre)
     bulk = model.of_elements(kappa if isinstance(kappa, tuple) else (kappa,))
     stress = body.stress(u, state, model.placed(material), body.pressure(state, Volumetric(bulk, model.rest(material))), fibre)

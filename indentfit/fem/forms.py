@@ -27,7 +27,9 @@ from skfem.helpers import ddot, det, grad, identity, inv, mul, prod, trace, tran
 from indentfit.arrays import Array
 from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
 from indentfit.fem.element import Solid
-from indentfit.material import Material, invariant_gradients, invariants
+from indentfit.fibre_map import FibreMap
+from indentfit.fibres import Fibre
+from indentfit.material import Material, families, invariant_gradients, invariants
 
 DEGREES = (2, 4, 2, 4, 2, 4, 2)  # in F, of the invariants I1, I2, I4, I5, I6, I7, I8
 DIRECTIONS = np.eye(9).reshape(9, 3, 3, 1, 1)  # the nine components of a second-order tensor
@@ -56,14 +58,15 @@ def mode_of_J(w: Any) -> Any:
 class FormSolid(Solid):
     """A meshed sample whose forces and tangent are assembled from the forms above; otherwise like `element.Solid`."""
 
-    def state(self, u: Array, fibre: Array) -> BodyState:
+    def state(self, u: Array, fibre: Fibre) -> BodyState:
         F = self._deformation(u)
         J = det(F)
         theta = [mode_of_J.elemental(self.basis, q=q, J=J) for q in self._modes()]
         with np.errstate(all="ignore"):  # wild displacements: the state is not valid then
-            return BodyState(invariants(F, fibre).reshape(-1, self.weights.size), np.transpose(theta), bool(J.min() > 0))
+            I = invariants(F, self._fibres(fibre)).reshape(-1, self.weights.size)
+            return BodyState(I, np.transpose(theta), bool(J.min() > 0))
 
-    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
         return internal_forces.assemble(self.basis, P=self._piola(u, gradient, pressure, fibre))
 
     def tangent(
@@ -73,12 +76,12 @@ class FormSolid(Solid):
         material: Material,
         pressure: Array,
         kappa: Bulk | Volumetric,
-        fibre: Array,
+        fibre: Fibre,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         F, p = self._deformation(u), self._field(pressure)
         first, second = self._derivatives(state, material)
-        A = stiffness.elemental(self.basis, A=moduli(F, fibre, first, second, p))
+        A = stiffness.elemental(self.basis, A=moduli(F, self._fibres(fibre), first, second, p))
         K = A.data.reshape(*A.local_shape, -1)
         moduli_of_elements = per_element(volumetric(kappa).kappa if bulk is None else bulk, len(self.dofs))
         for q in self._modes():
@@ -92,11 +95,17 @@ class FormSolid(Solid):
         B = np.array([dilatation.elemental(self.basis, q=q, cofactor=C).tolocal() for q in self._modes()])
         return np.moveaxis(B, 0, 1).reshape(*self.means.shape, -1, 3)
 
-    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         F = self._deformation(u)
         P = self._piola(u, material.gradient(state.I), pressure, fibre)
         sigma = np.einsum("ik...,jk...->ij...", P, F) / det(F)
         return np.array([sigma[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
+
+    def _fibres(self, fibre: Fibre) -> Array:
+        """Directions (3,) or (2, 3), of a map at the integration points (3, n_el, n_q)."""
+        if not isinstance(fibre, FibreMap):
+            return fibre
+        return np.ascontiguousarray(self.directions(fibre)[0].T).reshape(3, *self.weights.shape)
 
     def _deformation(self, u: Array) -> Any:
         du = grad(self.basis.interpolate(u))
@@ -112,9 +121,9 @@ class FormSolid(Solid):
         first, second = material.gradient(state.I), material.hessian(state.I)
         return first.reshape(-1, *self.weights.shape), second.reshape(len(first), -1, *self.weights.shape)
 
-    def _piola(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Any:
+    def _piola(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Any:
         F, first = self._deformation(u), gradient.reshape(-1, *self.weights.shape)
-        P = np.einsum("a...,aij...->ij...", first, invariant_gradients(F, fibre))
+        P = np.einsum("a...,aij...->ij...", first, invariant_gradients(F, self._fibres(fibre)))
         return P + self._field(pressure) * cofactor(F)
 
 
@@ -143,7 +152,7 @@ def invariant_second_derivatives(F: Any, a0: Array, H: Any) -> Any:
         2 * H,
         2 * (trace(dC) * F + trace(C) * H - product(H, C) - product(F, dC)),
     ]
-    for fibre in np.atleast_2d(a0):
+    for fibre in families(a0):
         Fa, Ca, Ha, dCa = mul(F, fibre), mul(C, fibre), mul(H, fibre), mul(dC, fibre)
         full += [2 * prod(Ha, fibre), 2 * (prod(Ha, Ca) + prod(Fa, dCa) + prod(mul(H, Ca) + mul(F, dCa), fibre))]
     if len(a0) == 2:

@@ -31,6 +31,7 @@ from indentfit.fem.element import (
     scattered,
     sparsity,
 )
+from indentfit.fibres import Fibre
 from indentfit.material import Material, checked_derivatives
 
 N_N, N_M, N_D = 9, 3, 18  # nodes, pressure modes and displacements of an element
@@ -89,7 +90,7 @@ class Meridian:
         nothing = np.zeros((1, dofs.shape[1]))
         return np.concatenate([self.basis.doflocs[:, dofs[0]], nothing]), np.concatenate([u[dofs], nothing])
 
-    def state(self, u: Array, fibre: Array) -> BodyState:
+    def state(self, u: Array, fibre: Fibre) -> BodyState:
         I, theta = np.empty((4, self.weights.size)), np.zeros(self.means.shape)
         smallest = _LOOPS.kinematics(u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
         return BodyState(I, theta, bool(smallest > 0))
@@ -97,10 +98,10 @@ class Meridian:
     def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
         return volumetric(kappa).pressure(state.theta, self.means)
 
-    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         return self.forces(u, checked_derivatives(material, "gradient", state.I), pressure, fibre)
 
-    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
         out = np.zeros(self.n_dofs)
         d1 = np.ascontiguousarray(gradient)
         _LOOPS.residual(u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
@@ -113,7 +114,7 @@ class Meridian:
         material: Material,
         pressure: Array,
         kappa: Bulk | Volumetric,
-        fibre: Array,
+        fibre: Fibre,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
@@ -131,7 +132,7 @@ class Meridian:
         _LOOPS.dilatation_map(u, self.dofs, self.grads, self.weights, self.modes, B)
         return B
 
-    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz in the plane z = 0."""
         d1 = checked_derivatives(material, "gradient", state.I)
         stress = np.empty((6, *self.weights.shape))

@@ -11,6 +11,7 @@ from indentfit.axes import INDENTATION, Axes
 from indentfit.curve import Curve
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
+from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Families, words
 
 if TYPE_CHECKING:
@@ -122,8 +123,8 @@ class TestResult:
         Kind of the test, and where it is no indentation the direction of the fibres, if there are any.
     dip : float, degrees
         Angle of the fibres out of the plane of the sample.
-    families : Families or None
-        Two families of fibres about the direction of `angle`.
+    families : Families, FibreMap or None
+        Two families of fibres about the direction of `angle`, or directions on points.
     seen : array (m,), mm, or None
         Displacements that were requested beside the force (`Press.observed`).
     seen_by : dict of name -> array (m,), mm per unit
@@ -147,7 +148,7 @@ class TestResult:
     kind: str = "indentation"
     fibres: str | None = None
     dip: float = 0.0
-    families: Families | None = None
+    families: Families | FibreMap | None = None
     seen: Array | None = field(default=None, repr=False)
     seen_by: dict[str, Array] | None = field(default=None, repr=False)
 
@@ -208,7 +209,9 @@ def _direction(test: TestResult) -> dict[str, Any]:
 
 
 def _families(test: TestResult) -> dict[str, Any]:
-    """The stable key of two families of fibres: angle and dip of each."""
+    """The stable key of two families of fibres, angle and dip of each, or of a map, its file."""
+    if isinstance(test.families, FibreMap):
+        return {"directions": test.families.file}
     return {"families": [list(family) for family in test.families]} if test.families is not None else {}
 
 

@@ -11,7 +11,8 @@ from indentfit.case.relaxation import Relaxation
 from indentfit.case.tables import Indenter, Mesh, Sample, Solver
 from indentfit.fem.observation import Observed
 from indentfit.fem.symmetry import PARTS, Part, Symmetry
-from indentfit.fibres import Families, directions
+from indentfit.fibre_map import FibreMap
+from indentfit.fibres import Families, Fibre, fibre_of
 from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.material import Material
 
@@ -153,8 +154,9 @@ class Press:
         How fast the indenter moves, and how the material relaxes; None where the material is elastic.
     dip : float, degrees
         Angle of the fibres out of the plane of the sample.
-    families : Families or None
-        Two families of fibres about the direction of `angle`, for a law that has two.
+    families : Families, FibreMap or None
+        Two families of fibres about the direction of `angle`, for a law that has two; or directions on points of the sample, which
+        is turned by `angle`.
     observed : Observed, or None
         Displacements of the sample that are requested beside the force.
     """
@@ -167,7 +169,7 @@ class Press:
     sensitivities: tuple[str, ...] = ()
     in_time: InTime | None = None
     dip: float = 0.0
-    families: Families | None = None
+    families: Families | FibreMap | None = None
     observed: Observed | None = None
 
     @property
@@ -176,10 +178,10 @@ class Press:
         return self.kappa if isinstance(self.kappa, tuple) else (self.kappa,)
 
     @property
-    def fibre(self) -> Array:
-        """Direction of the fibres at rest, (3,), or (2, 3) of two families."""
+    def fibre(self) -> Fibre:
+        """Direction of the fibres at rest, (3,), or (2, 3) of two families, or a map of them."""
         return self.turned(0.0)
 
-    def turned(self, angle: float) -> Array:
-        """Direction of the fibres at rest, (3,) or (2, 3), turned about y by an angle, degrees."""
-        return directions(self.angle + angle, self.dip, self.families)
+    def turned(self, angle: float) -> Fibre:
+        """Direction of the fibres at rest, (3,) or (2, 3), or a map of them, turned about y by an angle, degrees."""
+        return fibre_of(self.angle + angle, self.dip, self.families)

@@ -10,7 +10,6 @@ import numpy as np
 import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
-from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem.asked import along, seen_along, sensitivities_along
 from indentfit.fem.body import Bulk
@@ -41,6 +40,8 @@ from indentfit.fem.setup import Press, Setup
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tied import Tied
 from indentfit.fem.viscous import Moment, press_in_time
+from indentfit.fibre_map import FibreMap
+from indentfit.fibres import Fibre
 from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.indenters import has_sharp_edge
 from indentfit.material import Layered, Material, Prestretched, blamed, parts_of, rest_pressure
@@ -366,12 +367,12 @@ class Model:
         if not {"turn"} & self.setup.part.motions:
             return Direction(FIBRE_ANGLE)
 
-        def stiffness(fibre: Array) -> float:
+        def stiffness(fibre: Fibre) -> float:
             return self._springs(press.material, fibre).normal
 
         return of_fibre_angle(press.turned, stiffness)
 
-    def _springs(self, material: Material, fibre: Array) -> Springs:
+    def _springs(self, material: Material, fibre: Fibre) -> Springs:
         """Contact springs in proportion to the sample's stiffness: SHARP times the shear modulus under a sharp edge, where the
         traction is singular; otherwise the stiffness under the indenter, which is higher where fibres run across the indenter."""
         shape = self.contact.shape
@@ -459,12 +460,13 @@ def _of_test(name: str, cause: str) -> str:
     return f"test {name!r}: {cause}" if name else cause
 
 
-def _young_across(material: Material, fibre: Array) -> float:
-    """Young's modulus across the indenter, kPa; of one family between those along and across the fibres."""
-    if material.two_families:
+def _young_across(material: Material, fibre: Fibre) -> float:
+    """Young's modulus across the indenter, kPa; of one family between those along and across the fibres, of a map at their mean."""
+    if material.two_families and not isinstance(fibre, FibreMap):
         return material.young_modulus(fibre, np.array([0.0, 0.0, 1.0]))
     moduli = material.moduli()
-    across = fibre[2] ** 2  # 1 where the fibres run across the indenter, 0 where they run along it
+    vectors = fibre.at(fibre.own_places) if isinstance(fibre, FibreMap) else fibre
+    across = np.mean(vectors[2] ** 2)  # 1 where the fibres run across the indenter, 0 where they run along it
     return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])
 
 

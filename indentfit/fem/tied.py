@@ -14,6 +14,7 @@ from indentfit.arrays import Array, Bools, Ints
 from indentfit.errors import MeshError
 from indentfit.fem.body import BodyState, Bulk, Volumetric
 from indentfit.fem.element import Solid, sparsity
+from indentfit.fibres import Fibre
 from indentfit.material import Material
 
 TURN = np.array([-1.0, 1.0, -1.0])  # a turn by 180 degrees about y
@@ -71,16 +72,16 @@ class Tied:
     def corners(self, u: Array) -> tuple[Array, Array]:
         return self.solid.corners(self._all(u))
 
-    def state(self, u: Array, fibre: Array) -> BodyState:
+    def state(self, u: Array, fibre: Fibre) -> BodyState:
         return self.solid.state(self._all(u), fibre)
 
     def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
         return self.solid.pressure(state, kappa)
 
-    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         return self._summed(self.solid.residual(self._all(u), state, material, pressure, fibre))
 
-    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Array) -> Array:
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
         return self._summed(self.solid.forces(self._all(u), gradient, pressure, fibre))
 
     def tangent(
@@ -90,7 +91,7 @@ class Tied:
         material: Material,
         pressure: Array,
         kappa: Bulk | Volumetric,
-        fibre: Array,
+        fibre: Fibre,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
         forces, values = self.solid.tangent(self._all(u), state, material, pressure, kappa, fibre, bulk)
@@ -99,7 +100,7 @@ class Tied:
     def dilatation_map(self, u: Array) -> Array:
         return self.solid.dilatation_map(self._all(u)) * self.signs[:, None]
 
-    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Array) -> Array:
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         return self.solid.stress(self._all(u), state, material, pressure, fibre)
 
     def deformation(self, u: Array) -> Array:

@@ -16,7 +16,7 @@ Files of laws, and the other rooms, import from here only.
 from indentfit.material.conformance import Check, check, isochoric_stress
 from indentfit.material.functions import FUNCTIONS, Term, exp, expi, log, positive, sqrt
 from indentfit.material.homogeneous import Fibres, HomogeneousState, Kind
-from indentfit.material.kinematics import INVARIANTS, REST, SECOND_FAMILY, invariant_gradients, invariants
+from indentfit.material.kinematics import INVARIANTS, REST, SECOND_FAMILY, families, invariant_gradients, invariants
 from indentfit.material.layers import Layered, laws_of, layered, parts_of
 from indentfit.material.model import FIRST_FAMILY, GROUP, Material, exchangeable, require_derivable, shipped
 from indentfit.material.pairs import sharing
@@ -50,6 +50,7 @@ __all__ = [
     "exchangeable",
     "exp",
     "expi",
+    "families",
     "foreign_code",
     "installed",
     "invariant_gradients",

@@ -11,7 +11,8 @@ from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.fields import Fields, recover
 from indentfit.fem.result import TestResult
 from indentfit.fem.simulate import Model
-from indentfit.fibres import directions
+from indentfit.fibre_map import FibreMap
+from indentfit.fibres import fibre_of
 from indentfit.material import Material, laws_of
 from indentfit.report.folder import write_json
 from indentfit.report.mirror import whole
@@ -77,15 +78,16 @@ class Solved:
         if not has_fibres(law):
             return Origin(numbers, texts)
         numbers |= {"angle_deg": float(test.angle), "dip_deg": float(test.dip)}
-        for name, (angle, dip) in zip(("first", "second"), test.families or (), strict=False):
+        families = () if isinstance(test.families, FibreMap) else test.families or ()
+        for name, (angle, dip) in zip(("first", "second"), families, strict=False):
             numbers |= {f"{name}_family_angle_deg": float(angle), f"{name}_family_dip_deg": float(dip)}
-        return Origin(numbers, texts, directions(test.angle, test.dip, test.families))
+        return Origin(numbers, texts, fibre_of(test.angle, test.dip, test.families))
 
     def shown(self, test: TestResult, fields: Fields, mirror: bool) -> Shown:
         """A test as pictures show it; a whole sample would be hidden by the indenter, which is left out there."""
         model = test.model or self.model
         indenter = None if mirror else model.setup.indenter.geometry
-        fibre = directions(test.angle, test.dip, test.families) if has_fibres(type(self.material)) else None
+        fibre = fibre_of(test.angle, test.dip, test.families) if has_fibres(type(self.material)) else None
         return Shown(
             test.name, test.angle, fields, indenter, float(test.displacement[-1]), fibre, test.dip, not mirror, test.families
         )

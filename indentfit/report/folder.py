@@ -21,6 +21,7 @@ from indentfit.case import Case, write_case
 from indentfit.case.prior_tests import is_prior_test
 from indentfit.curve import Curve
 from indentfit.errors import OutputError
+from indentfit.fibre_map import FibreMap
 
 PathLike = str | Path
 
@@ -197,6 +198,10 @@ def _files_named(case: Case) -> Iterator[tuple[str, str, str, str]]:
             yield f"test.{test.name}.field.{n}.file", field.points.file, "curves", ""
         if test.record is not None:
             yield f"test.{test.name}.record", test.record, "records", ""
+    samples: list[tuple[str, Any]] = [("sample", case.sample), *((f"test.{test.name}.sample", test.sample) for test in case.tests)]
+    for key, sample in samples:
+        if sample is not None and isinstance(sample.directions, FibreMap):
+            yield f"{key}.directions", sample.directions.file, "curves", ""
     models = {f"{layer.name}.model": layer.model for layer in case.sample.layer} or {"material.model": case.material.model}
     for key, model in models.items():
         file, colon, kind = (model or "").rpartition(":")

@@ -22,7 +22,8 @@ from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.arrays import Array, Ints
 from indentfit.fem.fields import Fields
-from indentfit.fibres import Families, words
+from indentfit.fibre_map import FibreMap
+from indentfit.fibres import Families, Fibre, words
 from indentfit.indenters.shape import IndenterShape
 from indentfit.report.indenter_outline import Outline, outline
 from indentfit.report.plots import TICKS, _label
@@ -54,7 +55,7 @@ class Shown:
     indenter : IndenterShape or None
         The indenter that is drawn, at the depth of the fields, mm; None leaves it out.
     depth : float
-    fibre : array (3,), (2, 3) or None
+    fibre : array (3,), (2, 3), FibreMap or None
         Direction of the fibres in the undeformed sample, of one family or of two.
     cut : bool
         Whether half of a whole sample is left out, so that one sees what is under the indenter.
@@ -67,10 +68,10 @@ class Shown:
     fields: Fields
     indenter: IndenterShape | None = None
     depth: float = 0.0
-    fibre: Array | None = None
+    fibre: Fibre | None = None
     dip: float = 0.0
     cut: bool = True
-    families: Families | None = None
+    families: Families | FibreMap | None = None
 
     @property
     def words(self) -> str:
@@ -220,7 +221,7 @@ def _draw(axes: Axes, test: Shown, value: Array, scale: Scale) -> Any:
         vmin=scale.low, vmax=scale.high,
     )  # fmt: skip
     axes.add_collection(LineCollection(flat[quads[:, [0, 1, 2, 3, 0]]], colors="black", linewidths=0.15, alpha=0.2))
-    if test.fibre is not None:
+    if test.fibre is not None and not isinstance(test.fibre, FibreMap):
         lines = [line @ seen_as for fibre in np.atleast_2d(test.fibre) for line in _fibres(fields, fibre)]
         axes.add_collection(LineCollection(lines, colors=INK, linewidths=0.6))
     if test.indenter is not None:

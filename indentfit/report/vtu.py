@@ -23,6 +23,8 @@ from skfem.io.meshio import HEX_MAPPING
 
 from indentfit.arrays import Array
 from indentfit.fem.fields import Fields, pressure
+from indentfit.fibre_map import FibreMap
+from indentfit.fibres import Fibre
 
 SPACE, STRESSES = ("x", "y", "z"), ("xx", "yy", "zz", "xy", "yz", "xz")
 FACES = ([0, 3, 7, 4], [1, 2, 6, 5], [0, 1, 5, 4], [3, 2, 6, 7], [0, 1, 2, 3], [4, 5, 6, 7])  # by corners, in VTK's order
@@ -41,11 +43,11 @@ RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt"
 @dataclass(frozen=True, eq=False)
 class Origin:
     """What fields were computed from: numbers and texts by name, and the direction of the fibres (3,), or of two families
-    (2, 3), in the undeformed sample."""
+    (2, 3), in the undeformed sample, or a map of them."""
 
     numbers: Mapping[str, float] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
-    fibre: Array | None = None
+    fibre: Fibre | None = None
 
 
 def write_vtu(path: Path, fields: Fields, origin: Origin | None = None) -> None:
@@ -66,8 +68,8 @@ def write_vtu(path: Path, fields: Fields, origin: Origin | None = None) -> None:
     }
     if fields.layer is not None:
         on_cells["layer"] = [fields.layer.astype(np.int32)]
-    for name, fibre in zip(("fibre", "fibre_2"), () if origin.fibre is None else np.atleast_2d(origin.fibre), strict=False):
-        on_cells[name] = [np.tile(fibre, (len(cells), 1))]
+    for name, fibre in zip(("fibre", "fibre_2"), _on_cells(origin.fibre, fields.nodes[cells]), strict=False):
+        on_cells[name] = [fibre]
         on_cells[f"{name}_deformed"] = [fibre + fibre_gradients(fields.nodes[cells], fields.displacement[cells], fibre)]
     mesh = meshio.Mesh(fields.nodes, [(kind, cells)], point_data=on_points, cell_data=on_cells)
     meshio.write(path, mesh, file_format="vtu")
@@ -75,13 +77,22 @@ def write_vtu(path: Path, fields: Fields, origin: Origin | None = None) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
+def _on_cells(fibre: Fibre | None, nodes: Array) -> list[Array]:
+    """The directions (n, 3) of each family of fibres in the middle of bricks with these nodes (n, 8 or 27, 3)."""
+    if fibre is None:
+        return []
+    if isinstance(fibre, FibreMap):
+        return [fibre.at(nodes[:, :8].mean(axis=1).T).T]
+    return [np.tile(family, (len(nodes), 1)) for family in np.atleast_2d(fibre)]
+
+
 def fibre_gradients(nodes: Array, displacement: Array, fibre: Array) -> Array:
-    """Derivative (n, 3) of the displacement along a direction (3,) in the middle of bricks of 8 or 27 nodes.
+    """Derivative (n, 3) of the displacement along a direction (3,) or (n, 3) in the middle of bricks of 8 or 27 nodes.
 
     nodes, displacement : arrays (n, 8 or 27, 3) in VTK's order
     """
     X, u = (np.stack([_between_faces(values, *pair) for pair in OPPOSITE], axis=2) for values in (nodes, displacement))
-    along = np.linalg.solve(X, np.broadcast_to(fibre[:, None], (len(X), 3, 1)))
+    along = np.linalg.solve(X, np.broadcast_to(fibre[..., None], (len(X), 3, 1)))
     return np.asarray(u @ along)[:, :, 0]
 
 

@@ -31,6 +31,7 @@ from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem, differences_of, scale_of
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import elastic_case
+from indentfit.samples import Circle
 from indentfit.study.in_time import Curves, InTime
 from indentfit.study.runs import Execution
 
@@ -363,6 +364,8 @@ def angles_of(case: Case) -> tuple[int, ...]:
     or fits the fibres' angle, because its tests take 2 to 3 times as long."""
     if not has_fibres(case.law):
         return ANGLES[:1]
+    if case.sample.directions is not None and not isinstance(case.sample.geometry.outline, Circle):
+        return (0,)  # the block on which directions were measured lies as it does
     oblique = "fibre_angle" in case.fit.uncertain.fitted or any(test.direction % 90 for test in case.indentations)
     return (*ANGLES, OBLIQUE) if oblique else ANGLES
 
