@@ -179,7 +179,8 @@ def designs(design: Design, path: Place = None, shown: int = 12) -> Figure:
         ax.barh(range(len(rows)), [error for _, error in rows], color=COLOURS[0], height=0.65)
         ax.axvline(design.stderr[worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
         ax.set_yticks(range(len(rows)), [_label(name) for name in names])
-        ax.set_xlabel(f"standard error of {_label(symbol(worst))}; dashed: without a further test")
+        ax.xaxis.set_major_locator(MaxNLocator(4, steps=TICKS))
+        ax.set_xlabel(f"Standard error of {_label(symbol(worst))}")
         save(figure, path)
     return figure
 
