@@ -95,11 +95,22 @@ def test_a_case_in_memory_has_layers():
     assert thicker.interfaces == (2.0,) and list(thicker.layer_at(np.array([0.5, 3.5]))) == [1, 0]
 
 
+OF_TWO_FAMILIES = [
+    "fat.model=holzapfel_own_families",
+    "fat.parameters={c=2.0, k1=1.0, k2=1.0, dispersion=0.0, k1_second=1.0, dispersion_second=0.0}",
+    "sample.families=[-30.0, 30.0]",
+    "test.press.angle=0",
+]
+
+
 @pytest.mark.parametrize(
     "key", [key for key in facts_of_keys(Layer) if key.name not in ("name", "thickness")], ids=lambda key: key.name
 )
 def test_the_example_of_a_layers_key_is_a_value_that_the_key_takes(file, key):
-    read_case(file, [f"fat.{key.name}={toml_value(key.example)}", *(["fat.parameters={mu=2}"] if key.name == "energy" else [])])
+    if key.name == "shared":
+        file.write_text(SKIN.replace("poisson_ratio = 0.49", "bulk_ratio = 50"))
+    beside = {"energy": ["fat.parameters={mu=2}"], "shared": OF_TWO_FAMILIES}.get(key.name, [])
+    read_case(file, [*beside, f"fat.{key.name}={toml_value(key.example)}"])
 
 
 @pytest.mark.parametrize(
