@@ -469,6 +469,8 @@ def test_laws_are_not_compared_over_a_hold():
 
 def test_a_fit_says_where_the_viscoelastic_model_is_far_from_its_forces():
     assert [*far_from_model({"press": 0.003})] == []
+    (said,) = far_from_model({"press": 0.03}, "at a bulk ratio of 20, the low end of its interval, ")
+    assert said.startswith("at a bulk ratio of 20, the low end of its interval, the hereditary integral") and "press 3.0%" in said
     (said,) = far_from_model({"press": 0.003, "plug": 0.139})
     assert "up to plug 13.9% from the viscoelastic model, whose pressure does not relax" in said
 
