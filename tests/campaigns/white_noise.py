@@ -10,10 +10,11 @@ its interval, and where none is said to be limited by the law's misfit, since th
 Prints for each noise the share of right verdicts, and how often mu and alpha lie in their intervals, with the exact binomial 99 %
 band about 95 %. Exit code 1 where fewer than 95 % of the verdicts are right, or a coverage is below the band.
 
-Seen on 28 and 29 November 2026: at 0.1 % noise 200 of 200 verdicts right; at 1 % 187 of 200, and on other draws (--draws 2, seeds 5
-and 6) 76 of 80. None of these 4 blames the law; each is a miss of a 95 % interval (mu inside in 76 of 80, alpha in 77). A case counts
-as wrong where one of two parameters misses, so intervals that are exact would make between 5 and 10 % of the cases wrong; whether
-chance is all of it was not shown: one miss is of 1.4 % where the interval is +- 0.9 %. 55 s of CPU for 40 fits, 25 to 55 s for the runs.
+Seen on 28 and 29 November 2026: at 0.1 % noise 200 of 200 verdicts right; at 1 % 187 of 200, and on other draws (--draws 2, seeds
+5 and 6) 76 of 80. None of these 4 blames the law; each is a miss of a 95 % interval (mu inside in 76 of 80, alpha in 77). A case
+counts as wrong where one of two parameters misses, so intervals that are exact would make between 5 and 10 % of the cases wrong;
+whether chance is all of it was not shown: one miss is of 1.4 % where the interval is +- 0.9 %. 55 s of CPU for 40 fits, 25 to 55 s
+for the runs.
 """
 
 import argparse
