@@ -143,7 +143,7 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(capsys, monkeypatch)
 
 
 def test_a_long_part_of_the_work_is_said_again_with_its_time(capsys, monkeypatch):
-    clock = iter([0.0, 4.0, 6.0, 7.0, 8.0, 13.0, 19.0])
+    clock = iter([0.0, 3.0, 6.0, 7.0, 8.0, 13.0, 19.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     lines = progress._Lines("fit", 1)
     lines.tick(), lines.tick()

@@ -211,6 +211,7 @@ def package_with_own(file, home):
     return Path(shutil.copy2(installed / file, home / "indentfit" / file))
 
 
+@pytest.mark.campaign  # the keys of the same change are compared above
 def test_a_bulk_modulus_computed_otherwise_takes_no_run_of_the_old_ledger(tmp_path):
     """Reported in issue 16: with kappa scaled by 0.01, `fit --reuse` gave the old parameters without a word."""
     before, _ = fitted(tmp_path / "before")

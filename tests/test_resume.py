@@ -67,11 +67,25 @@ def started(*arguments):
 
 
 def wait_for_workers(process):
-    """Until a fit has started its worker processes: two, and Python's own tracker of resources."""
-    place, end = Path(f"/proc/{process.pid}/task/{process.pid}/children"), time.monotonic() + 60
+    """Until a fit has started its worker processes: two, behind their server and Python's own tracker of resources."""
+    place, end = children(process.pid), time.monotonic() + 60
     time.sleep(0 if place.exists() else 3)  # not on Linux
-    while place.exists() and len(place.read_text().split()) < 3 and time.monotonic() < end:
+    while place.exists() and len(descendants(process.pid)) < 4 and time.monotonic() < end:
         time.sleep(0.01)
+
+
+def children(pid):
+    """The file with the children of a process, on Linux."""
+    return Path(f"/proc/{pid}/task/{pid}/children")
+
+
+def descendants(pid):
+    """The children of a process, and theirs."""
+    try:
+        first = children(pid).read_text().split()
+    except OSError:
+        return []  # it has ended
+    return first + [later for child in first for later in descendants(child)]
 
 
 def result(folder="r"):
@@ -143,6 +157,7 @@ def test_the_first_signal_ends_the_run_at_work_and_resuming_ends_the_fit(case, e
 def test_ctrl_c_twice_stops_at_once_and_leaves_no_process(case):
     process = started("--workers", "2", "--set", "mesh.elements=2000")
     wait_for_workers(process)
+    workers = descendants(process.pid)
     process.send_signal(signal.SIGINT)
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)
@@ -151,6 +166,18 @@ def test_ctrl_c_twice_stops_at_once_and_leaves_no_process(case):
     assert "a second signal stops at once" in said
     assert said.splitlines()[-1].startswith("error: the fit was stopped at once")
     assert not unfinished("r").exists()  # nothing was done yet
+    end = time.monotonic() + 20
+    while any(map(alive, workers)) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not any(map(alive, workers))
+
+
+def alive(pid):
+    """Whether a process is there, and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_two_fits_cannot_write_to_one_folder(case):

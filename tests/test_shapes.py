@@ -125,6 +125,7 @@ def case(tmp_path):
     return read_case(path)
 
 
+@pytest.mark.campaign
 def test_a_paraboloid_on_a_thick_plate_follows_hertz(run):
     """F = 16/3 mu sqrt(R) d^1.5 of a half space is exact for a paraboloid; a contact of 2.5 % of the thickness adds 2 % here."""
     d = np.array([0.01, 0.02, 0.03])

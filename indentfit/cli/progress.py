@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar with an estimate on a terminal, otherwise (or verbose, with a log) a line every five seconds.
+"""Progress on stderr: a bar with an estimate on a terminal, otherwise (or verbose, with a log) a line every four seconds.
 
 with progress("fit", total=240) as step:
     step(12, "objective 0.91 mN")
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Step = Callable[..., None]  # called with (done, note)
 
 FIRST_ESTIMATE = 0.05  # share of the work that is done before its end is estimated
-INTERVAL, OFTEN = 5.0, 1.0  # seconds between two lines, usually and where the command is to be verbose
+INTERVAL, OFTEN = 4.0, 1.0  # seconds between two lines, usually and where the command is to be verbose
 TICK = 0.5  # seconds between two looks of the thread
 LONG = 5.0  # seconds from which on the time of a part is said
 
