@@ -84,7 +84,8 @@ def test_friction_that_sticks_has_no_sensitivity():
         run(("indenter.friction='stick'",), VALUES, ("friction",))
 
 
-@pytest.mark.parametrize("zeta", [4.0, pytest.param(18.0, marks=pytest.mark.campaign)])  # stiff fibres fold the corner: that path is cut back, and relaxed
+# stiff fibres fold the corner: that path is cut back, and relaxed
+@pytest.mark.parametrize("zeta", [4.0, pytest.param(18.0, marks=pytest.mark.campaign)])
 def test_sensitivities_leave_the_path_as_it_is_bit_by_bit(zeta):
     case = white_matter("mesh.elements=60")
     material, depths = case.law(mu=1.0, zeta=zeta, phi=0.5), np.linspace(0.033, 0.33, 10)
