@@ -1,5 +1,6 @@
 """Tests without an indenter: shear, uniaxial and biaxial curves in a case, from the keys to the result."""
 
+import html
 import json
 import re
 from pathlib import Path
@@ -104,6 +105,8 @@ def test_a_fit_of_shear_and_tension_finds_the_truth(tmp_path):
     page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
     assert "at a strain of 0.2" in page
     assert len(re.findall(r"[\d.]+ kPa</td>", page)) >= 2  # RMSEs of the two stresses
+    words = " ".join(html.unescape(re.sub("<[^>]+>", "", page)).split())
+    assert re.search(r"tests. RMSEs: [\d.]+ kPa", words) and "Singular value (kPa)" in words and "Objective (mN)" not in words
     figure = result.plot()
     assert {"Strain", "Displacement (mm)"} <= {axes.get_xlabel() for axes in figure.axes}
     assert {"Stress (kPa)", "Force (mN)"} <= {axes.get_ylabel() for axes in figure.axes}

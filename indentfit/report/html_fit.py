@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from indentfit.report.html_facts import closed_table, facts_table, stress_sectio
 from indentfit.report.html_methods import methods_section
 from indentfit.report.page import Beside, Figures, Lines, Page, Part, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
-from indentfit.report.text import effect_of_base, said_of_misfit, share_rows
+from indentfit.report.text import effect_of_base, objective_unit, said_of_misfit, share_rows, unit_of
 from indentfit.report.time_curves import fit_over_time
 
 PARAMETERS = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
@@ -42,6 +42,7 @@ Curves = list[tuple[str, Curve]]
 
 def fit_page(stored: Stored, result: FitResult) -> Page:
     """Page of a fit's result folder."""
+    result = result if result.curves else replace(result, curves=dict(_stored_curves(stored)[1]))  # they tell the units
     sections = [
         _first(stored, result),
         _what(stored, result),
@@ -162,8 +163,9 @@ def _curves(stored: Stored, result: FitResult) -> Section:
         header = ("Test", "RMSE (mN)" if same else "RMSE", "RMSE over the largest force" if same else "RMSE over the largest", "R2")
         parts.append(Table("Root mean square error of each test", header, rows))
     if result.objective is not None:
-        squares = f"Weighted sum of their squares: {number(result.sum_of_squares)} mN²."
-        parts.append(Text(f"Objective, the weighted sum of the tests' RMSEs: {number(result.objective)} mN. {squares}"))
+        unit = objective_unit(result)
+        squares = f"Weighted sum of their squares: {number(result.sum_of_squares)} {unit}²."
+        parts.append(Text(f"Objective, the weighted sum of the tests' RMSEs: {number(result.objective)} {unit}. {squares}"))
     return Section("fit", "The fit", tuple(parts))
 
 
@@ -236,7 +238,7 @@ def _directions(result: FitResult) -> list[Part]:
         )
         for n, (value, row) in enumerate(zip(result.singular_values, result.directions, strict=True), start=1)
     )
-    return [Table(SEEN, ("Number", "Singular value (mN)", "Direction, in shares of the values"), rows)]
+    return [Table(SEEN, ("Number", f"Singular value ({objective_unit(result)})", "Direction, in shares of the values"), rows)]
 
 
 def _profiles(result: FitResult) -> list[Part]:
@@ -318,23 +320,24 @@ def _weights_scan(result: FitResult) -> list[Part]:
         )
         for fitted in result.weights_scan
     )
-    header = (*(f"Weight of {name}" for name in tests), *result.free, *(f"RMSE {name} (mN)" for name in tests))
+    header = (*(f"Weight of {name}" for name in tests), *result.free, *(f"RMSE {name} ({unit_of(result, name)})" for name in tests))
     return [Table("Fits with other weights of the tests in the objective", header, rows)]
 
 
 def _search(result: FitResult) -> Section:
     parts: list[Part] = [Text(f"{result.message[:1].upper()}{result.message[1:]}.")]
     steps = [(step.phase, step.objective) for step in result.history if step.objective is not None]
+    unit = objective_unit(result)
     if len(steps) > 1:
-        figure = study_plots.course([objective for _, objective in steps], [phase for phase, _ in steps])
-        alt = f"The objective falls from {number(steps[0][1])} to {number(steps[-1][1])} mN in {len(steps)} steps"
-        parts.append(Figures((drawn(figure, "Best objective so far (mN) over the steps of the search.", alt),)))
+        figure = study_plots.course([objective for _, objective in steps], [phase for phase, _ in steps], unit)
+        alt = f"The objective falls from {number(steps[0][1])} to {number(steps[-1][1])} {unit} in {len(steps)} steps"
+        parts.append(Figures((drawn(figure, f"Best objective so far ({unit}) over the steps of the search.", alt),)))
     rivals = tuple(
         (str(n), *(number(rival.parameters[name]) for name in result.free), number(rival.objective))
         for n, rival in enumerate(result.rivals, start=1)
     )
     if rivals:
-        parts.append(Table("Other optima that were found", ("Number", *result.free, "Objective (mN)"), rivals))
+        parts.append(Table("Other optima that were found", ("Number", *result.free, f"Objective ({unit})"), rivals))
     failures = tuple(
         (str(n), ", ".join(f"{name} {number(value)}" for name, value in failure.parameters.items()), failure.cause)
         for n, failure in enumerate(result.failures[:MOST_FAILURES], start=1)

@@ -326,7 +326,7 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
         values = ", ".join(f"{key} = {value:.4g}" for key, value in other.parameters.items())
         yield f"rival     {values}: objective {other.objective:.5g} {objective_unit(result)}"
     if result.surrogate:
-        yield f"surrogate {_of_surrogate(result.surrogate)}"
+        yield f"surrogate {_of_surrogate(result.surrogate, objective_unit(result))}"
 
 
 def _known_lines(result: FitResult) -> Iterator[str]:
@@ -417,9 +417,9 @@ def _columns(label: str, rows: Sequence[tuple[str, Sequence[str]]]) -> Iterator[
         yield f"{'' if number else label:<9} {words:<{first}}  {shown}".rstrip()
 
 
-def _of_surrogate(surrogate: SurrogateFacts) -> str:
+def _of_surrogate(surrogate: SurrogateFacts, unit: str) -> str:
     last = [proof for proof in surrogate.held_out if proof.error is not None][-1:]
-    right = "".join(f"; off by {proof.error:.2g} mN at a run not seen before (allowed {proof.allowed:.2g})" for proof in last)
+    right = "".join(f"; off by {proof.error:.2g} {unit} at a run not seen before (allowed {proof.allowed:.2g})" for proof in last)
     failed = f", {surrogate.failed} failed" if surrogate.failed else ""
     return f"degree {surrogate.degree} on {surrogate.runs} sets of parameters{failed}{right}"
 
