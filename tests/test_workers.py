@@ -14,13 +14,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fixtures.cases import MU, ZETA, straight_curve, tiny_case, two_tests
+from fixtures.cases import CASES, MU, ZETA, straight_curve, tiny_case, two_tests
 
 from indentfit.errors import Stopped, WorkerError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.facts import SolveFacts
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
+from indentfit.runs import start
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.mechanics import mechanics_of
 from indentfit.runs.pool import InProcess, RunPool, is_foreign
@@ -235,6 +236,25 @@ def test_workers_forked_from_a_prepared_server_give_the_numbers_of_others_and_ar
         (here,) = pool.evaluate([TAME], sensitivities=["zeta"])
     assert forces == [force.tolist() for force in here.forces]
     assert slopes == [slope["zeta"].tolist() for slope in here.sensitivities]
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "cluster", "prepared"),
+    [
+        ("white_matter_2017", [], None, True),
+        ("white_matter_2017", ["fit.workers=1"], None, False),
+        ("white_matter_2017", [], "local", False),
+        ("hydrogel_sphere", [], None, False),
+        ("hydrogel_sphere", ["indenter.friction=unknown"], None, True),
+    ],
+)
+def test_a_server_is_prepared_where_several_workers_will_have_runs(monkeypatch, name, overrides, cluster, prepared):
+    """A gel whose force is only scaled has one run on each mesh, which takes less than the server."""
+    asked = []
+    monkeypatch.setattr(start, "prepare", lambda: asked.append(True))
+    monkeypatch.setattr(start, "cores", lambda: 2)
+    start.prepare_for(read_case(CASES / name / "case.toml", overrides), cluster)
+    assert bool(asked) == prepared
 
 
 def test_the_workers_end_with_a_killed_parent(case, tmp_path):

@@ -18,6 +18,7 @@ from indentfit.report.fit_folder import fill_fit
 from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished
 from indentfit.report.samples_folder import fill_population, fill_samples
 from indentfit.runs.ledger import Ledger, refuse_in_use
+from indentfit.runs.start import is_prepared
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,7 @@ def fit_in_folder(case: Case, place: Place, conduct: Conduct, fields: bool) -> t
         with saying_what_is_kept(ledger):
             result = fit(case, conduct.progress, ledger=ledger, cluster=conduct.cluster, stop=conduct.stop)
             conduct.progress(1.0, "stresses at the optimum, pictures and report" if fields else "report")
-        return result, fill_fit(
-            folder, result, fields, _warning(conduct.say), result.solver is not None and result.solver.workers > 1
-        )
+        return result, fill_fit(folder, result, fields, _warning(conduct.say), apart=is_prepared())
 
 
 def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, conduct: Conduct) -> PerSample:

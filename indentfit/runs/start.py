@@ -34,7 +34,7 @@ def prepare() -> None:
     Forked processes are safe on Linux alone: libraries of macOS hold threads, and Windows cannot fork. Where the server cannot be
     started, workers are spawned.
     """
-    if not sys.platform.startswith("linux") or os.getpid() in _prepared:
+    if not sys.platform.startswith("linux") or is_prepared():
         return
     from multiprocessing import forkserver
 
@@ -53,8 +53,19 @@ def prepare_for(case: "Case", cluster: str | None = None) -> None:
     cluster : str or None
         The cluster that computes the runs in the place of this machine.
     """
-    if case.indentations and not cluster and (case.fit.workers or cores()) > 1:
+    if case.indentations and not cluster and (case.fit.workers or cores()) > 1 and _has_many_runs(case):
         prepare()
+
+
+def _has_many_runs(case: "Case") -> bool:
+    """Whether a fit of the case has runs for several workers: a single test whose force is only scaled is run once on each mesh."""
+    uncertain = set(case.fit.uncertain.given) - {"mesh"}
+    return len(case.tests) > 1 or bool(set(case.free) - {case.law.scale}) or bool(uncertain)
+
+
+def is_prepared() -> bool:
+    """Whether processes of this one are forked from a server."""
+    return os.getpid() in _prepared
 
 
 def cores() -> int:
@@ -64,7 +75,7 @@ def cores() -> int:
 
 def context() -> BaseContext:
     """The context that starts processes: that of the server where this process has prepared one, else that which spawns."""
-    return multiprocessing.get_context("forkserver" if os.getpid() in _prepared else "spawn")
+    return multiprocessing.get_context("forkserver" if is_prepared() else "spawn")
 
 
 @contextlib.contextmanager
