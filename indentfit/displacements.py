@@ -10,10 +10,9 @@ component that was not measured. Lines that begin with `#` and empty lines are s
 
 from __future__ import annotations
 
-import io
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ import numpy as np
 from indentfit.arrays import Array, Ints
 from indentfit.errors import CurveError
 from indentfit.headers import cells_of, separator_of, shown
+from indentfit.point_tables import lines_of, number_of, require_cells
 from indentfit.units import unit_factor
 
 LEAST = 3  # components that make a field
@@ -177,7 +177,7 @@ def read_displacements(path: str | Path) -> Displacements:
         The error's text is one line with the file, the line or the column, and the remedy.
     """
     path = Path(path)
-    lines = list(_lines(path))
+    lines = list(lines_of(path))
     if not lines:
         raise CurveError(f"{path}: the file is empty; it needs a header such as x_mm,y_mm,z_mm,uz_um,sd_um and numbers below")
     number, text = lines[0]
@@ -211,20 +211,6 @@ def write_displacements(path: str | Path, field: Displacements) -> None:
         more = [*([repr(float(field.sd[n]))] if stated else []), *([repr(float(field.depths[n]))] if deep else [])]
         rows.append(",".join([*map(repr, point[: len(position)]), *moved, *more]))
     Path(path).write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
-
-
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    try:
-        if not path.is_file():
-            raise CurveError(f"{path}: no such file; check the path")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise CurveError(f"{path}: not UTF-8 text; export it as 'CSV UTF-8'") from None
-    except OSError as error:
-        raise CurveError(f"{path}: cannot be read ({error.strerror})") from error
-    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            yield number, line.rstrip("\n")
 
 
 def _column(where: str, cell: str) -> _Column:
@@ -267,20 +253,13 @@ def _require(where: str, columns: Sequence[_Column]) -> None:
 
 def _numbers(where: str, cells: list[str], columns: Sequence[_Column], separator: str) -> list[float]:
     """The numbers of a line in mm; NaN where a component was not measured."""
-    if len(cells) != len(columns):
-        raise CurveError(f"{where}: has {len(cells)} columns, the header {len(columns)}")
+    require_cells(where, cells, len(columns))
     values = []
     for cell, column in zip(cells, columns, strict=True):
         if cell.strip().lower() in NOT_MEASURED and (column.name.startswith("u") or column.name == "sd"):
             values.append(math.nan)
             continue
-        try:
-            value = float(cell.replace(",", ".") if separator == ";" else cell) * column.factor
-        except ValueError:
-            raise CurveError(f"{where}: {shown(cell)} is not a number; correct or remove the line") from None
-        if not math.isfinite(value):
-            raise CurveError(f"{where}: {shown(cell)} is not a finite number; correct or remove the line")
-        values.append(value)
+        values.append(number_of(where, cell, separator) * column.factor)
     return values
 
 

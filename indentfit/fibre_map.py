@@ -10,10 +10,9 @@ empty lines are skipped.
 
 from __future__ import annotations
 
-import io
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +22,7 @@ import numpy as np
 from indentfit.arrays import Array, Ints
 from indentfit.errors import CurveError
 from indentfit.headers import cells_of, separator_of, shown
+from indentfit.point_tables import lines_of, number_of, require_cells
 from indentfit.units import unit_factor
 
 NEIGHBOURS = 8  # points of which a direction between points is the mean
@@ -196,7 +196,7 @@ def read_fibre_map(path: str | Path) -> FibreMap:
         The error's text is one line with the file, the line or the column, and the remedy.
     """
     path = Path(path)
-    lines = list(_lines(path))
+    lines = list(lines_of(path))
     if not lines:
         raise CurveError(f"{path}: the file is empty; it needs a header such as x_mm,z_mm,angle_deg and numbers below")
     number, text = lines[0]
@@ -232,20 +232,6 @@ def write_fibre_map(path: str | Path, fibres: FibreMap) -> None:
     for point, vector in zip(fibres.points.tolist(), fibres.directions.tolist(), strict=True):
         rows.append(",".join([*(repr(point[axis]) for axis in columns), *map(repr, vector)]))
     Path(path).write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
-
-
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    try:
-        if not path.is_file():
-            raise CurveError(f"{path}: no such file; check the path")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise CurveError(f"{path}: not UTF-8 text; export it as 'CSV UTF-8'") from None
-    except OSError as error:
-        raise CurveError(f"{path}: cannot be read ({error.strerror})") from error
-    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            yield number, line.rstrip("\n")
 
 
 def _column(where: str, cell: str) -> _Column:
@@ -286,15 +272,5 @@ def _require(where: str, names: Sequence[str]) -> None:
 
 def _numbers(where: str, cells: list[str], columns: Sequence[_Column], separator: str) -> list[float]:
     """The numbers of a line, in mm and degrees."""
-    if len(cells) != len(columns):
-        raise CurveError(f"{where}: has {len(cells)} columns, the header {len(columns)}")
-    values = []
-    for cell, column in zip(cells, columns, strict=True):
-        try:
-            value = float(cell.replace(",", ".") if separator == ";" else cell) * column.factor
-        except ValueError:
-            raise CurveError(f"{where}: {shown(cell)} is not a number; correct or remove the line") from None
-        if not math.isfinite(value):
-            raise CurveError(f"{where}: {shown(cell)} is not a finite number; correct or remove the line")
-        values.append(value)
-    return values
+    require_cells(where, cells, len(columns))
+    return [number_of(where, cell, separator) * column.factor for cell, column in zip(cells, columns, strict=True)]

@@ -164,14 +164,21 @@ def test_the_thread_of_the_progress_ticks_and_ends(monkeypatch):
     assert not [thread for thread in threading.enumerate() if thread.name == "indentfit-progress"]
 
 
-def test_on_a_terminal_a_command_says_that_it_is_at_work_where_it_shows_no_bar(monkeypatch):
+def terminal_for(monkeypatch):
+    """A terminal in the place of stderr, which keeps what is written; no fixture, since pytest sets stderr anew before the test."""
+
     class Terminal(io.StringIO):
         def isatty(self):
             return True
 
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
+    written = Terminal()
+    monkeypatch.setattr(sys, "stderr", written)
     monkeypatch.setenv("TERM", "xterm")
+    return written
+
+
+def test_on_a_terminal_a_command_says_that_it_is_at_work_where_it_shows_no_bar(monkeypatch):
+    terminal = terminal_for(monkeypatch)
     monkeypatch.setattr(progress, "INTERVAL", 0.0)
     monkeypatch.setattr(progress, "TICK", 3600.0)  # the test ticks
     with progress.waiting("fit"):
@@ -196,13 +203,7 @@ def test_progress_without_a_known_total_does_not_fail(total, monkeypatch, capsys
 
 
 def test_on_a_terminal_progress_is_a_bar_on_stderr(monkeypatch, capsys):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setenv("TERM", "xterm")
+    terminal = terminal_for(monkeypatch)
     with progress.progress("fit", total=2) as step:
         step(1, "objective [0.9] mN")
         print("the result")
