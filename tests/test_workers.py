@@ -239,21 +239,22 @@ def test_workers_forked_from_a_prepared_server_give_the_numbers_of_others_and_ar
 
 
 @pytest.mark.parametrize(
-    ("name", "overrides", "cluster", "prepared"),
+    ("name", "overrides", "asked_for", "prepared"),
     [
-        ("white_matter_2017", [], None, True),
-        ("white_matter_2017", ["fit.workers=1"], None, False),
-        ("white_matter_2017", [], "local", False),
-        ("hydrogel_sphere", [], None, False),
-        ("hydrogel_sphere", ["indenter.friction=unknown"], None, True),
+        ("white_matter_2017", [], {}, True),
+        ("white_matter_2017", ["fit.workers=1"], {}, False),
+        ("white_matter_2017", [], {"cluster": "local"}, False),
+        ("hydrogel_sphere", [], {}, False),
+        ("hydrogel_sphere", [], {"points": True}, True),
+        ("hydrogel_sphere", ["indenter.friction=unknown"], {}, True),
     ],
 )
-def test_a_server_is_prepared_where_several_workers_will_have_runs(monkeypatch, name, overrides, cluster, prepared):
+def test_a_server_is_prepared_where_several_workers_will_have_runs(monkeypatch, name, overrides, asked_for, prepared):
     """A gel whose force is only scaled has one run on each mesh, which takes less than the server."""
     asked = []
     monkeypatch.setattr(start, "prepare", lambda: asked.append(True))
     monkeypatch.setattr(start, "cores", lambda: 2)
-    start.prepare_for(read_case(CASES / name / "case.toml", overrides), cluster)
+    start.prepare_for(read_case(CASES / name / "case.toml", overrides), **asked_for)
     assert bool(asked) == prepared
 
 

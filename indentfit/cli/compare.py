@@ -77,7 +77,7 @@ def command(
     place = Place(output or f"{name}-comparison", overwrite, reuse=reuse)
     refuse_existing(place.output, overwrite)
     plan = plan_comparison(read, laws_asked(asked), _ranges(given), nested)
-    prepare_for(read, where)
+    prepare_for(read, where, points=True)
     warn(read.warnings())
     others = [each for _, each in plan.laws]
     with (

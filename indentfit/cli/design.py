@@ -46,7 +46,7 @@ def command(
     parameters = fitted_parameters(result, read) if result else None
     if output is not None:
         refuse_existing(output, overwrite)
-    prepare_for(read)
+    prepare_for(read, points=True)
     warn(read.warnings())
     with progress("design", total=1) as step:
         designed = design(read, parameters, noise, Execution(progress=step))

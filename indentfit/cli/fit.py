@@ -161,7 +161,7 @@ def _fit_samples(
     cases = sample_cases(path, read_specimens(Path(path).parent / TABLE), overrides)
     refuse_existing(place.output, place.overwrite)
     refuse_unfinished(place, samples=True)
-    prepare_for(cases[0][1], cluster)
+    prepare_for(cases[0][1], cluster, points=True)
     warn(cases[0][1].warnings())
     named = dict(zip(file_names([name for name, _ in cases]), cases, strict=True))
     if groups is not None:

@@ -64,7 +64,7 @@ def command(
     name = Path(case).resolve().parent.name or "case"
     place = Place(output or f"{name}-sweep", overwrite, reuse=reuse)
     refuse_existing(place.output, overwrite)
-    prepare_for(read, where)  # the server imports what workers need while this process imports what the sweep needs
+    prepare_for(read, where, points=True)  # the server imports what workers need while this process imports what the sweep needs
     from indentfit.report.lasting import study_in_folder
     from indentfit.report.study_folder import fill_study
     from indentfit.study.runs import Execution

@@ -44,7 +44,7 @@ def prepare() -> None:
         _prepared.append(os.getpid())
 
 
-def prepare_for(case: "Case", cluster: str | None = None) -> None:
+def prepare_for(case: "Case", cluster: str | None = None, points: bool = False) -> None:
     """Prepare a server where the runs of a case will be given to more than one process of this machine.
 
     Parameters
@@ -52,8 +52,10 @@ def prepare_for(case: "Case", cluster: str | None = None) -> None:
     case : Case
     cluster : str or None
         The cluster that computes the runs in the place of this machine.
+    points : bool
+        Whether the runs are of many variants of the case, as those of a sweep, and not of one fit.
     """
-    if case.indentations and not cluster and (case.fit.workers or cores()) > 1 and _has_many_runs(case):
+    if case.indentations and not cluster and (case.fit.workers or cores()) > 1 and (points or _has_many_runs(case)):
         prepare()
 
 
