@@ -11,11 +11,14 @@ from skfem import MeshHex
 
 import indentfit
 from indentfit.errors import CaseError
+from indentfit.fem.deadline import Deadline
 from indentfit.fem.element import Solid
+from indentfit.fem.in_time import with_time
 from indentfit.fem.setup import InTime
 from indentfit.fem.viscous import StressHistory, pulled_back
 from indentfit.hereditary import Ramp, fractional, prony
 from indentfit.material import load
+from indentfit.runs.forward import of_relaxation
 from indentfit.runs.key import Inputs
 from indentfit.runs.points import press_of
 from indentfit.study.runs import Execution
@@ -150,6 +153,20 @@ def test_steps_in_time_share_factors_and_a_hold_starts_from_relaxed_tractions():
     assert forces[-1] == pytest.approx(test.in_time.force[-1], rel=1e-3)
     held = [moment for moment in moments if moment.time > 0.5 + 1e-9]
     assert len(held) > 3 and all(abs(moment.at.penalty_error) < 3e-4 * moment.at.force for moment in held)
+
+
+def test_a_viscoelastic_model_that_takes_too_long_is_told_with_its_remedy():
+    sphere, disc = {"shape": "sphere", "diameter": 4.0}, {"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": "bonded"}
+    case = case_of(sphere, disc, 0.1, ramp=1.0, hold=4.0).model_copy(update={"mesh": indentfit.Mesh(elements=40)})
+    plain = case.model_copy(update={"material": case.material.model_copy(update={"relaxation": None})})
+    press = press_of(case, case.tests[0], GEL(mu=1.0))
+    elastic = indentfit.simulate(plain, mesh_error=False).tests[0]
+    curve = with_time(elastic, press, 4.0, deadline=Deadline(0.0)).in_time
+    remains = quad(lambda s: float(SERIES(1 - s)) * 1.5 * s**0.5, 0, 1)[0]  # the hereditary integral, of a force of d^1.5
+    assert curve.difference is None and curve.force.max() / elastic.force[-1] == pytest.approx(remains, rel=2e-2)
+    assert "not solved within 0 s of processor time; a larger fit.time_limit allows more" in curve.words()
+    words, known = of_relaxation(case.model_copy(update={"fit": case.fit.model_copy(update={"time_limit": 1e-6})}), {"mu": 1.0})
+    assert known == {} and "not solved at the optimum: not solved within 1e-06 s" in words[1] and "larger fit.time_limit" in words[1]
 
 
 def test_sphere_follows_lee_and_radok():

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from indentfit.arrays import Array
-from indentfit.errors import ConvergenceError
+from indentfit.errors import ConvergenceError, OutOfTime
+from indentfit.fem.deadline import Deadline
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.result import TestResult, TimeCurve
 from indentfit.fem.setup import Press
@@ -24,7 +25,13 @@ HOLD_POINTS, EARLIEST = (
 )  # times of a hold in the result: their number, and the first over the duration of the hold, if that is not late in the ramp
 
 
-def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[float], None] | None = None) -> TestResult:
+def with_time(
+    test: TestResult,
+    press: Press,
+    hold: float,
+    progress: Callable[[float], None] | None = None,
+    deadline: Deadline | None = None,
+) -> TestResult:
     """A test with its force over time.
 
     Parameters
@@ -36,6 +43,8 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
     hold : float, s
         Duration of the hold after the ramp; may be 0.
     progress : called with the share of the viscoelastic solution that is done
+    deadline : Deadline, or None
+        Of the viscoelastic solution.
 
     Returns
     -------
@@ -51,9 +60,9 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
     elastic = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     integral = function.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
     try:
-        moments = model.over_time(press, ramp, function, progress)
-    except ConvergenceError as error:
-        curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, error.cause)
+        moments = model.over_time(press, ramp, function, progress, deadline)
+    except (ConvergenceError, OutOfTime) as error:
+        curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, _cause(error))
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
     stepwise = function.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
@@ -61,6 +70,10 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
     between = PchipInterpolator(time[1:], ratio)(np.clip(wanted, time[1], time[-1]))
     force = between * np.interp(wanted, dense, integral)
     return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))
+
+
+def _cause(error: ConvergenceError | OutOfTime) -> str:
+    return error.cause if isinstance(error, ConvergenceError) else f"{error}; a larger fit.time_limit allows more"
 
 
 def _of_hold(hold: float, ramp: float) -> Array:

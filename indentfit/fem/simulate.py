@@ -117,7 +117,9 @@ class Model:
         self._observed: tuple[bytes, sp.csr_matrix] = b"", sp.csr_matrix((0, self.body.n_dofs))
         self.setup_seconds = time.perf_counter() - started
 
-    def simulate(self, presses: Sequence[Press], progress: Callable[..., None] | None = None) -> Simulation:
+    def simulate(
+        self, presses: Sequence[Press], progress: Callable[..., None] | None = None, time_limit: float = np.inf
+    ) -> Simulation:
         """The Simulation of several presses.
 
         Parameters
@@ -125,6 +127,8 @@ class Model:
         presses : sequence of Press
         progress : function
             Called with the name of the press, the share of its depth that is done, and from a second try on `tries`, its number.
+        time_limit : float, s
+            Processor time of each press.
 
         Returns
         -------
@@ -132,14 +136,14 @@ class Model:
 
         Raises
         ------
-        ConvergenceError
+        ConvergenceError, OutOfTime
             Its `part` is the Simulation of the tests before, and of this one's curve as far as it was solved.
         """
         tests: list[TestResult] = []
         for press in presses:
             report = functools.partial(progress, press.name) if progress else None
             try:
-                tests.append(self.run(press, report))
+                tests.append(self.run(press, report, Deadline(time_limit)))
             except IndentfitError as error:
                 error.part = self._together([*tests, *([error.part] if isinstance(error.part, TestResult) else [])])
                 raise
@@ -199,11 +203,16 @@ class Model:
         return POWERS[self.contact.shape.end]
 
     def over_time(
-        self, press: Press, ramp: Ramp, relaxation: RelaxationFunction, progress: Callable[[float], None] | None = None
+        self,
+        press: Press,
+        ramp: Ramp,
+        relaxation: RelaxationFunction,
+        progress: Callable[[float], None] | None = None,
+        deadline: Deadline | None = None,
     ) -> list[Moment]:
         """The moments of the viscoelastic model in a ramp and a hold, as `viscous.press_in_time` gives and raises them."""
-        options = self.setup.solver
-        controls = Controls(self._tolerance, options.max_step or np.inf, self._first_steps, progress=progress)
+        largest = self.setup.solver.max_step or np.inf
+        controls = Controls(self._tolerance, largest, self._first_steps, deadline or NEVER, progress)
         loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
         self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):
