@@ -45,8 +45,8 @@ class Piece:
         return [press_of(self.case, test, material) for test in self.case.tests]
 
     def solve(self, material: Material, progress: Curve | None = None, time_limit: float = math.inf) -> Simulation:
-        """The curves of the tests, each within a limit of processor time, s. Where they fail, or are stopped, `simulation` holds the
-        part that there is."""
+        """The curves of the tests, each within a limit of processor time, s. Where they fail, or are stopped, `simulation` holds
+        the part that there is."""
         try:
             self.simulation = self.model.simulate(self.presses(material), progress, time_limit)
         except IndentfitError as error:
