@@ -8,6 +8,7 @@ import numpy as np
 from indentfit.axes import MOTION
 from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
+from indentfit.digits import Scale, plainly, quantity
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import ForceError, Simulation, TestResult, TimeCurve
 from indentfit.inference.plain import Interval
@@ -15,7 +16,7 @@ from indentfit.inference.result import FitResult
 from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
-from indentfit.report.digits import CurveScale, plainly, quantity
+from indentfit.report.digits import CurveScale
 from indentfit.report.first_screen import doubts_of, first_lines, pieces_words, value_words
 from indentfit.runs.closed_form import ClosedForm, closed_forms, left_out
 from indentfit.runs.simulated import SimulatedCase
@@ -387,7 +388,11 @@ def _of_input(name: str, share: InputShare) -> str:
         return f"base ({share.probability:.0%} that it is {OTHER[str(share.value)]})"
     if share.prior is not None:
         return f"{name} ({share.prior}, each fitted)"
-    return f"{name} ({share.value:g} +- {share.sd:g})"
+    assert share.sd is not None  # inputs without a distribution of their own have a standard deviation
+    if share.unit == "mm":
+        scale = Scale.of([float(share.value), share.sd], "mm")
+        return f"{name} ({scale.text_with_error(float(share.value), share.sd)} {scale.unit})"
+    return f"{name} ({share.value:g} +- {share.sd:.3g})"
 
 
 def _percents(share: InputShare | NoiseShare, free: Sequence[str]) -> list[str]:
