@@ -304,10 +304,12 @@ def _faults_of_place(place: _Place, mesh: Mesh | None) -> Iterator[Fault]:
         yield from _indenter_too_wide(place, max(depths, default=0.0))
 
 
-CREEP = (
-    "creep is fitted to a measured curve with a column time_s, along its motion, and is not simulated; give such a curve, or "
-    "control the displacement"
-)
+CREEP = {
+    "curve": "creep needs the times of the curve: add a column time_s to its file, or control the displacement",
+    "force": "missing; creep needs the force that is held (force, mN), or a measured curve with a column time_s",
+    "ramp": "missing; give the duration of the ramp to the force that is held (ramp, s)",
+    "rate": "is a velocity, which a held force does not have; give the duration of the ramp to the force (ramp, s)",
+}
 
 
 def _faults_of_time(parts: Parts) -> Iterator[Fault]:
@@ -319,9 +321,10 @@ def _faults_of_time(parts: Parts) -> Iterator[Fault]:
     for label, test, curve in zip(names, parts.tests, parts.curves, strict=True):
         if test is None:
             continue
-        given = [key for key in ("rate", "ramp", "hold") if getattr(test, key) is not None]
-        if test.control == "force" and (curve is None or curve.time is None):
-            yield Fault(("test", label, "control"), test.control, CREEP)
+        given = [key for key in ("rate", "ramp", "hold", "force") if getattr(test, key) is not None]
+        creep = list(_faults_of_creep(label, test, curve))
+        if creep:
+            yield from creep
         elif not relaxes:
             yield from _faults_of_no_time(label, test, curve, given)
         elif curve is not None and curve.time is not None:
@@ -331,6 +334,23 @@ def _faults_of_time(parts: Parts) -> Iterator[Fault]:
             if curve is not None:
                 text += ", or a column time_s in the file of the curve"
             yield Fault(("test", label, "rate"), MISSING, text)
+
+
+def _faults_of_creep(label: str, test: Test, curve: Curve | None) -> Iterator[Fault]:
+    """Faults of a test whose rig holds the force, and of a force where the rig does not."""
+    if test.control != "force":
+        if test.force is not None:
+            yield Fault(("test", label, "force"), test.force, 'needs control = "force"; add it, or remove this key')
+    elif curve is not None and test.force is not None:
+        yield Fault(("test", label, "force"), test.force, "the curve tells the force that is held; remove this key")
+    elif curve is not None and curve.time is None:
+        yield Fault(("test", label, "control"), test.control, CREEP["curve"])
+    elif curve is None and test.rate is not None:
+        yield Fault(("test", label, "rate"), test.rate, CREEP["rate"])
+    elif curve is None and not (test.curve or test.record):
+        for key in ("force", "ramp"):
+            if key not in test.model_fields_set:
+                yield Fault(("test", label, key), MISSING, CREEP[key])
 
 
 def _faults_of_no_time(label: str, test: Test, curve: Curve | None, given: list[str]) -> Iterator[Fault]:

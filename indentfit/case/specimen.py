@@ -17,7 +17,7 @@ from indentfit.material import HomogeneousState
 if TYPE_CHECKING:
     from indentfit.case.tables import Test
 
-OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter", "field")
+OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "force", "sample", "indenter", "field")
 OF_SPECIMENS = ("fibres", "families", "loading", "ratio", "area", "length", "strain", "stress")
 ARTICLE = {"indentation": "an indentation", "shear": "a shear test", "uniaxial": "a uniaxial test", "biaxial": "a biaxial test"}
 

@@ -27,6 +27,7 @@ from indentfit.case.quantities import (
     Dip,
     FamilyAngles,
     FamilyDips,
+    Force,
     Friction,
     HalfAngle,
     Length,
@@ -364,8 +365,8 @@ class Test(Section):
 
     place = "test"
     rivals: ClassVar[dict[str, frozenset[str]]] = {
-        "curve": frozenset({"depth", "points", "record", "strain"}),
-        "record": frozenset({"depth", "points", "curve"}),
+        "curve": frozenset({"depth", "points", "record", "strain", "force"}),
+        "record": frozenset({"depth", "points", "curve", "force"}),
         "depth": frozenset({"curve", "record"}),
         "strain": frozenset({"curve"}),
         "rate": frozenset({"ramp"}),
@@ -407,10 +408,16 @@ class Test(Section):
     hold: Seconds | None = Field(
         default=None, examples=[5.0], description="duration of the hold after the ramp, of which `simulate` shows the force"
     )
+    force: Force | None = Field(
+        default=None,
+        examples=[5.0],
+        description='force to which the ramp goes and that is then held, to simulate creep with control = "force"; depth is then '
+        "the depth to which the creep is followed at most",
+    )
     control: Literal["displacement", "force"] | None = Field(
         default=None,
         examples=["displacement"],
-        description="what the rig held in a curve with times: displacement (default), or force",
+        description="what the rig controls in a ramp and a hold: displacement (default), or force",
     )
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"

@@ -55,14 +55,14 @@ def with_time(
     if press.in_time is None or model is None or test.unfinished:
         return test
     ramp, function = press.in_time.ramp(float(press.depths[-1]), hold)
-    wanted = np.append(press.depths / press.in_time.rate, ramp.seconds + _of_hold(hold, ramp.seconds))
+    wanted = np.append(press.depths / press.in_time.rate, ramp.seconds + of_hold(hold, ramp.seconds))
     dense = ramp.times(wanted)
     elastic = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     integral = function.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
     try:
         moments = model.over_time(press, ramp, function, progress, deadline)
     except (ConvergenceError, OutOfTime) as error:
-        curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, _cause(error))
+        curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, cause_of(error))
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
     stepwise = function.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
@@ -72,10 +72,11 @@ def with_time(
     return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))
 
 
-def _cause(error: ConvergenceError | OutOfTime) -> str:
+def cause_of(error: ConvergenceError | OutOfTime) -> str:
+    """Why a viscoelastic model was not solved."""
     return error.cause if isinstance(error, ConvergenceError) else f"{error}; a larger fit.time_limit allows more"
 
 
-def _of_hold(hold: float, ramp: float) -> Array:
+def of_hold(hold: float, ramp: float) -> Array:
     """Times (n,) since the end of a ramp, s."""
     return np.geomspace(min(EARLIEST * hold, 0.1 * ramp), hold, HOLD_POINTS) if hold else np.zeros(0)

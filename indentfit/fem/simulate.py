@@ -18,6 +18,7 @@ from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work
+from indentfit.fem.creep import Plan, creep_in_time
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions, of_fibre_angle
 from indentfit.fem.element import Solid
@@ -217,6 +218,21 @@ class Model:
         self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):
             return press_in_time(self.equations, loading, self._newton(controls), ramp, relaxation)
+
+    def creep(
+        self,
+        press: Press,
+        plan: Plan,
+        relaxation: RelaxationFunction,
+        progress: Callable[[float], None] | None = None,
+        deadline: Deadline | None = None,
+    ) -> list[Moment]:
+        """The moments of the viscoelastic model under a load, as `creep.creep_in_time` gives and raises them."""
+        controls = Controls(self._tolerance, self._largest_step(press), self._first_steps, deadline or NEVER, progress)
+        loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
+        self.solver.forget()
+        with _threads(self.body.n_dofs), blamed(type(press.material)):
+            return creep_in_time(self.equations, loading, self._newton(controls), plan, relaxation)
 
     def stiffness(self, material: Material, kappa: float, angle: float) -> float:
         """Small-strain stiffness of the whole sample, mN/mm, under a flat indenter that slips freely or sticks."""

@@ -42,6 +42,9 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
     if isinstance(simulation, SimulatedCase) and simulation.misfits:
         off = ", ".join(f"{name} {100 * share:.3g} %" for name, share in simulation.misfits.items())
         yield f"misfit    {off} of the largest measured force, at these values"
+    if isinstance(simulation, SimulatedCase) and simulation.creep_misfits:
+        off = ", ".join(f"{name} {100 * share:.3g} %" for name, share in simulation.creep_misfits.items())
+        yield f"misfit    {off} of the largest measured depth, at these values"
     yield from _mesh(simulation.mesh)
     for test in simulation.tests:
         yield from mesh_error_lines(test)
@@ -66,7 +69,10 @@ def _material(case: Case, material: Material) -> Iterator[str]:
     beside = "".join(f", {name} = {value:.4g}{'' if name.endswith('nu') else ' kPa'}" for name, value in moduli.items())
     yield f"{case.material.model or case.material.energy}: {values}{beside}"
     if case.relaxation is not None:
-        yield f"relaxes: {case.relaxation.words()}; forces over displacement are those of the ramp"
+        creep = [test.name for test in case.tests if test.control == "force"]
+        of_creep = f"elastic ones, for these moduli, in {', '.join(creep)}"
+        which = of_creep if len(creep) == len(case.tests) else f"those of the ramp{f', and {of_creep}' if creep else ''}"
+        yield f"relaxes: {case.relaxation.words()}; forces over displacement are {which}"
 
 
 def _start(name: str, material: Material, case: Case) -> str:
@@ -128,10 +134,27 @@ def mesh_error_lines(test: TestResult) -> Iterator[str]:
 
 
 def time_lines(name: str, curve: TimeCurve) -> Iterator[str]:
-    """The force of a test over time, line by line: at the ramp's end, at the hold's end, and how it was solved."""
+    """The force of a test over time, line by line: at the ramp's end, at the hold's end, and how it was solved; or its depth, where
+    the force is held."""
+    if curve.creeps:
+        yield from _creep_lines(name, curve)
+        return
     ramp, peak, held = _ends(curve)
     yield f"time      {name}: {quantity(peak, 'mN')} at the end of the ramp of {ramp:.4g} s{held}"
     yield f"          {curve.words()}"
+
+
+def _creep_lines(name: str, curve: TimeCurve) -> Iterator[str]:
+    """The depth of a test over time under a force that is held."""
+    held = float(curve.force[-1])
+    end = int(np.argmax(curve.force >= held * (1 - 1e-9)))
+    ramp, last = float(curve.time[end]), float(curve.time[-1])
+    there, deepest = (quantity(float(curve.displacement[n]), "mm") for n in (end, -1))
+    crept = f", {deepest} after a hold of {last - ramp:.4g} s" if last > ramp else ""
+    yield f"creep     {name}: {there} at the end of the ramp of {ramp:.4g} s to {quantity(held, 'mN')}{crept}"
+    yield f"          {curve.words()}"
+    if curve.ends:
+        yield f"note      {name}: {curve.ends}"
 
 
 def _ends(curve: TimeCurve) -> tuple[float, float, str]:

@@ -11,8 +11,9 @@ from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.case.in_time import ramps_of
+from indentfit.case.in_time import load_of, ramps_of
 from indentfit.errors import IndentfitError, OutOfTime
+from indentfit.fem.creep import points_of, with_creep
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.in_time import with_time
 from indentfit.fem.result import Simulation, TestResult
@@ -203,8 +204,13 @@ def _in_time(piece: Piece, material: Material, parts: "_Parts", time_limit: floa
     if simulation is None or case.material.relaxation is None:
         return simulation
     tests, ramps = [], ramps_of(case)
-    for test, press, asked in zip(simulation.tests, piece.presses(material), case.tests, strict=True):
+    for test, press, asked, curve in zip(simulation.tests, piece.presses(material), case.tests, case.curves, strict=True):
         progress, deadline = functools.partial(parts.in_time, press.name), Deadline(time_limit)
+        if (load := load_of(asked, curve)) is not None:
+            assert case.relaxation is not None  # the material relaxes
+            function, points = case.relaxation.function(load.arrived, load.end), points_of(load, asked.points)
+            tests.append(with_creep(test, press, load, function, points, progress, deadline))
+            continue
         tests.append(with_time(test, press, ramps[asked.name].hold, progress, deadline))
     return replace(simulation, tests=tuple(tests))
 
