@@ -1,6 +1,7 @@
 """Materials that relax: hereditary integrals, the viscoelastic model, and the commands, against closed forms and another code."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from indentfit.fem.element import Solid
 from indentfit.fem.in_time import with_time
 from indentfit.fem.result import TimeCurve
 from indentfit.fem.setup import InTime
-from indentfit.fem.viscous import StressHistory, pulled_back
+from indentfit.fem.viscous import StressHistory, press_in_time, pulled_back
 from indentfit.hereditary import Ramp, fractional, prony
 from indentfit.material import load
 from indentfit.runs.forward import of_relaxation
@@ -150,7 +151,9 @@ def test_steps_in_time_share_factors_and_a_hold_starts_from_relaxed_tractions():
     before = test.model.solver.work.factorizations
     ramp = Ramp(0.33, 0.5, 10.0)
     function = case.relaxation.function(ramp.seconds, ramp.end)
-    moments = test.model.over_time(press_of(case, case.tests[0], GEL(mu=1.0)), ramp, function)
+    moments = test.model.over_time(
+        press_of(case, case.tests[0], GEL(mu=1.0)), partial(press_in_time, ramp=ramp, relaxation=function)
+    )
     assert test.model.solver.work.factorizations - before <= len(moments)
     forces = [moment.at.whole_force * test.model.body.copies for moment in moments]
     assert forces[-1] == pytest.approx(test.in_time.force[-1], rel=1e-3)

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from indentfit.axes import INDENTATION, Axes
+from indentfit.case.creep_faults import faults_of_creep
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
 from indentfit.case.layers import OF_LAYERS, faults_of_layers
@@ -304,14 +305,6 @@ def _faults_of_place(place: _Place, mesh: Mesh | None) -> Iterator[Fault]:
         yield from _indenter_too_wide(place, max(depths, default=0.0))
 
 
-CREEP = {
-    "curve": "creep needs the times of the curve: add a column time_s to its file, or control the displacement",
-    "force": "missing; creep needs the force that is held (force, mN), or a measured curve with a column time_s",
-    "ramp": "missing; give the duration of the ramp to the force that is held (ramp, s)",
-    "rate": "is a velocity, which a held force does not have; give the duration of the ramp to the force (ramp, s)",
-}
-
-
 def _faults_of_time(parts: Parts) -> Iterator[Fault]:
     """Faults where a material relaxes in a test without times, or a test has times that no material asks for."""
     if parts.material is None:
@@ -322,7 +315,7 @@ def _faults_of_time(parts: Parts) -> Iterator[Fault]:
         if test is None:
             continue
         given = [key for key in ("rate", "ramp", "hold", "force") if getattr(test, key) is not None]
-        creep = list(_faults_of_creep(label, test, curve))
+        creep = list(faults_of_creep(label, test, curve))
         if creep:
             yield from creep
         elif not relaxes:
@@ -334,23 +327,6 @@ def _faults_of_time(parts: Parts) -> Iterator[Fault]:
             if curve is not None:
                 text += ", or a column time_s in the file of the curve"
             yield Fault(("test", label, "rate"), MISSING, text)
-
-
-def _faults_of_creep(label: str, test: Test, curve: Curve | None) -> Iterator[Fault]:
-    """Faults of a test whose rig holds the force, and of a force where the rig does not."""
-    if test.control != "force":
-        if test.force is not None:
-            yield Fault(("test", label, "force"), test.force, 'needs control = "force"; add it, or remove this key')
-    elif curve is not None and test.force is not None:
-        yield Fault(("test", label, "force"), test.force, "the curve tells the force that is held; remove this key")
-    elif curve is not None and curve.time is None:
-        yield Fault(("test", label, "control"), test.control, CREEP["curve"])
-    elif curve is None and test.rate is not None:
-        yield Fault(("test", label, "rate"), test.rate, CREEP["rate"])
-    elif curve is None and not (test.curve or test.record):
-        for key in ("force", "ramp"):
-            if key not in test.model_fields_set:
-                yield Fault(("test", label, key), MISSING, CREEP[key])
 
 
 def _faults_of_no_time(label: str, test: Test, curve: Curve | None, given: list[str]) -> Iterator[Fault]:

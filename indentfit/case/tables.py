@@ -409,10 +409,7 @@ class Test(Section):
         default=None, examples=[5.0], description="duration of the hold after the ramp, of which `simulate` shows the force"
     )
     force: Force | None = Field(
-        default=None,
-        examples=[5.0],
-        description='force to which the ramp goes and that is then held, to simulate creep with control = "force"; depth is then '
-        "the depth to which the creep is followed at most",
+        default=None, examples=[5.0], description="force of the hold, to simulate creep with control force, to test.depth at most"
     )
     control: Literal["displacement", "force"] | None = Field(
         default=None,

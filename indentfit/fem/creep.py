@@ -12,6 +12,7 @@ depths of the model to those of the hereditary integral over the same steps, whi
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -154,7 +155,7 @@ def with_creep(
     wanted = np.append(points[points < end * (1 - 1e-9)], end)
     plan = Plan(own, dense, depth, end, max(min(relaxation.times, default=load.arrived), 0.1 * load.arrived))
     try:
-        moments = model.creep(press, plan, relaxation, progress, deadline)
+        moments = model.over_time(press, partial(creep_in_time, plan=plan, relaxation=relaxation), progress, deadline)
     except (ConvergenceError, OutOfTime) as error:
         expected = np.interp(wanted, dense, depth)
         curve = TimeCurve(wanted, expected, load.at(wanted), None, cause_of(error), control="force", ends=ends)

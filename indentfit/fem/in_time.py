@@ -8,6 +8,7 @@ multiplies the integral over dense steps.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -18,6 +19,7 @@ from indentfit.fem.deadline import Deadline
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.result import TestResult, TimeCurve
 from indentfit.fem.setup import Press
+from indentfit.fem.viscous import press_in_time
 
 HOLD_POINTS, EARLIEST = (
     15,
@@ -60,7 +62,7 @@ def with_time(
     elastic = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     integral = function.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
     try:
-        moments = model.over_time(press, ramp, function, progress, deadline)
+        moments = model.over_time(press, partial(press_in_time, ramp=ramp, relaxation=function), progress, deadline)
     except (ConvergenceError, OutOfTime) as error:
         curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, cause_of(error))
         return replace(test, in_time=curve)

@@ -18,7 +18,6 @@ from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work
-from indentfit.fem.creep import Plan, creep_in_time
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions, of_fibre_angle
 from indentfit.fem.element import Solid
@@ -40,10 +39,9 @@ from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tied import Tied
-from indentfit.fem.viscous import Moment, press_in_time
+from indentfit.fem.viscous import InTime, Moment
 from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Fibre
-from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.indenters import has_sharp_edge
 from indentfit.material import Layered, Material, Prestretched, blamed, parts_of, rest_pressure
 
@@ -204,35 +202,16 @@ class Model:
         return POWERS[self.contact.shape.end]
 
     def over_time(
-        self,
-        press: Press,
-        ramp: Ramp,
-        relaxation: RelaxationFunction,
-        progress: Callable[[float], None] | None = None,
-        deadline: Deadline | None = None,
+        self, press: Press, path: InTime, progress: Callable[[float], None] | None = None, deadline: Deadline | None = None
     ) -> list[Moment]:
-        """The moments of the viscoelastic model in a ramp and a hold, as `viscous.press_in_time` gives and raises them."""
+        """The moments of the viscoelastic model along a path in time, as `viscous.press_in_time` or `creep.creep_in_time` gives and
+        raises them."""
         largest = self.setup.solver.max_step or np.inf
         controls = Controls(self._tolerance, largest, self._first_steps, deadline or NEVER, progress)
         loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
         self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):
-            return press_in_time(self.equations, loading, self._newton(controls), ramp, relaxation)
-
-    def creep(
-        self,
-        press: Press,
-        plan: Plan,
-        relaxation: RelaxationFunction,
-        progress: Callable[[float], None] | None = None,
-        deadline: Deadline | None = None,
-    ) -> list[Moment]:
-        """The moments of the viscoelastic model under a load, as `creep.creep_in_time` gives and raises them."""
-        controls = Controls(self._tolerance, self._largest_step(press), self._first_steps, deadline or NEVER, progress)
-        loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
-        self.solver.forget()
-        with _threads(self.body.n_dofs), blamed(type(press.material)):
-            return creep_in_time(self.equations, loading, self._newton(controls), plan, relaxation)
+            return path(self.equations, loading, self._newton(controls))
 
     def stiffness(self, material: Material, kappa: float, angle: float) -> float:
         """Small-strain stiffness of the whole sample, mN/mm, under a flat indenter that slips freely or sticks."""

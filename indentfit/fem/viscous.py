@@ -17,7 +17,7 @@ step serves the next, although that is another number of times as stiff (`contac
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import cast
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -112,6 +112,12 @@ class _Stiffer:
 
     def hessian(self, I: Array) -> Array:
         return self._factor * self._material.hessian(I)
+
+
+class InTime(Protocol):
+    """A path in time: from the equations, the loading of the elastic law and a Newton iteration to moments."""
+
+    def __call__(self, equations: Equations, loading: Loading, newton: Newton) -> list[Moment]: ...
 
 
 def press_in_time(
