@@ -412,9 +412,7 @@ class Test(Section):
         default=None, examples=[5.0], description="force of the hold, to simulate creep with control force, to test.depth at most"
     )
     control: Literal["displacement", "force"] | None = Field(
-        default=None,
-        examples=["displacement"],
-        description="what the rig controls in a ramp and a hold: displacement (default), or force",
+        default=None, examples=["displacement"], description="what the rig controls: displacement (default), or force"
     )
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
