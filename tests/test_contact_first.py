@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 
 from indentfit.errors import ConvergenceError
 from indentfit.fem import contact_first, newton
+from indentfit.fem.controls import Controls
 from indentfit.fem.linear import pardiso
 from indentfit.fem.path import LEASH, _increment
 from indentfit.fem.setup import Press
@@ -49,6 +50,18 @@ def test_its_equilibria_are_newtons(monkeypatch, texts, angle, alike):
     newtons = run(*texts, angle=angle)
     assert ours.facts.newton_iterations <= newtons.facts.newton_iterations / 3
     assert_allclose(ours.force, newtons.force, rtol=alike)
+
+
+def test_newtons_iteration_gives_up_where_its_leash_is_too_short_for_the_way(monkeypatch):
+    """With a leash of a thousandth of the step, 15 iterations go nowhere near the equilibrium: three say so. Each step itself
+    reduces the residual, so that no other rule ends the iteration."""
+    found = run(angle=0)
+    here, model = found.path[1], found.model
+    press = Press(white_matter().law(mu=1.49, zeta=4.68, phi=0.68), 1490.0, 0, DEPTHS)
+    increment = _increment(model.equations, model._loading(press, here.springs), here, here.depth + 0.05, 5e-5)
+    monkeypatch.setattr(newton, "approached", lambda *_: None)
+    with pytest.raises(ConvergenceError, match="after 3 iterations"):
+        model._newton(Controls(1e-6)).equilibrium(increment, here.at)
 
 
 def test_stiff_fibres_take_few_steps():

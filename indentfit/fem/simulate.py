@@ -64,11 +64,13 @@ RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 
 @dataclass(frozen=True)
 class Try:
-    """One try of a press: factors on the usual contact springs, width of the elements at the mesh's rim, and number of elements."""
+    """One try of a press: factors on the usual contact springs, on the width of the elements at the mesh's rim, and on the numbers
+    of elements and of steps to the last depth."""
 
     springs: float = 1.0
     rim: float = 1.0
     elements: float = 1.0
+    steps: int = 1
 
 
 USUAL = Try()
@@ -76,6 +78,11 @@ USUAL = Try()
 AGAIN_SECONDS, AGAIN_SHARE = 60.0, 1.5
 MUCH_DEEPER = 1.1  # a curve that ended early is given as on the usual mesh, unless another try got that much deeper
 SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
+# On a mesh of more dofs than this a try that takes so many iterations is given up where another mesh may do: the rim of a fine mesh
+# under a strip folds up in many small snaps, each of which takes dozens of iterations. A rim as wide as that of a coarse mesh, in
+# short steps, has none.
+FINE, FINE_ITERATIONS = 15_000, 150
+SECOND_TRIES_FINE = (Try(rim=4.0, steps=3), *SECOND_TRIES)
 SECOND_TRIES_ROUND = (Try(springs=5.0), Try(elements=0.5), Try(springs=0.2))
 SECOND_TRIES_IN_PLANE = (Try(elements=0.5), Try(springs=3.0), Try(springs=0.3), Try(elements=0.25))
 
@@ -236,8 +243,9 @@ class Model:
         """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
         springs, often does not with others. Raises the first try's ConvergenceError where every try fails."""
         started = time.process_time()
+        first = replace(controls, most_iterations=FINE_ITERATIONS) if self._fine else controls
         try:
-            return self._run(USUAL, press, controls)
+            return self._run(USUAL, press, first)
         except ConvergenceError as error:
             return self._tried_again(press, controls, error, time.process_time() - started)
 
@@ -263,7 +271,14 @@ class Model:
     def _second_tries(self) -> tuple[Try, ...]:
         if self.setup.in_plane:
             return SECOND_TRIES_IN_PLANE
-        return SECOND_TRIES_ROUND if self.contact.shape.edge_radius is None else SECOND_TRIES
+        if self.contact.shape.edge_radius is None:
+            return SECOND_TRIES_ROUND
+        return SECOND_TRIES_FINE if self._fine else SECOND_TRIES
+
+    @property
+    def _fine(self) -> bool:
+        """Whether this is a fine mesh under an indenter with an edge."""
+        return not self.setup.in_plane and self.contact.shape.edge_radius is not None and self.body.n_dofs > FINE
 
     def _coarser(self, attempt: Try) -> "Model":
         """This model, or a model with a coarser mesh: at the rim where the strip leaves the sample, or everywhere."""
@@ -278,7 +293,7 @@ class Model:
     def _run(self, attempt: Try, press: Press, controls: Controls) -> TestResult:
         started, before = time.perf_counter(), self._linear_work
         loading = self._loading(press, self._springs(press.material, press.fibre).scaled(attempt.springs))
-        newton = self._newton(controls)
+        newton = self._newton(replace(controls, first_steps=attempt.steps * controls.first_steps))
         self.solver.forget()
 
         def result(path: Sequence[Equilibrium], press: Press) -> TestResult:
