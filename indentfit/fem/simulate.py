@@ -3,7 +3,7 @@
 import functools
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any, cast
 
 import numpy as np
@@ -39,6 +39,19 @@ from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tied import Tied
+from indentfit.fem.tries import (
+    AGAIN_SECONDS,
+    AGAIN_SHARE,
+    FINE,
+    FINE_ITERATIONS,
+    MUCH_DEEPER,
+    SECOND_TRIES,
+    SECOND_TRIES_FINE,
+    SECOND_TRIES_IN_PLANE,
+    SECOND_TRIES_ROUND,
+    USUAL,
+    Try,
+)
 from indentfit.fem.viscous import InTime, Moment
 from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Fibre
@@ -60,31 +73,6 @@ FLAT_STEPS = 4  # steps to the last depth of bricks under a flat face with sharp
 # off, and 2 % at the first depths. Below a friction of SLIPPERY points slip all the same.
 RUBBING_STEPS, SLIPPERY = 12, 0.05
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
-
-
-@dataclass(frozen=True)
-class Try:
-    """One try of a press: factors on the usual contact springs, on the width of the elements at the mesh's rim, and on the numbers
-    of elements and of steps to the last depth."""
-
-    springs: float = 1.0
-    rim: float = 1.0
-    elements: float = 1.0
-    steps: int = 1
-
-
-USUAL = Try()
-# Second tries may take this processor time, s, or this many times that of the first try, where that is longer.
-AGAIN_SECONDS, AGAIN_SHARE = 60.0, 1.5
-MUCH_DEEPER = 1.1  # a curve that ended early is given as on the usual mesh, unless another try got that much deeper
-SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
-# On a mesh of more dofs than this a try that takes so many iterations is given up where another mesh may do: the rim of a fine mesh
-# under a strip folds up in many small snaps, each of which takes dozens of iterations. A rim as wide as that of a coarse mesh, in
-# short steps, has none.
-FINE, FINE_ITERATIONS = 15_000, 150
-SECOND_TRIES_FINE = (Try(rim=4.0, steps=3), *SECOND_TRIES)
-SECOND_TRIES_ROUND = (Try(springs=5.0), Try(elements=0.5), Try(springs=0.2))
-SECOND_TRIES_IN_PLANE = (Try(elements=0.5), Try(springs=3.0), Try(springs=0.3), Try(elements=0.25))
 
 
 class Model:
