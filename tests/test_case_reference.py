@@ -83,7 +83,6 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         f"material.relaxation.{name}": [*relaxes, "test.parallel.rate=0.1"] for name in ("base", "terms", "order", "g", "tau")
     }
     beside |= {"test.rate": relaxes, "test.ramp": relaxes, "test.hold": [*relaxes, "test.parallel.rate=0.1"]}
-    beside["test.force"] = [*relaxes, "test.parallel.control=force", "test.parallel.depth=0.3", "test.parallel.ramp=1"]
     two = ["material.model=two_families", "material.parameters={mu=1,zeta=1,phi=1,second=1}", "sample.families=[40,-40]"]
     beside |= {key: two for key in EVERY if key.endswith((".families", ".family_dips"))}
     places = [(x, z) for x in range(-6, 7, 3) for z in range(-6, 7, 3) if x * x + z * z < 48]
@@ -97,6 +96,11 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         case.write_text(text, encoding="utf-8")
     if key in ("material.relaxation.g", "material.relaxation.tau"):
         sets = ["material.relaxation.g=[0.8, 0.5]", "material.relaxation.tau=[0.5, 5]"]
+    if key in ("test.diameter", "test.plates"):
+        disc = 'kind = "compression"\nfibres = "along"\nlength = 3.3\ndiameter = 8\nplates = "sliding"\n'
+        text = (case.parent / "case.toml").read_text()
+        text = re.sub(r"^angle = 0.*\n(?:#  .*\n)*", disc, text, count=1, flags=re.MULTILINE)
+        case.write_text(text, encoding="utf-8")
     if key.startswith(("test.sample.", "test.indenter.")) and beside.get(key) is not two:
         own, of_case = key.removeprefix("test."), key.replace("test.", "test.parallel.", 1).rpartition(".")[0]
         texts = [text for text in beside.get(own, []) if not text.startswith("test.")]

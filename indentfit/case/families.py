@@ -12,7 +12,7 @@ from indentfit.arrays import Array
 from indentfit.case.fibre_faults import faults_of_map, faults_of_turns
 from indentfit.case.laws import families_of, fibres_in, has_fibres
 from indentfit.case.messages import MISSING, Fault, Key
-from indentfit.case.specimen import specimen_of
+from indentfit.case.specimen import BondedDisc, specimen_of
 from indentfit.case.tables import MaterialChoice, Sample, Test
 from indentfit.errors import CaseError
 from indentfit.fibre_map import FibreMap
@@ -118,6 +118,8 @@ def _of_specimen(label: str, test: Test, choice: MaterialChoice, law: type[Mater
         return
     specimen = specimen_of(test)
     assert specimen is not None  # the test is no indentation
+    if isinstance(specimen.state, BondedDisc):
+        return  # `specimen.disagreements` has refused it
     a, b = specimen.state.directions
     text = _between(law, float(a @ b))
     if not text and test.kind != "shear" and not _keep_axes(choice, law, test.families, a, b):

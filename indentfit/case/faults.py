@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import ValidationError
 
 from indentfit.axes import INDENTATION, Axes
-from indentfit.case.creep_faults import faults_of_creep
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
 from indentfit.case.layers import OF_LAYERS, faults_of_layers
@@ -21,6 +20,7 @@ from indentfit.case.prestretch import faults_of_prestretch
 from indentfit.case.recording import Record
 from indentfit.case.search import Fit
 from indentfit.case.section import known
+from indentfit.case.specimen import loading_of
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnTable, Range, Sample, Solver, Table, Test
 from indentfit.curve import Curve, not_loading_only
 from indentfit.errors import MaterialError
@@ -208,7 +208,7 @@ def _faults_of_specimen(label: str, test: Test, curve: Curve | None, material: M
     if material is not None and material.relaxation is not None:
         text = "is not solved for a material that relaxes; remove [material.relaxation], or give an indentation"
         yield Fault(("test", label, "kind"), test.kind, text)
-    if curve is not None and test.loading == "compression" and curve.deepest >= (test.length or 1.0):
+    if curve is not None and loading_of(test) == "compression" and curve.deepest >= (test.length or 1.0):
         text = f"goes to a strain of {curve.deepest / (test.length or 1.0):.4g} in compression; the stretch must stay above 0"
         yield Fault(("test", label, "curve"), test.curve, text)
 
@@ -218,6 +218,11 @@ def _faults_of_axes(label: str, test: Test, curve: Curve, axes: Axes) -> Iterato
     if test.kind == "indentation":
         if axes != INDENTATION:
             text = f"shows {axes.across} and {axes.up}; an indentation needs displacement and force (or give test.kind)"
+            yield Fault(("test", label, "curve"), test.curve, text)
+        return
+    if test.kind == "compression":
+        if axes != INDENTATION:
+            text = f"shows {axes.across} and {axes.up}; a compression between plates needs displacement and force"
             yield Fault(("test", label, "curve"), test.curve, text)
         return
     for key, shown, absolute in (("length", axes.across, "displacement"), ("area", axes.up, "force")):
@@ -305,6 +310,12 @@ def _faults_of_place(place: _Place, mesh: Mesh | None) -> Iterator[Fault]:
         yield from _indenter_too_wide(place, max(depths, default=0.0))
 
 
+CREEP = (
+    "creep is fitted to a measured curve with a column time_s, along its motion, and is not simulated; give such a curve, or "
+    "control the displacement"
+)
+
+
 def _faults_of_time(parts: Parts) -> Iterator[Fault]:
     """Faults where a material relaxes in a test without times, or a test has times that no material asks for."""
     if parts.material is None:
@@ -314,10 +325,9 @@ def _faults_of_time(parts: Parts) -> Iterator[Fault]:
     for label, test, curve in zip(names, parts.tests, parts.curves, strict=True):
         if test is None:
             continue
-        given = [key for key in ("rate", "ramp", "hold", "force") if getattr(test, key) is not None]
-        creep = list(faults_of_creep(label, test, curve))
-        if creep:
-            yield from creep
+        given = [key for key in ("rate", "ramp", "hold") if getattr(test, key) is not None]
+        if test.control == "force" and (curve is None or curve.time is None):
+            yield Fault(("test", label, "control"), test.control, CREEP)
         elif not relaxes:
             yield from _faults_of_no_time(label, test, curve, given)
         elif curve is not None and curve.time is not None:

@@ -52,7 +52,7 @@ from indentfit.units import number_in
 KEYS = ("title", *SECTIONS, "test")
 NEEDED = ("sample", "indenter", "material")
 OF_INDENTER = ("sample", "indenter")  # needed where a test is an indentation
-SPECIMENS = ("shear", "uniaxial", "biaxial")
+SPECIMENS = ("compression", "shear", "uniaxial", "biaxial")
 OPTIONAL = ("mesh", "fit", "solver", "record")
 Table = TypeVar("Table", bound=Section)
 

@@ -27,7 +27,6 @@ from indentfit.case.quantities import (
     Dip,
     FamilyAngles,
     FamilyDips,
-    Force,
     Friction,
     HalfAngle,
     Length,
@@ -365,8 +364,8 @@ class Test(Section):
 
     place = "test"
     rivals: ClassVar[dict[str, frozenset[str]]] = {
-        "curve": frozenset({"depth", "points", "record", "strain", "force"}),
-        "record": frozenset({"depth", "points", "curve", "force"}),
+        "curve": frozenset({"depth", "points", "record", "strain"}),
+        "record": frozenset({"depth", "points", "curve"}),
         "depth": frozenset({"curve", "record"}),
         "strain": frozenset({"curve"}),
         "rate": frozenset({"ramp"}),
@@ -374,9 +373,8 @@ class Test(Section):
     }
 
     name: Annotated[Line, Field(max_length=60)] = Field(examples=["parallel"], description="name of the test")
-    kind: Literal["indentation"] | Kind = Field(
-        default="indentation",
-        description="what is tested: an indentation; simple shear; or uniaxial or biaxial stretch, its free sides without stress",
+    kind: Literal["indentation", "compression"] | Kind = Field(
+        default="indentation", description="indentation; a disc between two plates; simple shear; or uniaxial or biaxial stretch"
     )
     angle: Angle | None = Field(
         default=None,
@@ -405,14 +403,11 @@ class Test(Section):
     ramp: Seconds | None = Field(
         default=None, examples=[0.5], description="duration of the ramp to the last displacement, instead of rate"
     )
-    hold: Seconds | None = Field(
-        default=None, examples=[5.0], description="duration of the hold after the ramp, of which `simulate` shows the force"
-    )
-    force: Force | None = Field(
-        default=None, examples=[5.0], description="force of the hold, to simulate creep with control force, to test.depth at most"
-    )
+    hold: Seconds | None = Field(default=None, examples=[5.0], description="duration of the hold after the ramp, to simulate")
     control: Literal["displacement", "force"] | None = Field(
-        default=None, examples=["displacement"], description="what the rig controls: displacement (default), or force"
+        default=None,
+        examples=["displacement"],
+        description="what the rig held in a curve with times: displacement by default",
     )
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"
@@ -444,6 +439,12 @@ class Test(Section):
     )
     length: Length | None = Field(
         default=None, examples=[3.0], description="length of the undeformed specimen (in shear its thickness), for displacements"
+    )
+    diameter: Length | None = Field(
+        default=None, examples=[8.0], description="diameter of the disc between plates, undeformed; length is its height"
+    )
+    plates: Literal["sliding", "bonded"] | None = Field(
+        default=None, examples=["sliding"], description="the disc slides on the plates, or is bonded to them (glued, or it sticks)"
     )
     strain: Positive | None = Field(default=None, examples=[0.2], description="largest strain to simulate, instead of a curve")
     stress: Literal["nominal", "cauchy"] | None = Field(

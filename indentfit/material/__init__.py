@@ -15,7 +15,7 @@ Files of laws, and the other rooms, import from here only.
 
 from indentfit.material.conformance import Check, check, isochoric_stress
 from indentfit.material.functions import FUNCTIONS, Term, exp, expi, log, positive, sqrt
-from indentfit.material.homogeneous import Fibres, HomogeneousState, Kind
+from indentfit.material.homogeneous import NO_EFFECT, Fibres, HomogeneousState, Kind, Stresses
 from indentfit.material.kinematics import INVARIANTS, REST, SECOND_FAMILY, families, invariant_gradients, invariants
 from indentfit.material.layers import Layered, laws_of, layered, parts_of
 from indentfit.material.model import FIRST_FAMILY, GROUP, Material, exchangeable, require_derivable, shipped
@@ -32,6 +32,7 @@ __all__ = [
     "FUNCTIONS",
     "GROUP",
     "INVARIANTS",
+    "NO_EFFECT",
     "REST",
     "SECOND_FAMILY",
     "STRETCHES",
@@ -43,6 +44,7 @@ __all__ = [
     "Material",
     "Parameter",
     "Prestretched",
+    "Stresses",
     "Term",
     "blamed",
     "check",

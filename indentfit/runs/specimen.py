@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from indentfit.case.specimen import Specimen, axes_of
+from indentfit.case.specimen import BondedDisc, Specimen, axes_of
 from indentfit.fem.controls import Report
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.facts import SolveFacts
 from indentfit.fem.result import TestResult
 from indentfit.fem.setup import Press
-from indentfit.material import Material, blamed
+from indentfit.material import Material, Stresses, blamed
 
 if TYPE_CHECKING:
     from indentfit.case import Case, Test
@@ -50,12 +50,22 @@ class SpecimenModel:
         (deadline or NEVER).check()
         started, specimen = time.perf_counter(), self.specimen
         with blamed(type(press.material)):
-            solved = specimen.state.solve(press.material, press.kappas[0], specimen.strains(press.depths), press.sensitivities)
+            solved = _solved(specimen, press)
         if progress is not None:
             progress(1.0)
         slopes = {name: specimen.area * row for name, row in solved.sensitivities.items()}
         facts = SolveFacts(steps=len(press.depths), wall_seconds=time.perf_counter() - started)
         return TestResult(press.name, press.angle, press.depths, specimen.area * solved.stress, facts, slopes)
+
+
+def _solved(specimen: Specimen, press: Press) -> Stresses:
+    """Stresses, kPa, with their sensitivities, at the displacements of a press."""
+    state, strains = specimen.state, specimen.strains(press.depths)
+    if isinstance(state, BondedDisc):
+        from indentfit.fem.compression import pressed_disc  # finite elements, which other states need none of
+
+        return pressed_disc(press.material, press.kappas[0], state.diameter, state.height, strains, press.sensitivities)
+    return state.solve(press.material, press.kappas[0], strains, press.sensitivities)
 
 
 def simulated_specimens(case: "Case", material: Material, progress: Callable[..., None] | None = None) -> Iterator[TestResult]:
