@@ -12,7 +12,7 @@ from indentfit.case import Range
 from indentfit.case.priors import Prior
 from indentfit.curve import Curve
 from indentfit.inference import draws, joint
-from indentfit.inference.density import Density
+from indentfit.inference.density import SLAB, WHITE, Density
 from indentfit.inference.draws import Draws, drawn, pieces
 from indentfit.inference.joint import ModelError
 from indentfit.inference.joint_profiles import joint_profiles
@@ -117,15 +117,19 @@ def test_the_same_seed_gives_the_same_draws(line):
     np.testing.assert_array_equal(drawn(line[0], 0).shares, line[1].shares)
 
 
-def test_the_evidence_is_that_of_linear_regression(line):
-    """The integral over a and b is that of a normal density, and that over log sigma is done here on a grid; the bounds of the
-    ranges are many standard errors away."""
-    _, inverse, squares = regression(measured())
-    most = measured().max()
-    u = np.linspace(0, 1, 20001)
-    sigma = np.exp(np.log(FINEST * most) + u * -np.log(FINEST))
-    logs = -25 * np.log(sigma) - squares / (2 * sigma**2) + np.log(2 * np.pi * sigma**2) + 0.5 * np.linalg.slogdet(inverse)[1]
-    exact = np.log(np.trapezoid(np.exp(logs - logs.max()), u)) + logs.max() - 2 * np.log(200)
+def test_the_evidence_is_that_of_linear_regression_under_every_correlation(line):
+    """Under each correlation of the noise the curve and the design are whitened, the integral over a and b is that of a normal
+    density, and that over log sigma is done here on a grid. White noise has the prior probability WHITE; the others, SLAB steps to
+    exp(-1 / 25), share the rest. The bounds of the ranges are many standard errors away."""
+    most, u = measured().max(), np.linspace(0, 1, 20001)
+    sigma, logs = np.exp(np.log(FINEST * most) + u * -np.log(FINEST)), []
+    for n, rho in enumerate([0.0, *(np.exp(-1 / 25) * (np.arange(SLAB) + 0.5) / SLAB)]):
+        L = np.linalg.cholesky(rho ** np.abs(np.subtract.outer(np.arange(25), np.arange(25))))
+        design, force = np.linalg.solve(L, DESIGN), np.linalg.solve(L, measured())
+        squares = np.linalg.lstsq(design, force, rcond=None)[1][0]
+        volume = np.log(2 * np.pi * sigma**2) - 0.5 * np.linalg.slogdet(design.T @ design)[1] - np.log(np.diag(L)).sum()
+        logs.append(np.log((1 - WHITE) / SLAB if n else WHITE) - 25 * np.log(sigma) - squares / (2 * sigma**2) + volume)
+    exact = np.log(np.trapezoid(np.exp(np.array(logs) - np.max(logs)).sum(axis=0), u)) + np.max(logs) - 2 * np.log(200)
     assert line[1].log_evidence == pytest.approx(exact, abs=0.1)
 
 
@@ -152,16 +156,17 @@ def test_a_parameter_at_its_bound_has_an_interval_that_begins_there():
 
 def test_the_density_with_errors_of_the_model_is_that_of_their_covariance(line):
     """A smooth error of 1 % of the forces, against the logarithm of a normal density of 25 forces by SciPy's formula, at places
-    where sigma differs; only differences between places count."""
+    where sigma and the correlation differ; only differences between places count."""
     fit, _ = line
     smooth = 0.01**2 * np.exp(-(np.subtract.outer(DEPTH, DEPTH) ** 2) / 0.02) * np.outer(measured(), measured())
-    noise = replace(fit.posterior.noise, model=smooth, rho=np.array([0.4]))
+    noise = replace(fit.posterior.noise, model=smooth)
     density = Density(replace(fit, posterior=replace(fit.posterior, noise=noise)))
-    places = np.array([[0.45, 0.3, 0.6], [0.44, 0.31, 0.8], [0.4, 0.5, 0.5]])
+    most, step = np.exp(-1 / 25) / SLAB, (1 - WHITE) / SLAB
+    places = np.array([[0.45, 0.3, 0.6, 0.1], [0.44, 0.31, 0.8, 0.1], [0.4, 0.5, 0.5, WHITE + 2.4 * step], [0.4, 0.5, 0.5, 0.999]])
     logs = []
-    for place in places:
+    for place, rho in zip(places, [0.0, 0.0, 2.5 * most, (SLAB - 0.5) * most], strict=True):
         sigma = density.sigma(place)[0]
-        covar = smooth + sigma**2 * 0.4 ** np.abs(np.subtract.outer(np.arange(25), np.arange(25)))
+        covar = smooth + sigma**2 * rho ** np.abs(np.subtract.outer(np.arange(25), np.arange(25)))
         left = DESIGN @ (200 * place[:2]) - measured()
         logs.append(-0.5 * (left @ np.linalg.solve(covar, left) + np.linalg.slogdet(covar)[1]))
     assert density(places) - density(places)[0] == pytest.approx(np.array(logs) - logs[0], rel=1e-3, abs=1e-3)

@@ -1,74 +1,66 @@
 """The density of parameters, uncertain inputs and noises on the surrogate of a joint fit, at many places at once.
 
-A place holds the coordinates of the fit in units of their ranges, then one coordinate for each test whose forces count: the
-logarithm of the standard deviation of its noise, in units of its range. All coordinates lie between 0 and 1, and are uniform there
-before the curves and the normal priors speak. The correlation of each curve's noise is that of the fit.
+A place holds the coordinates of the fit in units of their ranges, then two coordinates for each test whose forces count: first
+those of all tests for the logarithm of the standard deviation of the noise, in units of its range, then those for the correlation
+of neighbouring points. All coordinates lie between 0 and 1, and are uniform there before the curves and the normal priors speak.
+Below WHITE the noise is white, above that the correlation grows in SLAB steps to the largest under which a test still decorrelates:
+residuals that are smooth by what the model cannot follow may look white at the optimum, and no other place could then compete.
 """
 
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh
 
-from indentfit.arrays import Array, Bools
+from indentfit.arrays import Array, Bools, Ints
 from indentfit.inference.joint import JointFit
-from indentfit.inference.noise import correlations
+from indentfit.inference.noise import FEWEST, correlations, most_correlated
 from indentfit.inference.posterior import FINEST, Shift, basis
 
+WHITE, SLAB = 0.75, 6  # prior probability of white noise, and the number of equally probable correlations beside it
 NEGLIGIBLE = 1e-3  # errors of the model along a direction, over the least noise, that are left out
 
 
 class Density:
-    """Logarithm of the density at places (m, n + tests)."""
+    """Logarithm of the density at places (m, n + 2 tests)."""
 
     def __init__(self, fit: JointFit) -> None:
         self.fit, self.posterior, self.curves = fit, fit.posterior, fit.posterior.curves
         self.used = [n for n, used in enumerate(self.posterior.used) if used]
-        self.size = self.curves.size + len(self.used)
+        self.size = self.curves.size + 2 * len(self.used)
         self.rows = self.posterior.rows
         self.P, self.centre = self.posterior.prior_rows()
         self.y = self.curves.measured()[self.rows]
         most = np.array([np.abs(self.curves.problem.tests[n].curve.force).max() for n in self.used])
         self.lowest, self.highest = np.log(FINEST * most), np.log(most)
-        self.parts = np.repeat(np.arange(len(self.used)), [self._points(n) for n in self.used])
-        self.rotation, self.sizes = self._eigen()
+        self.noises = self._noises()
 
-    def _points(self, test: int) -> int:
-        part = self.curves.slices[test]
-        return part.stop - part.start
-
-    def _eigen(self) -> tuple[Array, Array]:
-        """A matrix (N, N) under which the noise of each test is independent, and the variances it has then if its sigma is 1."""
-        rotation, sizes, done = np.zeros((self.rows.size,) * 2), np.ones(self.rows.size), 0
+    def _noises(self) -> list["_Noise"]:
+        """The noise of each test that counts, with the errors of the model at its points."""
+        B, noises, done = self._directions(), [], 0
         for n in self.used:
-            here, trust = slice(done, done + self._points(n)), self.posterior.noise.trust[n]
-            values, vectors = eigh(correlations(trust.size, self.posterior.noise.rho[n]))
-            rotation[here, here], sizes[here], done = vectors.T * trust, values, here.stop
-        return rotation, sizes
+            trust = self.posterior.noise.trust[n]
+            here, done = slice(done, done + trust.size), done + trust.size
+            noises.append(_Noise.of(here, trust, float(self.posterior.noise.stated[n]), B[here]))
+        return noises
 
-    @cached_property
-    def directions(self) -> Array:
-        """Errors of the model, under the rotation: columns (N, r) whose squares add up to their covariance."""
+    def _directions(self) -> Array:
+        """Errors of the model: columns (N, r) whose squares add up to their covariance."""
         model = self.posterior.noise.model[np.ix_(self.rows, self.rows)]
-        values, vectors = eigh(self.rotation @ model @ self.rotation.T)
-        least = (NEGLIGIBLE * np.exp(self.lowest.min())) ** 2 * self.sizes.min()
-        counted = values > least
+        values, vectors = eigh(model)
+        counted = values > (NEGLIGIBLE * np.exp(self.lowest.min())) ** 2
         return np.asarray(vectors[:, counted] * np.sqrt(values[counted]))
 
-    @cached_property
-    def _squares(self) -> Array:
-        """Products of the directions with each other, (N, r * r)."""
-        B = self.directions
-        return np.asarray((B[:, :, None] * B[:, None, :]).reshape(len(B), -1))
-
     def sigma(self, places: Array) -> Array:
-        """Standard deviations of the noises at places (..., n + tests), (..., tests) mN."""
-        return np.asarray(np.exp(self.lowest + places[..., self.curves.size :] * (self.highest - self.lowest)))
+        """Standard deviations of the noises at places (..., n + 2 tests), (..., tests) mN."""
+        first = self.curves.size
+        return np.asarray(np.exp(self.lowest + places[..., first : first + len(self.used)] * (self.highest - self.lowest)))
 
     def place(self, z: Array) -> Array:
-        """The place of coordinates z (n,) with the noise of the fit, (n + tests,)."""
+        """The place of coordinates z (n,) with the noise of the fit, (n + 2 tests,)."""
         sigma = np.log(self.posterior.noise.sigma[self.used])
-        return np.clip(np.concatenate([z, (sigma - self.lowest) / (self.highest - self.lowest)]), 0, 1)
+        kinds = [noise.coordinate(rho) for noise, rho in zip(self.noises, self.posterior.noise.rho[self.used], strict=True)]
+        return np.clip(np.concatenate([z, (sigma - self.lowest) / (self.highest - self.lowest), kinds]), 0, 1)
 
     def __call__(self, places: Array) -> Array:
         inside = ((places >= 0) & (places <= 1)).all(axis=1)
@@ -80,22 +72,24 @@ class Density:
     def _within(self, places: Array) -> Array:
         z = places[:, : self.curves.size]
         forces, failed = self.forces(z)
-        left = (forces[:, self.rows] - self.y) @ self.rotation.T
-        variances = self._variances(self.sigma(places))
-        B, r = self.directions, self.directions.shape[1]
-        inner = (1 / variances) @ self._squares
-        M = np.eye(r) + inner.reshape(len(z), r, r)
-        L = np.linalg.cholesky(M)
-        explained = np.linalg.solve(L, ((left / variances) @ B)[..., None])[..., 0]
-        squares = np.sum(left**2 / variances, axis=1) - np.sum(explained**2, axis=1)
-        volume = np.sum(np.log(variances), axis=1) + 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
+        left, sigma = forces[:, self.rows] - self.y, self.sigma(places)
+        r = self.noises[0].errors.shape[1] if self.noises else 0
+        squares, volume, seen, inner = np.zeros(len(z)), np.zeros(len(z)), np.zeros((len(z), r)), np.zeros((len(z), r * r))
+        for n, noise in enumerate(self.noises):
+            kinds = noise.kinds(places[:, self.curves.size + len(self.used) + n])
+            for kind in np.unique(kinds):
+                here = kinds == kind
+                known, variances = noise.known[kind], noise.variances(int(kind), sigma[here, n])
+                turned = left[here, noise.rows] @ known.turn.T
+                squares[here] += np.sum(turned**2 / variances, axis=1)
+                volume[here] += np.sum(np.log(variances), axis=1)
+                seen[here] += (turned / variances) @ known.errors
+                inner[here] += (1 / variances) @ known.products
+        L = np.linalg.cholesky(np.eye(r) + inner.reshape(len(z), r, r))
+        explained = np.linalg.solve(L, seen[..., None])[..., 0]
+        volume += 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
         priors = np.sum((z @ self.P.T - self.centre) ** 2, axis=1)
-        return np.where(failed, -np.inf, -0.5 * (squares + volume + priors))
-
-    def _variances(self, sigma: Array) -> Array:
-        """Variances of the noise under the rotation, (m, N); what a curve states beyond sigma is independent noise."""
-        beside = np.maximum(self.posterior.noise.stated[self.used] ** 2 - sigma**2, 0.0)
-        return np.asarray(sigma[:, self.parts] ** 2 * self.sizes + beside[:, self.parts])
+        return np.where(failed, -np.inf, -0.5 * (squares - np.sum(explained**2, axis=1) + volume + priors))
 
     def values(self, z: Array) -> Array:
         """Coordinates (..., n) in their units."""
@@ -141,6 +135,59 @@ class Density:
                 part = slice(ends[known.test], ends[known.test + 1])
                 elastic[:, part] += _moved(curves.shifts[known.test], own[:, n], elastic[:, part])
         return surrogate.relaxed(elastic, places)
+
+
+@dataclass(frozen=True, eq=False)
+class _Kind:
+    """One correlation of a test's noise: under `turn` (n, n) the noise is independent, with the variances `sizes` (n,) if its sigma
+    is 1; the errors of the model there (n, r), and their products with each other (n, r * r)."""
+
+    rho: float
+    turn: Array
+    sizes: Array
+    errors: Array
+    products: Array
+
+    @classmethod
+    def of(cls, rho: float, trust: Array, errors: Array) -> "_Kind":
+        sizes, vectors = eigh(correlations(trust.size, rho))
+        turn = vectors.T * trust
+        turned = turn @ errors
+        return cls(rho, turn, sizes, turned, (turned[:, :, None] * turned[:, None, :]).reshape(trust.size, -1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """The noise of one test: its rows among those that count, the standard deviation that the curve states, the errors of the model
+    (n, r), and its possible correlations, white noise first."""
+
+    rows: slice
+    stated: float
+    errors: Array
+    known: tuple[_Kind, ...]
+
+    @classmethod
+    def of(cls, rows: slice, trust: Array, stated: float, errors: Array) -> "_Noise":
+        n = trust.size
+        slab = most_correlated(n) * (np.arange(SLAB) + 0.5) / SLAB if n >= FEWEST else np.zeros(0)
+        return cls(rows, stated, errors, tuple(_Kind.of(float(rho), trust, errors) for rho in (0.0, *slab)))
+
+    def kinds(self, coordinate: Array) -> Ints:
+        """Numbers of the correlations at values of their coordinate, (m,)."""
+        if len(self.known) == 1:
+            return np.zeros(coordinate.size, dtype=int)
+        step = np.floor((coordinate - WHITE) / (1 - WHITE) * SLAB).astype(int)
+        return np.where(coordinate < WHITE, 0, 1 + np.clip(step, 0, SLAB - 1))
+
+    def coordinate(self, rho: float) -> float:
+        """The middle of the values of the coordinate whose correlation is nearest to rho."""
+        kind = int(np.argmin([abs(known.rho - rho) for known in self.known]))
+        return WHITE / 2 if kind == 0 else WHITE + (1 - WHITE) * (kind - 0.5) / SLAB
+
+    def variances(self, kind: int, sigma: Array) -> Array:
+        """Variances (m, n) of the noise; what a curve states beyond sigma is independent noise."""
+        beside = np.maximum(self.stated**2 - sigma**2, 0.0)
+        return np.asarray(sigma[:, None] ** 2 * self.known[kind].sizes + beside[:, None])
 
 
 def _moved(shift: Shift, offsets: Array, forces: Array) -> Array:

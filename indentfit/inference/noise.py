@@ -18,6 +18,7 @@ from indentfit.inference.result import CurveNoise
 SIGNIFICANT = 1.645  # an autocorrelation within so many standard errors of zero counts as zero
 LARGER = 0.95  # probability below which residuals are larger than a stated noise by chance
 DRAWN = 999  # draws of independent noise, with which the smoothness of residuals is compared
+FEWEST = 4  # points of a test whose noise may be correlated
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
 
@@ -166,7 +167,7 @@ def _seen(J: Array) -> Array:
 def autocorrelation(M: Array, residuals: Array) -> float:
     """The AR(1) coefficient under which the residuals, M times the noise, are expected to have the observed lag-1 product."""
     n = len(residuals)
-    if n < 4 or not residuals.any():
+    if n < FEWEST or not residuals.any():
         return 0.0
     shown = residuals[1:] @ residuals[:-1] / (residuals @ residuals)
 
@@ -174,10 +175,15 @@ def autocorrelation(M: Array, residuals: Array) -> float:
         V = M @ correlations(n, rho) @ M.T
         return np.trace(V, offset=1) / np.trace(V)
 
-    most = float(np.exp(-1 / n))  # the noise of a test decorrelates within the test; otherwise the test would determine nothing
+    most = most_correlated(n)
     if np.trace(M @ M.T) < 1e-9 or shown - expected(0.0) < SIGNIFICANT / np.sqrt(n):
         return 0.0
     return most if shown >= expected(most) else float(brentq(lambda rho: expected(rho) - shown, 0.0, most, xtol=1e-6))
+
+
+def most_correlated(n: int) -> float:
+    """The largest AR(1) coefficient of n points: their noise decorrelates within the test, or the test would determine nothing."""
+    return float(np.exp(-1 / n))
 
 
 def _variances(M: list[list[Array]], R: list[Array], residuals: Sequence[Array]) -> tuple[Array, list[float]]:

@@ -1,7 +1,8 @@
 """Samples of the density over parameters and uncertain inputs, on the surrogate of a fit, by emcee (Foreman-Mackey et al. 2013).
 
-The noise of each test is a coordinate too (uniform in its logarithm), and so is integrated out. Several alternatives, such as two
-bases, are sampled each; a draw of the result is one of theirs, by their probabilities. This module needs `indentfit[posterior]`.
+Size (uniform in its logarithm) and correlation of the noise of each test are coordinates too, and so are integrated out.
+Several alternatives, such as two bases, are sampled each; a draw of the result is one of theirs, by their probabilities. This
+module needs `indentfit[posterior]`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -241,7 +242,7 @@ def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
 
 
 def _starts(density: Density, walkers: int, rng: np.random.Generator) -> Array:
-    """Places of the walkers: about the optimum and other maxima, (walkers, n + tests)."""
+    """Places of the walkers: about the optimum and other maxima, (walkers, n + 2 tests)."""
     fit = density.fit
     modes = [fit.mode, *(mode for mode in fit.others if mode.chi2 < fit.mode.chi2 + 9)]
     drawn = []
@@ -251,6 +252,8 @@ def _starts(density: Density, walkers: int, rng: np.random.Generator) -> Array:
         z = mode.z + np.minimum(1.0, 0.3 / np.sqrt(np.diag(mode.covar))) * (root @ rng.standard_normal(len(mode.z)))
         inside = np.abs((z + 1) % 2 - 1)  # mirrored at 0 and 1
         place = density.place(np.clip(inside, 1e-4, 1 - 1e-4))
-        place[len(z) :] += 0.2 * rng.standard_normal(len(density.used)) / (density.highest - density.lowest)
+        sigmas = slice(len(z), len(z) + len(density.used))
+        place[sigmas] += 0.2 * rng.standard_normal(len(density.used)) / (density.highest - density.lowest)
+        place[sigmas.stop :] = rng.random(len(density.used))
         drawn.append(np.clip(place, 1e-6, 1 - 1e-6))
     return np.array(drawn)
