@@ -1,4 +1,4 @@
-"""The motion of an indenter in time."""
+"""The motion of an indenter in time, and the force on it where the rig controls that."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.hereditary import Ramp
+from indentfit.hereditary import DENSE, Ramp
 
 HELD = 0.02  # of the largest depth: what the depth of a hold may drift
 ARRIVED = 0.98  # of the largest depth: the ramp ends there
@@ -96,6 +96,69 @@ class Motion:
         seconds = min(moment / ARRIVED, float(time[-1])) if moment > 0 else float(time[-1])
         hold = float(time[-1]) - seconds
         return Ramp(level, seconds, hold if hold > 1e-3 * seconds else 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """The force on an indenter over time, linear between the times, which does not fall.
+
+    Parameters
+    ----------
+    time : array (m,), s
+        Rising, from the moment of contact, 0.
+    force : array (m,), mN
+        From 0, of the whole sample.
+    arrived : float, s
+        The moment at which the force is there; what comes after it is creep.
+    """
+
+    time: Array
+    force: Array
+    arrived: float
+
+    @classmethod
+    def ramped(cls, force: float, seconds: float, hold: float = 0.0) -> Load:
+        """A ramp to a force, mN, and a hold."""
+        ends = [0.0, seconds, *([seconds + hold] if hold else [])]
+        return cls(np.array(ends), np.array([0.0, force, force][: len(ends)]), seconds)
+
+    @classmethod
+    def measured(cls, time: Array, force: Array) -> Load:
+        """The load of a measured curve up to where it is taken off.
+
+        Parameters
+        ----------
+        time : array (n,), s
+            Rising, since contact.
+        force : array (n,), mN
+            What it scatters is smoothed by the rising function that is nearest to it in least squares.
+        """
+        from scipy.optimize import isotonic_regression
+
+        time, force = np.asarray(time, dtype=float), np.asarray(force, dtype=float)
+        last = int(np.flatnonzero(force >= (1 - HELD) * force.max())[-1])
+        rising = np.maximum(isotonic_regression(force[: last + 1]).x, 0.0)
+        time = time[: last + 1]
+        arrived = float(time[int(np.argmax(rising >= ARRIVED * rising[-1]))])
+        if time[0] > SHORTEST_STEP:
+            time, rising = np.append(0.0, time), np.append(0.0, rising)
+        return cls(time, rising, arrived)
+
+    @property
+    def end(self) -> float:
+        """The last time, s."""
+        return float(self.time[-1])
+
+    def at(self, time: Array) -> Array:
+        """Forces, mN, at times (...), s."""
+        return np.asarray(np.interp(time, self.time, self.force))
+
+    def times(self, moments: Array) -> Array:
+        """Times (n,), s, from 0, that are dense enough for hereditary integrals, with moments (m,), s, among them."""
+        rise = np.linspace(0.0, self.arrived, DENSE + 1)
+        rest = self.arrived + np.geomspace(self.arrived / DENSE, max(self.end - self.arrived, self.arrived / DENSE), DENSE // 2)
+        times = np.unique(np.concatenate([rise, rest, self.time, np.asarray(moments, dtype=float), [self.end]]))
+        return times[times <= self.end]
 
 
 def _first_rate(time: Array, depth: Array) -> float:

@@ -83,6 +83,7 @@ def test_the_example_of_a_key_is_a_value_that_the_key_takes(case, key):
         f"material.relaxation.{name}": [*relaxes, "test.parallel.rate=0.1"] for name in ("base", "terms", "order", "g", "tau")
     }
     beside |= {"test.rate": relaxes, "test.ramp": relaxes, "test.hold": [*relaxes, "test.parallel.rate=0.1"]}
+    beside["test.force"] = [*relaxes, "test.parallel.control=force", "test.parallel.depth=0.3", "test.parallel.ramp=1"]
     two = ["material.model=two_families", "material.parameters={mu=1,zeta=1,phi=1,second=1}", "sample.families=[40,-40]"]
     beside |= {key: two for key in EVERY if key.endswith((".families", ".family_dips"))}
     places = [(x, z) for x in range(-6, 7, 3) for z in range(-6, 7, 3) if x * x + z * z < 48]

@@ -184,6 +184,8 @@ def test_a_file_becomes_a_case_that_asks_only_for_the_sample(tmp_path, monkeypat
     assert asked.exit_code == 2 and "sample.diameter, sample.thickness, sample.base" in asked.stderr
     assert "indenter" not in asked.stderr.splitlines()[-1]
     told = [f"--set=sample.{key}" for key in ("diameter=10", "thickness=4", "base=bonded")]
+    thin = run("r.txt", "--case", "-o", "out", *told, "--set", "sample.thickness=0.05")
+    assert (thin.exit_code, "partial" in thin.stderr) == (2, False) and "--case: test.press.curve" in thin.stderr
     made = run("r.txt", "--case", "-o", "out", *told, "--set", "indenter.friction=unknown")
     assert made.exit_code == 0, made.stderr
     case = read_case("out/case.toml")

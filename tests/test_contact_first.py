@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 
 from indentfit.errors import ConvergenceError
 from indentfit.fem import contact_first, newton
+from indentfit.fem.controls import Controls
 from indentfit.fem.linear import pardiso
 from indentfit.fem.path import LEASH, _increment
 from indentfit.fem.setup import Press
@@ -51,6 +52,18 @@ def test_its_equilibria_are_newtons(monkeypatch, texts, angle, alike):
     assert_allclose(ours.force, newtons.force, rtol=alike)
 
 
+def test_newtons_iteration_gives_up_where_its_leash_is_too_short_for_the_way(monkeypatch):
+    """With a leash of a thousandth of the step, 15 iterations go nowhere near the equilibrium: three say so. Each step itself
+    reduces the residual, so that no other rule ends the iteration."""
+    found = run(angle=0)
+    here, model = found.path[1], found.model
+    press = Press(white_matter().law(mu=1.49, zeta=4.68, phi=0.68), 1490.0, 0, DEPTHS)
+    increment = _increment(model.equations, model._loading(press, here.springs), here, here.depth + 0.05, 5e-5)
+    monkeypatch.setattr(newton, "approached", lambda *_: None)
+    with pytest.raises(ConvergenceError, match="after 3 iterations"):
+        model._newton(Controls(1e-6)).equilibrium(increment, here.at)
+
+
 def test_stiff_fibres_take_few_steps():
     """At zeta = 15 Newton's iteration goes to and fro between points that stick and slip: it took 193 iterations in eight steps."""
     found = run("mesh.elements=124", zeta=15.0, mu=1.0, phi=0.0)
@@ -75,7 +88,7 @@ def half_way():
     rng = np.random.default_rng(3)
     n = model.contact.surface.size
     M = rng.standard_normal((n, n)) / np.sqrt(n)
-    return contact_first._Contact(increment, balance), 5 * (np.eye(n) + M @ M.T), rng
+    return contact_first._Contact(increment, balance), 5 * (np.eye(n) + M @ M.T)
 
 
 def inverse(S):
@@ -85,7 +98,7 @@ def inverse(S):
 @pytest.mark.parametrize("size", [1e-3, 0.1, 3.0])
 def test_the_contact_obeys_its_own_equations(half_way, size):
     """S d + t(u + d) - t(u) = b, with t by `ContactFace.touch` at the moved points; large b let points slip and lift off."""
-    contact, S, rng = half_way
+    (contact, S), rng = half_way, np.random.default_rng(int(10 * size))
     b = contact._fixed.freed(np.zeros(contact._face.points.n_dofs))[contact._face.surface] + size * rng.standard_normal(len(S))
     d = contact.solve(S, inverse(S), b)
     moved = contact._here.at.u.copy()
@@ -99,6 +112,6 @@ def test_the_contact_obeys_its_own_equations(half_way, size):
 
 
 def test_a_contact_without_a_solution_is_told(half_way):
-    contact, S, _ = half_way
+    contact, S = half_way
     with pytest.raises(ConvergenceError, match="not solved"):
         contact.solve(S, lambda _: lambda r: np.full_like(r, np.nan), np.ones(len(S)))

@@ -5,9 +5,10 @@ import pytest
 from fixtures.cases import tiny_case
 
 from indentfit.curve import Curve
+from indentfit.digits import Scale, fixed, plainly, quantity
 from indentfit.experiment.measured import read_case
 from indentfit.report import plots
-from indentfit.report.digits import CurveScale, Scale, fixed, plainly, quantity
+from indentfit.report.digits import CurveScale
 from indentfit.runs.forward import simulate
 
 pytestmark = pytest.mark.quick
@@ -42,6 +43,7 @@ def test_single_numbers():
     assert [quantity(1.2e-4, "mN"), quantity(3.3e-6, "mN"), quantity(0.33, "mm"), quantity(5e-4, "mm")] == [
         "0.12 uN", "3.3 nN", "0.33 mm", "0.5 um",
     ]  # fmt: skip
+    assert quantity(19964.6, "mN") == "19960 mN"  # in full, not 2e+04
     texts = [fixed(value) for value in (24.05612, 0.5, 0.0001966, 0.0, -2e-5)]
     assert texts == [
         "24.056",

@@ -38,7 +38,7 @@ from indentfit.inverse.problem import inverse_problem
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import uncertain_inputs, widened_problem
 from indentfit.layer import Layer
-from indentfit.motion import Motion
+from indentfit.motion import Load, Motion
 from indentfit.runs.forward import Evaluation
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import Relaxing, elastic_case, kernel_of
@@ -69,7 +69,7 @@ def case_of(curve, relaxation=None, mu=None, end="sphere", **keys):
             "model": "neo_hookean", "parameters": {"mu": mu or FREE}, "bulk_ratio": 1000.0,
             "relaxation": RANGES if relaxation is None else relaxation or None,
         },
-        tests=[indentfit.Test("press", angle=0, curve=curve, **keys)],
+        tests=[indentfit.Test("press", angle=0, **({} if curve is None else {"curve": curve}), **keys)],
         fit={"workers": 1},
     )  # fmt: skip
 
@@ -499,9 +499,30 @@ def test_creep_under_a_held_force_is_followed():
     assert case.relaxation.tau[0].min < tau < case.relaxation.tau[0].max and unseen(case, {"tau1": tau}) == {}
 
 
-def test_creep_is_not_simulated():
-    with pytest.raises(CaseError, match="creep is fitted to a measured curve with a column time_s"):
-        case_of(Curve(STEADY, STEADY), control="force", ramp=1.0)
+@pytest.mark.parametrize(
+    ("curve", "keys", "words"),
+    [
+        (Curve(STEADY, STEADY), {"control": "force"}, "creep needs the times of the curve"),
+        (Curve(STEADY, STEADY, time=MOMENTS), {"control": "force", "force": 1.0}, "the curve tells the force that is held"),
+        (None, {"control": "force", "depth": 0.3, "ramp": 1.0}, "test.press.force: missing; creep needs the force that is held"),
+        (None, {"control": "force", "depth": 0.3, "force": 1.0}, "test.press.ramp: missing; give the duration of the ramp"),
+        (None, {"control": "force", "depth": 0.3, "force": 1.0, "rate": 0.1}, "which a held force does not have"),
+        (None, {"depth": 0.3, "force": 1.0, "ramp": 1.0}, 'needs control = "force"'),
+        (None, {"control": "force", "depth": 0.3, "force": 1.0, "ramp": 1.0, "relaxation": {}}, "without a table [material.relax"),
+    ],
+)
+def test_what_creep_lacks_is_told(curve, keys, words):
+    with pytest.raises(CaseError) as error:
+        case_of(curve, **keys)
+    assert words in str(error.value)
+
+
+def test_a_measured_load_is_smooth_and_ends_where_it_is_taken_off():
+    time = np.linspace(0.1, 10, 100)
+    force = np.minimum(time, 1.0) * np.where(time > 9, 0.5, 1.0) + 1e-3 * np.random.default_rng(0).standard_normal(100)
+    load = Load.measured(time, force)
+    assert load.end == pytest.approx(9.0) and load.arrived == pytest.approx(1.0, abs=0.11)
+    assert (np.diff(load.force) >= 0).all() and float(load.at(np.array(5.0))) == pytest.approx(1.0, abs=1e-3)
 
 
 def unknown_case(curve, fit=None, **values):

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_info
 
 from indentfit.errors import ConvergenceError, OutOfTime
 from indentfit.fem import deadline, path
+from indentfit.fem import simulate as simulation
 from indentfit.fem.controls import Controls
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.facts import SolveFacts, said_of_tries
@@ -159,6 +160,19 @@ def test_relaxation_looks_at_the_deadline(monkeypatch):
     with pytest.raises(OutOfTime):
         model.run(press, deadline=Deadline(4.5))
     assert clock.looks == clock.runs_from + 5
+
+
+def test_a_fine_mesh_that_takes_too_many_iterations_is_given_up_for_one_with_a_wider_rim(run, monkeypatch):
+    """A bonded strip on 992 bricks followed one small fold of the rim after the other; a rim four times as wide, in shorter steps,
+    is solved at once. Here any iteration is one too many."""
+    usual = run(*COARSE, "solver.linear='superlu'", angle=0, depths=DEPTHS)
+    monkeypatch.setattr(simulation, "FINE", 0)
+    monkeypatch.setattr(simulation, "FINE_ITERATIONS", 0)
+    again = run(*COARSE, "solver.linear='superlu'", angle=0, depths=DEPTHS)
+    assert (usual.facts.tries, again.facts.tries) == (1, 2)
+    assert "iterations led no further" in again.facts.first_failure
+    assert again.facts.steps == 3 * usual.facts.steps
+    assert again.force == pytest.approx(usual.force, rel=0.01)
 
 
 def test_a_deadline_that_is_far_changes_nothing(run):

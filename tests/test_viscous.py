@@ -1,21 +1,28 @@
 """Materials that relax: hereditary integrals, the viscoelastic model, and the commands, against closed forms and another code."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 from fixtures.cases import SHARED
 from scipy.integrate import quad
+from scipy.optimize import brentq
 from scipy.special import erfcx, rgamma
-from skfem import MeshHex
+from skfem import MeshHex, MeshHex2
 
 import indentfit
 from indentfit.errors import CaseError
+from indentfit.fem import simulate as simulating
+from indentfit.fem.deadline import Deadline
 from indentfit.fem.element import Solid
+from indentfit.fem.in_time import with_time
+from indentfit.fem.result import TimeCurve
 from indentfit.fem.setup import InTime
-from indentfit.fem.viscous import StressHistory, pulled_back
+from indentfit.fem.viscous import StressHistory, press_in_time, pulled_back
 from indentfit.hereditary import Ramp, fractional, prony
 from indentfit.material import load
+from indentfit.runs.forward import of_relaxation
 from indentfit.runs.key import Inputs
 from indentfit.runs.points import press_of
 from indentfit.study.runs import Execution
@@ -144,12 +151,29 @@ def test_steps_in_time_share_factors_and_a_hold_starts_from_relaxed_tractions():
     before = test.model.solver.work.factorizations
     ramp = Ramp(0.33, 0.5, 10.0)
     function = case.relaxation.function(ramp.seconds, ramp.end)
-    moments = test.model.over_time(press_of(case, case.tests[0], GEL(mu=1.0)), ramp, function)
+    moments = test.model.over_time(
+        press_of(case, case.tests[0], GEL(mu=1.0)), partial(press_in_time, ramp=ramp, relaxation=function)
+    )
     assert test.model.solver.work.factorizations - before <= len(moments)
     forces = [moment.at.whole_force * test.model.body.copies for moment in moments]
     assert forces[-1] == pytest.approx(test.in_time.force[-1], rel=1e-3)
     held = [moment for moment in moments if moment.time > 0.5 + 1e-9]
     assert len(held) > 3 and all(abs(moment.at.penalty_error) < 3e-4 * moment.at.force for moment in held)
+
+
+def test_a_viscoelastic_model_that_takes_too_long_is_told_with_its_remedy():
+    sphere, disc = {"shape": "sphere", "diameter": 4.0}, {"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": "bonded"}
+    case = case_of(sphere, disc, 0.1, ramp=1.0, hold=4.0).model_copy(update={"mesh": indentfit.Mesh(elements=40)})
+    plain = case.model_copy(update={"material": case.material.model_copy(update={"relaxation": None})})
+    press = press_of(case, case.tests[0], GEL(mu=1.0))
+    elastic = indentfit.simulate(plain, mesh_error=False).tests[0]
+    curve = with_time(elastic, press, 4.0, deadline=Deadline(0.0)).in_time
+    remains = quad(lambda s: float(SERIES(1 - s)) * 1.5 * s**0.5, 0, 1)[0]  # the hereditary integral, of a force of d^1.5
+    assert curve.difference is None and curve.force.max() / elastic.force[-1] == pytest.approx(remains, rel=2e-2)
+    assert "not solved within 0 s of processor time; a larger fit.time_limit allows more" in curve.words()
+    words, known = of_relaxation(case.model_copy(update={"fit": case.fit.model_copy(update={"time_limit": 1e-6})}), {"mu": 1.0})
+    assert known == {} and "not solved at the optimum: not solved within 1e-06 s" in words[1]
+    assert "a larger fit.time_limit allows more" in words[1]
 
 
 def test_sphere_follows_lee_and_radok():
@@ -164,6 +188,83 @@ def test_sphere_follows_lee_and_radok():
     )  # a layer, and a mesh: 0.9 % at small depths
     assert (curve.force / curve.force[end])[:2] == pytest.approx((shape / shape[end])[:2], rel=2e-2)  # few elements meet the sphere
     assert curve.difference < 2e-3
+
+
+def creep_of(case):
+    """The simulated creep of a case of one test, and its words."""
+    simulated = indentfit.simulate(case, mesh_error=False)
+    return simulated.tests[0].in_time, simulated.summary()
+
+
+ONE_TERM = {"g": [0.8], "tau": [2.0]}  # its compliance is 1 - g/(1+g) exp(-t/(tau (1+g)))
+
+
+@pytest.mark.campaign
+def test_creep_under_a_sphere_follows_lee_and_radok():
+    """On a half-space d^1.5 = 3 / (16 sqrt(R)) integral of J(t - s) dF."""
+    deep = {"shape": "disc", "diameter": 120.0, "thickness": 60.0, "base": "bonded"}
+    case = case_of(
+        {"shape": "sphere", "diameter": 10.0}, deep, "110 um", control="force", force="400 uN", ramp=1.0, hold=20.0, points=5,
+        relaxation=ONE_TERM,
+    )  # fmt: skip
+    curve, said = creep_of(case)
+
+    def power(t):
+        return quad(lambda s: 1 - 0.8 / 1.8 * np.exp(-(t - s) / 3.6), 0, min(t, 1.0))[0] * 0.4 * 3 / (16 * np.sqrt(5.0))
+
+    exact = np.array([power(t) for t in curve.time]) ** (2 / 3)
+    assert curve.displacement == pytest.approx(exact, rel=1e-2)  # a layer, a mesh, and strain: 1.8 % of the force and less
+    assert curve.displacement / curve.displacement[4] == pytest.approx(exact / exact[4], rel=5e-3)
+    assert curve.force[4:] == pytest.approx(0.4) and curve.difference < 4e-3 and curve.creeps
+    assert "after a hold of 20 s" in said and "0.4 mN" in said
+    assert TimeCurve.from_json(curve.as_json()).creeps
+
+
+def test_creep_of_one_element_follows_the_closed_form(monkeypatch):
+    """Uniaxial compression under a force that rises and is held: both isochoric stresses are hereditary integrals."""
+
+    def one_element(*_, **__):
+        block = MeshHex.init_tensor(np.array([0, 2.0]), np.array([0, 3.0]), np.array([0, 2.0]))
+        places = {"top": (1, 3.0), "base": (1, 0.0), "x0": (0, 0.0), "z0": (2, 0.0), "footprint": (1, 3.0)}
+        sides = {name: block.facets_satisfying(lambda x, i=i, at=at: np.abs(x[i] - at) < 1e-9) for name, (i, at) in places.items()}
+        quadratic = MeshHex2.from_mesh(block)
+        return MeshHex2(quadratic.p, quadratic.t).with_boundaries({**sides, "overhung": np.zeros(0, int)})
+
+    monkeypatch.setattr(simulating, "quarter", one_element)
+    monkeypatch.setattr(simulating.Model, "_edge_slip", lambda *_: 0.0)
+    strip = {"shape": "strip", "width": 3.5, "length": 12.0}
+    block = {"shape": "block", "length": 4.0, "width": 4.0, "thickness": 3.0, "base": "sliding"}
+    keys = {"control": "force", "force": 8.0, "ramp": 0.5, "hold": 20.0, "points": 5, "relaxation": ONE_TERM}
+    case = case_of(strip, block, 1.2, parameters={"mu": 1.3}, **keys)
+    curve, _ = creep_of(case.model_copy(update={"material": case.material.model_copy(update={"bulk_ratio": 1e5})}))
+    time = np.unique(np.concatenate([np.linspace(0, 0.5, 400), 0.5 + np.geomspace(1e-3, 20, 600), curve.time]))
+    stretch, before, history, exact = 1.0, np.zeros(2), np.zeros(2), [0.0]
+    for dt, now in zip(np.diff(time), time[1:], strict=True):
+        decay, gain = np.exp(-dt / 2), (1 - np.exp(-dt / 2)) / (dt / 2)
+
+        def of(x):
+            trace = x**2 + 2 / x
+            return 1.3 * np.array([1 - trace / 3 / x**2, 1 - trace / 3 * x])
+
+        def unbalanced(x, now=now, decay=decay, gain=gain, before=before, history=history):
+            axial, lateral = of(x) + 0.8 * (decay * history + gain * (of(x) - before))
+            return x * axial - lateral / x**2 + 8.0 * min(now / 0.5, 1.0) / 16
+
+        stretch = brentq(unbalanced, 0.5, stretch + 1e-12)
+        history, before = decay * history + gain * (of(stretch) - before), of(stretch)
+        exact.append(3.0 * (1 - stretch))
+    assert exact[-1] > 0.33  # 11 % strain
+    assert curve.displacement == pytest.approx(np.interp(curve.time, time, exact), rel=4e-4)
+
+
+def test_creep_that_goes_deeper_than_the_test_ends_there_with_a_note():
+    case = case_of(SPHERE, DISC, 0.1, control="force", force=0.28, ramp=1.0, hold=50.0, points=4, relaxation=ONE_TERM)
+    curve, said = creep_of(case.model_copy(update={"mesh": indentfit.Mesh(elements=40)}))
+    assert 1 < curve.time[-1] < 51 and curve.displacement[-1] == pytest.approx(0.1, rel=2e-2)
+    assert "the creep reaches the test's depth, 0.1 mm, after" in said and "a larger depth follows it on" in said
+    for study in (lambda: indentfit.sweep(case, {"indenter.friction": [0.1]}), lambda: indentfit.design(case)):
+        with pytest.raises(CaseError, match=r"control = .*|no parameter is free"):
+            study()
 
 
 def test_forces_over_displacement_are_those_of_the_ramp():

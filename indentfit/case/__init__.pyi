@@ -20,5 +20,6 @@ from .whole import Case as Case
 from .whole import require_fittable as require_fittable
 from .whole import require_free as require_free
 from .whole import require_indentations as require_indentations
+from .whole import require_known_motions as require_known_motions
 from .write import case_toml as case_toml
 from .write import write_case as write_case

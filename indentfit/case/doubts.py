@@ -7,6 +7,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.curve import Curve
+from indentfit.digits import quantity
 
 LEAST = 0.02  # of the largest force: a smaller force at zero displacement, or below zero, is not mentioned
 CLEAR = 4.0  # standard deviations of one point: a smaller force may be noise
@@ -15,7 +16,7 @@ CONTACT = 2.0  # standard deviations of the contact point: an earlier contact wi
 EXTRAPOLATED = 0.4  # share of the depth from which the force at zero displacement is extrapolated
 FEWEST = 6  # points for this
 PRELOAD = (
-    "the force at zero displacement is {force:.3g} mN, {share:.0%} of the largest: a preload, an offset of the load cell, or a "
+    "the force at zero displacement is {force}, {share:.0%} of the largest: a preload, an offset of the load cell, or a "
     "contact point that was taken too late"
 )
 OF_CURVE = (
@@ -27,7 +28,7 @@ OF_RECORD = (
     "mm), or let the fit find it (fit.uncertain.offset = {{ start = {start:.2g}, min = {low:.2g}, max = 0 }})"
 )
 ADHESION = (
-    "its first forces are negative, down to {force:.3g} mN ({share:.0%} of the largest): adhesion, a zero of the load cell that is "
+    "its first forces are negative, down to {force} ({share:.0%} of the largest): adhesion, a zero of the load cell that is "
     "off, or a wrong sign"
 )
 OF_ADHESION = "the model has no adhesion: leave these points out or correct the zero"
@@ -68,7 +69,12 @@ def doubts(name: str, curve: Curve, recorded: bool = False) -> Iterator[CurveDou
     least = max(LEAST * largest, CLEAR * noise)
     first = curve.force[curve.displacement <= FIRST * curve.displacement[-1]]
     if first.size and first.min() < -least:
-        yield CurveDoubt(name, ADHESION.format(force=first.min(), share=-first.min() / largest), OF_ADHESION, is_preload=False)
+        yield CurveDoubt(
+            name,
+            ADHESION.format(force=quantity(float(first.min()), "mN", 3), share=-first.min() / largest),
+            OF_ADHESION,
+            is_preload=False,
+        )
         return
     force, error = force_at_zero(curve)
     if force > max(least, CLEAR * error):
@@ -76,7 +82,7 @@ def doubts(name: str, curve: Curve, recorded: bool = False) -> Iterator[CurveDou
         if curve.contact is not None and earlier <= CONTACT * curve.contact:
             return
         remedy = (OF_RECORD if recorded else OF_CURVE).format(start=-earlier, low=-3 * earlier)
-        yield CurveDoubt(name, PRELOAD.format(force=force, share=force / largest), remedy)
+        yield CurveDoubt(name, PRELOAD.format(force=quantity(force, "mN", 3), share=force / largest), remedy)
 
 
 def force_at_zero(curve: Curve) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from indentfit.axes import INDENTATION, Axes
+from indentfit.case.creep_faults import faults_of_creep
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import YOUNG, has_fibres, own_parameters, shear_parameter
 from indentfit.case.layers import OF_LAYERS, faults_of_layers
@@ -310,12 +311,6 @@ def _faults_of_place(place: _Place, mesh: Mesh | None) -> Iterator[Fault]:
         yield from _indenter_too_wide(place, max(depths, default=0.0))
 
 
-CREEP = (
-    "creep is fitted to a measured curve with a column time_s, along its motion, and is not simulated; give such a curve, or "
-    "control the displacement"
-)
-
-
 def _faults_of_time(parts: Parts) -> Iterator[Fault]:
     """Faults where a material relaxes in a test without times, or a test has times that no material asks for."""
     if parts.material is None:
@@ -325,9 +320,10 @@ def _faults_of_time(parts: Parts) -> Iterator[Fault]:
     for label, test, curve in zip(names, parts.tests, parts.curves, strict=True):
         if test is None:
             continue
-        given = [key for key in ("rate", "ramp", "hold") if getattr(test, key) is not None]
-        if test.control == "force" and (curve is None or curve.time is None):
-            yield Fault(("test", label, "control"), test.control, CREEP)
+        given = [key for key in ("rate", "ramp", "hold", "force") if getattr(test, key) is not None]
+        creep = list(faults_of_creep(label, test, curve))
+        if creep:
+            yield from creep
         elif not relaxes:
             yield from _faults_of_no_time(label, test, curve, given)
         elif curve is not None and curve.time is not None:

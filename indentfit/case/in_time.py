@@ -10,7 +10,7 @@ from indentfit.arrays import Array, Ints
 from indentfit.case.relaxation import Relaxation, Window
 from indentfit.curve import Curve
 from indentfit.hereditary import Ramp
-from indentfit.motion import SHORTEST_STEP, Motion
+from indentfit.motion import SHORTEST_STEP, Load, Motion
 
 if TYPE_CHECKING:
     from indentfit.case.tables import Test
@@ -32,15 +32,29 @@ def timed(curve: Curve, rate: float | None) -> Curve:
 
 def motion_of(test: Test, curve: Curve | None) -> tuple[Motion, Array] | None:
     """The motion of a test, and the times since contact at which its force is measured, (n,) s; None where neither times nor a rate
-    tell it. A test with a depth has no measured force: its times are the ends of ramp and hold."""
+    tell it, or where it follows from a force that is held. A test with a depth has no measured force: its times are the ends of
+    ramp and hold."""
     if curve is not None and curve.time is not None:
         return Motion.measured(curve.time, curve.displacement, curve.force if test.control == "force" else None)
+    if test.control == "force":
+        return None
     depth = curve.deepest if curve is not None else test.depth
     rate = test.rate_to(depth) if depth else None
     if depth is None or rate is None:
         return None
     motion = Motion.ramped(Ramp(depth, depth / rate, test.hold or 0.0))
     return motion, (curve.displacement / rate if curve is not None else motion.time[1:])
+
+
+def load_of(test: Test, curve: Curve | None) -> Load | None:
+    """The force on the indenter over time in a test whose rig holds the force; None for another test."""
+    if test.control != "force":
+        return None
+    if curve is not None and curve.time is not None:
+        _, times = Motion.measured(curve.time, curve.displacement, curve.force)
+        return Load.measured(times, curve.force)
+    assert test.force is not None and test.ramp is not None  # faults of the case see to that
+    return Load.ramped(test.force, test.ramp, test.hold or 0.0)
 
 
 def segments_of(motion: Motion, times: Array) -> dict[str, Ints]:

@@ -18,7 +18,7 @@ from indentfit.material import HomogeneousState
 if TYPE_CHECKING:
     from indentfit.case.tables import Test
 
-OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "sample", "indenter", "field")
+OF_INDENTATIONS = ("angle", "dip", "record", "depth", "rate", "ramp", "hold", "control", "force", "sample", "indenter", "field")
 OF_SPECIMENS = ("fibres", "families", "loading", "ratio", "area", "length", "diameter", "plates", "strain", "stress")
 OF_DISCS = ("diameter", "plates")
 TALLEST = 2.0  # height of a bonded disc, in diameters

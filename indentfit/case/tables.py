@@ -27,6 +27,7 @@ from indentfit.case.quantities import (
     Dip,
     FamilyAngles,
     FamilyDips,
+    Force,
     Friction,
     HalfAngle,
     Length,
@@ -364,8 +365,8 @@ class Test(Section):
 
     place = "test"
     rivals: ClassVar[dict[str, frozenset[str]]] = {
-        "curve": frozenset({"depth", "points", "record", "strain"}),
-        "record": frozenset({"depth", "points", "curve"}),
+        "curve": frozenset({"depth", "points", "record", "strain", "force"}),
+        "record": frozenset({"depth", "points", "curve", "force"}),
         "depth": frozenset({"curve", "record"}),
         "strain": frozenset({"curve"}),
         "rate": frozenset({"ramp"}),
@@ -377,9 +378,7 @@ class Test(Section):
         default="indentation", description="indentation; a disc between two plates; simple shear; or uniaxial or biaxial stretch"
     )
     angle: Angle | None = Field(
-        default=None,
-        examples=[0],
-        description="angle from x, the indenter's long side, to the fibres; not needed where the material has no fibres",
+        default=None, examples=[0], description="angle from x, the indenter's long side, to the fibres; not needed without fibres"
     )
     dip: Dip = Field(default=0.0, description="angle by which the fibres rise out of the sample's plane, towards the indenter")
     curve: Annotated[
@@ -404,10 +403,11 @@ class Test(Section):
         default=None, examples=[0.5], description="duration of the ramp to the last displacement, instead of rate"
     )
     hold: Seconds | None = Field(default=None, examples=[5.0], description="duration of the hold after the ramp, to simulate")
+    force: Force | None = Field(
+        default=None, examples=[5.0], description="force of the hold, to simulate creep with control force, to test.depth at most"
+    )
     control: Literal["displacement", "force"] | None = Field(
-        default=None,
-        examples=["displacement"],
-        description="what the rig held in a curve with times: displacement by default",
+        default=None, examples=["displacement"], description="what the rig controls: displacement (default), or force"
     )
     weight: NotNegative | None = Field(
         default=None, examples=[0.5], description="weight in the objective; by default 1 / number of tests"

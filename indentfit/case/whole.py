@@ -349,7 +349,7 @@ class Case(BaseModel):
             test["field"] = [{**known, "file": own.field[n].points.as_lists()} for n, known in enumerate(test["field"])]
             if not test["field"]:
                 del test["field"]
-            for key in ("sample", "indenter", "control", *OF_SPECIMENS):
+            for key in ("sample", "indenter", "control", "force", *OF_SPECIMENS):
                 if test[key] is None:
                     del test[key]
             if test["kind"] == "indentation":
@@ -389,6 +389,15 @@ def require_indentations(case: Case, what: str, all_of_them: bool = False) -> No
         test = others[0]
         text = f"{what} knows indentations only; leave this test out for it"
         raise CaseError([line(case.path, Fault(("test", test.name, "kind"), test.kind, text))])
+
+
+def require_known_motions(case: Case, what: str) -> None:
+    """Raise CaseError where the motion of a test follows from a force that is held, and no curve tells it; `what` is told of, such
+    as "a sweep"."""
+    for test, curve in zip(case.tests, case.curves, strict=True):
+        if test.control == "force" and curve is None:
+            text = f"{what} does not know creep under a held force, which `simulate` shows; control the displacement for it"
+            raise CaseError([line(case.path, Fault(("test", test.name, "control"), test.control, text))])
 
 
 def require_free(case: Case) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from indentfit.case import Record
+from indentfit.digits import quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.contact_point import ContactPoint, fitted_approach
 from indentfit.experiment.extrapolation import extrapolated_contact
@@ -20,6 +21,7 @@ from indentfit.experiment.loading import Ramp, find_ramp, longest_run, noise_of
 PAUSE = 0.05  # share of the loading's samples during which the stage stays, in a pause
 STAYS = 0.005  # share of the travel within which the stage stays
 PROGRESS = 0.05  # share of the travel before and after a pause
+FIRST = 5  # samples whose median is the force at which a record begins
 PRELOAD = 0.01  # share of the peak at the first sample from which a missing approach is worth a note
 FEWEST_INDEPENDENT = 40  # samples; with fewer the noise itself is hardly known
 PULLED = 0.01  # share of the peak from which a pull at contact is worth a note
@@ -72,7 +74,9 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
         if settings.zero != "auto" or not _rests(ramp) or PRELOAD * ramp.peak < ramp.rest < ramp.peak:
             return _without_approach(ramp, settings)
         if abs(ramp.rest) > PRELOAD * ramp.peak:
-            notes = (f"the record has no approach: the force at rest, {ramp.rest:.4g} mN, is taken as its zero (record.zero)",)
+            notes = (
+                f"the record has no approach: the force at rest, {quantity(ramp.rest, 'mN')}, is taken as its zero (record.zero)",
+            )
     contact = _zeroed(ramp, settings, approach.point(str(settings.contact)))
     if first is not None:
         time = ramp.record.time[first.record.time.size - 1]
@@ -89,7 +93,10 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
         )
     pull = approach.pull()
     if pull > PULLED * ramp.peak:
-        notes = (*notes, f"the force falls {pull:.3g} mN below the baseline at contact: the sample pulls the indenter (adhesion)")
+        notes = (
+            *notes,
+            f"the force falls {quantity(pull, 'mN', 3)} below the baseline at contact: the sample pulls the indenter (adhesion)",
+        )
         contact = replace(contact, uncertainty=max(contact.uncertainty, _pulled_over(ramp, contact)))
     return Located(contact, notes)
 
@@ -108,7 +115,8 @@ def _without_approach(ramp: Ramp, settings: Record) -> Located:
     start = float(np.median(ramp.record.force[: max(3, ramp.length // 2)])) - contact.baseline
     if abs(start) < max(PRELOAD * ramp.peak, 3 * contact.noise):
         return Located(contact, (*located.notes, _no_approach(settings)))
-    note = f"{_no_approach(settings)}: it begins at {start:.3g} mN"
+    begins = float(np.median(ramp.record.force[:FIRST])) - contact.baseline
+    note = f"{_no_approach(settings)}: it begins at {quantity(begins, 'mN', 3)}"
     if _rests(ramp):
         first = float(np.median(ramp.displacement[: max(3, ramp.low // 4)]))
         contact = replace(contact, uncertainty=max(contact.uncertainty, abs(first - contact.displacement)))

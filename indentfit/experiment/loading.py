@@ -9,6 +9,7 @@ from scipy.ndimage import convolve1d, median_filter
 from scipy.signal import savgol_filter
 
 from indentfit.arrays import Array, Bools
+from indentfit.digits import quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.record import RawRecord
 
@@ -109,7 +110,7 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
     velocity = float((displacement[high] - displacement[low]) / (record.time[high] - record.time[low]))
     if velocity <= 0:
         raise RecordError(
-            f"{record.name}: the displacement goes backwards ({velocity:.3g} mm/s) while the force rises; "
+            f"{record.name}: the displacement goes backwards ({quantity(velocity, 'mm', 3)}/s) while the force rises; "
             "it must rise into the sample, change record.displacement.sign"
         )
     stop = _before_creep(displacement, smooth, high, _end(record, displacement, velocity, high, samples))
@@ -222,11 +223,12 @@ def _require_contact(record: RawRecord, force: Array) -> None:
         return
     if -lowest > max(8 * noise, 2 * peak) and pressed < 0.5 * lowest:
         raise RecordError(
-            f"{record.name}: the force falls to {lowest:.3g} mN under load; compression is positive, change record.force.sign"
+            f"{record.name}: the force falls to {quantity(lowest, 'mN', 3)} under load; "
+            "compression is positive, change record.force.sign"
         )
     raise RecordError(
         f"{record.name}: no contact: the force never rises clearly above its noise "
-        f"(by {max(peak, 0):.3g} mN, noise {noise:.3g} mN); check the channel, or remove the record"
+        f"(by {quantity(max(peak, 0), 'mN', 3)}, noise {quantity(noise, 'mN', 3)}); check the channel, or remove the record"
     )
 
 

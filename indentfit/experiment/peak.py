@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from indentfit.arrays import Array
+from indentfit.digits import quantity
 from indentfit.experiment.contact_point import ContactPoint
 from indentfit.experiment.loading import Ramp, filtered, noise_of
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
@@ -277,7 +278,8 @@ def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> I
     largest = float(median_filter(force, size=5, mode="nearest").max())
     scatter = float(np.std((force - ramp.force - np.median(force - ramp.force))[ramp.low : ramp.high]))
     if largest > (1 + OTHER) * peak.force + 4 * scatter:
-        yield f"the largest force of the record, {largest:.4g} mN, is above the peak of the loading, {peak.force:.4g} mN"
+        sizes = quantity(largest, "mN"), quantity(peak.force, "mN")
+        yield f"the largest force of the record, {sizes[0]}, is above the peak of the loading, {sizes[1]}"
     error = float(np.hypot(peak.stderr, contact.zero_error / SIGMA_95))
     if SURE * error > OTHER * peak.force:
         cause = "the baseline" if contact.zero_error / SIGMA_95 > peak.stderr else "the noise"

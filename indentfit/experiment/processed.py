@@ -10,6 +10,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Record
 from indentfit.curve import MIN_POINTS, Curve
+from indentfit.digits import quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.contact import locate_contact
 from indentfit.experiment.contact_point import METHODS, ContactPoint
@@ -157,7 +158,7 @@ def _contradicted(settings: Record, record: RawRecord) -> tuple[str, ...]:
     told, stated = settings.radius, record.stated.radius
     if not told or not stated or abs(told - stated) <= 0.01 * stated:
         return ()
-    return (f"record.radius is {told:.4g} mm, and the file states {stated:.4g} mm: check which sphere was used",)
+    return (f"record.radius is {quantity(told, 'mm')}, and the file states {quantity(stated, 'mm')}: check which sphere was used",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +181,8 @@ def _require_depth(record: RawRecord, depth: float, contact: ContactPoint) -> No
     """Refuse a record whose contact point is too uncertain for its depth."""
     if depth < 3 * contact.uncertainty:
         raise RecordError(
-            f"{record.name}: the contact point is uncertain by {contact.uncertainty:.3g} mm, and the indentation is only "
-            f"{depth:.3g} mm deep; the record is too noisy: repeat or remove the record"
+            f"{record.name}: the contact point is uncertain by {quantity(contact.uncertainty, 'mm', 3)}, and the indentation is "
+            f"only {quantity(depth, 'mm', 3)} deep; the record is too noisy: repeat or remove the record"
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from indentfit.digits import quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.loading import Ramp, longest_run
 from indentfit.experiment.record import FEWEST, RawRecord
@@ -59,7 +60,8 @@ def _clipped(record: RawRecord) -> tuple[str, ...]:
     repeats = np.count_nonzero(np.diff(force[force < force.max()]) == 0)
     if top < CLIPPED or repeats > 0.02 * force.size:
         return ()
-    return (f"the force may be saturated: {top} samples read its largest value, {force.max():.6g} mN; its peak may be cut off",)
+    largest = quantity(float(force.max()), "mN", 6)
+    return (f"the force may be saturated: {top} samples read its largest value, {largest}; its peak may be cut off",)
 
 
 def _require_unsaturated(ramp: Ramp) -> None:
@@ -110,6 +112,6 @@ def _require_no_jump(ramp: Ramp) -> None:
     worst = int(np.argmax(beyond))
     if beyond[worst] > max(8 * noise, JUMP * np.ptp(part)):
         raise RecordError(
-            f"{record.name}: the displacement jumps by {moved[worst]:.3g} mm within {steps} samples at "
+            f"{record.name}: the displacement jumps by {quantity(float(moved[worst]), 'mm', 3)} within {steps} samples at "
             f"{record.time[begin + worst]:.4g} s: samples are missing or wrong; repeat the record, or remove it"
         )

@@ -35,6 +35,8 @@ class Controls:
         Checked once in every iteration.
     progress : Report, or function of the share alone
         Called after each step, and when a second try begins.
+    most_iterations : float
+        No step begins after so many iterations of Newton's.
     """
 
     tolerance: float
@@ -42,6 +44,7 @@ class Controls:
     first_steps: int = FIRST_STEPS
     deadline: Deadline = NEVER
     progress: Callable[..., None] | None = None
+    most_iterations: float = np.inf
 
 
 @dataclass

@@ -8,15 +8,18 @@ multiplies the integral over dense steps.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from indentfit.arrays import Array
-from indentfit.errors import ConvergenceError
+from indentfit.errors import ConvergenceError, OutOfTime
+from indentfit.fem.deadline import Deadline
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.result import TestResult, TimeCurve
 from indentfit.fem.setup import Press
+from indentfit.fem.viscous import press_in_time
 
 HOLD_POINTS, EARLIEST = (
     15,
@@ -24,7 +27,13 @@ HOLD_POINTS, EARLIEST = (
 )  # times of a hold in the result: their number, and the first over the duration of the hold, if that is not late in the ramp
 
 
-def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[float], None] | None = None) -> TestResult:
+def with_time(
+    test: TestResult,
+    press: Press,
+    hold: float,
+    progress: Callable[[float], None] | None = None,
+    deadline: Deadline | None = None,
+) -> TestResult:
     """A test with its force over time.
 
     Parameters
@@ -36,6 +45,8 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
     hold : float, s
         Duration of the hold after the ramp; may be 0.
     progress : called with the share of the viscoelastic solution that is done
+    deadline : Deadline, or None
+        Of the viscoelastic solution.
 
     Returns
     -------
@@ -46,14 +57,14 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
     if press.in_time is None or model is None or test.unfinished:
         return test
     ramp, function = press.in_time.ramp(float(press.depths[-1]), hold)
-    wanted = np.append(press.depths / press.in_time.rate, ramp.seconds + _of_hold(hold, ramp.seconds))
+    wanted = np.append(press.depths / press.in_time.rate, ramp.seconds + of_hold(hold, ramp.seconds))
     dense = ramp.times(wanted)
     elastic = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     integral = function.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
     try:
-        moments = model.over_time(press, ramp, function, progress)
-    except ConvergenceError as error:
-        curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, error.cause)
+        moments = model.over_time(press, partial(press_in_time, ramp=ramp, relaxation=function), progress, deadline)
+    except (ConvergenceError, OutOfTime) as error:
+        curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, cause_of(error))
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
     stepwise = function.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
@@ -63,6 +74,11 @@ def with_time(test: TestResult, press: Press, hold: float, progress: Callable[[f
     return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))
 
 
-def _of_hold(hold: float, ramp: float) -> Array:
+def cause_of(error: ConvergenceError | OutOfTime) -> str:
+    """Why a viscoelastic model was not solved."""
+    return error.cause if isinstance(error, ConvergenceError) else f"{error}; a larger fit.time_limit allows more"
+
+
+def of_hold(hold: float, ramp: float) -> Array:
     """Times (n,) since the end of a ramp, s."""
     return np.geomspace(min(EARLIEST * hold, 0.1 * ramp), hold, HOLD_POINTS) if hold else np.zeros(0)

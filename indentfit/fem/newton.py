@@ -11,7 +11,7 @@ from indentfit.fem.equations import Dampers, Increment, Iterate, Linearisation
 from indentfit.fem.equilibrium import Equilibrium, equilibrium_of
 from indentfit.fem.linear.solver import LinearSolver
 
-MAX_ITERATIONS = 15
+MAX_ITERATIONS, HARD = 15, 3
 SHARES = np.array([1.0, 0.5, 0.25, 0.1, 0.02])  # shares of a step, tried one after the other
 GROWTH = 2.0  # factor by which the residual may grow in each of the first iterations
 INVERTED = "an element turned inside out"
@@ -32,7 +32,8 @@ class Newton:
         Raises
         ------
         ConvergenceError
-            No equilibrium after `most` iterations, or after three steps in a row that were shortened to less than half.
+            No equilibrium after `most` iterations, or after HARD steps in a row that were shortened to less than half, or that lead
+            farther away than the iterations left can go on the increment's leash.
         OutOfTime
         """
         near = approached(increment, at, self.solver, self.controls)
@@ -47,8 +48,9 @@ class Newton:
             du = self.solver.solve(here.tangent, -here.residual, enough=enough, deadline=self.controls.deadline)
             searched = line_search(here, du, iteration, before=merit)
             at, merit = searched.at, searched.merit
-            hard = hard + 1 if searched.share < 0.5 else 0
-            if hard == 3:
+            crawls = searched.longest * (most - iteration) < 1
+            hard = hard + 1 if searched.share < 0.5 or crawls else 0
+            if hard == HARD:
                 break
         raise here.failure(here.share, iteration)
 
@@ -64,11 +66,13 @@ class Newton:
 
 @dataclass(frozen=True)
 class Searched:
-    """What a line search ends with: the iterate, its share of the longest allowed step, and its residual, mN."""
+    """What a line search ends with: the iterate, its share of the longest allowed step, its residual, mN, and the longest share of
+    the whole step that is allowed."""
 
     at: Iterate
     share: float
     merit: float
+    longest: float
 
 
 def line_search(
@@ -119,4 +123,4 @@ def line_search(
         share = -share
     if not np.isfinite(merit):
         raise here.failure(np.inf, iteration, INVERTED)
-    return Searched(at.moved(share, change), share / longest, merit)
+    return Searched(at.moved(share, change), share / longest, merit, longest)

@@ -22,6 +22,7 @@ LEASH = 0.03  # largest motion of a point in one iteration, over the last depth
 SMALLEST_STEP = 1e-2  # over the last depth; where this is not small enough, other springs or another mesh cost less than halving
 SHORT = 0.6  # over the largest step: a shorter step follows a cutback; it may be relaxed, and its springs softened
 TURN = 1.15  # ratio of the stiffnesses after and before a step, from which the spline between the steps needs shorter ones
+CRAWLED = "{iterations} iterations led no further; try a coarser mesh or an edge radius"
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 
@@ -43,7 +44,7 @@ def indent(equations: Equations, loading: Loading, newton: Newton, depths: Array
     Raises
     ------
     ConvergenceError
-        Even the smallest step fails.
+        Even the smallest step fails, or the iterations of the controls are used up.
     OutOfTime
 
     The `part` of these errors, and of what the progress function raises, is the tuple of equilibria so far.
@@ -64,6 +65,8 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
     while path[-1].depth < last * (1 - 1e-12):
         newton.controls.deadline.check()
         here = path[-1]
+        if newton.work.iterations > newton.controls.most_iterations:
+            raise ConvergenceError(CRAWLED.format(iterations=newton.work.iterations), here.depth, newton.work.steps + 1)
         step = min(step, largest, last - here.depth)
         depth = last if here.depth + 1.01 * step > last else here.depth + step
         short = depth - here.depth < SHORT * largest

@@ -47,7 +47,7 @@ class ForceError:
 
 @dataclass(frozen=True, eq=False)
 class TimeCurve:
-    """The force of one test over time, in its ramp and hold.
+    """The force of one test over time, in its ramp and hold; or its depth, where the rig holds the force.
 
     Parameters
     ----------
@@ -57,9 +57,14 @@ class TimeCurve:
         Force of the whole sample by the viscoelastic model, where that was solved; otherwise the hereditary integral of the elastic
         force.
     difference : float, or None
-        Largest relative difference between the two over the solved steps; None where the viscoelastic model was not solved.
+        Largest relative difference between the two over the solved steps; None where the viscoelastic model was not solved. Under
+        a held force that of the depths.
     cause : str
         Why it was not solved; empty where it was.
+    control : str
+        What the rig controls: "displacement" or "force".
+    ends : str
+        Why a creep is not followed to the end of its hold; empty where it is.
     """
 
     time: Array
@@ -67,9 +72,20 @@ class TimeCurve:
     force: Array
     difference: float | None = None
     cause: str = ""
+    control: str = "displacement"
+    ends: str = ""
+
+    @property
+    def creeps(self) -> bool:
+        """Whether the force is held and the depth creeps."""
+        return self.control == "force"
 
     def words(self) -> str:
-        """By which model the force over time was solved, and how far the other one is."""
+        """By which model the force over time, or the depth, was solved, and how far the other one is."""
+        if self.creeps and self.difference is not None:
+            return (
+                f"viscoelastic model; the depth by the elastic force's hereditary integral differs by at most {self.difference:.2%}"
+            )
         if self.difference is None:
             return f"hereditary integral of the elastic force; the viscoelastic model was not solved: {self.cause}"
         return f"viscoelastic model; the hereditary integral of the elastic force differs by at most {self.difference:.2%}"
@@ -82,13 +98,16 @@ class TimeCurve:
             "force_mN": self.force.tolist(),
             "hereditary_integral_differs_by": self.difference,
             **({"not_solved": self.cause} if self.cause else {}),
+            **({"control": self.control} if self.creeps else {}),
+            **({"ends": self.ends} if self.ends else {}),
         }
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "TimeCurve":
         """The TimeCurve of these keys."""
         time, displacement, force = (np.array(value[key]) for key in ("time_s", "displacement_mm", "force_mN"))
-        return cls(time, displacement, force, value["hereditary_integral_differs_by"], value.get("not_solved", ""))
+        told = value["hereditary_integral_differs_by"], value.get("not_solved", ""), value.get("control", "displacement")
+        return cls(time, displacement, force, *told, value.get("ends", ""))
 
 
 @dataclass(frozen=True, eq=False)

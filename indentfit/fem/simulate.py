@@ -3,7 +3,7 @@
 import functools
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any, cast
 
 import numpy as np
@@ -39,10 +39,22 @@ from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tied import Tied
-from indentfit.fem.viscous import Moment, press_in_time
+from indentfit.fem.tries import (
+    AGAIN_SECONDS,
+    AGAIN_SHARE,
+    FINE,
+    FINE_ITERATIONS,
+    MUCH_DEEPER,
+    SECOND_TRIES,
+    SECOND_TRIES_FINE,
+    SECOND_TRIES_IN_PLANE,
+    SECOND_TRIES_ROUND,
+    USUAL,
+    Try,
+)
+from indentfit.fem.viscous import InTime, Moment
 from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Fibre
-from indentfit.hereditary import Ramp, RelaxationFunction
 from indentfit.indenters import has_sharp_edge
 from indentfit.material import Layered, Material, Prestretched, blamed, parts_of, rest_pressure
 
@@ -61,24 +73,6 @@ FLAT_STEPS = 4  # steps to the last depth of bricks under a flat face with sharp
 # off, and 2 % at the first depths. Below a friction of SLIPPERY points slip all the same.
 RUBBING_STEPS, SLIPPERY = 12, 0.05
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
-
-
-@dataclass(frozen=True)
-class Try:
-    """One try of a press: factors on the usual contact springs, width of the elements at the mesh's rim, and number of elements."""
-
-    springs: float = 1.0
-    rim: float = 1.0
-    elements: float = 1.0
-
-
-USUAL = Try()
-# Second tries may take this processor time, s, or this many times that of the first try, where that is longer.
-AGAIN_SECONDS, AGAIN_SHARE = 60.0, 1.5
-MUCH_DEEPER = 1.1  # a curve that ended early is given as on the usual mesh, unless another try got that much deeper
-SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
-SECOND_TRIES_ROUND = (Try(springs=5.0), Try(elements=0.5), Try(springs=0.2))
-SECOND_TRIES_IN_PLANE = (Try(elements=0.5), Try(springs=3.0), Try(springs=0.3), Try(elements=0.25))
 
 
 class Model:
@@ -117,7 +111,9 @@ class Model:
         self._observed: tuple[bytes, sp.csr_matrix] = b"", sp.csr_matrix((0, self.body.n_dofs))
         self.setup_seconds = time.perf_counter() - started
 
-    def simulate(self, presses: Sequence[Press], progress: Callable[..., None] | None = None) -> Simulation:
+    def simulate(
+        self, presses: Sequence[Press], progress: Callable[..., None] | None = None, time_limit: float = np.inf
+    ) -> Simulation:
         """The Simulation of several presses.
 
         Parameters
@@ -125,6 +121,8 @@ class Model:
         presses : sequence of Press
         progress : function
             Called with the name of the press, the share of its depth that is done, and from a second try on `tries`, its number.
+        time_limit : float, s
+            Processor time of each press.
 
         Returns
         -------
@@ -132,14 +130,14 @@ class Model:
 
         Raises
         ------
-        ConvergenceError
+        ConvergenceError, OutOfTime
             Its `part` is the Simulation of the tests before, and of this one's curve as far as it was solved.
         """
         tests: list[TestResult] = []
         for press in presses:
             report = functools.partial(progress, press.name) if progress else None
             try:
-                tests.append(self.run(press, report))
+                tests.append(self.run(press, report, Deadline(time_limit)))
             except IndentfitError as error:
                 error.part = self._together([*tests, *([error.part] if isinstance(error.part, TestResult) else [])])
                 raise
@@ -199,15 +197,16 @@ class Model:
         return POWERS[self.contact.shape.end]
 
     def over_time(
-        self, press: Press, ramp: Ramp, relaxation: RelaxationFunction, progress: Callable[[float], None] | None = None
+        self, press: Press, path: InTime, progress: Callable[[float], None] | None = None, deadline: Deadline | None = None
     ) -> list[Moment]:
-        """The moments of the viscoelastic model in a ramp and a hold, as `viscous.press_in_time` gives and raises them."""
-        options = self.setup.solver
-        controls = Controls(self._tolerance, options.max_step or np.inf, self._first_steps, progress=progress)
+        """The moments of the viscoelastic model along a path in time, as `viscous.press_in_time` or `creep.creep_in_time` gives and
+        raises them."""
+        largest = self.setup.solver.max_step or np.inf
+        controls = Controls(self._tolerance, largest, self._first_steps, deadline or NEVER, progress)
         loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
         self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):
-            return press_in_time(self.equations, loading, self._newton(controls), ramp, relaxation)
+            return path(self.equations, loading, self._newton(controls))
 
     def stiffness(self, material: Material, kappa: float, angle: float) -> float:
         """Small-strain stiffness of the whole sample, mN/mm, under a flat indenter that slips freely or sticks."""
@@ -232,8 +231,9 @@ class Model:
         """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
         springs, often does not with others. Raises the first try's ConvergenceError where every try fails."""
         started = time.process_time()
+        first = replace(controls, most_iterations=FINE_ITERATIONS) if self._fine else controls
         try:
-            return self._run(USUAL, press, controls)
+            return self._run(USUAL, press, first)
         except ConvergenceError as error:
             return self._tried_again(press, controls, error, time.process_time() - started)
 
@@ -259,7 +259,14 @@ class Model:
     def _second_tries(self) -> tuple[Try, ...]:
         if self.setup.in_plane:
             return SECOND_TRIES_IN_PLANE
-        return SECOND_TRIES_ROUND if self.contact.shape.edge_radius is None else SECOND_TRIES
+        if self.contact.shape.edge_radius is None:
+            return SECOND_TRIES_ROUND
+        return SECOND_TRIES_FINE if self._fine else SECOND_TRIES
+
+    @property
+    def _fine(self) -> bool:
+        """Whether this is a fine mesh under an indenter with an edge."""
+        return not self.setup.in_plane and self.contact.shape.edge_radius is not None and self.body.n_dofs > FINE
 
     def _coarser(self, attempt: Try) -> "Model":
         """This model, or a model with a coarser mesh: at the rim where the strip leaves the sample, or everywhere."""
@@ -274,7 +281,7 @@ class Model:
     def _run(self, attempt: Try, press: Press, controls: Controls) -> TestResult:
         started, before = time.perf_counter(), self._linear_work
         loading = self._loading(press, self._springs(press.material, press.fibre).scaled(attempt.springs))
-        newton = self._newton(controls)
+        newton = self._newton(replace(controls, first_steps=attempt.steps * controls.first_steps))
         self.solver.forget()
 
         def result(path: Sequence[Equilibrium], press: Press) -> TestResult:

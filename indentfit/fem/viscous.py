@@ -17,7 +17,7 @@ step serves the next, although that is another number of times as stiff (`contac
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import cast
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -114,6 +114,12 @@ class _Stiffer:
         return self._factor * self._material.hessian(I)
 
 
+class InTime(Protocol):
+    """A path in time: from the equations, the loading of the elastic law and a Newton iteration to moments."""
+
+    def __call__(self, equations: Equations, loading: Loading, newton: Newton) -> list[Moment]: ...
+
+
 def press_in_time(
     equations: Equations, loading: Loading, newton: Newton, ramp: Ramp, relaxation: RelaxationFunction
 ) -> list[Moment]:
@@ -161,7 +167,8 @@ def _follow(
         here = moments[-1]
         dt = min(step, _largest(here.time, ramp, newton.controls, shortest))
         try:
-            moments.append(_step(here, dt, equations, loading, newton, ramp, failed))
+            depth = float(ramp.depth_at(here.time + dt))
+            moments.append(_step(here, dt, depth, elastic.LEASH * ramp.depth, equations, loading, newton, failed))
         except ConvergenceError as error:
             step, failed = dt / 2, True
             elastic._cut_back(
@@ -193,19 +200,19 @@ def _share(time: float, ramp: Ramp) -> float:
     return 0.5 * (min(time / ramp.seconds, 1.0) + (max(time - ramp.seconds, 0.0) / ramp.hold if ramp.hold else 1.0))
 
 
-def _step(here: Moment, dt: float, equations: Equations, loading: Loading, newton: Newton, ramp: Ramp, relax: bool) -> Moment:
-    """The moment after a step of time."""
+def _step(
+    here: Moment, dt: float, depth: float, leash: float, equations: Equations, loading: Loading, newton: Newton, relax: bool
+) -> Moment:
+    """The moment after a step of time at a depth, mm."""
     factor, kept = here.stress.ahead(dt)
     at_rest, values = equations.body.prestress(kept)
     now = replace(_as_stiff(loading, factor), memory=Memory(at_rest, equations.body.matrix(values)))
-    time, leash = here.time + dt, elastic.LEASH * ramp.depth
-    depth = float(ramp.depth_at(time))
     before = here.at if depth > here.at.depth else _relaxed(here.at, here.share_left(dt))
     there, _ = elastic._step(newton, elastic._increment(equations, now, before, depth, leash), before, relax)
     there = elastic._augmented(equations, now, newton, there, leash)
     there = there.since(here.at, equations.face, ()) if depth > here.at.depth else replace(there, rate=here.at.rate)
     force = here.force.after(dt, here.force.elastic_of(there.force, dt))
-    return Moment(time, there, here.stress.after(dt, _elastic(equations, loading, there)), force)
+    return Moment(here.time + dt, there, here.stress.after(dt, _elastic(equations, loading, there)), force)
 
 
 def _as_stiff(loading: Loading, factor: float) -> Loading:

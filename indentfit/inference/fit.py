@@ -14,6 +14,7 @@ from indentfit.case.draining import draining
 from indentfit.case.field_tests import with_field_tests
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
+from indentfit.digits import quantity
 from indentfit.errors import CaseError
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
 from indentfit.inference.certainty import Certainty, certainty
@@ -249,7 +250,7 @@ def _of_records(case: Case) -> Iterator[str]:
     """A note where the error of the contact point is that of the records."""
     known = [(test.name, size) for test, size in zip(case.tests, of_records(case), strict=True) if size]
     if known:
-        yield CONTACT.format(of=", ".join(f"{name} {size:.2g} mm" for name, size in known))
+        yield CONTACT.format(of=", ".join(f"{name} {quantity(size, 'mm', 2)}" for name, size in known))
 
 
 def _weights_of_points(case: Case) -> Iterator[str]:

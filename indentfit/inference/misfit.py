@@ -32,6 +32,7 @@ FAR, TIMES = 5.0, 3.0  # standard deviations of displacements that are not follo
 BENT = 0.05  # share of the force at half the depth, from a straight line, from which a curve counts as bent
 MESSAGE = "the model cannot follow the curves: the root mean square error is {worst} the largest force of {test}; {reason}"
 UNEXPLAINED = "another law, wider bounds, or the signs and units of the curve's columns may be the remedy"
+CONSTANT = 1e-3  # of the largest force: standard deviation of a measured force that counts as held, of which R2 would tell nothing
 
 
 def misfits(problem: InverseProblem, best: Candidate) -> dict[str, CurveMisfit]:
@@ -97,8 +98,10 @@ def recording(case: Case) -> Iterator[CurveDoubt]:
 def _misfit(test: Target, force: Array) -> CurveMisfit:
     measured = test.curve.force
     about_mean = float(np.sum((measured - measured.mean()) ** 2))
-    r2 = 1 - float(np.sum((force - measured) ** 2)) / about_mean if about_mean > 0 else None
-    return CurveMisfit(rmse(test, force) / float(np.abs(measured).max()), r2)
+    largest = float(np.abs(measured).max())
+    varies = about_mean > measured.size * (CONSTANT * largest) ** 2
+    r2 = 1 - float(np.sum((force - measured) ** 2)) / about_mean if varies else None
+    return CurveMisfit(rmse(test, force) / largest, r2)
 
 
 def _moved_otherwise(problem: InverseProblem, best: Candidate) -> Iterator[str]:

@@ -14,6 +14,7 @@ from pydantic import InstanceOf, TypeAdapter
 from indentfit.case import Case
 from indentfit.case.doubts import CurveDoubt
 from indentfit.curve import Curve
+from indentfit.digits import quantity
 from indentfit.fem.facts import MeshFacts
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
 from indentfit.inference.plain import NOT_IN_JSON, Interval, plain_fields
@@ -413,12 +414,12 @@ class FitResult:
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {self.parameters[name]}" for name in self.free)
-        end = "no objective" if self.objective is None else f"objective {self.objective:.3g} mN"
+        end = "no objective" if self.objective is None else f"objective {quantity(self.objective, 'mN', 3)}"
         return f"FitResult({self.title!r}: {values}; {'' if self.success else 'not converged; '}{end})"
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in self._rows())
-        end = "" if self.objective is None else f" objective {self.objective:.4g} mN"
+        end = "" if self.objective is None else f" objective {quantity(self.objective, 'mN')}"
         caption = html.escape(f"{self.title or 'Fit'}:{'' if self.success else ' not converged;'}{end}")
         heads = "".join(f"<th>{head}</th>" for head in ("parameter", "value", "unit", "standard error", "95 % interval", "verdict"))
         return f"<table><caption>{caption}</caption><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"

@@ -9,6 +9,7 @@ from indentfit.arrays import Array
 from indentfit.case import Range
 from indentfit.case.doubts import CurveDoubt
 from indentfit.case.ranges import RangeOfAngle
+from indentfit.digits import quantity
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.limits import Limit
 from indentfit.inference.plain import span
@@ -175,7 +176,7 @@ def _of_published(published: PublishedComparison) -> str:
         f"{name} = {published.parameters[name]:g} {'inside' if inside else 'outside'}" for name, inside in published.inside.items()
     ]
     value = published.objective
-    objective = f"; together their objective is {value:.4g} mN" if value is not None else ""
+    objective = f"; together their objective is {quantity(value, 'mN')}" if value is not None else ""
     return f"published values and the 95 % intervals: {', '.join(words)}{objective}"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array
+from indentfit.digits import quantity
 from indentfit.inverse.course import HistoryStep
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.problem import Candidate, InverseProblem
@@ -79,7 +80,7 @@ class Generations:
     def _report(self) -> Report:
         """Report of the progress within one generation, as a share of the whole search."""
         done = len(self.history)
-        note = f"generation {done + 1}" + (f", objective {self.best.objective:.4g} mN" if self.best else "")
+        note = f"generation {done + 1}" + (f", objective {quantity(self.best.objective, 'mN')}" if self.best else "")
         return self.progress.part(*(min(number / self.generations, 1.0) for number in (done, done + 1))).of_runs(note)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.arrays import Array
+from indentfit.digits import quantity
 from indentfit.inverse.course import HistoryStep
 from indentfit.inverse.derivatives import brings_sensitivities, curve_derivatives, evaluate_at_reference
 from indentfit.inverse.objective import Target
@@ -87,7 +88,7 @@ class Course:
 
     def _report(self, done: int, total: int) -> None:
         share = 1 - 0.7 ** (1 + len(self.history) / 2)  # the number of steps is not known beforehand
-        note = f"{self.phase.replace('_', ' ')}" + (f", objective {self.best.objective:.4g} mN" if self.best else "")
+        note = f"{self.phase.replace('_', ' ')}" + (f", objective {quantity(self.best.objective, 'mN')}" if self.best else "")
         self.progress(share, note)
 
 

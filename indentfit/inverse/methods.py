@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from scipy.stats import qmc
 
 from indentfit.case import Fit
+from indentfit.digits import quantity
 from indentfit.inverse import evolution, genetic
 from indentfit.inverse.exploration import MANY, Exploration, GlobalSearch, Watched, explore
 from indentfit.inverse.generations import Search, by_objective, judged, parameters_of
@@ -137,7 +138,7 @@ def _polished(problem: InverseProblem, model: Watched, solved: Solved, options: 
     end = polish(problem, model, start, options.tolerance, progress.part(SHARE_OF_SEARCH, 1), trusted)
     reached = end.best.objective if end.best else start.objective
     said = f"{solved.said}; then Gauss-Newton on equation (1) from its best, {len(end.history)} steps, "
-    said += f"{start.objective:.6g} to {reached:.6g} mN"
+    said += f"{quantity(start.objective, 'mN', 6)} to {quantity(reached, 'mN', 6)}"
     optimum = Optimum(end.best, end.derivatives, end.success, end.message, (*solved.optimum.history, *end.history))
     return Solved(optimum, exploration, said, model)
 

@@ -70,6 +70,10 @@ def case_lines(case: Case) -> Iterator[str]:
         if test.name in ramps:
             ramp = ramps[test.name]
             yield f"    its ramp  {ramp.seconds:.4g} s, then {f'a hold of {ramp.hold:.4g} s' if ramp.hold else 'no hold'}"
+        if test.control == "force" and test.force is not None:
+            hold = f"a hold of {test.hold:.4g} s" if test.hold else "no hold"
+            to = f"its creep is followed to {test.depth:g} mm"
+            yield f"    its force {test.force:.4g} mN after {test.ramp:.4g} s, then {hold}; {to}"
         if test.sample:
             yield f"    its sample    {sample_words(case.sample_of(test))}"
         if test.indenter:

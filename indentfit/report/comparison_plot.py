@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from indentfit.arrays import Array
-from indentfit.report.digits import Scale
+from indentfit.digits import Scale
 from indentfit.report.plots import TICKS, Place, _label, save
 from indentfit.report.style import COLOURS, COLUMN, DASHES, STYLE
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from indentfit.digits import Scale
 from indentfit.experiment.contents import Content, Segment
-from indentfit.report.digits import Scale
 
 MOST_SEGMENTS = 12  # of a test that are listed
 CHOICES = 'choose with record.block = N or NAME, sheet, cycle = N or "last", segment = NAME, rows = [A, B] or times = [A, B]'

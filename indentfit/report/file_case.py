@@ -4,6 +4,7 @@ from pathlib import Path
 
 import tomli_w
 
+from indentfit.errors import CaseError
 from indentfit.experiment.file_case import FileCase
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.outcomes import usable
@@ -36,7 +37,10 @@ def write_file_case(folder: Path, result: ProcessResult, case: FileCase) -> list
     tree = case.tree(good, result.settings.radius, curve_files(result))
     taken = "".join(f"# {outcome.name}: {_taken(outcome.processed.record.taken)}\n" for outcome in good)
     (folder / "case.toml").write_text(f"{HEAD}{taken}\n{tomli_w.dumps(tree)}", encoding="utf-8")
-    read_case(folder / "case.toml")
+    try:
+        read_case(folder / "case.toml")
+    except CaseError as error:  # the folder has a temporary name, which nobody knows
+        raise CaseError([line.replace(f"{folder / 'case.toml'}: ", "--case: ") for line in error.faults]) from None
     return list(case.presumed(good))
 
 

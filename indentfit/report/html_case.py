@@ -4,7 +4,7 @@ import hashlib
 import shlex
 from pathlib import Path
 
-from indentfit.report.digits import plainly
+from indentfit.digits import plainly
 from indentfit.report.formulas import drawn_formulas
 from indentfit.report.page import Code, Lines, Part, Section, Table, Text
 from indentfit.report.schema import CaseFacts, Stored

@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from indentfit.digits import Scale
 from indentfit.experiment.judgement import RATINGS
 from indentfit.experiment.replicates import Spread
-from indentfit.report.digits import Scale
 from indentfit.report.html_case import CITATION, number
 from indentfit.report.page import Figures, Lines, Page, Part, Picture, Section, Table, Text, image, vector_image
 from indentfit.report.records import difference_size, outlier_names, relaxation_words

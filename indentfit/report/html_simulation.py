@@ -1,8 +1,9 @@
 """The page of a simulation."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from indentfit.curve import Curve
+from indentfit.fem.result import TimeCurve
 from indentfit.inference.moduli import UNITS
 from indentfit.report import plots
 from indentfit.report.digits import CurveScale, end_words
@@ -11,7 +12,7 @@ from indentfit.report.html_facts import closed_table, facts_table, stress_sectio
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
 from indentfit.report.schema import SimulatedTest, Stored, StoredSimulation
 from indentfit.report.text import time_lines
-from indentfit.report.time_curves import force_over_time
+from indentfit.report.time_curves import depth_over_time, force_over_time
 
 FORCES = ("Test", "Angle (°)", "Penalty error")
 
@@ -87,11 +88,21 @@ def _table(tests: Sequence[SimulatedTest], scale: CurveScale) -> Table:
 
 def _in_time(simulation: StoredSimulation) -> Iterator[Section]:
     """Forces over time, where the material relaxes."""
-    curves = {test.name: test.in_time for test in simulation.tests if test.in_time is not None}
-    if curves:
-        lines = tuple(line.strip() for name, curve in curves.items() for line in time_lines(name, curve))
-        figure = drawn(force_over_time(curves, None), "Force of the full sample against time since contact.", "; ".join(lines))
+    known = {test.name: test.in_time for test in simulation.tests if test.in_time is not None}
+    pressed = {name: curve for name, curve in known.items() if not curve.creeps}
+    if pressed:
+        lines = _lines_in_time(pressed)
+        figure = drawn(force_over_time(pressed, None), "Force of the full sample against time since contact.", "; ".join(lines))
         yield Section("time", "Forces over time", (Figures((figure,)), Lines(lines)))
+    if creep := {name: curve for name, curve in known.items() if curve.creeps}:
+        lines = _lines_in_time(creep)
+        text = "Displacement against time since contact, under a force that rises and is then held."
+        figure = drawn(depth_over_time(creep, None), text, "; ".join(lines))
+        yield Section("creep", "Creep", (Figures((figure,)), Lines(lines)))
+
+
+def _lines_in_time(curves: Mapping[str, TimeCurve]) -> tuple[str, ...]:
+    return tuple(line.strip() for name, curve in curves.items() for line in time_lines(name, curve))
 
 
 def _end(curve: Curve) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from indentfit.arrays import Array
+from indentfit.digits import Scale
 from indentfit.report import study_plots
-from indentfit.report.digits import Scale
 from indentfit.report.sweep import table
 from indentfit.study.mesh_check import MeshCheck, MeshResult, Quantity
 

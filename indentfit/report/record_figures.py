@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from indentfit.arrays import Array
+from indentfit.digits import Scale, quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.contact_point import METHODS, places_by_rules
 from indentfit.experiment.outcomes import usable
@@ -16,7 +17,7 @@ from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
 from indentfit.experiment.relaxation import Prony
 from indentfit.experiment.replicates import MeanCurve
-from indentfit.report.digits import CurveScale, Scale, quantity
+from indentfit.report.digits import CurveScale
 from indentfit.report.style import COLOURS, COLUMN, STYLE
 
 MOST_POINTS = 3000  # of a line: more than a printed column resolves

@@ -7,13 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from indentfit.digits import Scale, quantity
 from indentfit.experiment.hertz import Hertz
 from indentfit.experiment.outcomes import Outcome, usable
 from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
 from indentfit.experiment.relaxation import Prony
 from indentfit.experiment.replicates import Difference, MeanCurve, Spread, Statistics
-from indentfit.report.digits import Scale, quantity
 from indentfit.report.vtu import file_names
 
 FORMAT = "indentfit.process/2"
@@ -205,8 +205,10 @@ def _source_lines(name: str, record: ProcessedRecord) -> Iterator[str]:
 
 def hertz_words(hertz: Hertz) -> str:
     """A Hertz modulus in words, with its theory's limits."""
-    value = f"E/(1-nu^2) = {hertz.modulus:.4g} +- {hertz.interval:.2g} kPa (95 %)"
-    return f"{value}, E = {0.75 * hertz.modulus:.4g} kPa if incompressible; sphere of radius {hertz.radius:.4g} mm, half-space"
+    scale = Scale.of([hertz.modulus], "kPa")
+    value = f"E/(1-nu^2) = {scale.text_with_error(hertz.modulus, hertz.interval)} {scale.unit} (95 %)"
+    sphere = f"sphere of radius {quantity(hertz.radius, 'mm')}, half-space"
+    return f"{value}, E = {quantity(0.75 * hertz.modulus, 'kPa')} if incompressible; {sphere}"
 
 
 def _record_lines(result: ProcessResult) -> Iterator[str]:

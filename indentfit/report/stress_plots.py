@@ -37,6 +37,9 @@ EYE = np.array([-0.70, 0.62, -1.0])  # from the sample towards the eye
 LIMIT = 99.0  # percent of the nodes whose values are within the colours' range: edges are singular
 LINES = 9  # of fibres on the top of the sample
 INK, GREY = "0.1", "0.35"
+PANEL, SIDE, BAR = 0.57, 0.02, 0.9  # height of a sample, margin, length of the bar of colours: shares of the width
+BELOW, THICK = 0.6, 0.1  # height of the bar of colours with its numbers and label, and of itself, inches
+TITLE, LINE = 0.2, 0.14  # height of a title of one line, and of each further line, inches
 # Edges by their corners and faces by theirs, in VTK's order of the nodes of a 27-node brick
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 FACES = ((0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7))
@@ -125,15 +128,26 @@ def _diverging(low: float, high: float) -> Colormap:
 
 
 def _picture(tests: Sequence[Shown], values: Sequence[Array], scale: Scale, path: Path) -> None:
-    """Tests one above the other, with one bar of colours below."""
+    """Tests one above the other, with one bar of colours below.
+
+    Everything stands at places that are known beforehand: matplotlib's own layout would measure every text of a picture twice,
+    which takes longer than to draw it.
+    """
+    names = [_label(test.words) for test in tests]
+    titles = [TITLE + LINE * name.count("\n") for name in names]
+    panel = PANEL * COLUMN
+    height = BELOW + len(tests) * panel + sum(titles)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN, (0.62 * len(tests) + 0.18) * COLUMN), layout="constrained")
+        figure = Figure(figsize=(COLUMN, height))
         FigureCanvasAgg(figure)
-        panels = list(figure.subplots(len(tests), 1, squeeze=False).ravel())
-        for axes, test, value in zip(panels, tests, values, strict=True):
+        top = height
+        for test, value, name, title in zip(tests, values, names, titles, strict=True):
+            top -= title + panel
+            axes = figure.add_axes((SIDE, top / height, 1 - 2 * SIDE, panel / height))
             colours = _draw(axes, test, value, scale)
-            axes.set_title(_label(test.words), loc="left")
-        bar = figure.colorbar(colours, ax=panels, location="bottom", shrink=0.9, aspect=32, extend=scale.extend, pad=0.02)
+            figure.text(SIDE, (top + panel + TITLE / 3) / height, name, va="bottom")
+        place = figure.add_axes(((1 - BAR) / 2, (BELOW - 2 * THICK) / height, BAR, THICK / height))
+        bar = figure.colorbar(colours, cax=place, orientation="horizontal", extend=scale.extend)
         bar.set_label(scale.label)
         bar.locator = MaxNLocator(6, steps=TICKS)
         bar.update_ticks()

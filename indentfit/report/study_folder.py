@@ -12,7 +12,7 @@ from indentfit.report.folder import copy_case, result_folder, stamped, write_cur
 from indentfit.report.html import write_report
 from indentfit.report.plots import designs
 from indentfit.report.schema import case_json
-from indentfit.report.time_curves import force_over_time, write_time_curves
+from indentfit.report.time_curves import depth_over_time, force_over_time, write_time_curves
 from indentfit.runs.simulated import SimulatedCase
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
@@ -69,7 +69,11 @@ def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldCh
         simulated.plot(folder / "force_displacement")
         if over_time := simulated.in_time:
             write_time_curves(folder / "time_curves.csv", over_time)
-            force_over_time(over_time, folder / "force_time")
+            pressed = {name: curve for name, curve in over_time.items() if not curve.creeps}
+            if pressed:
+                force_over_time(pressed, folder / "force_time")
+            if creep := {name: curve for name, curve in over_time.items() if curve.creeps}:
+                depth_over_time(creep, folder / "displacement_time")
         if choice is not None and simulated.model is not None:
             kappa = case.material.bulk_moduli(simulated.material)
             indented = [test for test in simulated.tests if test.kind == "indentation"]

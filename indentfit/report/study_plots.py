@@ -13,7 +13,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from indentfit.arrays import Array
 from indentfit.curve import Curve
-from indentfit.report.digits import CurveScale, Scale
+from indentfit.digits import Scale
+from indentfit.report.digits import CurveScale
 from indentfit.report.plots import TICKS, Place, _from_origin, _label, save
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 

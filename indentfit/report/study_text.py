@@ -3,7 +3,7 @@
 import html
 from collections.abc import Iterator, Sequence
 
-from indentfit.report.digits import fixed
+from indentfit.digits import Scale, fixed
 from indentfit.study.convergence import Approach, Index
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck, MeshResult
@@ -177,7 +177,8 @@ def _refit_row(refit: Refit, names: Sequence[str]) -> Row:
 def design_lines(design: Design) -> Iterator[str]:
     """A Design in words, line by line."""
     values = ", ".join(f"{name} = {value:.4g}" for name, value in design.parameters.items())
-    yield f"at {values}; noise {design.noise:.3g} mN; {design.runs} runs"
+    noise = Scale.of([design.noise], "mN", digits=3)
+    yield f"at {values}; noise {noise.text(design.noise)} {noise.unit}; {design.runs} runs"
     yield f"the tests of the case leave {design.worst} worst: standard error {design.stderr[design.worst]:.3g}"
     yield ""
     yield from (f"  {line}" for line in aligned(design_rows(design)))

@@ -8,6 +8,7 @@ import numpy as np
 from indentfit.axes import MOTION
 from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
+from indentfit.digits import Scale, plainly, quantity
 from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import ForceError, Simulation, TestResult, TimeCurve
 from indentfit.inference.plain import Interval
@@ -15,7 +16,7 @@ from indentfit.inference.result import FitResult
 from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
-from indentfit.report.digits import CurveScale, plainly, quantity
+from indentfit.report.digits import CurveScale
 from indentfit.report.first_screen import doubts_of, first_lines, pieces_words, value_words
 from indentfit.runs.closed_form import ClosedForm, closed_forms, left_out
 from indentfit.runs.simulated import SimulatedCase
@@ -41,6 +42,9 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
     if isinstance(simulation, SimulatedCase) and simulation.misfits:
         off = ", ".join(f"{name} {100 * share:.3g} %" for name, share in simulation.misfits.items())
         yield f"misfit    {off} of the largest measured force, at these values"
+    if isinstance(simulation, SimulatedCase) and simulation.creep_misfits:
+        off = ", ".join(f"{name} {100 * share:.3g} %" for name, share in simulation.creep_misfits.items())
+        yield f"misfit    {off} of the largest measured depth, at these values"
     yield from _mesh(simulation.mesh)
     for test in simulation.tests:
         yield from mesh_error_lines(test)
@@ -65,7 +69,10 @@ def _material(case: Case, material: Material) -> Iterator[str]:
     beside = "".join(f", {name} = {value:.4g}{'' if name.endswith('nu') else ' kPa'}" for name, value in moduli.items())
     yield f"{case.material.model or case.material.energy}: {values}{beside}"
     if case.relaxation is not None:
-        yield f"relaxes: {case.relaxation.words()}; forces over displacement are those of the ramp"
+        creep = [test.name for test in case.tests if test.control == "force"]
+        of_creep = f"elastic ones, for these moduli, in {', '.join(creep)}"
+        which = of_creep if len(creep) == len(case.tests) else f"those of the ramp{f', and {of_creep}' if creep else ''}"
+        yield f"relaxes: {case.relaxation.words()}; forces over displacement are {which}"
 
 
 def _start(name: str, material: Material, case: Case) -> str:
@@ -127,10 +134,27 @@ def mesh_error_lines(test: TestResult) -> Iterator[str]:
 
 
 def time_lines(name: str, curve: TimeCurve) -> Iterator[str]:
-    """The force of a test over time, line by line: at the ramp's end, at the hold's end, and how it was solved."""
+    """The force of a test over time, line by line: at the ramp's end, at the hold's end, and how it was solved; or its depth, where
+    the force is held."""
+    if curve.creeps:
+        yield from _creep_lines(name, curve)
+        return
     ramp, peak, held = _ends(curve)
     yield f"time      {name}: {quantity(peak, 'mN')} at the end of the ramp of {ramp:.4g} s{held}"
     yield f"          {curve.words()}"
+
+
+def _creep_lines(name: str, curve: TimeCurve) -> Iterator[str]:
+    """The depth of a test over time under a force that is held."""
+    held = float(curve.force[-1])
+    end = int(np.argmax(curve.force >= held * (1 - 1e-9)))
+    ramp, last = float(curve.time[end]), float(curve.time[-1])
+    there, deepest = (quantity(float(curve.displacement[n]), "mm") for n in (end, -1))
+    crept = f", {deepest} after a hold of {last - ramp:.4g} s" if last > ramp else ""
+    yield f"creep     {name}: {there} at the end of the ramp of {ramp:.4g} s to {quantity(held, 'mN')}{crept}"
+    yield f"          {curve.words()}"
+    if curve.ends:
+        yield f"note      {name}: {curve.ends}"
 
 
 def _ends(curve: TimeCurve) -> tuple[float, float, str]:
@@ -387,7 +411,11 @@ def _of_input(name: str, share: InputShare) -> str:
         return f"base ({share.probability:.0%} that it is {OTHER[str(share.value)]})"
     if share.prior is not None:
         return f"{name} ({share.prior}, each fitted)"
-    return f"{name} ({share.value:g} +- {share.sd:g})"
+    assert share.sd is not None  # inputs without a distribution of their own have a standard deviation
+    if share.unit == "mm":
+        scale = Scale.of([float(share.value), share.sd], "mm")
+        return f"{name} ({scale.text_with_error(float(share.value), share.sd)} {scale.unit})"
+    return f"{name} ({share.value:g} +- {share.sd:.3g})"
 
 
 def _percents(share: InputShare | NoiseShare, free: Sequence[str]) -> list[str]:

@@ -12,9 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from indentfit.arrays import Array
 from indentfit.curve import Curve
 from indentfit.fem.result import TimeCurve
-from indentfit.report.digits import CurveScale
+from indentfit.report.digits import CurveScale, Scale
 from indentfit.report.plots import save
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 
@@ -34,19 +35,33 @@ def write_time_curves(path: str | PathLike[str], curves: Times) -> None:
 
 def force_over_time(curves: Times, path: str | Path | None) -> Figure:
     """Force against time, from the first contact on; saved as SVG and PNG where a path is given."""
-    scale = CurveScale.of(Curve(curve.displacement, curve.force) for curve in curves.values())
+    scale = CurveScale.of(Curve(curve.displacement, curve.force) for curve in curves.values()).force
+    return _over_time({name: (curve.time, curve.force) for name, curve in curves.items()}, "Force", scale, path)
+
+
+def depth_over_time(curves: Times, path: str | Path | None) -> Figure:
+    """Displacement against time under a force that is held, from the first contact on; saved as SVG and PNG where a path is
+    given."""
+    scale = CurveScale.of(Curve(curve.displacement, curve.force) for curve in curves.values()).displacement
+    return _over_time({name: (curve.time, curve.displacement) for name, curve in curves.items()}, "Displacement", scale, path)
+
+
+def _over_time(lines: Mapping[str, tuple[Array, Array]], what: str, scale: Scale, path: str | Path | None) -> Figure:
+    """Lines over time, each from zero."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN, 0.62 * COLUMN), layout="constrained")
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
-        for n, (name, curve) in enumerate(curves.items()):
-            time, force = np.append(0.0, curve.time), np.append(0.0, curve.force) * scale.force.factor
-            ax.plot(time, force, color=COLOURS[n % len(COLOURS)], linestyle=DASHES[n % len(DASHES)], label=name.replace("$", r"\$"))
+        for n, (name, (time, values)) in enumerate(lines.items()):
+            time, values = np.append(0.0, time), np.append(0.0, values) * scale.factor
+            ax.plot(
+                time, values, color=COLOURS[n % len(COLOURS)], linestyle=DASHES[n % len(DASHES)], label=name.replace("$", r"\$")
+            )
         ax.set_xlim(left=0)
         ax.set_ylim(bottom=min(0.0, ax.dataLim.y0))
         ax.xaxis.set_major_locator(MaxNLocator(7))
         ax.set_xlabel("Time since contact (s)")
-        ax.set_ylabel(f"Force ({scale.force.symbol})")
+        ax.set_ylabel(f"{what} ({scale.symbol})")
         figure.legend(loc="outside upper left", ncols=2, handlelength=2.8)
         save(figure, path)
     return figure

@@ -18,6 +18,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case, Test
 from indentfit.case.laws import has_fibres
 from indentfit.curve import Curve
+from indentfit.digits import quantity
 from indentfit.indenters import IndenterShape, Rings, has_sharp_edge
 from indentfit.layer import Layer
 
@@ -73,8 +74,9 @@ class ClosedForm:
         half, layer = (f"E {self.young(mu):.3g} kPa (mu {mu:.3g})" for mu in (self.half_space, self.layer))
         name = "Hertz" if self.formula == "Hertz" else "flat punch on a half-space"
         return (
-            f"elastic layer {layer}, {name} {half}, +- {self.scatter:.1%} by scatter, {self.points} forces to {self.depth:.3g} mm "
-            f"(small strain, wide layer, {self.base} base, no friction, nu {self.poisson_ratio:.4g})"
+            f"elastic layer {layer}, {name} {half}, +- {self.scatter:.1%} by scatter, {self.points} forces to "
+            f"{quantity(self.depth, 'mm', 3)} (small strain, wide layer, {self.base} base, no friction, "
+            f"nu {self.poisson_ratio:.4g})"
         )
 
     def beside(self, shear_modulus: float, deepest: float) -> str:
@@ -84,9 +86,10 @@ class ClosedForm:
             return ""
         side = "above" if apart > 0 else "below"
         return (
-            f"mu of the fit is {abs(apart):.1%} {side} that of the elastic layer: the layer takes forces to {self.depth:.3g} mm, "
-            f"at small strain and without friction, the fit all forces to {deepest:.3g} mm; finite strain, friction, the sample's "
-            "width, or a law that does not follow the curve make the difference"
+            f"mu of the fit is {abs(apart):.1%} {side} that of the elastic layer: the layer takes forces to "
+            f"{quantity(self.depth, 'mm', 3)}, at small strain and without friction, the fit all forces to "
+            f"{quantity(deepest, 'mm', 3)}; finite strain, friction, the sample's width, "
+            "or a law that does not follow the curve make the difference"
         )
 
     def at_the_end(self, shear_modulus: float, model: Curve) -> str:
@@ -100,9 +103,9 @@ class ClosedForm:
         sphere = (
             f"{self.sphere:.1%} of it because a sphere is no paraboloid, the rest" if self.sphere >= 0.001 and off < 0 else "made"
         )
-        side = "below" if off < 0 else "above"
+        side, at = "below" if off < 0 else "above", quantity(float(deepest), "mm", 3)
         return (
-            f"at {deepest:.3g} mm the model's force is {abs(off):.1%} {side} that of the layer of the same modulus, {sphere} by "
+            f"at {at} the model's force is {abs(off):.1%} {side} that of the layer of the same modulus, {sphere} by "
             f"finite strain, friction and the sample's width: that much {'lower' if off < 0 else 'higher'} is the modulus that "
             "Hertz's theory or the layer gives to forces of that depth"
         )

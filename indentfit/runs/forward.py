@@ -4,14 +4,17 @@ Searches and inference ask a ForwardModel for curves, whether these come from ru
 """
 
 import functools
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.case.in_time import ramps_of
-from indentfit.errors import IndentfitError
+from indentfit.case.in_time import load_of, ramps_of
+from indentfit.errors import IndentfitError, OutOfTime
+from indentfit.fem.creep import points_of, with_creep
+from indentfit.fem.deadline import Deadline
 from indentfit.fem.in_time import with_time
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press
@@ -116,6 +119,7 @@ def simulate(
     parameters: Point | None = None,
     progress: Progress | None = None,
     mesh_error: bool = True,
+    time_limit: float = math.inf,
 ) -> SimulatedCase:
     """Every test of a case, simulated at given parameters.
 
@@ -127,6 +131,8 @@ def simulate(
     progress : called with (what is computed, share of all work that is done)
     mesh_error : bool
         Whether a second mesh is solved to state the error of the forces by the mesh.
+    time_limit : float, s
+        Processor time that each curve may take, and each force over time.
 
     Returns
     -------
@@ -134,8 +140,9 @@ def simulate(
 
     Raises
     ------
-    ConvergenceError
-        Its `part`, and that of what `progress` raises, is the SimulatedCase as far as it goes, or None.
+    ConvergenceError, OutOfTime
+        Its `part`, and that of what `progress` raises, is the SimulatedCase as far as it goes, or None. A force over time that is
+        not solved is recorded with its cause.
     """
     given = dict(parameters or case.start_values())
     if case.relaxation is not None:
@@ -149,8 +156,8 @@ def simulate(
     try:
         specimens.extend(simulated_specimens(case, material, parts.curve))
         for piece in pieces:
-            piece.solve(material, parts.curve)
-            piece.simulation = _in_time(piece, material, parts)
+            piece.solve(material, parts.curve, time_limit)
+            piece.simulation = _in_time(piece, material, parts, time_limit)
         for piece in pieces if mesh_error else ():
             piece.state_errors(material, parts.mesh_error)
     except IndentfitError as error:
@@ -183,21 +190,28 @@ def of_relaxation(case: Case, parameters: Point) -> tuple[tuple[str, ...], dict[
     words = f"the material relaxes: {there.relaxation.words()}"
     own = {name: value for name, value in parameters.items() if name in case.law.parameters}
     try:
-        tests = simulate(there, own, mesh_error=False).in_time
+        tests = simulate(there, own, mesh_error=False, time_limit=case.fit.time_limit).in_time
     except IndentfitError as error:
-        return (words, f"the viscoelastic model was not solved at the optimum: {error}"), {}
+        remedy = "; a larger fit.time_limit allows more" if isinstance(error, OutOfTime) else ""
+        return (words, f"the viscoelastic model was not solved at the optimum: {error}{remedy}"), {}
     known = {name: curve.difference for name, curve in tests.items() if curve.difference is not None}
     return (words, *(f"{name}: {curve.words()}" for name, curve in tests.items())), known
 
 
-def _in_time(piece: Piece, material: Material, parts: "_Parts") -> Simulation | None:
+def _in_time(piece: Piece, material: Material, parts: "_Parts", time_limit: float) -> Simulation | None:
     """The simulation of a piece with the forces over time of tests whose material relaxes."""
     simulation, case = piece.simulation, piece.case
     if simulation is None or case.material.relaxation is None:
         return simulation
     tests, ramps = [], ramps_of(case)
-    for test, press, asked in zip(simulation.tests, piece.presses(material), case.tests, strict=True):
-        tests.append(with_time(test, press, ramps[asked.name].hold, functools.partial(parts.in_time, press.name)))
+    for test, press, asked, curve in zip(simulation.tests, piece.presses(material), case.tests, case.curves, strict=True):
+        progress, deadline = functools.partial(parts.in_time, press.name), Deadline(time_limit)
+        if (load := load_of(asked, curve)) is not None:
+            assert case.relaxation is not None  # the material relaxes
+            function, points = case.relaxation.function(load.arrived, load.end), points_of(load, asked.points)
+            tests.append(with_creep(test, press, load, function, points, progress, deadline))
+            continue
+        tests.append(with_time(test, press, ramps[asked.name].hold, progress, deadline))
     return replace(simulation, tests=tuple(tests))
 
 

@@ -181,8 +181,8 @@ def _points_of(case: "Case", test: "Test") -> list[Displacements]:
 
 
 def _rate(case: "Case", test: "Test") -> float | None:
-    """Velocity of the indenter in the ramp of a test, mm/s; None where the material does not relax."""
-    if case.material.relaxation is None:
+    """Velocity of the indenter in the ramp of a test, mm/s; None where the material does not relax, or the rig holds the force."""
+    if case.material.relaxation is None or test.control == "force":
         return None
     known = motion_of(test, case.curves[case.tests.index(test)])
     return known[0].ramp.depth / known[0].ramp.seconds if known is not None else None

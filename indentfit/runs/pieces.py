@@ -3,6 +3,7 @@
 A case whose tests all have the sample and the indenter of the case has one piece, the case itself.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -43,10 +44,11 @@ class Piece:
         """The Press of each test, on a material."""
         return [press_of(self.case, test, material) for test in self.case.tests]
 
-    def solve(self, material: Material, progress: Curve | None = None) -> Simulation:
-        """The curves of the tests. Where they fail, or are stopped, `simulation` holds the part that there is."""
+    def solve(self, material: Material, progress: Curve | None = None, time_limit: float = math.inf) -> Simulation:
+        """The curves of the tests, each within a limit of processor time, s. Where they fail, or are stopped, `simulation` holds
+        the part that there is."""
         try:
-            self.simulation = self.model.simulate(self.presses(material), progress)
+            self.simulation = self.model.simulate(self.presses(material), progress, time_limit)
         except IndentfitError as error:
             self.simulation = error.part if isinstance(error.part, Simulation) else None
             raise

@@ -9,12 +9,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.case.in_time import motion_of
 from indentfit.case.laws import isotropic_moduli
 from indentfit.curve import Curve
 from indentfit.fem.result import Simulation, TimeCurve
 from indentfit.fem.simulate import Model
 from indentfit.material import Material
+from indentfit.motion import Motion
 from indentfit.runs.closed_form import ClosedForm, closed_forms
 
 
@@ -45,15 +48,24 @@ class SimulatedCase(Simulation):
 
     @property
     def measured(self) -> dict[str, Curve]:
-        """Measured curves by the names of their tests; tests without a measured curve are left out."""
+        """Measured curves by the names of their tests; tests without a measured curve are left out, and those whose rig held the
+        force: they have depths over time (`in_time`)."""
         pairs = zip(self.case.tests, self.case.curves, strict=True)
-        return {test.name: curve for test, curve in pairs if curve is not None}
+        return {test.name: curve for test, curve in pairs if curve is not None and test.control != "force"}
 
     @property
     def misfits(self) -> dict[str, float]:
         """Root mean square of simulated minus measured forces over the largest measured force, by the names of the tests."""
         off = {name: _misfit(curve.loading, self.curves[name]) for name, curve in self.measured.items() if name in self.curves}
         return {name: share for name, share in off.items() if math.isfinite(share)}
+
+    @property
+    def creep_misfits(self) -> dict[str, float]:
+        """Root mean square of simulated minus measured depths over the largest measured depth, by the names of the tests whose rig
+        held the force."""
+        known, triples = self.in_time, zip(self.case.tests, self.case.curves, strict=True)
+        measured = {test.name: motion_of(test, curve) for test, curve in triples if curve is not None and test.control == "force"}
+        return {name: _creep_misfit(*given, known[name]) for name, given in measured.items() if given is not None and name in known}
 
     @property
     def in_time(self) -> dict[str, TimeCurve]:
@@ -91,7 +103,8 @@ class SimulatedCase(Simulation):
             name: dict(zip(curve.shown.header, (curve.displacement.tolist(), curve.force.tolist()), strict=True))
             for name, curve in curves.items()
         }
-        return {"measured": points, "misfits": self.misfits} if points else {}
+        creep = {"creep_misfits": self.creep_misfits} if self.creep_misfits else {}
+        return ({"measured": points, "misfits": self.misfits} if points else {}) | creep
 
     def summary(self) -> str:
         """The simulation in words, as the command prints it."""
@@ -136,6 +149,14 @@ class SimulatedCase(Simulation):
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(self.summary())}</pre>"
+
+
+def _creep_misfit(motion: Motion, times: Array, simulated: TimeCurve) -> float:
+    """The misfit of depths over time, as far as the simulation goes."""
+    reached = times <= simulated.time[-1] * (1 + 1e-9)
+    depth = np.interp(times[reached], np.append(0.0, simulated.time), np.append(0.0, simulated.displacement))
+    off = depth - np.interp(times[reached], motion.time, motion.depth)
+    return float(np.sqrt(np.mean(off**2)) / motion.deepest)
 
 
 def _misfit(measured: Curve, simulated: Curve) -> float:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Range, Test, require_free, require_indentations
+from indentfit.case import Case, Range, Test, require_free, require_indentations, require_known_motions
 from indentfit.case.families import faults_of_families
 from indentfit.case.in_time import GRID
 from indentfit.case.laws import has_fibres
@@ -243,6 +243,7 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     """
     require_free(case)
     require_indentations(case, "design")
+    require_known_motions(case, "design")
     if any(test.field for test in case.tests):
         raise CaseError(["test.field: design knows forces only; take the fields out of the case for it"])
     case = with_prior_tests(case)

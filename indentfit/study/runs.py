@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from indentfit.case import Case
+from indentfit.case import Case, require_known_motions
 from indentfit.runs.forward import Evaluation
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.mechanics import indentation_of
@@ -60,7 +60,11 @@ def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluati
     Raises
     ------
     Stopped, WorkerError, LedgerError
+    CaseError
+        A test has a held force, and no curve.
     """
+    for case in cases:
+        require_known_motions(case, "a sweep")
     groups = _groups([elastic_case(case.of_forces) for case in cases])
     evaluations: dict[int, Evaluation] = {}
     total, before = sum(len(points) * len(first.tests) for first, points in groups), 0

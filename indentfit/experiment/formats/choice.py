@@ -14,8 +14,10 @@ from indentfit.experiment.formats.words import (
     ELECTRIC,
     KIND,
     is_axial,
+    is_backwards,
     is_deflection,
     is_height,
+    is_measured,
     is_stage,
     rank_of,
     unit_of_label,
@@ -54,10 +56,13 @@ def chosen_column(path: Path, table: Table, quantity: str, channel: RecordChanne
     ranks = {n: rank for n in range(table.width) if (rank := _rank(table, n, quantity)) is not None}
     ranks = ranks or _by_unit(table, quantity)
     best = [n for n, rank in ranks.items() if rank == min(ranks.values())]
+    for suits in (lambda n: not is_way_back(table, n), lambda n: _moves(table, n)):
+        best = [n for n in best if suits(n)] or best
     if len(best) > 1 and _alike(table, best):
         best = best[:1]
-    if len(best) > 1:
-        best = [n for n in best if any(map(is_axial, table.labels(n)))] or best
+    for is_kind in (is_axial, is_measured):
+        named = [n for n in best if any(map(is_kind, table.labels(n)))] if len(best) > 1 else []
+        best = named if len(named) == 1 else best
     if len(best) == 1:
         return best[0]
     what = f"{len(best) or 'no'} columns of {quantity}"
@@ -90,6 +95,7 @@ def column_name(table: Table, place: int) -> str:
 def deflection_column(table: Table) -> int | None:
     """The one column of lengths that holds the deflection of a cantilever and moves; None where there is none."""
     places = [n for n in range(table.width) if any(map(is_deflection, table.labels(n))) and _moves(table, n)]
+    places = [n for n in places if not is_way_back(table, n)]
     lengths = [n for n in places if KIND.get(column_unit(table, n) or "") == "displacement"]
     return lengths[0] if len(lengths) == 1 else None
 
@@ -99,6 +105,16 @@ def piezo_column(table: Table) -> int | None:
     places = [n for n in range(table.width) if any(label.strip().casefold().startswith("piezo") for label in table.labels(n))]
     lengths = [n for n in places if KIND.get(column_unit(table, n) or "") == "displacement" and _moves(table, n)]
     return lengths[0] if len(lengths) == 1 else None
+
+
+def is_way_back(table: Table, place: int) -> bool:
+    """Whether a column holds the way back of a quantity whose way to the sample another column holds."""
+    if not any(map(is_backwards, table.labels(place))):
+        return False
+    return any(
+        n != place and column_unit(table, n) == column_unit(table, place) and not any(map(is_backwards, table.labels(n)))
+        for n in range(table.width)
+    )
 
 
 def stage_column(table: Table) -> int | None:
@@ -118,7 +134,12 @@ def other_travels(table: Table, place: int) -> list[int]:
     others = []
     for n in range(table.width):
         unit, labels = column_unit(table, n), table.labels(n)
-        if n == place or unit != column_unit(table, place) or any(is_deflection(label) or is_height(label) for label in labels):
+        if (
+            n == place
+            or unit != column_unit(table, place)
+            or is_way_back(table, n)
+            or any(is_deflection(label) or is_height(label) for label in labels)
+        ):
             continue
         values, span = table.values[:, n], _span(own)
         apart = min(_span(values - own), _span(values + own))

@@ -29,6 +29,7 @@ from indentfit.experiment.record import CUT_OFF, FEWEST, RawRecord, Stated
 from indentfit.units import unit_factor
 
 FEWEST_READ = 20  # rows of numbers that are read at all; a record needs FEWEST
+ALIKE = 0.9  # correlation of a deflection with the force that it measures
 OF_CANTILEVERS = ("nN", "pN")  # units of forces that only the bending of a cantilever measures
 TRAVEL = 2  # rank of the first words (`words.WORDS`) that name the travel of a stage, and not an indentation
 
@@ -194,12 +195,31 @@ def _travel(source: _Source) -> _Travel:
     if channel.minus is not None:
         minus = named_column(source.path, source.table, "record.displacement.minus", channel.minus)
     _require_apart(source, place)
+    minus = _bends(source, place) if minus is None and channel.column is None else minus
     values, unit = _calibrated(source, place, "displacement", _facing(source, place))
     words = f"{source.label(place)!r}{_in(source, place, unit)}"
     if minus is not None:
         values = values - _calibrated(source, minus, "displacement", RecordChannel())[0]
         words += f" minus {source.label(minus)!r}"
     return _Travel(place, minus, values, words)
+
+
+def _bends(source: _Source, place: int) -> int | None:
+    """The deflection of a cantilever beside its height, where it rises with the force; None where it does not, or there is none."""
+    deflection, table = deflection_column(source.table), source.table
+    told = (source.settings.stiffness, source.settings.compliance, source.stated.stiffness) != (None, None, None)
+    if deflection is None or told or not any(map(is_height, table.labels(place))) or _is_indentation(source, place):
+        return None
+    force = table.values[:, chosen_column(source.path, table, "force", source.settings.force)]
+    good = np.isfinite(force) & np.isfinite(table.values[:, deflection])
+    alike = np.corrcoef(force[good], table.values[good, deflection])[0, 1] if np.ptp(force[good]) else 0.0
+    return deflection if alike > ALIKE else None
+
+
+def _is_indentation(source: _Source, place: int) -> bool:
+    """Whether a column is named as the indentation itself, or the separation of tip and sample."""
+    ranks = [rank[0] for label in source.table.labels(place) if (rank := rank_of(label, "displacement"))]
+    return bool(ranks) and min(ranks) == 0
 
 
 def _displacement(source: _Source, travel: _Travel, force: Array) -> _Taken:
@@ -230,9 +250,21 @@ def _require_apart(source: _Source, place: int) -> None:
 def _facing(source: _Source, place: int) -> RecordChannel:
     """The channel of the displacement; a height or gap falls toward the sample: its sign is turned unless the settings give one."""
     channel = source.settings.displacement
-    if any(map(is_height, source.table.labels(place))) and "sign" not in channel.model_fields_set:
+    if any(map(is_height, source.table.labels(place))) and "sign" not in channel.model_fields_set and _falls(source, place):
         return channel.model_copy(update={"sign": -1})
     return channel
+
+
+def _falls(source: _Source, place: int) -> bool:
+    """Whether a height is small where the force is largest; some programs count it the other way round."""
+    force = source.table.values[:, chosen_column(source.path, source.table, "force", source.settings.force)]
+    height = source.table.values[:, place]
+    good = np.isfinite(height) & np.isfinite(force)
+    if not good.any():
+        return True
+    sign = -1 if source.settings.force.sign < 0 else 1
+    there = float(height[good][np.argmax(sign * force[good])])
+    return there <= (float(height[good].min()) + float(height[good].max())) / 2
 
 
 def _stiffness(source: _Source, travel: _Travel) -> float | None:
@@ -263,8 +295,7 @@ def _is_travel(source: _Source, place: int) -> bool:
 def _travel_notes(source: _Source, travel: _Travel) -> Iterator[str]:
     """Notes where the bending of a cantilever is not subtracted from a travel: that of a column, or one that was not stated."""
     place, deflection = travel.place, deflection_column(source.table)
-    own = [rank[0] for label in source.table.labels(place) if (rank := rank_of(label, "displacement"))]
-    indentation = bool(own) and min(own) == 0
+    indentation = _is_indentation(source, place)
     if deflection is not None and travel.minus is None and not indentation:
         yield (
             f"the file has a column {source.label(deflection)!r} that is not subtracted from {source.label(place)!r}: the travel "

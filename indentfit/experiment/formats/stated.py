@@ -15,7 +15,7 @@ RADIUS = re.compile(
 )
 DIAMETER = re.compile(r"^(?:tip|probe|indenter|sphere|ball|bead|kugel)[\s_-]*(?:tip[\s_-]*)?diameter|^kugeldurchmesser", re.I)
 STIFFNESS = re.compile(
-    r"^k\b|^(?:cantilever[\s_-]*)?(?:spring[\s_-]*constant|stiffness)|^federkonstante|^cantilever[\s_-]*k\b", re.I
+    r"^k\b|^springConstant|^(?:cantilever[\s_-]*)?(?:spring[\s_-]*constant|stiffness)|^federkonstante|^cantilever[\s_-]*k\b", re.I
 )
 POISSON = re.compile(
     r"^(?:sample[\s_-]*)?poisson['\u2019]?s?[\s_-]*(?:ratio|number|zahl)|^querkontraktionszahl|^coefficient de poisson", re.I
@@ -60,12 +60,13 @@ def _length(text: str, words: re.Pattern[str], share: float) -> float | None:
 
 
 def _stiffness(text: str) -> float | None:
-    """The stiffness, mN/mm, that a line states; a "spring constant" of AFM metadata in quotes is in N/m."""
+    """The stiffness, mN/mm, that a line states; a "spring constant" of AFM metadata in quotes, or of JPK, is in N/m."""
     number, unit = _value(text, STIFFNESS)
     if number is None or number <= 0:
         return None
     if unit is None:
-        return number if text.casefold().startswith("spring constant") and '":' in text else None
+        metadata = text.casefold().startswith("spring constant") and '":' in text
+        return number if metadata or text.startswith("springConstant:") else None
     try:
         return number * unit_factor(unit.replace("µ", "u").replace("μ", "u"), "mN/mm")
     except ValueError:

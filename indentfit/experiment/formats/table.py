@@ -11,6 +11,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.experiment.formats.words import KIND, TARGETS, rank_of, unit_in
 
+GOES_ON = 10.0  # steps of time after which a table is no continuation of that before it
 FEWEST_ROWS = 20  # of a table that is looked at where a file holds several
 
 
@@ -96,6 +97,41 @@ class Table:
         """Number of columns up to the last that holds numbers or words."""
         held = [n for n in range(self.width) if n in self.texts or (self.values[:, n] == self.values[:, n]).any()]
         return held[-1] + 1 if held else 0
+
+
+def joined_tables(tables: list[Table]) -> list[Table]:
+    """The tables of a file, those joined that a header in their midst parts: names and units are the same, and the time goes on."""
+    joined: list[Table] = []
+    for table in tables:
+        if joined and _goes_on(joined[-1], table):
+            before = joined[-1]
+            texts = {n: [*words, *table.texts[n]] for n, words in before.texts.items()}
+            joined[-1] = replace(before, values=np.vstack([before.values, table.values]), texts=texts)
+        else:
+            joined.append(table)
+    return joined
+
+
+def _goes_on(before: Table, table: Table) -> bool:
+    """Whether a table is the continuation of that before it: no new text but comments between, the same columns, later times."""
+    known = set(before.above)
+    between = [line for line in table.above[len(before.above) :] if line.strip()]
+    names = [[other.labels(n) for n in range(other.width)] for other in (before, table)]
+    if names[0] != names[1] or before.texts.keys() != table.texts.keys():
+        return False
+    if not all(line in known or line.startswith("#") for line in between):
+        return False
+    places = [(min(ranks), n) for n in range(table.width) if (ranks := _ranks_of_time(table, n))]
+    if not places:
+        return False
+    time, first = before.values[:, min(places)[1]], float(table.values[0, min(places)[1]])
+    time = time[np.isfinite(time)]
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    return 0 < first - time[-1] <= GOES_ON * step
+
+
+def _ranks_of_time(table: Table, place: int) -> list[tuple[int, int]]:
+    return [rank for label in table.labels(place) if (rank := rank_of(label, "time")) is not None]
 
 
 def long_tables(tables: list[Table]) -> list[Table]:

@@ -18,21 +18,25 @@ from indentfit.arrays import Array
 from indentfit.case import Record
 from indentfit.errors import RecordError
 from indentfit.experiment.formats.encodings import decoded
-from indentfit.experiment.formats.spelling import plain_numbers, plain_times
-from indentfit.experiment.formats.table import Table, long_tables
+from indentfit.experiment.formats.spelling import plain_numbers, plain_times, plain_units
+from indentfit.experiment.formats.table import Table, joined_tables, long_tables
 from indentfit.experiment.formats.words import is_stage
 
 LINES_SEARCHED = 400  # the first row of numbers must be among them
 LONGEST_NAME = 60  # letters of the name of a table
 BINARY = 0.05  # share of zero bytes and control letters in the first bytes of a binary file
-MISSING = ("", "nan", "na", "n/a", "null")
+MISSING = (
+    "", "nan", "na", "n/a", "null", "none", "#n/a", "#nv", "#value!", "#wert!", "#num!", "#zahl!", "#div/0!", "1.#qnan", "1.#ind",
+)  # fmt: skip
 MARKER = re.compile(
     r"<(?!/|end|data|info)([^<>]+)>$|\[([^\[\]]+)\]$"
-    r"|((?:test|segment|block|cycle|curve|specimen|prüfung|probe|sample|indent)\s*(?:no\.?|nr\.?|n)?\s*[:#]*\s*\d+)\b",
+    r"|#\s*segment:\s*(\w+)$|((?:test|segment|block|cycle|curve|specimen|prüfung|probe|sample|indent)\s*(?:no\.?|nr\.?|n)?\s*[:#]*\s*\d+)\b",
     re.I,
 )
 END = re.compile(r"\s*(?:<[^<>]*>|\[[^\[\]]*\]|end\b.*)\s*$", re.I)  # the end of a block, which nobody needs to be told of
 LISTED = re.compile(r"\W*(?:sig(?:nal)?|col(?:umn)?|ch(?:annel)?)[ .#]*(\d{1,2})\s*[:=\t;,]\s*(.*\w.*)", re.IGNORECASE)
+TOLD = re.compile(r"#\s*(columns|fancyNames|units):\s*(.*)$", re.IGNORECASE)
+NAMED = re.compile(r'"([^"]*)"|(\S+)')
 GLUED = re.compile(r"^([^\W\d_][^\t;]*?)([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)$")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.ASCII | re.IGNORECASE)
 COMMA_NUMBER = re.compile(r"[-+]?(\d+(,\d+)?|,\d+)([eE][-+]?\d+)?", re.ASCII)
@@ -108,15 +112,24 @@ def text_tables(path: Path, text: str, skip_rows: int) -> list[Table]:
         lines.pop()
     if not lines:
         raise RecordError(f"{path}: the file is empty; it needs columns of displacement and force")
-    rows = _searched(lines, 0, skip_rows)
-    fits = [(_first_numbers(rows, skip_rows, form), form) for form in FORMS]
-    (first, _), form = min(fits, key=lambda fit: fit[0])  # the first of equals
-    if first == len(rows):
+    first, form = _begin(lines, skip_rows)
+    if first is None:
+        lines = plain_units(lines)
+        first, form = _begin(lines, skip_rows)
+    if first is None:
         raise RecordError(
             f"{path}: no rows of numbers within {LINES_SEARCHED} lines; export columns of text, or give record.skip_rows"
         )
     tables = [replace(table, clock=clock) for table in _tables(_Lines(path, lines, form), skip_rows, first)]
-    return long_tables([part for table in tables for part in table.side_by_side()])
+    return long_tables([part for table in joined_tables(tables) for part in table.side_by_side()])
+
+
+def _begin(lines: list[str], skip_rows: int) -> tuple[int | None, Form]:
+    """Index of the first row of numbers, None where there is none, and the form of the numbers."""
+    rows = _searched(lines, 0, skip_rows)
+    fits = [(_first_numbers(rows, skip_rows, form), form) for form in FORMS]
+    (first, _), form = min(fits, key=lambda fit: fit[0])  # the first of equals
+    return (None if first == len(rows) else first), form
 
 
 def _searched(lines: list[str], begin: int, skip: int = 0) -> list[str | None]:
@@ -252,8 +265,20 @@ def _header(above: tuple[str, ...], separator: str | None, width: int) -> tuple[
     if rows and len(rows[-1]) == 2 * width - 1 and (match := GLUED.match(rows[-1][width - 1])):
         names, values = [*rows[-1][: width - 1], match[1]], [match[2], *rows[-1][width:]]
         return [*rows[:-1], names], np.array([[float(cell) if NUMBER.fullmatch(cell) else np.nan for cell in values]])
+    if told := _told(above, width):
+        return [*rows, *told], None
     listed = _listed(above)
     return (rows if len(listed) != width or any(len(row) == width for row in rows[-2:]) else [*rows, listed]), None
+
+
+def _told(above: tuple[str, ...], width: int) -> list[list[str]]:
+    """The rows of names and units that lines such as `# columns: height vDeflection` and `# units: m N` tell; or nothing."""
+    rows = {}
+    for line in above:
+        if match := TOLD.match(line.strip()):
+            rows[match[1].casefold()] = [name or bare for name, bare in NAMED.findall(match[2])]
+    names = rows.get("fancynames", rows.get("columns", []))
+    return [row for row in (names, rows.get("units", [])) if len(row) == width] if len(names) == width else []
 
 
 def _listed(above: tuple[str, ...]) -> list[str]:
@@ -322,7 +347,8 @@ def _row(where: str, cells: list[str], number: re.Pattern[str], kind: list[bool]
     if len(cells) != len(kind):
         raise RecordError(f"{where}: {len(cells)} columns, the first row of numbers has {len(kind)}; correct or remove the line")
     wrong = [cell for cell, numeric in zip(cells, kind, strict=True) if numeric and cell and not number.fullmatch(cell)]
-    if wrong and wrong[0].strip("-").lower() not in MISSING:
+    wrong = [cell for cell in wrong if cell.strip("-").lower() not in MISSING]
+    if wrong:
         raise RecordError(f"{where}: {wrong[0][:40]!r} is not a number; correct or remove the line")
     return [
         float(cell.replace(",", ".")) if numeric and number.fullmatch(cell) else np.nan

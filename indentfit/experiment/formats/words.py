@@ -10,12 +10,13 @@ TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
 WORDS: dict[str, tuple[str, ...]] = {
     "time": ("time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 tid aika čas zaman t",),
     "displacement": (
-        "indentation indent depth penetration eindringtiefe eindringweg enfoncement profondeur 压入深度 深さ 押込み深さ pd",
+        "indentation indent depth penetration separation eindringtiefe eindringweg enfoncement profondeur "
+        "压入深度 深さ 押込み深さ pd",
         "displacement disp extension compression weg standardweg verformung allongement déplacement deplacement desplazamiento "
         "spostamento verplaatsing przemieszczenie перемещение 位移 変位 변위 travel distance deformation deslocamento förskjutning "
         "forskydning forskyvning siirtymä posunutí",
         "crosshead traverse traversenweg stroke ストローク hub course position stage step steps",
-        "piezo height tip z d x s h",
+        "piezo height lvdt tip z d x s h",
     ),
     "force": (
         "force load kraft standardkraft prüfkraft normalkraft charge effort fuerza carga forza kracht siła сила нагрузка "
@@ -30,13 +31,14 @@ ASIDE = {  # a column whose header has one of these words is another quantity, o
     "energy", "work", "arbeit", "area", "stiffness", "modulus", "temperature", "frequency", "phase", "amplitude",
     "harmonic", "max", "maximum", "zero", "lateral", "count", "number", "cycle", "cycles", "stamp", "raw",
 }  # fmt: skip
-FALLING = ("height", "höhe", "gap", "spalt", "entrefer", "隙間", "ギャップ")  # they become less under the indenter
-DEFLECTIONS = ("cantilever", "deflection")  # what a piezo's travel exceeds the indentation by
+FALLING = ("height", "höhe", "separation", "gap", "spalt", "entrefer", "隙間", "ギャップ")  # they become less under the indenter
+DEFLECTIONS = ("cantilever", "defl")  # what a piezo's travel exceeds the indentation by
 STAGES = ("segment", "segmentid", "stage", "phase", "seg", "abschnitt")
 LENGTHS = ("pm", "nm", "um", "mm", "cm", "m", "in", "step")
 FORCES = ("pN", "nN", "uN", "mN", "cN", "N", "kN", "gf", "kgf", "lbf", "ozf")
 TIMES = ("us", "ms", "s", "min", "h")
-ELECTRIC = ("V", "mV")
+ELECTRIC = ("V", "mV", "count")  # what a sensor gives before its calibration
+BACKWARDS = ("rt", "retract", "retrace", "unload", "unloading")  # ends of the names of columns beside those of the approach
 UNITS = (*LENGTHS, *FORCES, *TIMES, *ELECTRIC)
 CAPITALS = ("um", "mm", "cm", "s")  # that some programs write in capitals, and that are no other unit then
 KIND = {unit: kind for kind, units in (("displacement", LENGTHS), ("force", FORCES), ("time", TIMES)) for unit in units}
@@ -44,13 +46,15 @@ ALIASES = {
     "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s",
     "msec": "ms",
     "micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "newton": "N", "newtons": "N", "grams": "gf",
-    "gram": "gf", "inch": "in", "inches": "in", "volt": "V", "volts": "V", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
+    "gram": "gf", "inch": "in", "inches": "in", "volt": "V", "volts": "V", "counts": "count",
+    "cts": "count", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
     "초": "s", "с": "s", "мм": "mm", "мкм": "um", "Н": "N", "мН": "mN",
     "nanometer": "nm", "nanometers": "nm", "millimeter": "mm", "millimeters": "mm", "millimetre": "mm", "millimetres": "mm",
     "meter": "m", "meters": "m", "kilograms": "kgf", "pounds": "lbf", "mm.": "mm", "in.": "in", "sec.": "s",
 }  # fmt: skip
 KEPT = 2000  # texts whose meaning is kept: the tables of a force map have the same headers
 IN_BRACKETS = re.compile(r"[\[(（<]\s*([^\])）>]*?)\s*[\])）>]")
+WAY = re.compile(r"_(?:ex|rt)$", re.I)  # NanoScope's extension and retraction
 AT_THE_END = re.compile(r"(?:_|[,;:]\s*|/\s*|\s|-)([^\W\d_]+\.?)$")
 
 
@@ -67,6 +71,7 @@ def unit_in(text: str) -> str | None:
 @functools.lru_cache(KEPT)
 def unit_of_label(label: str) -> str | None:
     """The unit that a header's text gives: in brackets, after an underline, comma, slash or blank, or as the whole text."""
+    label = WAY.sub("", label)
     for text in (*IN_BRACKETS.findall(label), *AT_THE_END.findall(label), label):
         unit = unit_in(text)
         if unit:
@@ -81,7 +86,7 @@ def without_unit(label: str) -> str:
 
 def words_of(label: str) -> list[str]:
     """The words of a header's text, in small letters, without the unit at its end."""
-    text = IN_BRACKETS.sub(" ", label)
+    text = IN_BRACKETS.sub(" ", WAY.sub("", label))
     end = AT_THE_END.search(text)
     if end and unit_in(end[1]) and text[: end.start()].strip():
         text = text[: end.start()]
@@ -114,7 +119,19 @@ def is_axial(label: str) -> bool:
 
 def is_height(label: str) -> bool:
     """Whether a header's text names a height or a gap, which becomes less while the indenter moves into the sample."""
-    return any(word.startswith(FALLING) for word in words_of(label)[:1])
+    words = words_of(label)
+    return any(word.startswith(FALLING) for word in words[:1]) or "separation" in words
+
+
+def is_backwards(label: str) -> bool:
+    """Whether a header's text names the way back, beside a column of the same quantity of the way to the sample."""
+    words = [word for word in re.split(r"[\W\d_]+", label.casefold()) if word]
+    return any(word in BACKWARDS for word in (words[:1] + words[-1:]))
+
+
+def is_measured(label: str) -> bool:
+    """Whether a header's text says that its quantity was measured, beside one that was only asked for."""
+    return bool(re.search("measured|sensor", label, re.I))
 
 
 def is_stage(label: str) -> bool:

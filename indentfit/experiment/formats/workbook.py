@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from indentfit.errors import RecordError
 from indentfit.experiment.formats.sheets import Cell, every_sheet, sheet_rows
 from indentfit.experiment.formats.table import FEWEST_ROWS, Table
 
+SPELLED = re.compile(r"[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?")  # a number in a cell of text
+THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 ENDINGS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 
 
@@ -50,6 +53,9 @@ def _table(path: Path, name: str, rows: list[list[Cell]], skip_rows: int) -> Tab
     """The Table of a sheet's rows; rows without any number below the first are left out."""
     first = _first(rows, skip_rows)
     if first is None:
+        rows = _numbers_of_texts(rows)
+        first = _first(rows, skip_rows)
+    if first is None:
         raise RecordError(
             f'{path}: no row of numbers in the sheet; give record.sheet or record.sheets = "all", or store numbers as numbers, not '
             "as text"
@@ -63,6 +69,20 @@ def _table(path: Path, name: str, rows: list[list[Cell]], skip_rows: int) -> Tab
     header = [[str(cell).strip() for cell in row] for row in rows[skip_rows:first] if any(cell != "" for cell in row)]
     above = tuple(" ".join(cell for cell in row if cell) for row in header)
     return Table(header, table, first + 1, name=name, above=above)
+
+
+def _numbers_of_texts(rows: list[list[Cell]]) -> list[list[Cell]]:
+    """The rows with their texts that are numbers as numbers; the rows themselves where a comma may mark thousands or decimals."""
+    texts = [cell.strip() for row in rows for cell in row if isinstance(cell, str) and SPELLED.fullmatch(cell.strip())]
+    commas = [text for text in texts if "," in text]
+    pointed = any("." in text for text in texts)
+    if commas and (pointed or all(THOUSANDS.fullmatch(text) for text in commas)):
+        return rows
+    return [[float(str(cell).strip().replace(",", ".")) if _is_spelled(cell) else cell for cell in row] for row in rows]
+
+
+def _is_spelled(cell: Cell) -> bool:
+    return isinstance(cell, str) and SPELLED.fullmatch(cell.strip()) is not None
 
 
 def _mostly_numbers(rows: list[list[Cell]], column: int) -> bool:
