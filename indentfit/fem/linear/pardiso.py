@@ -73,7 +73,7 @@ class Pardiso(DirectFactoriser):
         """Raises RuntimeError where the matrix is singular."""
         if self._library is None:
             self._library = _Library(_Pattern.of(tangent.factorised, self._surface), self._kind)
-        library, interface = self._library, _Interface(self._library.factorize(tangent.factorised))
+        library, interface = self._library, _Interface(self._library.factorize(tangent.factorised), self._kind)
         around = functools.partial(library.inverse_around, interface) if interface.S.size else None
         light = library.fill < LIGHT_FILL
         only_for = tangent if library.fill < CHEAP_FILL else None
@@ -201,8 +201,8 @@ class _Interface:
     SMALL = 800  # dofs up to which new factors are always cheap
     FEW = 0.15  # share of the dofs up to which the correction is cheaper than new factors
 
-    def __init__(self, S: Array) -> None:
-        self.S = S
+    def __init__(self, S: Array, kind: type = float) -> None:
+        self.S, self._kind = S, kind
         self._factorised: tuple[Array, Any] | None = None  # C, and LU factors of S + C
 
     def inverse(self, C: Array) -> Apply:
@@ -226,7 +226,8 @@ class _Interface:
         return self._factorize(C)
 
     def _factorize(self, C: Array) -> Apply:
-        factors = dense.lapack.dgetrf(self.S + C)[:2]
+        getrf = dense.lapack.sgetrf if self._kind is np.float32 else dense.lapack.dgetrf  # S is no more exact than its numbers
+        factors = getrf(np.asfortranarray(self.S + C, dtype=self._kind), overwrite_a=True)[:2]
         self._factorised = C, factors
         return functools.partial(_solved, factors)
 
@@ -247,4 +248,4 @@ def _corrected(solved: Apply, D: Array, dofs: Ints, n: int) -> Apply:
 
 def _solved(factors: Any, r: Array) -> Array:
     with np.errstate(all="ignore"):
-        return dense.lu_solve(factors, r.T, check_finite=False).T
+        return dense.lu_solve(factors, r.T.astype(factors[0].dtype), check_finite=False).T.astype(float)
