@@ -31,12 +31,13 @@ from indentfit.runs.forward import simulate
 CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
 TESTS = ("parallel", "perpendicular")
 BRICKS = 1200  # asked for; the nearest mesh has 1,377
+FOLDS = 1500  # for the bonded row, whose rim folds on finer meshes: the run goes to a wider rim, which leaves 1,116
 DEEPEST, POINTS = 0.34, 17  # of the simulated curves
 DEPTH = np.round(np.linspace(0.33 / 12, 0.33, 12), 6)
 OPTIMUM = {"mu": 1.49, "zeta": 4.68, "phi": 0.68}
 UNCERTAIN = ("friction={uniform=[0,1]}", "bulk_ratio={log_uniform=[20,5000]}", "offset=0.01")
 ROWS = {  # truth, changes of the case that made the curve, delay of the contact point in mm, curves of NGSolve
-    "bonded": (OPTIMUM, ["sample.base=bonded"], 0.0, None),
+    "bonded": (OPTIMUM, ["sample.base=bonded", f"mesh.elements={FOLDS}"], 0.0, None),
     "frictionless": ({**OPTIMUM, "zeta": 7.4}, ["indenter.friction=0"], 0.0, None),
     "friction 0.2": (OPTIMUM, ["indenter.friction=0.2"], 0.0, None),
     "kappa 20": (OPTIMUM, ["material.bulk_ratio=20"], 0.0, None),
@@ -100,7 +101,7 @@ def simulated(truth: dict[str, float], changes: list[str], path: Path) -> list:
     if not path.exists():
         sizes = [f"test.{test}.{key}" for test in TESTS for key in (f"depth={DEEPEST}", f"points={POINTS}")]
         parameters = ", ".join(f"{key} = {value}" for key, value in truth.items())
-        case = read_case(CASE, [*changes, *sizes, f"mesh.elements={BRICKS}", f"material.parameters={{ {parameters} }}"])
+        case = read_case(CASE, [*sizes, f"mesh.elements={BRICKS}", *changes, f"material.parameters={{ {parameters} }}"])
         started = time.process_time()
         made = simulate(case)
         pairs = [([0.0, *test.displacement.tolist()], [0.0, *test.force.tolist()]) for test in made.tests]
