@@ -11,7 +11,9 @@ uniform between 0 and 1, bulk over shear modulus uniform in the logarithm betwee
 inside, and the sets of parameters that were run; exit code 1 where a truth is outside.
 
 Seen with --base on 28 November 2026: isotropic 46 sets, friction 0.2 50, late 53, frictionless and kappa 20 (earlier that day) 52;
-every truth inside, no parameter determined; 160 s of CPU a row.
+every truth inside, no parameter determined; 160 s of CPU a row. The bonded row is not there: with fibres across the bar 882 bricks
+(rim 4, 12 steps) take 14 s of CPU to 0.34 mm, 1,116 were at 0.32 mm after 37 s and went no further; with fibres along it 882 and
+1,116 go no further than 0.27 and 0.26 mm, 992 with the usual rim than 0.26.
 """
 
 import argparse
@@ -31,7 +33,7 @@ from indentfit.runs.forward import simulate
 CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
 TESTS = ("parallel", "perpendicular")
 BRICKS = 1200  # asked for; the nearest mesh has 1,377
-FOLDS = 1500  # for the bonded row, whose rim folds on finer meshes: the run goes to a wider rim, which leaves 1,116
+FOLDS = 1500  # for the bonded row, whose rim folds on fine meshes: the run goes to a wider rim, which leaves 1,116
 DEEPEST, POINTS = 0.34, 17  # of the simulated curves
 DEPTH = np.round(np.linspace(0.33 / 12, 0.33, 12), 6)
 OPTIMUM = {"mu": 1.49, "zeta": 4.68, "phi": 0.68}
