@@ -6,6 +6,9 @@ A line of the file is a point of the undeformed sample with one or more componen
 the axis of indentation is x = z = 0, x runs along the indenter's long side. A point moves down where uy is negative. `r_mm` stands
 for x and z where everything is round, and `ur_um` then for the displacement away from the axis. A cell without a number is a
 component that was not measured. Lines that begin with `#` and empty lines are skipped.
+
+A file of an outline holds points of the deformed outline instead, which are no material points: `z_mm`, `y_mm` in the plane x = 0,
+`x_mm`, `y_mm` in the plane z = 0, or `r_mm`, `y_mm` where everything is round, with `sd_um` and `depth_mm` as above.
 """
 
 from __future__ import annotations
@@ -21,12 +24,14 @@ import numpy as np
 from indentfit.arrays import Array, Ints
 from indentfit.errors import CurveError
 from indentfit.headers import cells_of, separator_of, shown
+from indentfit.outlines import chain, feet_of
 from indentfit.point_tables import lines_of, number_of, require_cells
 from indentfit.units import unit_factor
 
 LEAST = 3  # components that make a field
 MOST = 400  # components that a fit counts with: of more, neighbours are averaged
 AXES = {"x": 0, "y": 1, "z": 2}
+UPWARDS = (0.0, 1.0, 0.0)
 CELL = re.compile(r"(?P<name>depth|sd|u_?[xyzr]|[xyzr])(?P<sd>[\s_]+sd)?(?P<unit>[\s_(\[].*)?", re.IGNORECASE)
 NAMES = "x, y, z or r (position), ux, uy, uz or ur (displacement), ux_sd ... or sd (standard deviation), depth"
 NOT_MEASURED = {"", "nan", "-"}
@@ -53,6 +58,11 @@ class Displacements:
         The line of the file of each row.
     round : bool
         Whether positions are given by their radius.
+    across : 0, 2 or None
+        Where the points lie on the outline of the deformed sample and are no material points, the axis (x or z) across the plane of
+        the outline.
+    places : array (m, 3), mm, or None
+        The points on the deformed outline, once `points` are their feet on the undeformed one (`outline_on`).
     """
 
     points: Array
@@ -63,6 +73,8 @@ class Displacements:
     file: str = "displacements.csv"
     lines: Ints | None = None
     round: bool = False
+    across: int | None = None
+    places: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("points", "directions", "values", "sd", "depths"):
@@ -102,6 +114,50 @@ class Displacements:
         deviations = np.broadcast_to(np.asarray(sd, dtype=float), displacements.shape)[row, axis]
         return cls(points[row], np.eye(3)[axis], displacements[row, axis], deviations, np.full(row.size, depth), name)
 
+    @classmethod
+    def of_outline(
+        cls, points: Array, sd: float | Array, depth: float = math.nan, across: str = "x", name: str = "outline.csv"
+    ) -> Displacements:
+        """The field of points on the outline of the deformed sample, which are no material points.
+
+        Parameters
+        ----------
+        points : array (n, 2), mm
+            Coordinate along the section (z, or x), and height above the base.
+        sd : float or array (n,), mm
+        depth : float, mm
+            Displacement of the indenter; by default the deepest of the test.
+        across : "x" or "z"
+            The axis across the plane of the outline.
+        name : str
+
+        Returns
+        -------
+        Displacements
+        """
+        w, y = np.asarray(points, dtype=float).T
+        nothing = np.zeros(w.size)
+        whole = np.column_stack([nothing, y, w] if across == "x" else [w, y, nothing])
+        deviations, depths = (np.broadcast_to(np.asarray(part, dtype=float), w.shape) for part in (sd, depth))
+        return cls(whole, np.tile(UPWARDS, (w.size, 1)), nothing, deviations, depths, name, across=AXES[across])
+
+    @property
+    def section(self) -> list[int]:
+        """The axes along the section of an outline and along the height."""
+        return [2 if self.across == 0 else 0, 1]
+
+    def outline_on(self, half_width: float, thickness: float) -> Displacements:
+        """The field of an outline as apparent motions of the undeformed outline of a sample, along its normals: feet, normals, and
+        distances of the points that were seen."""
+        if self.across is None:
+            return self
+        along, seen = self.section, self.points if self.places is None else self.places
+        feet = feet_of(seen[:, along], chain(half_width, thickness))
+        points, normals = np.zeros_like(seen), np.zeros_like(seen)
+        points[:, along], normals[:, along] = feet.places, feet.normals
+        values = np.sum(feet.normals * (seen[:, along] - feet.places), axis=1)
+        return replace(self, points=points, directions=normals, values=values, places=seen)
+
     def known(self, sd: float | None, depth: float | None, deepest: float) -> Displacements:
         """The field with standard deviations and depths where the file has none."""
         deviations = self.sd if sd is None else np.where(np.isnan(self.sd), sd, self.sd)
@@ -114,7 +170,8 @@ class Displacements:
 
     def as_lists(self) -> list[list[float | None]]:
         """All numbers, as JSON holds them."""
-        columns = np.column_stack([self.points, self.directions, self.values, self.sd, self.depths])
+        places = self.points if self.places is None else self.places
+        columns = np.column_stack([places, self.directions, self.values, self.sd, self.depths])
         return [[value if math.isfinite(value) else None for value in row] for row in columns.tolist()]
 
     @property
@@ -125,7 +182,8 @@ class Displacements:
         """
         if len(self.values) <= MOST:
             return np.arange(len(self.values))
-        kinds = np.unique(np.round(np.column_stack([self.directions, self.depths]), 9), axis=0, return_inverse=True)[1].ravel()
+        directions = np.round(self.directions) if self.across is not None else self.directions  # a side, or the top
+        kinds = np.unique(np.round(np.column_stack([directions, self.depths]), 9), axis=0, return_inverse=True)[1].ravel()
         parts = [np.flatnonzero(kinds == kind) for kind in range(kinds.max() + 1)]
         while len(parts) < MOST and max(map(len, parts)) > 1:
             largest = parts.pop(int(np.argmax([len(part) for part in parts])))
@@ -160,12 +218,14 @@ class _Column:
     factor: float
 
 
-def read_displacements(path: str | Path) -> Displacements:
+def read_displacements(path: str | Path, outline: bool = False) -> Displacements:
     """The `Displacements` of a CSV file in the form that this module describes.
 
     Parameters
     ----------
     path : path
+    outline : bool
+        Whether the file holds points on the deformed outline.
 
     Returns
     -------
@@ -179,13 +239,15 @@ def read_displacements(path: str | Path) -> Displacements:
     path = Path(path)
     lines = list(lines_of(path))
     if not lines:
-        raise CurveError(f"{path}: the file is empty; it needs a header such as x_mm,y_mm,z_mm,uz_um,sd_um and numbers below")
+        header = "z_mm,y_mm,sd_um" if outline else "x_mm,y_mm,z_mm,uz_um,sd_um"
+        raise CurveError(f"{path}: the file is empty; it needs a header such as {header} and numbers below")
     number, text = lines[0]
     separator = separator_of(text)
     columns = [_column(f"{path}: line {number}", cell) for cell in cells_of(text, separator)]
-    _require(f"{path}: line {number}", columns)
+    (_require_outline if outline else _require)(f"{path}: line {number}", columns)
     table = np.array([_numbers(f"{path}: line {n}", cells_of(line, separator), columns, separator) for n, line in lines[1:]])
-    return _field(path, columns, table.reshape(-1, len(columns)), np.array([n for n, _ in lines[1:]], dtype=int))
+    rows = np.array([n for n, _ in lines[1:]], dtype=int)
+    return (_outline if outline else _field)(path, columns, table.reshape(-1, len(columns)), rows)
 
 
 def write_displacements(path: str | Path, field: Displacements) -> None:
@@ -200,6 +262,9 @@ def write_displacements(path: str | Path, field: Displacements) -> None:
     ------
     OSError
     """
+    if field.across is not None:
+        _write_outline(Path(path), field)
+        return
     position, axes = (("r", "y"), "ry") if field.round else (("x", "y", "z"), "xyz")
     stated, deep = bool(np.isfinite(field.sd).any()), bool(np.isfinite(field.depths).all())
     header = [*position, *(f"u{axis}" for axis in axes), *(["sd"] if stated else []), *(["depth"] if deep else [])]
@@ -237,7 +302,10 @@ def _require(where: str, columns: Sequence[_Column]) -> None:
             raise CurveError(f"{where}: the header has standard deviations of {name}, but only displacements have them here")
     moved = [name for name in names if name.startswith("u")]
     if not moved:
-        raise CurveError(f"{where}: the header has no displacement; give a column ux, uy or uz with its unit, such as uz_um")
+        raise CurveError(
+            f"{where}: the header has no displacement; give a column ux, uy or uz with its unit, such as uz_um (or set "
+            "field.outline = true, where these are points of the deformed outline)"
+        )
     flat = "r" in names
     if flat and {"x", "z"} & set(names):
         raise CurveError(f"{where}: the header has r beside x or z; give the radius r, or x and z")
@@ -251,6 +319,22 @@ def _require(where: str, columns: Sequence[_Column]) -> None:
             raise CurveError(f"{where}: the header has no column {name}_mm{more}; add it")
 
 
+def _require_outline(where: str, columns: Sequence[_Column]) -> None:
+    """Refuse a header that does not say in which plane the points of an outline lie."""
+    names = [column.name for column in columns]
+    for name in names:
+        if names.count(name) > 1:
+            raise CurveError(f"{where}: the header has two columns of {name}; keep one of them")
+    if moved := [name for name in names if name.startswith("u")]:
+        raise CurveError(f"{where}: the header has {moved[0]}; points of an outline have no displacements: remove field.outline")
+    if "y" not in names:
+        raise CurveError(f"{where}: the header has no column y_mm, the height above the base; add it")
+    along = [name for name in names if name in ("x", "z", "r")]
+    if len(along) != 1:
+        given = f"has {' and '.join(along)}" if along else "has neither"
+        raise CurveError(f"{where}: the header {given}; an outline has z (in the plane x = 0), x (in the plane z = 0), or r")
+
+
 def _numbers(where: str, cells: list[str], columns: Sequence[_Column], separator: str) -> list[float]:
     """The numbers of a line in mm; NaN where a component was not measured."""
     require_cells(where, cells, len(columns))
@@ -261,6 +345,34 @@ def _numbers(where: str, cells: list[str], columns: Sequence[_Column], separator
             continue
         values.append(number_of(where, cell, separator) * column.factor)
     return values
+
+
+def _outline(path: Path, columns: Sequence[_Column], table: Array, lines: Ints) -> Displacements:
+    by_name = {column.name: table[:, n] for n, column in enumerate(columns)}
+    along = next(name for name in by_name if name in ("x", "z", "r"))
+    nothing = np.full(len(table), math.nan)
+    sd, depths = by_name.get("sd", nothing), by_name.get("depth", nothing)
+    for n in np.flatnonzero(np.isfinite(sd) & ~(sd > 0))[:1]:
+        raise CurveError(f"{path}: line {lines[n]}: standard deviation {sd[n]:g} mm must be above zero; give its error")
+    for n in np.flatnonzero(by_name[along] < 0)[:1] if along == "r" else ():
+        raise CurveError(
+            f"{path}: line {lines[n]}: the radius is {by_name[along][n]:g} mm; write x or z where sides are told apart"
+        )
+    points = np.column_stack([by_name[along], by_name["y"]])
+    field = Displacements.of_outline(points, sd, across="x" if along == "z" else "z", name=path.name)
+    return replace(field, depths=depths, lines=lines, round=along == "r")
+
+
+def _write_outline(path: Path, field: Displacements) -> None:
+    seen = field.points if field.places is None else field.places
+    names = ["r" if field.round else "xz"[field.across == 0], "y"]
+    columns = list(seen[:, field.section].T)
+    for name, values in (("sd", field.sd), ("depth", field.depths)):
+        if np.isfinite(values).all():
+            names.append(name)
+            columns.append(values)
+    rows = [",".join(f"{name}_mm" for name in names), *(",".join(map(repr, row)) for row in np.column_stack(columns).tolist())]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
 
 
 def _field(path: Path, columns: Sequence[_Column], table: Array, lines: Ints) -> Displacements:

@@ -15,7 +15,9 @@ from indentfit.fem.observation import Observed, rows_of
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
 from indentfit.material import load
+from indentfit.outlines import beyond, beyond_change, chain
 from indentfit.report.displacement_files import read_displacements as read_fitted
+from indentfit.runs.mechanics import _outline_seen
 from indentfit.runs.points import setup_of
 
 THICKNESS, RADIUS = 3.0, 5.0
@@ -165,7 +167,9 @@ def test_a_file_that_is_not_such_a_table_is_refused_in_a_line(tmp_path, text, sa
 
 def gel(field=None, method="least_squares", curve=None):
     depth = np.linspace(0.03, 0.3, 12)
-    test = Test("press", curve=curve or Curve(depth, depth**1.5), field=[field] if field else [])
+    test = Test(
+        "press", curve=curve or Curve(depth, depth**1.5), field=field if isinstance(field, list) else [field] if field else []
+    )
     return Case(
         sample=Sample(shape="disc", diameter=2 * RADIUS, thickness=THICKNESS, base="bonded"),
         indenter=Indenter(shape="sphere", diameter=4, friction=0),
@@ -205,11 +209,13 @@ def noisy(truth, sign=1.0):
 
 def test_a_fit_of_force_and_surface_finds_the_truth_and_shows_both(truth, tmp_path):
     curve, seen = noisy(truth)
-    result = fit(gel(MeasuredField(file=seen), curve=curve))
+    outline = Displacements.of_outline(outline_of(truth), 0.001, across="z")
+    result = fit(gel([MeasuredField(file=seen), MeasuredField(file=outline, outline=True)], curve=curve))
     low, high = result.parameters["mu"].interval
     assert low < 2.0 < high and high - low < 0.1
     result.write(tmp_path / "out", fields=False)
-    (known,) = read_fitted(tmp_path / "out" / "displacements.csv")
+    known, traced = read_fitted(tmp_path / "out" / "displacements.csv")
+    assert np.std(traced.fitted - traced.measured) < 0.0015
     assert known.measured == pytest.approx(seen.values, abs=1e-9)
     assert np.std(known.fitted - truth[1]) < 0.001  # the surface of the other mesh
     assert "Displacements of the sample" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -247,3 +253,127 @@ def test_a_design_beside_displacements_is_refused():
 def test_a_search_that_does_not_weigh_squares_is_refused():
     with pytest.raises(CaseError, match="least_squares"):
         with_field_tests(gel(MeasuredField(file=surface(-np.linspace(0.2, 0.01, 20))), method="ga"))
+
+
+# Outlines without material points
+
+
+def test_a_circle_lies_outside_of_a_point_by_its_radius_less_the_points():
+    angle = np.linspace(-0.2, np.pi + 0.2, 4000)
+    nodes = 3.0 * np.column_stack([np.cos(angle), np.sin(angle)])  # counter-clockwise, as a chain goes
+    points = np.array([[1.0, 2.0], [-2.5, 1.0], [0.0, 3.3]])
+    assert beyond(points, nodes) == pytest.approx(3.0 - np.linalg.norm(points, axis=1), abs=1e-6)
+    spread = beyond_change(points, nodes, nodes / 3.0)  # of a growing radius
+    assert spread == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_derivative_of_distances_is_that_of_any_motion_of_the_outline():
+    rng, nodes = np.random.default_rng(5), chain(4.0, 3.0)
+    move = 0.1 * np.column_stack([np.sin(nodes[:, 1]), np.cos(nodes[:, 0])])
+    points = np.array([[4.3, 1.2], [4.2, 3.2], [-3.0, 3.05], [0.4, 2.9], [-4.1, 0.3], [4.1, -0.1]])
+    points += 0.01 * rng.standard_normal(points.shape)
+    change = beyond_change(points, nodes + move, move)
+    central = (beyond(points, nodes + (1 + 1e-5) * move) - beyond(points, nodes + (1 - 1e-5) * move)) / 2e-5
+    assert change == pytest.approx(central, abs=1e-7)
+
+
+@pytest.mark.parametrize("shape", ["strip", "sphere"])
+def test_material_points_of_the_surface_lie_on_the_outline_and_its_sensitivities_are_derivatives(law, shape):
+    symmetry = "quarter" if shape == "strip" else "axisymmetric"
+    kind = law if shape == "strip" else load("mooney_rivlin")
+    values = {"mu": 1.2, "zeta": 3.0, "phi": 0.8} if shape == "strip" else dict.fromkeys(kind.parameters, 1.0)
+    name = "phi" if shape == "strip" else next(iter(values))
+    element = "q1p0" if shape == "strip" else "q2p1"
+    model, depths = Model(setup(symmetry, element, shape=shape, tolerance=1e-10)), np.linspace(0.06, 0.3, 4)
+    across = 0 if shape == "strip" else 2
+
+    def run(value, observed, names=()):
+        material = kind(**{**values, name: value})
+        return model.run(Press(material, 1000.0 * material.shear_modulus, 90, depths, "", names, observed=observed))
+
+    side = np.column_stack([np.full(8, RADIUS), np.linspace(0.2, 2.7, 8)])  # at the rim itself the nearer side changes
+    top = np.column_stack([-np.linspace(2.2, 4.8, 6), np.full(6, THICKNESS)])
+    rest, along = np.vstack([side, top]), [2 if across == 0 else 0, 1]
+    points, directions = np.zeros((28, 3)), np.zeros((28, 3))
+    points[:, along] = np.repeat(rest / [1, THICKNESS], 2, axis=0)
+    directions[::2, along[0]] = directions[1::2, 1] = 1.0
+    moved = run(values[name], Observed.single(points, directions, np.full(28, 0.3))).seen.reshape(-1, 2)
+    seen = Displacements.of_outline(rest + moved, 0.005, 0.3, "xz"[across == 2]).outline_on(RADIUS, THICKNESS)
+    traced = _outline_seen(seen, RADIUS, THICKNESS)
+    known = run(values[name], traced, (name,))
+    assert np.abs(seen.values).max() > 0.02
+    assert known.seen == pytest.approx(seen.values, abs=3e-4)
+    h = 1e-3 * values[name]
+    central = (run(values[name] + h, traced).seen - run(values[name] - h, traced).seen) / (2 * h)
+    assert known.seen_by[name] == pytest.approx(central, abs=1e-3 * np.abs(central).max())
+
+
+def outline_of(truth, n=30):
+    """The outline of the truth's surface beside the sphere, with errors of 1 um along both axes."""
+    curve, case = truth[0], gel()
+    rest = np.vstack([np.column_stack([np.linspace(1.5, 4.9, n - 10), np.full(n - 10, THICKNESS)]),
+                      np.column_stack([np.full(10, RADIUS), np.linspace(0.3, 2.9, 10)])])  # fmt: skip
+    points, directions = np.zeros((2 * n, 3)), np.zeros((2 * n, 3))
+    points[:, :2] = np.repeat(rest / [1, THICKNESS], 2, axis=0)
+    directions[::2, 0] = directions[1::2, 1] = 1.0
+    seen = Observed.single(points, directions, np.full(2 * n, 0.3))
+    press = Press(load("neo_hookean")(mu=2.0), case.material.bulk_modulus(2.0), 0, curve.displacement, observed=seen)
+    moved = Model(replace(setup_of(case), mesh=Mesh(elements=300))).run(press).seen.reshape(-1, 2)
+    return rest + moved + 0.001 * np.random.default_rng(1).standard_normal((n, 2))
+
+
+@pytest.mark.campaign
+def test_a_fit_of_force_and_outline_finds_the_truth_and_shows_both(truth, tmp_path):
+    curve, _ = noisy(truth)
+    text = "r_mm,y_um,sd_um\n" + "".join(f"{r!r},{1e3 * y!r},1\n" for r, y in outline_of(truth).tolist())
+    seen = read_displacements(written(tmp_path, text), outline=True)
+    result = fit(gel(MeasuredField(file=seen, outline=True), curve=curve))
+    low, high = result.parameters["mu"].interval
+    assert result.success and low < 2.0 < high and high - low < 0.1
+    result.write(tmp_path / "out", fields=False)
+    (known,) = read_fitted(tmp_path / "out" / "displacements.csv")
+    assert np.std(known.fitted - known.measured) < 0.0015
+    again = read_displacements(next((tmp_path / "out").rglob("*side*.csv")), outline=True)
+    assert again.points == pytest.approx(seen.points, abs=1e-12) and again.round
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("z_mm,y_mm,uz_um\n", "has uz; points of an outline have no displacements"),
+        ("x_mm,z_mm,y_mm\n", "has x and z; an outline has z"),
+        ("y_mm,sd_um\n", "has neither; an outline has z"),
+        ("z_mm,sd_um\n", "no column y_mm"),
+        ("r_mm,y_mm,sd_um\n1,3,1\n-2,3,1\n3,3,1\n", "line 3: the radius is -2 mm"),
+    ],
+)
+def test_a_file_that_is_no_outline_is_refused_in_a_line(tmp_path, text, said):
+    with pytest.raises(CurveError) as caught:
+        read_displacements(written(tmp_path, text), outline=True)
+    assert said in str(caught.value) and "\n" not in str(caught.value) and "side.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"file": Displacements.of_outline(1e3 * np.array([[1, 3], [2, 3], [3, 3]]), 0.01)}, "check the units"),
+        ({"file": Displacements.of_outline([[1, 3], [2, 3], [3, 3]], np.nan)}, "has no standard deviation"),
+        ({"file": Displacements.of_outline([[1, 3], [2, 3], [3, 3]], 0.1), "outline": False}, "set field.outline"),
+        ({"file": surface(-np.linspace(0.2, 0.01, 20))}, "remove field.outline"),
+    ],
+)
+def test_an_outline_that_cannot_be_that_of_its_test_is_refused(changes, said):
+    with pytest.raises(CaseError) as caught:
+        gel(MeasuredField(**{"outline": True, **changes}))
+    assert said in str(caught.value)
+
+
+def test_an_outline_in_a_plane_that_the_solution_leaves_is_refused(law):
+    field = MeasuredField(file=Displacements.of_outline([[5.1, 1], [5.1, 1.5], [5.1, 2]], 0.01), outline=True)
+    test = Test("press", angle=45, curve=Curve([0.1, 0.15, 0.2, 0.25, 0.3], [1.0, 1.5, 2.0, 2.5, 3.0]), field=[field])
+    material = MaterialChoice(
+        model="transversely_isotropic", parameters={"mu": {"start": 1, "min": 0.1, "max": 9}, "zeta": 3, "phi": 1}
+    )
+    case = Case(sample=setup().sample, indenter=setup().indenter, material=material, tests=[test], fit={"method": "least_squares"})
+    with pytest.raises(CaseError, match="lies in the plane x = 0, about which the fibres of the test are not symmetric"):
+        with_field_tests(case)

@@ -7,12 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from indentfit.case.faults import Parts, depth_of, labels, own_table
-from indentfit.case.measured_field import MeasuredField
+from indentfit.case.measured_field import MeasuredField, half_width
 from indentfit.case.messages import Fault, Key
 from indentfit.case.tables import Test
 from indentfit.displacements import Displacements
 from indentfit.samples import Circle, Outline, outside
 
+FARTHEST = 1.5  # of the indenter's displacement: as far as a point of the outline may lie from the undeformed one
 INTO = 0.01  # of the thickness: as far outside as a point of the sample's surface may be measured
 
 
@@ -43,6 +44,24 @@ def _of_names(place: Key, test: Test, n: int) -> Iterator[Fault]:
         yield Fault((*place, "name"), test.field[n].label, "is the name of two fields of the test; give each its own")
 
 
+def _of_outline(
+    place: Key, seen: Displacements, extent: tuple[float, float], thickness: float, deepest: float | None
+) -> Iterator[Fault]:
+    """The fault of a point that is farther from the undeformed outline than the indenter can have moved it."""
+    assert seen.places is not None  # it was put on the sample
+    away = np.linalg.norm(seen.places - seen.points, axis=1)
+    n, most = int(np.argmax(away)), FARTHEST * (thickness if deepest is None else deepest)
+    if away[n] > most:
+        where = ", ".join(f"{value:.4g}" for value in seen.places[n, seen.section])
+        width = extent[1 if seen.across == 0 else 0]
+        text = (
+            f"{seen.line(n)}: ({where}) mm lies {away[n]:.3g} mm from the outline of the undeformed sample, {width:.4g} mm "
+            f"wide and {thickness:.4g} mm high; the indenter moves no part of it by more than {most:.3g} mm: check the units, and "
+            "where positions are counted from"
+        )
+        yield Fault((*place, "file"), seen.file, text)
+
+
 def _of_one(
     place: Key, field: MeasuredField, points: Displacements, outline: Outline, thickness: float, deepest: float | None
 ) -> Iterator[Fault]:
@@ -51,11 +70,18 @@ def _of_one(
             f"has no standard deviation ({points.line(int(np.argmax(np.isnan(points.sd))))}); add a column sd_um, or set field.sd"
         )
         yield Fault((*place, "file"), points.file, text)
-    if not points.values.any():
+    if field.outline != (points.across is not None):
+        text = "holds displacements; remove field.outline" if field.outline else "holds points of an outline; set field.outline"
+        yield Fault((*place, "file"), points.file, text)
+        return
+    if points.across is not None:
+        seen = points.outline_on(half_width(points, outline), thickness)
+        yield from _of_outline(place, seen, outline.extent, thickness, deepest)
+    elif not points.values.any():
         yield Fault((*place, "file"), points.file, "every displacement is zero; check the columns of the displacements")
     beyond = outside(points.points, outline, thickness)
     n = int(np.argmax(beyond))
-    if beyond[n] > INTO * thickness:
+    if points.across is None and beyond[n] > INTO * thickness:
         where, extent = ", ".join(f"{value:.4g}" for value in points.points[n]), outline.extent
         text = (
             f"{points.line(n)}: the point ({where}) mm lies {beyond[n]:.3g} mm outside the sample, {extent[0]:.4g} x "

@@ -11,6 +11,7 @@ from pydantic import Field, PlainSerializer, PlainValidator, WithJsonSchema
 from indentfit.case.quantities import Length, Line, as_tuple, one_line, refusal
 from indentfit.case.section import Section
 from indentfit.displacements import Displacements
+from indentfit.samples import Outline
 
 
 def _file_or_displacements(value: Any) -> str | Displacements:
@@ -48,6 +49,12 @@ class MeasuredField(Section):
         description="CSV file of the points, relative to the case file; its columns are x, y, z (position on the undeformed "
         "sample, y above the base; or the radius r and y), ux, uy, uz (or ur), sd or ux_sd ..., and depth, each with its unit",
     )
+    outline: bool = Field(
+        default=False,
+        examples=[False],
+        description="true: the file holds points on the deformed outline in the section x = 0 (columns z, y), z = 0 (x, y) or of a "
+        "round sample (r, y), which are no material points; a round sample's outline is its silhouette, too",
+    )
     name: Line | None = Field(
         default=None, examples=["side"], description="name of the field; by default that of the file without its ending"
     )
@@ -73,7 +80,12 @@ class MeasuredField(Section):
         return self.file
 
 
-def known_points(fields: Sequence[MeasuredField], deepest: float) -> list[Displacements]:
+def half_width(points: Displacements, outline: Outline) -> float:
+    """Half of the width of the section in which an outline was seen, mm; of other fields, half of the sample's width."""
+    return outline.extent[1 if points.across == 0 else 0] / 2
+
+
+def known_points(fields: Sequence[MeasuredField], deepest: float, outline: Outline, thickness: float) -> list[Displacements]:
     """The measured displacements of fields, with standard deviations and depths for all.
 
     Parameters
@@ -81,5 +93,9 @@ def known_points(fields: Sequence[MeasuredField], deepest: float) -> list[Displa
     fields : sequence of MeasuredField
     deepest : float, mm
         The deepest displacement of the test.
+    outline : Outline
+        Of the sample.
+    thickness : float, mm
     """
-    return [field.points.known(field.sd, field.depth, deepest) for field in fields]
+    known = [field.points.known(field.sd, field.depth, deepest) for field in fields]
+    return [points.outline_on(half_width(points, outline), thickness) for points in known]

@@ -146,8 +146,10 @@ class Sources:
         """The directions of fibres in a file, or those of a map in memory that is called so."""
         return self.maps[name] if name in self.maps else replace(read_fibre_map(self.folder / name), file=name)
 
-    def displacements(self, name: str) -> Displacements:
-        return self.fields[name] if name in self.fields else replace(read_displacements(self.folder / name), file=name)
+    def displacements(self, name: str, outline: bool) -> Displacements:
+        if name in self.fields:
+            return self.fields[name]
+        return replace(read_displacements(self.folder / name, outline), file=name)
 
     def curve(self, name: str, loading: str) -> Curve:
         return self.curves[name] if name in self.curves else read_curve(self.folder / name, loading)
@@ -473,7 +475,7 @@ def _with_fields(test: Test | None, label: str, sources: Sources, faults: list[F
     read = []
     for own in test.field:
         try:
-            points = sources.displacements(own.file) if isinstance(own.file, str) else own.file
+            points = sources.displacements(own.file, own.outline) if isinstance(own.file, str) else own.file
         except CurveError as error:
             faults.append(Fault(("test", label, "field", "file"), own.file, str(error)))
             continue

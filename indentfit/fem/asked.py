@@ -31,7 +31,7 @@ def seen_along(
 
     Returns
     -------
-    array (g,), mm; dict of name -> array (g,), mm per unit
+    array (m,), mm; dict of name -> array (m,), mm per unit
     """
     depths = [point.depth for point in path]
     between = Interpolant(depths, [rows @ point.u for point in path])
@@ -43,7 +43,7 @@ def seen_along(
     if names and len(known) == len(path):
         slopes = Interpolant(depths, known)(places)  # (n_places, n_d, g)
         by_name |= {name: slopes[which, n, each] for n, name in enumerate(names)}
-    return seen, {name: by_name[name] for name in press.sensitivities if name in by_name}
+    return observed.traced(seen, {name: by_name[name] for name in press.sensitivities if name in by_name})
 
 
 def sensitivities_along(

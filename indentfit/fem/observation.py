@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from indentfit.arrays import Array, Ints
 from indentfit.errors import MeshError
 from indentfit.fem.symmetry import Part
+from indentfit.outlines import Trace
 
 CHUNK = 256  # points that are looked for at once
 ITERATIONS = 25  # of Newton's method for the place of a point within an element
@@ -36,6 +37,9 @@ class Observed:
         The group to which each component belongs, and its share in the mean of that group.
     depths : array (g,), mm
         Displacement of the indenter at which each group was measured.
+    pieces : tuple of (int, Trace or None)
+        The number of groups of each field, and what makes distances of its displacements, where the field is an outline; without
+        any, all groups are of fields of displacements.
     """
 
     points: Array
@@ -43,6 +47,7 @@ class Observed:
     groups: Ints
     shares: Array
     depths: Array
+    pieces: tuple[tuple[int, Trace | None], ...] = ()
 
     @classmethod
     def single(cls, points: Array, directions: Array, depths: Array) -> "Observed":
@@ -57,7 +62,21 @@ class Observed:
         points, directions, shares, depths = (
             np.concatenate([getattr(part, name) for part in parts]) for name in ("points", "directions", "shares", "depths")
         )
-        return cls(points, directions, groups, shares, depths)
+        pieces = [piece for part in parts for piece in (part.pieces or ((part.depths.size, None),))]
+        return cls(points, directions, groups, shares, depths, tuple(pieces))
+
+    def traced(self, seen: Array, by_name: dict[str, Array]) -> tuple[Array, dict[str, Array]]:
+        """What was measured, and its derivatives, from the displacements (g,) of the groups and theirs."""
+        if all(trace is None for _, trace in self.pieces):
+            return seen, by_name
+        ends = np.cumsum([size for size, _ in self.pieces])[:-1]
+        traces, parts = [trace for _, trace in self.pieces], np.split(seen, ends)
+        values = [part if trace is None else trace.apparent(part) for trace, part in zip(traces, parts, strict=True)]
+        changed = {}
+        for name, row in by_name.items():
+            rows = zip(traces, parts, np.split(row, ends), strict=True)
+            changed[name] = np.concatenate([by if trace is None else trace.change(part, by) for trace, part, by in rows])
+        return np.concatenate(values), changed
 
     def later(self, offset: float) -> "Observed":
         """The same components where contact begins at a depth, mm."""
@@ -66,7 +85,9 @@ class Observed:
     @property
     def key(self) -> bytes:
         """What decides which displacements are seen."""
-        return b"".join(np.ascontiguousarray(part).tobytes() for part in (self.points, self.directions, self.groups, self.shares))
+        parts = (self.points, self.directions, self.groups, self.shares)
+        traces = b"".join(trace.key for _, trace in self.pieces if trace is not None)
+        return b"".join(np.ascontiguousarray(part).tobytes() for part in parts) + traces
 
 
 def rows_of(body: Any, part: Part | None, observed: Observed, thickness: float) -> sp.csr_matrix:

@@ -9,7 +9,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case.in_time import motion_of
 from indentfit.case.laws import fibres_in, kept_by, law_of_choice
-from indentfit.case.measured_field import known_points
+from indentfit.case.measured_field import half_width, known_points
 from indentfit.case.specimen import Specimen
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnIndenter, OwnSample, Sample, Solver
 from indentfit.displacements import Displacements, shares_of
@@ -19,6 +19,7 @@ from indentfit.fem.setup import InTime, Setup
 from indentfit.fem.wide_block import setup_for
 from indentfit.fibres import Direction, Kept
 from indentfit.material import Material
+from indentfit.outlines import Trace, beyond, chain
 from indentfit.samples import inside
 
 if TYPE_CHECKING:
@@ -164,11 +165,30 @@ def observed_of(case: "Case", test: "Test") -> Observed | None:
     """The displacements that were measured in a test of a case; None where none were."""
     sample, parts = case.sample_of(test), []
     for points in _points_of(case, test):
+        if points.across is not None:
+            parts.append(_outline_seen(points, half_width(points, sample.geometry.outline), float(sample.thickness)))
+            continue
         groups, thickness = points.groups, float(sample.thickness)
         places = inside(points.points, sample.geometry.outline, thickness) / [1.0, thickness, 1.0]
         depths = np.bincount(groups, points.depths) / np.bincount(groups)
         parts.append(Observed(places, points.directions, groups, shares_of(points, groups), depths))
     return Observed.together(parts) if parts else None
+
+
+def _outline_seen(points: Displacements, half: float, thickness: float) -> Observed:
+    """The displacements of the points of an outline, once for each picture, and what makes distances of them."""
+    assert points.places is not None and points.across is not None  # it was put on the sample
+    nodes, along = chain(half, thickness), points.section
+    depths, pictures = np.unique(points.depths, return_inverse=True)
+    number = 2 * len(nodes)
+    places, directions = np.zeros((number, 3)), np.zeros((number, 3))
+    places[:, along] = np.repeat(nodes / [1.0, thickness], 2, axis=0)
+    directions[::2, along[0]], directions[1::2, along[1]] = 1.0, 1.0
+    groups = points.groups
+    starts = -beyond(points.places[:, along], nodes)
+    trace = Trace(nodes, points.places[:, along], pictures.ravel(), starts, groups, shares_of(points, groups))
+    whole = Observed.single(np.tile(places, (depths.size, 1)), np.tile(directions, (depths.size, 1)), np.repeat(depths, number))
+    return replace(whole, pieces=((number * depths.size, trace),))
 
 
 def sizes_of_fields(case: "Case", test: "Test") -> list[int]:
@@ -177,7 +197,10 @@ def sizes_of_fields(case: "Case", test: "Test") -> list[int]:
 
 
 def _points_of(case: "Case", test: "Test") -> list[Displacements]:
-    return known_points(test.field, float(case.outputs(test)[-1])) if test.field else []
+    if not test.field:
+        return []
+    sample = case.sample_of(test)
+    return known_points(test.field, float(case.outputs(test)[-1]), sample.geometry.outline, float(sample.thickness))
 
 
 def _rate(case: "Case", test: "Test") -> float | None:
