@@ -12,8 +12,8 @@ pytestmark = pytest.mark.quick
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
 ROOMS = (
-    "arrays", "compiled", "errors", "units", "digits", "headers", "axes", "curve", "point_tables", "displacements", "fibre_map",
-    "elastic", "hereditary", "motion", "fibres", "material", "shapes", "indenters", "samples", "layer", "case",
+    "arrays", "compiled", "errors", "units", "digits", "headers", "axes", "curve", "outlines", "point_tables", "displacements",
+    "fibre_map", "elastic", "hereditary", "motion", "fibres", "material", "shapes", "indenters", "samples", "layer", "case",
     "experiment", "fem", "runs", "inverse", "inference", "study", "report", "cli",
 )  # fmt: skip
 DRAWING = {"matplotlib", "jinja2", "meshio"}
