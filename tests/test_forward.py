@@ -163,8 +163,8 @@ def test_relaxation_looks_at_the_deadline(monkeypatch):
 
 
 def test_a_fine_mesh_that_takes_too_many_iterations_is_given_up_for_one_with_a_wider_rim(run, monkeypatch):
-    """A strip on 992 bonded bricks, with fibres across it, followed one small fold of the rim after the other; with a rim four times
-    as wide, in shorter steps, there are none. Here any iteration is one too many."""
+    """A strip on 992 bonded bricks, with fibres across it, followed one small fold of the rim after the other; with a rim four
+    times as wide, in shorter steps, there are none. Here any iteration is one too many."""
     usual = run(*COARSE, "solver.linear='superlu'", angle=0, depths=DEPTHS)
     monkeypatch.setattr(simulation, "FINE", 0)
     monkeypatch.setattr(simulation, "FINE_ITERATIONS", 0)
