@@ -2,9 +2,9 @@
 
     python tests/campaigns/elastic_layer.py [--cases 0:92] [--symmetry quarter] [--worst 0.003] [--shallow 0.1] [--wider 2]
 
-56 flat punches and 36 paraboloids on layers, bonded and sliding, nu 0.3 to 0.5, at the default settings and at small strain: punches
-at a depth of 0.001 radii, paraboloids as spheres of 100 times the radius at a hundredth of the depth (their force depends on the
-product of both only). --shallow multiplies these depths, and divides the spheres' radii. nu = 0.5 is solved as exactly
+56 flat punches and 36 paraboloids on layers, bonded and sliding, nu 0.3 to 0.5, default settings, small strain: punches at a depth
+of 0.001 radii, paraboloids as spheres of 100 times the radius at a hundredth of the depth (their force depends on the product of
+both only). --shallow multiplies these depths, and divides the spheres' radii. nu = 0.5 is solved as exactly
 incompressible, as a case's poisson_ratio = 0.5 is. The sample is 24 contact radii wide and at least 20 thicknesses; --wider
 multiplies that. Each line states the error of the force and the processor time; the last one counts the points within --worst, and
 within 0.1 % more, the file's own error. Exit code 1 where a point lies outside of that.
