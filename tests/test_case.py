@@ -419,6 +419,19 @@ def test_a_low_bulk_modulus_is_warned_of():
     assert not read_case(PAPER, ["material.bulk_ratio=151"]).warnings()
 
 
+@pytest.mark.parametrize(("indenter", "said"), [
+    ("{shape='sphere',diameter='40 um',friction=0}", "15 times the half-width of the sphere, 0.02 mm; check the units"),
+    ("{shape='cylinder',radius=0.05,friction=0}", "6 times the half-width of the cylinder"),
+    ("{shape='sphere',radius=0.06,friction=0}", ""),
+    ("{shape='cone',half_angle=30,tip_radius=0.01,friction=0}", ""),
+])  # fmt: skip
+def test_an_indenter_that_sinks_in_by_many_radii_is_warned_of(indenter, said):
+    sphere = CASES / "hydrogel_sphere" / "case.toml"
+    test = "test=[{name='press',depth=0.3,points=3}]"
+    warnings = [line for line in read_case(sphere, [f"indenter={indenter}", test]).warnings() if "check the units" in line]
+    assert len(warnings) == bool(said) and all(said in line for line in warnings)
+
+
 def test_a_deep_test_and_a_single_direction_are_warned_of():
     (deep,) = read_case(PAPER, ["test.parallel.depth=0.7"]).warnings()
     assert "21%" in deep

@@ -72,12 +72,14 @@ def test_an_element_that_turns_inside_out_is_said_to(model, monkeypatch):
         run(model, typed("mu/2*(I1-3)", ["mu"])(mu=1.0))
 
 
-def test_an_indenter_that_never_touches_is_said_to(model, monkeypatch):
+@pytest.mark.parametrize("touching", [False, True])
+def test_an_indenter_that_never_touches_or_only_just_does_is_said_to(model, monkeypatch, touching):
+    """Points that touch without pressure carry no force: a curve that ends so was a ZeroDivisionError."""
     indent = simulate.indent
 
     def apart(*words):
         path = indent(*words)
-        nowhere = replace(path[-1].contact, touching=np.zeros_like(path[-1].contact.touching))
+        nowhere = replace(path[-1].contact, touching=path[-1].contact.touching & touching)
         return [*path[:-1], replace(path[-1], contact=nowhere, force=0.0)]
 
     monkeypatch.setattr(simulate, "indent", apart)

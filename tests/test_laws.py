@@ -1,8 +1,12 @@
 """Isotropic laws that people use, against the closed forms of their textbooks: incompressible, Cauchy stresses in kPa."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from indentfit import read_case
+from indentfit.case.laws import isotropic_moduli
 from indentfit.errors import MaterialError
 from indentfit.material import check, isochoric_stress, load, typed
 
@@ -197,3 +201,15 @@ def test_an_energy_that_cannot_be_used_is_refused_with_the_reason(energy, says):
 def test_a_parameter_cannot_be_called_like_a_stretch():
     with pytest.raises(MaterialError, match="'l1': that name has a meaning already"):
         typed("l1*(I1 - 3)", ["l1"])
+
+
+def test_the_shear_modulus_has_a_name_of_its_own_where_the_law_has_another_mu():
+    """Arruda and Boyce 1993: G = mu (1 + 3 / (5 L^2) + 99 / (175 L^4) + ...), L = lambda_m; a list that has two values
+    for mu says nothing."""
+    case = read_case(
+        Path(__file__).parent.parent / "cases" / "hydrogel_sphere" / "case.toml",
+        ["material={model='arruda_boyce',poisson_ratio=0.5,parameters={mu=20,lambda_m=2}}"],
+    )
+    moduli = isotropic_moduli(case.material, case.law, case.start_values())
+    series = 1 + 3 / (5 * 4) + 99 / (175 * 16) + 513 / (875 * 64) + 42039 / (67375 * 256)
+    assert moduli == pytest.approx({"G": 20 * series, "E": 60 * series, "nu": 0.5}, rel=1e-4)

@@ -188,7 +188,8 @@ def _shear_moduli(choice: MaterialChoice, young: float | Range) -> float | Range
 
 
 def isotropic_moduli(choice: MaterialChoice, law: type[Material], values: Mapping[str, float]) -> dict[str, float]:
-    """Small-strain moduli of a material without fibres: mu (where no parameter is the shear modulus) and E in kPa, and nu.
+    """Small-strain moduli of a material without fibres: the shear modulus where no parameter is it, E, both in kPa, and nu. The
+    shear modulus is called mu, but G where the law has another parameter mu, as that of Arruda and Boyce has.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ def isotropic_moduli(choice: MaterialChoice, law: type[Material], values: Mappin
         return {}
     mu = law(**{name: values[name] for name in law.parameters}).shear_modulus
     nu = choice.poisson_ratio_at(mu)
-    own = {} if shear_parameter(law) else {"mu": mu}
+    own = {} if shear_parameter(law) else {"G" if "mu" in law.parameters else "mu": mu}
     return {**own, "E": 2 * mu * (1 + nu), "nu": nu}
 
 

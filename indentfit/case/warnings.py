@@ -29,6 +29,7 @@ COMPRESSIBLE = 10.0  # bulk over shear modulus below which an isotropic sample i
 # Of the thickness, under bars and under round indenters on samples with fibres: beyond it equilibrium may not be found. Without
 # fibres 75 of 76 round contacts are solved between 40 and 50 % (tests/campaigns/round.py), as many as above.
 DEEP, DEEP_ROUND = 0.2, 0.4
+SUNK = 5.0  # depth over the half-width of an indenter, beyond which a unit or a diameter is more likely to be wrong
 
 
 def warnings_of(case: Case) -> Iterator[str]:
@@ -46,6 +47,8 @@ def warnings_of(case: Case) -> Iterator[str]:
         if depth > deep * thickness * (1 + 1e-9):
             share = depth / thickness
             yield f"test.{test.name} goes to {share:.0%} of the thickness; beyond {deep * 100:g} % equilibrium may not be found"
+        if sunk := _sunk(case, test, depth):
+            yield f"test.{test.name} {sunk}"
         if curve is not None:
             yield from map(str, doubts(test.name, curve.loading, test.record is not None))
     yield from draining(case)
@@ -61,6 +64,18 @@ def _deep(case: Case, test: Test) -> float:
     if not isinstance(case.indenter_of(test).geometry.partition(0.0), Rings):
         return DEEP
     return DEEP_ROUND if has_fibres(case.law) else np.inf
+
+
+def _sunk(case: Case, test: Test, depth: float) -> str:
+    """That an indenter sinks in by many times its half-width; empty for cones and wedges, which grow with the depth."""
+    shape = case.indenter_of(test).geometry
+    if shape.end == "cone" or depth <= SUNK * shape.half_width * (1 + 1e-9):
+        return ""
+    share = depth / shape.half_width
+    return (
+        f"goes {depth:.4g} mm deep, {share:.3g} times the half-width of the {shape.name}, {shape.half_width:.4g} mm; check the "
+        "units of its size and of the depth"
+    )
 
 
 def _direction(case: Case, test: Test) -> tuple[object, ...]:

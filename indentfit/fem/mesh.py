@@ -62,7 +62,8 @@ FAMILIES = {  # the defaults take a second or a few
 # with a snap, elements are as wide as the depth over ROLLS.
 DEPTHS, ROLLS = 12, 3
 FINEST = 0.01  # smallest size of a mesh, mm; on samples thinner than 1 mm, of the thickness
-ROUND_DEFAULT = 3.0  # elements of a default mesh under a round contact, over those under a strip
+# Elements of a default mesh, over those under a strip: under a round contact, and under a wedge, whose contact grows.
+ROUND_DEFAULT, GROWING_DEFAULT = 3.0, 2.5
 GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
 FEWEST = 20
 
@@ -149,9 +150,10 @@ def edge_width(sample: Sample, indenter: Indenter, mesh: Mesh, element: str, dep
 
 
 def _default(task: _Task, error: float) -> int:
-    """Number of elements that keeps an error of the force: more under a round contact, whose whole edge is fine."""
-    round_contact = isinstance(task.indenter.partition(task.depth), Rings)
-    number = task.family.default * (ROUND_DEFAULT if round_contact else 1.0)
+    """Number of elements that keeps an error of the force: more under a round contact, whose whole edge is fine, and under a
+    contact that grows, because its edge passes all widths."""
+    round_contact, grows = isinstance(task.indenter.partition(task.depth), Rings), task.indenter.edge_radius is None
+    number = task.family.default * (ROUND_DEFAULT if round_contact else GROWING_DEFAULT if grows else 1.0)
     return max(FEWEST, round(number * (USUAL_MESH_ERROR / error) ** GROWTH))
 
 

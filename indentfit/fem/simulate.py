@@ -446,7 +446,7 @@ def _reach(part: TestResult | None) -> float:
 
 def _as_far_as(path: Sequence[Equilibrium] | None, press: Press) -> Press | None:
     """The press as far as a path goes, without sensitivities; None where the path has no step in contact."""
-    if path is None or len(path) < 2 or not all(point.contact.touching.any() for point in path[1:]):
+    if path is None or len(path) < 2 or not all(_presses(point) for point in path[1:]):
         return None
     reached = path[-1].depth
     depths = press.depths[press.depths <= reached * (1 + 1e-9)]
@@ -458,9 +458,14 @@ def _as_far_as(path: Sequence[Equilibrium] | None, press: Press) -> Press | None
 def _require_contact(path: Sequence[Equilibrium], name: str) -> None:
     """Raise ConvergenceError where no point of the indenter touches the sample although the indenter was moved into it."""
     for step, point in enumerate(path[1:], start=1):
-        if not point.contact.touching.any():
+        if not _presses(point):
             cause = "the indenter has lost contact: no point of the sample touches the indenter; check shape and material"
             raise ConvergenceError(_of_test(name, cause), point.depth, step)
+
+
+def _presses(point: Equilibrium) -> bool:
+    """Whether a point of the sample touches the indenter and carries a force: points that only just touch carry none."""
+    return bool(point.contact.touching.any()) and point.force > 0
 
 
 def _of_test(name: str, cause: str) -> str:

@@ -12,14 +12,14 @@ from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
 
 SMALL = 1e-6  # relative change of a parameter, for a derivative
-UNITS = {"mu": "kPa", "E": "kPa", "nu": "1"}
+UNITS = {"mu": "kPa", "G": "kPa", "E": "kPa", "nu": "1"}
 RATIO = "Ginf_G0"
 RATIO_OF_BULK = "bulk_ratio"
 
 
 def moduli(case: Case, result: FitResult) -> dict[str, ParameterEstimate]:
-    """Name (E, nu, and mu where no parameter is the shear modulus) -> estimate; none of these for a material with fibres. Ginf_G0
-    is the long-term over the instantaneous modulus, where the fit frees the relaxation.
+    """Name (E, nu, and mu or G where no parameter is the shear modulus) -> estimate; none of these for a material with fibres.
+    Ginf_G0 is the long-term over the instantaneous modulus, where the fit frees the relaxation.
 
     A modulus that changes with one free parameter alone has the interval of that parameter, carried over. One that changes with
     several has no interval, because the parameters' errors are not independent. Where the bulk ratio is an uncertain input, moduli

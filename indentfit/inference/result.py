@@ -281,7 +281,8 @@ class FitResult:
     conclusions : tuple of sentences
         The parameters that these curves determine (the key `summary` of result.json).
     moduli : dict of name -> ParameterEstimate
-        E, nu, and mu where no parameter is the shear modulus, of a material without fibres.
+        E, nu, and mu (or G, where another parameter is called mu) where no parameter is the shear modulus, of a material without
+        fibres.
     recording : tuple of CurveDoubt
         What the curves show of a preload or of adhesion, and what to do about it, where no input of the fit stands for it.
     closed_forms : dict of test -> ClosedForm

@@ -74,7 +74,7 @@ class SimulatedCase(Simulation):
 
     @property
     def moduli(self) -> dict[str, float]:
-        """E (kPa), nu, and mu (kPa) where no parameter is the shear modulus, of a material without fibres."""
+        """E (kPa), nu, and mu or G (kPa) where no parameter is the shear modulus, of a material without fibres."""
         return isotropic_moduli(self.case.material, self.case.law, self.material.values)
 
     @property
