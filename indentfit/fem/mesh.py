@@ -23,7 +23,7 @@ from indentfit.case.tables import USUAL_MESH_ERROR
 from indentfit.fem.bricks import extrude, merge, quadratic
 from indentfit.fem.grading import Grading, continued, graded
 from indentfit.fem.plane import patches
-from indentfit.indenters import Band, IndenterShape, Rings
+from indentfit.indenters import Band, IndenterShape, Rings, has_sharp_edge
 from indentfit.samples import Outline
 
 
@@ -64,6 +64,9 @@ DEPTHS, ROLLS = 12, 3
 FINEST = 0.01  # smallest size of a mesh, mm; on samples thinner than 1 mm, of the thickness
 # Elements of a default mesh, over those under a strip: under a round contact, and under a wedge, whose contact grows.
 ROUND_DEFAULT, GROWING_DEFAULT = 3.0, 2.5
+# The mesh round a sharp punch's edge has to grow from a share of its radius to the sample's: beyond FAR_REACH radii the number of
+# elements grows with the reach to the power of REACHES (tests/campaigns/elastic_layer.py --symmetry quarter).
+FAR_REACH, REACHES = 24.0, 0.9
 GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
 FEWEST = 20
 
@@ -154,6 +157,8 @@ def _default(task: _Task, error: float) -> int:
     contact that grows, because its edge passes all widths."""
     round_contact, grows = isinstance(task.indenter.partition(task.depth), Rings), task.indenter.edge_radius is None
     number = task.family.default * (ROUND_DEFAULT if round_contact else GROWING_DEFAULT if grows else 1.0)
+    if round_contact and has_sharp_edge(task.indenter):
+        number *= max(1.0, task.outline.reach / (FAR_REACH * task.indenter.half_width)) ** REACHES
     return max(FEWEST, round(number * (USUAL_MESH_ERROR / error) ** GROWTH))
 
 
