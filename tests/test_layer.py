@@ -103,6 +103,13 @@ def test_the_brain_under_a_punch(tmp_path):
     assert form.layer == pytest.approx(0.527, abs=1e-3)
     assert form.scatter == pytest.approx(0.0, abs=1e-6)
     assert form.beside(0.53, 0.4) == ""
+    mu, model = 1.0085 * form.layer, Curve(d, 0.985 * 1.0085 * 3.79 * d)  # a law that resists 1.5 % less at the end
+    assert form.outside("press", mu, (0.52, 0.56), model, 0.003) == form.outside("press", mu, (0.5285, 0.5608), model, 0.0) == ""
+    said = form.outside("press", mu, (0.5285, 0.5608), model, 0.003)
+    assert "mu 0.5266 kPa by the layer" in said and "0.5285 to 0.5608 kPa by the fit, 0.30% off" in said
+    assert "the law softens by 1.5% to 0.4 mm, and these forces do not" in said
+    unexplained = form.outside("press", 0.9 * form.layer, (0.47, 0.48), Curve(d, 0.9 * 3.79 * d), 0.003)
+    assert "by +0.0% only and do not explain that; check thickness, base" in unexplained
     said = form.beside(1.08 * form.layer, 0.4)
     assert said.startswith("mu of the fit is 8.0% above") and "forces to 0.1 mm" in said and "all forces to 0.4 mm" in said
 

@@ -12,6 +12,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case, require_fittable
 from indentfit.case.draining import draining
 from indentfit.case.field_tests import with_field_tests
+from indentfit.case.laws import shear_parameter
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
 from indentfit.digits import quantity
@@ -338,7 +339,21 @@ def _with_moduli(case: Case, result: FitResult) -> FitResult:
     said += [(name, form.at_the_end(shear_modulus, result.curves[name])) for name, form in forms.items() if name in result.curves]
     notes = (*result.notes, *(f"{name}: {why}" for name, why in said if why and result.objective is not None))
     notes = (*notes, *left_out(case))
-    return replace(result, moduli=moduli(case, result), closed_forms=forms, notes=notes)
+    result = replace(result, moduli=moduli(case, result), closed_forms=forms, notes=notes)
+    return replace(result, conclusions=(*result.conclusions, *_beside_layers(case, result, shear_modulus)))
+
+
+def _beside_layers(case: Case, result: FitResult, shear_modulus: float) -> Iterator[str]:
+    """A sentence for each curve whose elastic layer has a modulus outside of the interval of the fitted shear modulus."""
+    name = shear_parameter(case.law)
+    known = result.parameters[name] if name else result.moduli.get("mu", result.moduli.get("G"))
+    if known is None or known.fixed or known.interval is None or result.objective is None:
+        return
+    for test, form in result.closed_forms.items():
+        if test not in result.curves or test not in result.misfit:
+            continue
+        if said := form.outside(test, shear_modulus, known.interval, result.curves[test], result.misfit[test].relative):
+            yield said
 
 
 def _with_covariance(result: FitResult, known: Identifiability) -> FitResult:

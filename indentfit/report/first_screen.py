@@ -12,6 +12,7 @@ from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
 from indentfit.inference.what_if import warnings_of
 from indentfit.inverse.sharp_edges import FOLDED, LEFT_OUT
+from indentfit.runs.closed_form import OUTSIDE
 
 SYSTEMATIC = 0.02  # RMSE over the largest force from which systematic residuals are worth another law
 CURE = re.compile(r"about ([\d,]+) elements")
@@ -94,7 +95,8 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
-    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith((HEREDITARY, LEFT_OUT, FOLDED)))
+    told = (HEREDITARY, LEFT_OUT, FOLDED, OUTSIDE)
+    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(told))
     yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
 
 

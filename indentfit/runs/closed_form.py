@@ -26,6 +26,9 @@ SMALL = (0.05, 0.1, 0.2)  # of the indenter's radius and of the thickness: force
 APART, SCATTERS = 0.02, 2.0  # of the modulus, and of its scatter: a fit that differs by less agrees
 NEAR = 0.01  # of the force: the model's and the layer's agree at the deepest point
 FEWEST = 5  # points that count, where fewer lie above that depth
+OUTSIDE = "the elastic layer's modulus lies outside of the interval: "
+WORSE = 2.0  # a fit is so many times farther from the forces than the layer, before the layer speaks against the fit
+EXPLAINED = 1.5  # a fit that differs by at most so many times what finite strain does to the last force is explained by it
 SUFFICES = 0.05  # relative half-width of the modulus's 95 % interval, by the scatter of the forces
 
 
@@ -52,6 +55,8 @@ class ClosedForm:
     sphere : float
         Share by which a sphere resists less there than the paraboloid that stands for it in Hertz's theory and in the layer, by
         Sneddon (1965, Int J Eng Sci 3:47) on a half-space; 0 for other indenters.
+    misfit : float or None
+        RMSE of all forces against the layer's, over the largest force.
     """
 
     formula: str
@@ -64,6 +69,7 @@ class ClosedForm:
     scatter: float
     end: float | None = None
     sphere: float = 0.0
+    misfit: float | None = None
 
     def young(self, shear_modulus: float) -> float:
         """Young's modulus of a shear modulus, kPa."""
@@ -108,6 +114,43 @@ class ClosedForm:
             f"at {at} the model's force is {abs(off):.1%} {side} that of the layer of the same modulus, {sphere} by "
             f"finite strain, friction and the sample's width: that much {'lower' if off < 0 else 'higher'} is the modulus that "
             "Hertz's theory or the layer gives to forces of that depth"
+        )
+
+    def outside(self, test: str, shear_modulus: float, interval: tuple[float, float], model: Curve, misfit: float) -> str:
+        """That the layer's modulus lies outside of the interval of a fit's shear modulus, kPa, although the layer follows the same
+        forces better than the fitted law does; with the cause, or that nothing here explains it. Empty otherwise.
+
+        Parameters
+        ----------
+        test : str
+        shear_modulus, interval : float, (low, high), kPa
+        model : Curve
+            Of the fit, to the deepest of the fitted points.
+        misfit : float
+            RMSE of the fit over the largest force.
+        """
+        low, high = interval
+        inside = low <= self.layer * (1 + self.scatter) and self.layer * (1 - self.scatter) <= high
+        if inside or self.end is None or self.misfit is None or misfit <= WORSE * self.misfit:
+            return ""
+        return (
+            f"{OUTSIDE}{test}: mu {self.layer:.4g} kPa by the layer, whose forces are {self.misfit:.2%} off, {low:.4g} to "
+            f"{high:.4g} kPa by the fit, {misfit:.2%} off; {self._why_outside(shear_modulus, model)}"
+        )
+
+    def _why_outside(self, shear_modulus: float, model: Curve) -> str:
+        """Whether finite strain explains that a fit's shear modulus is not the layer's."""
+        assert self.end is not None
+        apart, off = shear_modulus / self.layer - 1, float(model.force[-1]) / (self.end * shear_modulus) - 1
+        if apart * off >= 0 or abs(apart) > EXPLAINED * abs(off):
+            return (
+                f"finite strain, friction and the sample's width change the last force by {off:+.1%} only and do not explain that; "
+                "check thickness, base, contact point and law"
+            )
+        bends = f"{'softens' if off < 0 else 'stiffens'} by {abs(off):.1%} to {model.displacement[-1]:.3g} mm"
+        return (
+            f"under finite strain the law {bends}, and these forces do not: mu is that of the law over all fitted forces, the "
+            "layer's that of small strain, and no interval holds a law that is not the sample's"
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -165,9 +208,10 @@ def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm 
             break
     half, _ = _modulus(_half_space(formula, nu, radius, depth / thickness) * thickness**2, force)
     deepest = float(curve.displacement[-1])
-    end = float(_forces(formula, layer, radius, np.array([deepest / thickness]))[0] * thickness**2)
+    unit = _forces(formula, layer, radius, np.maximum(curve.displacement, 0.0) / thickness) * thickness**2
+    end, misfit = float(unit[-1]), float(np.sqrt(np.mean((curve.force - exact * unit) ** 2)) / np.max(np.abs(curve.force)))
     sphere = _sphere(deepest / shape.half_width) if formula == "Hertz" else 0.0
-    return ClosedForm(formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter, end, sphere)
+    return ClosedForm(formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter, end, sphere, misfit)
 
 
 def _sphere(depth: float) -> float:
