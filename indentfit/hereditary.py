@@ -23,6 +23,7 @@ import numpy as np
 from indentfit.arrays import Array
 
 STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates: at most, and over the distance of K's poles
+SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
 REACH = 30.0  # of these logarithms, in units of 1 / alpha: beyond, the density is below 1e-13
 
@@ -64,6 +65,30 @@ class RelaxationFunction:
         """exp(-x) and k(x) of each term, (n_terms,), for a step of time dt, s."""
         x = dt / np.array(self.times)
         return np.exp(-x), -np.expm1(-x) / x
+
+    def in_series(self, share: float) -> RelaxationFunction:
+        """The function of a force of which a share comes from a modulus that does not relax, as of springs in series.
+
+        A force F(mu, kappa) with 1/F = a/mu + b/kappa has the share s = d ln F / d ln kappa = F b / kappa. Where m acts on mu, the
+        Laplace transforms m^ and M^ of both functions are related by p M^ = p m^ / (1 - s + s p m^). The rates of M are the
+        eigenvalues of diag(r) - v v', with the rates r of m and v_i^2 = s m_i r_i / (1 - s + s m(0)).
+
+        Parameters
+        ----------
+        share : float
+            s, from 0 to below 1, of the elastic force that m = 1 describes.
+        """
+        kept = np.array(self.shares) > 0
+        if share <= SMALLEST_SHARE or not kept.any():
+            return self
+        shares, rates = np.array(self.shares)[kept], 1 / np.array(self.times)[kept]
+        v = np.sqrt(share * shares * rates / (1 - share + share * self.instantaneous))
+        slower = np.linalg.eigvalsh(np.diag(rates) - np.outer(v, v))
+        with np.errstate(divide="ignore"):  # of two equal times one has nothing left
+            steepness = (shares * rates / (rates - slower[:, None]) ** 2).sum(axis=1)
+        own = (1 - share) / (share**2 * slower * steepness)
+        long_term = self.long_term / (1 - share + share * self.long_term)
+        return RelaxationFunction(long_term, tuple(own.tolist()), tuple((1 / slower).tolist()))
 
     def integral(self, time: Array, values: Array) -> Array:
         """The hereditary integral of m(t - s) dy(s) from the first time on, where y is linear between the times.

@@ -41,7 +41,7 @@ from indentfit.layer import Layer
 from indentfit.motion import Load, Motion
 from indentfit.runs.forward import Evaluation
 from indentfit.runs.pool import RunPool
-from indentfit.runs.relaxing import Relaxing, elastic_case, kernel_of
+from indentfit.runs.relaxing import BulkShares, Relaxing, elastic_case, kernel_of
 
 SERIES = prony((0.8, 0.5), (0.5, 5.0))
 GRID = np.linspace(0, 1, 26)
@@ -144,6 +144,19 @@ def test_derivatives_by_the_relaxation_are_differences(relaxation):
         runs = [model.evaluate([problem.at_reference(point)])[0].forces for point in points]
         below, above = (np.concatenate(problem.scaled(point, forces)) for point, forces in zip(points, runs, strict=True))
         assert slopes[:, n] == pytest.approx((above - below) / 2e-4, abs=2e-3 * np.abs(slopes[:, n]).max() + 1e-9)
+
+
+def test_derivatives_by_the_bulk_ratio_count_with_what_relaxes():
+    time, depth = held()
+    kernel = replace(kernel_of(case_of(Curve(depth, depth, time=time))), bulk=BulkShares(50.0, (0.02,)))
+    elastic, values = 3.0 * (GRID[1:] * 0.3) ** 1.5, TRUTH | {"bulk_ratio": 20.0}
+    assert kernel.share(0, values) == pytest.approx(1 / (1 + 49 * 20 / 50))  # springs in series
+    names = [*kernel.names, "bulk_ratio"]
+    slopes = kernel.slopes([elastic], values, names)
+    for name in names:
+        near = [np.concatenate(kernel.forces([elastic], values | {name: x * values[name]})) for x in (0.999, 1.001)]
+        exact = (near[1] - near[0]) / (2e-3 * values[name])
+        assert np.concatenate([known[name] for known in slopes]) == pytest.approx(exact, abs=2e-3 * np.abs(exact).max())
 
 
 def test_units_of_a_time_are_those_of_its_logarithm():

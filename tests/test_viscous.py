@@ -1,6 +1,7 @@
 """Materials that relax: hereditary integrals, the viscoelastic model, and the commands, against closed forms and another code."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -24,6 +25,7 @@ from indentfit.hereditary import Ramp, fractional, prony
 from indentfit.material import load
 from indentfit.runs.forward import of_relaxation
 from indentfit.runs.key import Inputs
+from indentfit.runs.pieces import pieces_of
 from indentfit.runs.points import press_of
 from indentfit.study.runs import Execution
 
@@ -51,6 +53,35 @@ def test_hereditary_integral_of_a_ramp_is_that_of_the_closed_form():
     time = np.linspace(0, 3, 7)
     exact = time + 0.8 * 0.5 * (1 - np.exp(-time / 0.5)) + 0.5 * 5 * (1 - np.exp(-time / 5))
     assert SERIES.integral(time, time) == pytest.approx(exact, rel=1e-13)  # linear between the times: exact
+
+
+@pytest.mark.parametrize("function", [SERIES, prony((0.2, 0.3), (2.0, 2.0), "instantaneous"), prony((0.0, 0.4), (1.0, 9.0))])
+def test_a_share_that_does_not_relax_acts_as_a_spring_in_series(function):
+    """Their compliances add in the Laplace transform: 1 / pM^ = (1 - s) / pm^ + s."""
+    p = np.array([1e-3, 0.1, 0.7, 5.0, 1e3])[:, None]
+
+    def transformed(known):
+        return known.long_term + (np.array(known.shares) * p / (p + 1 / np.array(known.times))).sum(axis=1)
+
+    for share in (1e-3, 0.05, 0.6):
+        exact = 1 / ((1 - share) / transformed(function) + share)
+        assert transformed(function.in_series(share)) == pytest.approx(exact, rel=1e-9)
+    assert function.in_series(0.0) is function
+
+
+def test_forces_of_a_compressible_sample_count_with_what_does_not_relax():
+    """At a bulk ratio of 20 the hereditary integral of the whole force is 5 % off the viscoelastic model."""
+    disc = {"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": "bonded"}
+    case = case_of({"shape": "sphere", "diameter": 4.0}, disc, 0.3, ramp=0.5, hold=10.0, points=3)
+    soft = {"material": case.material.model_copy(update={"bulk_ratio": 20.0}), "mesh": indentfit.Mesh(elements=40)}
+    case = case.model_copy(update=soft)
+    press = replace(press_of(case, case.tests[0], GEL(mu=1.0)), sensitivities=("bulk_ratio",), in_time=None)
+    elastic = pieces_of(case)[0].model.run(press)
+    share = 20.0 * elastic.sensitivities["bulk_ratio"][-1] / elastic.force[-1]
+    timed = press_of(case, case.tests[0], GEL(mu=1.0))
+    plain, counted = (with_time(elastic, timed, 10.0, share=known).in_time for known in (0.0, share))
+    assert plain.difference > 0.04 and counted.difference < 0.012
+    assert counted.force == pytest.approx(plain.force, rel=5e-3)  # both are the viscoelastic model's
 
 
 def test_hereditary_integral_of_a_power_of_time_is_that_of_quadrature():

@@ -119,6 +119,7 @@ def with_creep(
     points: Array,
     progress: Callable[[float], None] | None = None,
     deadline: Deadline | None = None,
+    share: float = 0.0,
 ) -> TestResult:
     """A test with its depth over time under a load.
 
@@ -136,6 +137,8 @@ def with_creep(
     progress : called with the share of the viscoelastic solution that is done
     deadline : Deadline, or None
         Of the viscoelastic solution.
+    share : float
+        Share of the elastic force that does not relax, in the hereditary integral.
 
     Returns
     -------
@@ -148,7 +151,7 @@ def with_creep(
         return test
     force = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     own = replace(load, force=load.force / model.body.copies)
-    creep = Creep.of(own, relaxation, force, float(press.depths[-1]))
+    creep = Creep.of(own, relaxation.in_series(share), force, float(press.depths[-1]))
     dense = load.times(points)
     depth = creep.at(dense)
     end, ends = _end(dense, depth, creep.depths[-1], load)

@@ -33,6 +33,7 @@ def with_time(
     hold: float,
     progress: Callable[[float], None] | None = None,
     deadline: Deadline | None = None,
+    share: float = 0.0,
 ) -> TestResult:
     """A test with its force over time.
 
@@ -47,6 +48,8 @@ def with_time(
     progress : called with the share of the viscoelastic solution that is done
     deadline : Deadline, or None
         Of the viscoelastic solution.
+    share : float
+        Share of the elastic force that does not relax, in the hereditary integral.
 
     Returns
     -------
@@ -60,14 +63,15 @@ def with_time(
     wanted = np.append(press.depths / press.in_time.rate, ramp.seconds + of_hold(hold, ramp.seconds))
     dense = ramp.times(wanted)
     elastic = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
-    integral = function.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
+    counted = function.in_series(share)
+    integral = counted.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
     try:
         moments = model.over_time(press, partial(press_in_time, ramp=ramp, relaxation=function), progress, deadline)
     except (ConvergenceError, OutOfTime) as error:
         curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, cause_of(error))
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
-    stepwise = function.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
+    stepwise = counted.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
     ratio = np.array([moment.at.whole_force for moment in moments])[1:] / stepwise[1:]
     between = PchipInterpolator(time[1:], ratio)(np.clip(wanted, time[1], time[-1]))
     force = between * np.interp(wanted, dense, integral)

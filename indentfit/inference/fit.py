@@ -3,7 +3,7 @@
 import importlib.metadata
 import platform
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +35,7 @@ from indentfit.inverse.objective import Target, rmse
 from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
 from indentfit.inverse.progress import Progress
 from indentfit.inverse.sharp_edges import without_folds
-from indentfit.inverse.wide import of_records, with_offset_of_records
+from indentfit.inverse.wide import of_records, uncertain_inputs, with_offset_of_records
 from indentfit.runs.closed_form import closed_forms, left_out
 from indentfit.runs.forward import Evaluation, ForwardModel, of_relaxation
 from indentfit.runs.ledger import Ledger
@@ -43,7 +43,7 @@ from indentfit.runs.parted import Parted
 from indentfit.runs.pieces import Piece, mesh_of, pieces_of
 from indentfit.runs.points import UNITS
 from indentfit.runs.pool import RunPool
-from indentfit.runs.relaxing import Relaxing, elastic_case
+from indentfit.runs.relaxing import BULK, Relaxing, elastic_case, with_bulk
 
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
@@ -56,6 +56,7 @@ CONTACT = (
     "the standard deviation of each contact point is that which its record tells ({of}); fit.uncertain.offset would state another"
 )
 NO_FIT = "not determined: the model cannot follow the curves"
+OF_UNKNOWN_BULK = 50.0  # bulk ratio at which the share of the bulk modulus in the force is known, where the ratio is unknown
 LESS = 0.9  # of the bulk ratio at the optimum: where the low end of its interval is below that, the viscoelastic model is run there
 SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
@@ -148,12 +149,19 @@ def fit_with_runs(
     if ledger is not None and elastic is not given:
         ledger = ledger.of(elastic)
     with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool:
+        problem = _with_bulk(case, problem, pool, problem.start)
         model = Parted.of(pool, elastic) if problem.kernel is None else Relaxing(pool, problem.kernel)
         watched = Watched(model)
         wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
         correction = MeshCorrection(case if case.fit.uncertain.mesh and case.indentations else None)
         part = whole.part(0, SHARE_OF_FIT)
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
+        if wide is None and problem.kernel is not None and (best := solved.optimum.best) is not None:
+            there = _with_bulk(case, problem, pool, best.parameters)
+            if there.kernel is not None and there.kernel.differs(problem.kernel):
+                problem, model = there, Relaxing(pool, there.kernel)
+                watched, correction = Watched(model), MeshCorrection(correction.case)
+                solved = solve(problem, watched, case.fit, part, correction)
         samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
         watched, finer = solved.model or watched, Refined(solved)
         gross = _no_fit(problem, solved.optimum.best, watched)
@@ -174,6 +182,16 @@ def fit_with_runs(
     if shallower.case is not uncut:
         result = replace(result, whole_case=given, case_hash=uncut.hash)
     return FitWithRuns(result, problem, solved, wide, tuple(watched.known))
+
+
+def _with_bulk(case: Case, problem: InverseProblem, pool: RunPool, parameters: Mapping[str, float]) -> InverseProblem:
+    """The problem whose kernel counts the shares of the bulk modulus at these parameters, where they matter."""
+    if problem.kernel is None:
+        return problem
+    point, ratio = problem.at_reference(parameters), case.material.bulk_over_shear
+    if ratio is not None and any(known.point == BULK for known in uncertain_inputs(case)):
+        point[BULK] = min(ratio, OF_UNKNOWN_BULK)
+    return replace(problem, kernel=with_bulk(problem.kernel, case, point, pool))
 
 
 def _with_samples(result: FitResult, samples: PosteriorSamples | None) -> FitResult:
@@ -276,7 +294,7 @@ def _facts_at(model: ForwardModel, problem: InverseProblem, best: Candidate | No
 def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certainty, work: _Work) -> FitResult:
     optimum, findings = solved.optimum, known.findings
     best, of_noise = optimum.best, known.known
-    in_time, differences = of_relaxation(case, best.parameters) if best else ((), {})
+    in_time, differences = of_relaxation(case, best.parameters, _shares(case, problem, best.parameters)) if best else ((), {})
     result = FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
@@ -310,7 +328,12 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         surrogate=known.surrogate,
         predicted=known.predicted,
         published=known.published,
-        conclusions=(*known.conclusions, *far_from_model(differences), *_at_least_bulk(case, best, known), *draining(case)),
+        conclusions=(
+            *known.conclusions,
+            *far_from_model(differences),
+            *_at_least_bulk(case, problem, best, known),
+            *draining(case),
+        ),
         taken_as_known=known.taken_as_known,
         recording=tuple(recording(case)),
         curves=_curves(problem, best),
@@ -319,14 +342,21 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
     return _with_moduli(case, result if of_noise is None else _with_covariance(result, of_noise))
 
 
-def _at_least_bulk(case: Case, best: Candidate | None, known: Certainty) -> Iterator[str]:
+def _shares(case: Case, problem: InverseProblem, parameters: Mapping[str, float]) -> dict[str, float]:
+    """The share of the force of each test that a fit takes not to relax."""
+    kernel = problem.kernel
+    return {} if kernel is None else {test.name: kernel.share(n, parameters) for n, test in enumerate(case.tests)}
+
+
+def _at_least_bulk(case: Case, problem: InverseProblem, best: Candidate | None, known: Certainty) -> Iterator[str]:
     """A sentence where the viscoelastic model is far from the hereditary integral at the low end of the bulk ratio's interval."""
     share = known.uncertain.inputs.get("bulk_ratio")
     if case.relaxation is None or best is None or share is None or share.interval is None or share.fitted is None:
         return
     low = share.interval[0]
     if low < LESS * share.fitted:
-        _, differences = of_relaxation(case, {**best.parameters, "bulk_ratio": low})
+        there = {**best.parameters, BULK: low}
+        _, differences = of_relaxation(case, there, _shares(case, problem, there))
         yield from far_from_model(differences, f"at a bulk ratio of {low:.3g}, the low end of its interval, ")
 
 

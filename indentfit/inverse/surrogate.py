@@ -19,6 +19,7 @@ from indentfit.inverse.derivatives import given_by
 from indentfit.inverse.polynomials import OF_SLOPES, warp
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.runs.forward import Evaluation, Report
+from indentfit.runs.relaxing import BULK
 
 BETAS = (0.0, 3.0, 10.0, 30.0)
 DEGREES = range(1, 9)
@@ -232,10 +233,15 @@ class Surrogate:
         force, rest = np.split(self._relaxed(np.concatenate(given), values), [1])
         rows, beside = list(rest[: len(slopes)]), rest[len(slopes) :]
         names = problem.searched[len(rows) :]
-        by_test = kernel.slopes(np.split(elastic, np.cumsum(kernel.sizes)[:-1]), values, names)
-        for name in names:
+        of_bulk = [BULK] if kernel.bulk is not None and BULK in problem.solved else []
+        by_test = kernel.slopes(np.split(elastic, np.cumsum(kernel.sizes)[:-1]), values, [*of_bulk, *names])
+        for name in (*of_bulk, *names):
             row = np.concatenate([given[name] for given in by_test]) * problem.per_unit(name, values)
-            rows.append(row if self.correction is None else self.correction * row)
+            row = row if self.correction is None else self.correction * row
+            if name == BULK:
+                rows[problem.searched.index(BULK)] = rows[problem.searched.index(BULK)] + row
+            else:
+                rows.append(row)
         return force[0], np.array(rows).reshape(-1, force.shape[1]), beside
 
     def near_failure(self, places: Array) -> Bools:

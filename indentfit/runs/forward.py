@@ -5,7 +5,7 @@ Searches and inference ask a ForwardModel for curves, whether these come from ru
 
 import functools
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -120,6 +120,7 @@ def simulate(
     progress: Progress | None = None,
     mesh_error: bool = True,
     time_limit: float = math.inf,
+    shares: Mapping[str, float] | None = None,
 ) -> SimulatedCase:
     """Every test of a case, simulated at given parameters.
 
@@ -133,6 +134,8 @@ def simulate(
         Whether a second mesh is solved to state the error of the forces by the mesh.
     time_limit : float, s
         Processor time that each curve may take, and each force over time.
+    shares : mapping of test -> share
+        Of each elastic force, that which does not relax, in the hereditary integral beside the viscoelastic model; none by default.
 
     Returns
     -------
@@ -157,7 +160,7 @@ def simulate(
         specimens.extend(simulated_specimens(case, material, parts.curve))
         for piece in pieces:
             piece.solve(material, parts.curve, time_limit)
-            piece.simulation = _in_time(piece, material, parts, time_limit)
+            piece.simulation = _in_time(piece, material, parts, time_limit, shares or {})
         for piece in pieces if mesh_error else ():
             piece.state_errors(material, parts.mesh_error)
     except IndentfitError as error:
@@ -168,7 +171,9 @@ def simulate(
     return simulated
 
 
-def of_relaxation(case: Case, parameters: Point) -> tuple[tuple[str, ...], dict[str, float]]:
+def of_relaxation(
+    case: Case, parameters: Point, shares: Mapping[str, float] | None = None
+) -> tuple[tuple[str, ...], dict[str, float]]:
     """How far the viscoelastic model is from the forces of a fit; nothing where the material is elastic.
 
     Parameters
@@ -176,6 +181,8 @@ def of_relaxation(case: Case, parameters: Point) -> tuple[tuple[str, ...], dict[
     case : Case
     parameters : dict of name -> value
         The parameters, and fitted inputs.
+    shares : mapping of test -> share
+        Of each elastic force, that which does not relax in the forces of the fit; by default none.
 
     Returns
     -------
@@ -190,15 +197,19 @@ def of_relaxation(case: Case, parameters: Point) -> tuple[tuple[str, ...], dict[
     words = f"the material relaxes: {there.relaxation.words()}"
     own = {name: value for name, value in parameters.items() if name in case.law.parameters}
     try:
-        tests = simulate(there, own, mesh_error=False, time_limit=case.fit.time_limit).in_time
+        tests = simulate(there, own, mesh_error=False, time_limit=case.fit.time_limit, shares=shares).in_time
     except IndentfitError as error:
         remedy = "; a larger fit.time_limit allows more" if isinstance(error, OutOfTime) else ""
         return (words, f"the viscoelastic model was not solved at the optimum: {error}{remedy}"), {}
     known = {name: curve.difference for name, curve in tests.items() if curve.difference is not None}
-    return (words, *(f"{name}: {curve.words()}" for name, curve in tests.items())), known
+    kept = ", ".join(f"{name} {share:.2g}" for name, share in (shares or {}).items() if share)
+    beside = [f"the bulk modulus does not relax: its share of the elastic force, {kept}, is counted in series"] if kept else []
+    return (words, *beside, *(f"{name}: {curve.words()}" for name, curve in tests.items())), known
 
 
-def _in_time(piece: Piece, material: Material, parts: "_Parts", time_limit: float) -> Simulation | None:
+def _in_time(
+    piece: Piece, material: Material, parts: "_Parts", time_limit: float, shares: Mapping[str, float]
+) -> Simulation | None:
     """The simulation of a piece with the forces over time of tests whose material relaxes."""
     simulation, case = piece.simulation, piece.case
     if simulation is None or case.material.relaxation is None:
@@ -209,9 +220,10 @@ def _in_time(piece: Piece, material: Material, parts: "_Parts", time_limit: floa
         if (load := load_of(asked, curve)) is not None:
             assert case.relaxation is not None  # the material relaxes
             function, points = case.relaxation.function(load.arrived, load.end), points_of(load, asked.points)
-            tests.append(with_creep(test, press, load, function, points, progress, deadline))
+            tests.append(with_creep(test, press, load, function, points, progress, deadline, shares.get(asked.name, 0.0)))
             continue
-        tests.append(with_time(test, press, ramps[asked.name].hold, progress, deadline))
+        hold, share = ramps[asked.name].hold, shares.get(asked.name, 0.0)
+        tests.append(with_time(test, press, hold, progress, deadline, share))
     return replace(simulation, tests=tuple(tests))
 
 

@@ -5,7 +5,7 @@ elastic ones, so sensitivities are mapped in the same way.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,44 @@ from indentfit.motion import Motion
 from indentfit.runs.forward import Evaluation, ForwardModel, Report
 from indentfit.runs.run import Point
 
+BULK = "bulk_ratio"
+MOST_OF_BULK = 0.9  # share of the force
+ALIKE, LEAST_OF_BULK = 0.1, 1e-3  # differences of these shares that do not matter: relative, and absolute
+MATTERS = 1000.0  # bulk ratio below which the share of the bulk modulus is counted
 STEP = 1e-2  # of the logarithm of a time, for differences
 STEP_OF_ORDER = 2e-3  # of the order of a fractional function, for differences
 STEP_OF_SHARE = 1e-4
+
+
+@dataclass(frozen=True)
+class BulkShares:
+    """The shares of the elastic forces that come from the bulk modulus, which does not relax.
+
+    Parameters
+    ----------
+    ratio : float
+        The bulk ratio at which they are known.
+    shares : tuple of float
+        d ln F / d ln kappa of each test, at its deepest point.
+    """
+
+    ratio: float
+    shares: tuple[float, ...]
+
+    @classmethod
+    def of(cls, elastic: Evaluation, ratio: float) -> "BulkShares | None":
+        """Those of an elastic evaluation with its sensitivities by the bulk ratio; None where these are not known."""
+        known = elastic.sensitivities or ()
+        if elastic.forces is None or not known or not all(BULK in by_name for by_name in known):
+            return None
+        pairs = zip(known, elastic.forces, strict=True)
+        shares = [ratio * float(by_name[BULK][-1]) / max(float(force[-1]), 1e-300) for by_name, force in pairs]
+        return cls(ratio, tuple(min(max(share, 0.0), MOST_OF_BULK) for share in shares))
+
+    def at(self, test: int, ratio: float | None) -> float:
+        """The share of a test at another bulk ratio, as of springs in series."""
+        share = self.shares[test]
+        return share / (share + (1 - share) * (1.0 if ratio is None else ratio / self.ratio))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +77,8 @@ class Kernel:
         The number of the test of each curve.
     depths : tuple of arrays (n_grid,), mm
         The grid of depths of each test.
+    bulk : BulkShares or None
+        Of each test, where the sample is so compressible that they matter.
     """
 
     relaxation: Relaxation
@@ -49,6 +86,7 @@ class Kernel:
     ramps: tuple[Ramp, ...]
     owners: tuple[int, ...]
     depths: tuple[Array, ...]
+    bulk: BulkShares | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,26 +117,39 @@ class Kernel:
         tuple of arrays (..., n), mN
         """
         triples = zip(self.maps, self.ramps, self.owners, strict=True)
-        return tuple(
-            known.forces(elastic[n], self.relaxation.function(ramp.seconds, ramp.end, values)) for known, ramp, n in triples
-        )
+        return tuple(known.forces(elastic[n], self._function(ramp, n, values)) for known, ramp, n in triples)
+
+    def differs(self, other: "Kernel") -> bool:
+        """Whether the shares of the bulk modulus are others by so much that a fit follows."""
+        if self.bulk is None or other.bulk is None:
+            return self.bulk is not other.bulk
+        pairs = zip(self.bulk.shares, other.bulk.shares, strict=True)
+        return any(abs(own - known) > ALIKE * known + LEAST_OF_BULK for own, known in pairs)
+
+    def share(self, test: int, values: Mapping[str, Any]) -> float:
+        """The share of a test's elastic force that does not relax, at values of which one may be the bulk ratio."""
+        return 0.0 if self.bulk is None else self.bulk.at(test, values.get(BULK))
+
+    def _function(self, ramp: Ramp, test: int, values: Mapping[str, Any]) -> RelaxationFunction:
+        return self.relaxation.function(ramp.seconds, ramp.end, values).in_series(self.share(test, values))
 
     def slopes(self, elastic: Sequence[Array], values: Mapping[str, Any], names: Iterable[str]) -> tuple[dict[str, Array], ...]:
-        """Derivatives of the forces of each curve by parameters of the relaxation.
+        """Derivatives of the forces of each curve by parameters of the relaxation, and by the bulk ratio as far as it changes what
+        relaxes.
 
         Parameters
         ----------
         elastic : sequence of arrays (n_grid,), mN
         values : mapping of name -> value
-        names : parameters of the relaxation
+        names : parameters of the relaxation, or "bulk_ratio"
 
         Returns
         -------
         tuple of dict, name -> array (n,), mN per unit
         """
-        names, own = list(names), {name: float(values[name]) for name in self.names}
+        names, own = list(names), {name: float(values[name]) for name in (*self.names, BULK) if name in values}
         triples = zip(self.maps, self.ramps, self.owners, strict=True)
-        return tuple(_slopes(known, _Functions(self.relaxation, ramp), elastic[n], own, names) for known, ramp, n in triples)
+        return tuple(_slopes(known, _Functions(self, ramp, n), elastic[n], own, names) for known, ramp, n in triples)
 
 
 def kernel_of(case: Case) -> Kernel | None:
@@ -144,6 +195,25 @@ def ramp_kernel(case: Case) -> Kernel | None:
         ideal.append(ramp)
     grids = tuple(_grid(ramp.depth) for ramp in ideal)
     return Kernel(relaxation, tuple(maps), tuple(ideal), tuple(range(len(maps))), grids)
+
+
+def with_bulk(kernel: Kernel, case: Case, point: Point, model: ForwardModel) -> Kernel:
+    """A kernel with the shares of the bulk modulus in the elastic forces at a point, where these matter: one run at most.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    case : Case
+    point : dict of name -> value
+        It may name the parameters of the relaxation.
+    model : ForwardModel
+        Elastic forces.
+    """
+    ratio = point.get(BULK, case.material.bulk_over_shear)
+    if ratio is None or (ratio >= MATTERS and BULK not in point) or BULK not in model.differentiable():
+        return kernel
+    elastic = {name: value for name, value in point.items() if name not in kernel.names}
+    return replace(kernel, bulk=BulkShares.of(model.evaluate([elastic], sensitivities=[BULK])[0], float(ratio)))
 
 
 def elastic_case(case: Case) -> Case:
@@ -222,7 +292,11 @@ def relaxed(kernel: Kernel, point: Point, elastic: Evaluation, names: Sequence[s
     if elastic.sensitivities is not None or names:
         given = elastic.sensitivities or tuple({} for _ in elastic.forces)
         own = kernel.slopes(elastic.forces, point, names) if names else tuple({} for _ in forces)
-        by_test = tuple(known | slopes for known, slopes in zip(_mapped(kernel, given, point), own, strict=True))
+        mapped = _mapped(kernel, given, point)
+        if kernel.bulk is not None and BULK in point and all(BULK in known for known in mapped):
+            of_kernel = kernel.slopes(elastic.forces, point, [BULK])
+            mapped = [known | {BULK: known[BULK] + own[BULK]} for known, own in zip(mapped, of_kernel, strict=True)]
+        by_test = tuple(known | slopes for known, slopes in zip(mapped, own, strict=True))
     return Evaluation(dict(point), forces, None, elastic.seconds, elastic.facts, by_test, elastic=elastic)
 
 
@@ -253,19 +327,20 @@ class _Grid:
 class _Functions:
     """The relaxation functions of one test by the parameters of the relaxation."""
 
-    relaxation: Relaxation
+    kernel: Kernel
     ramp: Ramp
+    test: int
 
     def at(self, values: Mapping[str, float]) -> RelaxationFunction:
-        return self.relaxation.function(self.ramp.seconds, self.ramp.end, values)
+        return self.kernel._function(self.ramp, self.test, values)
 
 
 def _slopes(
     known: TimeMap, functions: _Functions, elastic: Array, values: Mapping[str, float], names: Sequence[str]
 ) -> dict[str, Array]:
     """Derivatives of one test: in closed form for exponentials and a contact that does not shrink, else by differences."""
-    relaxation = functions.relaxation
-    if known.retracts or relaxation.order is not None:
+    relaxation = functions.kernel.relaxation
+    if known.retracts or relaxation.order is not None or functions.kernel.bulk is not None:
         return {name: _difference(known, functions, elastic, values, name) for name in names}
     parts, changes = known.by_term(elastic, functions.at(values))
     lost = known.elastic(elastic) if relaxation.base == "instantaneous" else 0.0
@@ -278,7 +353,7 @@ def _slopes(
 
 def _difference(known: TimeMap, functions: _Functions, elastic: Array, values: Mapping[str, float], name: str) -> Array:
     value = values[name]
-    step = STEP * value if name.startswith("tau") else STEP_OF_ORDER if name == "order" else STEP_OF_SHARE
+    step = STEP * value if name.startswith("tau") or name == BULK else STEP_OF_ORDER if name == "order" else STEP_OF_SHARE
     low, high = value - step, value + step
     if name == "order":
         low, high = max(low, ORDERS[0]), min(high, ORDERS[1])

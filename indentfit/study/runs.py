@@ -1,7 +1,7 @@
 """Forward runs of many variants of a case: on the worker processes of a fit, and through its ledger."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from indentfit.case import Case, require_known_motions
@@ -10,7 +10,7 @@ from indentfit.runs.ledger import Ledger
 from indentfit.runs.mechanics import indentation_of
 from indentfit.runs.points import case_at
 from indentfit.runs.pool import RunPool
-from indentfit.runs.relaxing import elastic_case, ramp_kernel, relaxed
+from indentfit.runs.relaxing import BULK, MATTERS, BulkShares, elastic_case, ramp_kernel, relaxed
 
 TABLES = ("sample", "indenter", "mesh", "solver", "material")
 NOT_OF_A_POINT = ("model", "energy", "parameters", "relaxation")  # of the material: what its class is, and a table
@@ -71,7 +71,8 @@ def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluati
     for first, points in groups:
         report = _counting(execution, before, total)
         with RunPool(first, execution.workers, execution.ledger_of(first), execution.cluster, execution.stop) as pool:
-            evaluations |= zip(points, pool.evaluate(list(points.values()), report), strict=True)
+            asked = [BULK] if any(_compressible(cases[n]) for n in points) else []
+            evaluations |= zip(points, pool.evaluate(list(points.values()), report, asked), strict=True)
         before += len(points) * len(first.tests)
     return [_in_ramp(case, evaluations[n]) for n, case in enumerate(cases)]
 
@@ -79,7 +80,18 @@ def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluati
 def _in_ramp(case: Case, evaluation: Evaluation) -> Evaluation:
     """The evaluation with the forces of the ramp, where the material relaxes."""
     kernel = ramp_kernel(case)
-    return evaluation if kernel is None else relaxed(kernel, evaluation.parameters, evaluation, ())
+    if kernel is None:
+        return evaluation
+    ratio = case.material.bulk_over_shear
+    if _compressible(case) and ratio is not None:
+        kernel = replace(kernel, bulk=BulkShares.of(evaluation, ratio))
+    return relaxed(kernel, evaluation.parameters, replace(evaluation, sensitivities=None), ())
+
+
+def _compressible(case: Case) -> bool:
+    """Whether a material relaxes whose bulk modulus, which does not, has a share in the force."""
+    ratio = case.material.bulk_over_shear
+    return case.material.relaxation is not None and ratio is not None and ratio < MATTERS
 
 
 def _counting(execution: Execution, before: int, total: int) -> Callable[[int, int], None]:
