@@ -107,6 +107,16 @@ def test_every_kind_of_input_becomes_a_coordinate_in_its_place():
     assert (inputs[2].low, inputs[2].high) == (pytest.approx(3.0), pytest.approx(3.6))
 
 
+def test_a_cone_without_a_shaft_has_no_size_that_could_be_uncertain():
+    """Every fit of a cone ended as a bug: the name of its missing size was taken apart."""
+    cone = "indenter={shape='cone',half_angle=60,tip_radius=0.1,friction=0.3}"
+    assert [known.point for known in uncertain_inputs(white_matter(cone, "fit.uncertain.thickness=0.1"))] == ["thickness"]
+    assert len(alternatives(white_matter(cone))) == 1
+    for size in ("0.1", "{values=[1,2]}"):
+        with pytest.raises(CaseError, match=r"fit.uncertain.size = .*: the cone has no width or diameter that could be uncertain"):
+            white_matter(cone, f"fit.uncertain.size={size}")
+
+
 # Warps
 
 

@@ -30,6 +30,7 @@ from indentfit.material import Material, blamed, laws_of, require_derivable, shi
 from indentfit.motion import Motion
 
 DEEPEST_INDENTATION = 0.5  # of the thickness
+SIZES = ("width", "diameter", "radius")  # keys of an indenter that are its size
 
 
 @dataclass(frozen=True)
@@ -441,6 +442,9 @@ def _faults_of_uncertain(parts: Parts) -> Iterator[Fault]:
                 text = "no test is an indentation, and other tests do not depend on it; remove it"
                 yield Fault(("fit", "uncertain", name), plain(getattr(uncertain, name)), text)
         indenter = None
+    if uncertain.size is not None and indenter is not None and all(getattr(indenter, key, None) is None for key in SIZES):
+        text = f"the {indenter.shape} has no width or diameter that could be uncertain; remove it, or give the shaft's"
+        yield Fault(("fit", "uncertain", "size"), plain(uncertain.size), text)
     if uncertain.friction is not None and indenter is not None and indenter.friction == "stick":
         text = "the indenter sticks; give indenter.friction a number"
         yield Fault(("fit", "uncertain", "friction"), plain(uncertain.friction), text)

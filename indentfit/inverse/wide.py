@@ -12,12 +12,12 @@ from functools import cached_property
 from typing import Any
 
 from indentfit.case import Case, Range
+from indentfit.case.faults import SIZES
 from indentfit.case.priors import Prior
 from indentfit.case.search import LEAST_INPUT
 from indentfit.inverse.problem import InverseProblem
 from indentfit.runs.points import KEYS, UNITS
 
-SIZES = ("width", "diameter", "radius")  # keys of an indenter that are its size
 OF_CURVES = ("offset", "force")  # inputs of a single test; they need no run
 SOLVED = ("friction", "bulk_ratio", "thickness", "size")  # inputs that change the solution
 DIFFERENTIABLE = ("friction", "bulk_ratio")  # inputs by which the mechanics can differentiate
@@ -116,7 +116,7 @@ def _listed(case: Case) -> Iterator[tuple[str, str, Any, list[tuple[Any, float]]
         yield "base", "sample.base", base, [(base, 1 - odds), (OTHER_BASE[base], odds)]
     for name in SOLVED:
         prior = getattr(case.fit.uncertain, name)
-        if isinstance(prior, Prior) and prior.values is not None:
+        if isinstance(prior, Prior) and prior.values is not None and _point(case, name):
             key = KEYS.get(_point(case, name), _point(case, name))
             yield name, key, _value(case, _point(case, name)), [(value, 1 / len(prior.values)) for value in prior.values]
 
@@ -174,6 +174,8 @@ def with_offset_of_records(case: Case) -> Case:
 def _solved(case: Case) -> Iterator[UncertainInput]:
     for name in SOLVED:
         point = _point(case, name)
+        if not point:  # a cone or wedge without a shaft has no size
+            continue
         if not case.indentations and KEYS.get(point, point).partition(".")[0] in ("", "sample", "indenter"):
             continue
         value = _value(case, point)
