@@ -44,7 +44,10 @@ def faults_of_families(
         if table is not None:
             yield from _of_sample(place, table, law)
             on_it = [(label, test) for label, test in indentations if test and bool(test.sample) == (place != ("sample",))]
-            yield from _of_map(place, table, law, [pair for pair in on_it if place in (("sample",), ("test", pair[0], "sample"))])
+            on_it = [pair for pair in on_it if place in (("sample",), ("test", pair[0], "sample"))]
+            yield from _of_map(place, table, law, on_it)
+            for label, own in on_it if has_fibres(law) else ():
+                yield from _of_outlines(label, own, choice, law, table)
     for label, test in tests:
         if test is not None and test.kind in (None, "indentation"):
             yield from _of_dip(label, test, law)
@@ -58,6 +61,25 @@ def _over(own: Any, sample: Sample | None) -> Sample | None:
         return own.over(sample) if sample is not None else None
     except (ValidationError, CaseError, TypeError):
         return None
+
+
+def _of_outlines(label: str, test: Test, choice: MaterialChoice, law: type[Material], sample: Sample) -> Iterator[Fault]:
+    """Faults of outlines in a plane that is no plane of symmetry: the solution leaves it, so that its section is no outline."""
+    if test.angle is None or not any(field.outline for field in test.field):
+        return
+    try:
+        kept = fibres_in(choice, law, sample, Direction(test.angle, test.dip)).kept
+    except CaseError:
+        return  # the fibres have faults of their own
+    for field in test.field:
+        if isinstance(field.file, str) or field.file.across is None:
+            continue
+        plane = "x" if field.file.across == 0 else "z"
+        if kept not in ("quarter", f"mirror_{plane}"):
+            text = (
+                f"lies in the plane {plane} = 0, about which the fibres of the test are not symmetric; give material points instead"
+            )
+            yield Fault(("test", label, "field", field.label, "outline"), True, text)
 
 
 def _of_sample(place: Key, sample: Sample, law: type[Material]) -> Iterator[Fault]:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from indentfit.axes import MOTION
-from indentfit.case.laws import has_fibres
 from indentfit.case.measured_field import known_points
 from indentfit.case.messages import Fault, line
 from indentfit.case.prior_tests import weight_of
@@ -67,22 +66,11 @@ def with_field_tests(case: Case) -> Case:
     return case.model_copy(update={"tests": (*case.tests, *tests), "curves": (*case.curves, *curves)})
 
 
-def _require_plane(case: Case, test: Test, points: Displacements) -> None:
-    """Refuse an outline in a plane that is no plane of symmetry: the solution leaves it, so that its section is no outline."""
-    if points.across is None or not has_fibres(case.law):
-        return
-    kept, plane = case.fibres_of(test).kept, "xz"[points.across == 2]
-    if kept not in ("quarter", f"mirror_{plane}"):
-        text = f"lies in the plane {plane} = 0, about which the fibres of the test are not symmetric; give material points instead"
-        raise CaseError([line(case.path, Fault(("test", test.name, "field", "outline"), True, text))])
-
-
 def _made(case: Case, n: int, field: MeasuredField) -> tuple[FieldTest, Curve]:
     """The test and the curve of a field of the test number n."""
     test = case.tests[n]
     sample = case.sample_of(test)
     (points,) = known_points([field], float(case.outputs(test)[-1]), sample.geometry.outline, float(sample.thickness))
-    _require_plane(case, test, points)
     groups = points.groups
     values, sd = averaged(points, groups)
     curve = Curve(np.arange(1.0, values.size + 1), values, sd=sd, axes=MOTION)

@@ -66,7 +66,8 @@ def case_lines(case: Case) -> Iterator[str]:
         )
         for field in test.field if test.kind == "indentation" else ():
             points = field.points
-            yield f"    its field   {field.label}: {points.values.size} displacements of points, {points.file}"
+            seen = "displacements of points" if points.across is None else "points of the deformed outline"
+            yield f"    its field   {field.label}: {points.values.size} {seen}, {points.file}"
         if test.name in ramps:
             ramp = ramps[test.name]
             yield f"    its ramp  {ramp.seconds:.4g} s, then {f'a hold of {ramp.hold:.4g} s' if ramp.hold else 'no hold'}"
