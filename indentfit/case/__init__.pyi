@@ -16,10 +16,13 @@ from .tables import Range as Range
 from .tables import Sample as Sample
 from .tables import Solver as Solver
 from .tables import Test as Test
+from .uses import asks_for_more as asks_for_more
+from .uses import refusals as refusals
+from .uses import require_comparable as require_comparable
+from .uses import require_designable as require_designable
+from .uses import require_fittable as require_fittable
+from .uses import require_indentations as require_indentations
+from .uses import require_known_motions as require_known_motions
 from .whole import Case as Case
-from .whole import require_fittable as require_fittable
-from .whole import require_free as require_free
-from .whole import require_indentations as require_indentations
-from .whole import require_known_motions as require_known_motions
 from .write import case_toml as case_toml
 from .write import write_case as write_case

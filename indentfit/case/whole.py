@@ -20,8 +20,6 @@ from indentfit.case.faults import (
     faults_across,
     faults_of_absence,
     faults_of_fibres,
-    faults_of_fit,
-    faults_of_freedom,
     faults_of_parameters,
     faults_of_stiffness,
     faults_of_turn,
@@ -32,7 +30,7 @@ from indentfit.case.field_faults import faults_of_fields
 from indentfit.case.in_time import GRID, relaxation_of
 from indentfit.case.laws import fibres_in, kept_by, law_of_choice, own_parameters, plugin_files
 from indentfit.case.layers import OF_LAYERS, with_materials
-from indentfit.case.messages import MISSING, Fault, Key, line, lines
+from indentfit.case.messages import MISSING, Fault, Key, lines
 from indentfit.case.quantities import Title
 from indentfit.case.recording import Record
 from indentfit.case.relaxation import Relaxation
@@ -372,38 +370,6 @@ class Case(BaseModel):
     def warnings(self) -> list[str]:
         """One line for each allowed but unusual value."""
         return list(warnings_of(self))
-
-
-def require_fittable(case: Case) -> None:
-    """Raise CaseError unless the case has a free parameter, every test has a curve, and at least one test has a weight."""
-    relaxing = case.relaxation.free if case.relaxation is not None else {}
-    faults = list(faults_of_fit(case.free | relaxing, case.tests, case.curves))
-    if faults:
-        raise CaseError([line(case.path, fault) for fault in faults])
-
-
-def require_indentations(case: Case, what: str, all_of_them: bool = False) -> None:
-    """Raise CaseError unless a test of the case, or each of them, is an indentation; `what` is told of, such as "a sweep"."""
-    others = [test for test in case.tests if test.kind != "indentation"]
-    if others and (all_of_them or len(others) == len(case.tests)):
-        test = others[0]
-        text = f"{what} knows indentations only; leave this test out for it"
-        raise CaseError([line(case.path, Fault(("test", test.name, "kind"), test.kind, text))])
-
-
-def require_known_motions(case: Case, what: str) -> None:
-    """Raise CaseError where the motion of a test follows from a force that is held, and no curve tells it; `what` is told of, such
-    as "a sweep"."""
-    for test, curve in zip(case.tests, case.curves, strict=True):
-        if test.control == "force" and curve is None:
-            text = f"{what} does not know creep under a held force, which `simulate` shows; control the displacement for it"
-            raise CaseError([line(case.path, Fault(("test", test.name, "control"), test.control, text))])
-
-
-def require_free(case: Case) -> None:
-    """Raise CaseError unless the case has a free parameter."""
-    if faults := list(faults_of_freedom(case.free)):
-        raise CaseError([line(case.path, fault) for fault in faults])
 
 
 def _shown(test: Test, curve: Curve | None) -> Curve | None:

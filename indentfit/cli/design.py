@@ -31,7 +31,7 @@ def command(
     of --result. The noise is 1 % of the largest force unless --noise says otherwise.
     """
     # imported when the command runs: --help and completion are quick without
-    from indentfit.case import require_free
+    from indentfit.case import require_designable
     from indentfit.experiment.measured import read_case
     from indentfit.report.folder import json_text, refuse_existing
     from indentfit.report.schema import fitted_parameters
@@ -42,7 +42,7 @@ def command(
     if output is None and overwrite:
         raise click.UsageError("--overwrite needs -o DIR")
     read = read_case(case, overrides)
-    require_free(read)
+    require_designable(read)
     parameters = fitted_parameters(result, read) if result else None
     if output is not None:
         refuse_existing(output, overwrite)

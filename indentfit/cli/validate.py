@@ -16,21 +16,30 @@ from indentfit.errors import CaseError
 def command(case: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check the case file CASE and the curves it names.
 
-    The command prints the case in words. A case with faults ends with 2: the command prints each fault on a line.
+    The command prints the case in words, with what keeps `fit` and the studies from using it. A case with faults ends with 2: the
+    command prints each fault on a line.
     """
     # imported when the command runs: --help and completion are quick without
+    from indentfit.case import asks_for_more, refusals
     from indentfit.experiment.measured import read_case
     from indentfit.report.case_text import case_facts, case_lines
 
     try:
         read = read_case(case, overrides)
+        refused = refusals(read)
+        if "fit" not in refused and asks_for_more(read):
+            from indentfit.inference.prepared import prepared  # takes seconds to import, and few cases need it
+
+            prepared(read)
     except CaseError as error:
         if as_json:
             click.echo(json.dumps({"case": case, "valid": False, "faults": error.faults}, indent=2))
         raise
     if as_json:
-        click.echo(json.dumps({"case": case, "valid": True, **case_facts(read)}, indent=2))
+        click.echo(json.dumps({"case": case, "valid": True, **case_facts(read), "refused": refused}, indent=2))
         return
     click.echo("\n".join(case_lines(read)))
+    for reason in dict.fromkeys(reason for reasons in refused.values() for reason in reasons):
+        click.echo(f"  not for   {', '.join(name for name, reasons in refused.items() if reason in reasons)}: {reason}")
     for warning in read.warnings():
         click.echo(f"warning: {warning}", err=True)

@@ -103,7 +103,8 @@ class Model:
         motions = held_motions(setup.part, setup.indenter, base)
         self.fixed = Fixed(self.body, self.body.held(base, motions, setup.sample.prestretch is not None))
         multigrid_in_plane = setup.in_plane and setup.solver.linear == "pyamg"  # which it is not made for
-        kind = choice("auto" if multigrid_in_plane else setup.solver.linear, self.body.n_dofs)
+        # factors of a plane's matrices stay small
+        kind = choice("auto" if multigrid_in_plane else setup.solver.linear, 0 if setup.in_plane else self.body.n_dofs)
         modes = self.fixed.freed(rigid_body_modes(self.body.points())) if kind == "pyamg" else None
         self.solver = LinearSolver(kind, modes, self.contact.surface)
         self.exact = LinearSolver(kind, modes, self.contact.surface)  # for derivatives: they do not touch the path's factors

@@ -9,38 +9,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case, require_fittable
+from indentfit.case import Case
 from indentfit.case.draining import draining
-from indentfit.case.field_tests import with_field_tests
 from indentfit.case.laws import shear_parameter
-from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
 from indentfit.digits import quantity
-from indentfit.errors import CaseError
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.misfit import misfits, no_fit, recording
 from indentfit.inference.moduli import moduli
+from indentfit.inference.prepared import prepared
 from indentfit.inference.refinement import Refined, refined
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
-from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, require_emcee, samples_of
+from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, samples_of
 from indentfit.inference.seen import far_from_model
 from indentfit.inference.wide_certainty import wide_certainty
-from indentfit.inference.wide_fit import WideFit, wide_fit, widens
+from indentfit.inference.wide_fit import WideFit, wide_fit
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.mesh_correction import MeshCorrection
 from indentfit.inverse.methods import Solved, solve
 from indentfit.inverse.objective import Target, rmse
-from indentfit.inverse.problem import Candidate, InverseProblem, inverse_problem
+from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import Progress
-from indentfit.inverse.sharp_edges import without_folds
 from indentfit.inverse.wide import of_records, uncertain_inputs, with_offset_of_records
 from indentfit.runs.closed_form import closed_forms, left_out
 from indentfit.runs.forward import Evaluation, ForwardModel, of_relaxation
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.parted import Parted
-from indentfit.runs.pieces import Piece, mesh_of, pieces_of
+from indentfit.runs.pieces import Piece, mesh_of
 from indentfit.runs.points import UNITS
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import BULK, Relaxing, elastic_case, with_bulk
@@ -127,23 +124,9 @@ def fit_with_runs(
     stop: Callable[[], int] | None = None,
 ) -> FitWithRuns:
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
-    given, run = case, with_prior_tests(case)
-    require_fittable(with_field_tests(run))
-    uncut, shallower = run, without_folds(run)
-    run = shallower.case
-    case = with_field_tests(run)
-    if case.fit.posterior:
-        require_emcee()
-    started, problem = time.perf_counter(), inverse_problem(case)
-    if case is not run and widens(case, problem):
-        uncertain = ", ".join(f"fit.uncertain.{name}" for name in case.fit.uncertain.given if name != "mesh")
-        raise CaseError(
-            [
-                f"{uncertain or 'fit.uncertain'}: inputs are not fitted beside displacements yet; state them as known (an input "
-                "that is left out is unknown), or take out test.field"
-            ]
-        )
-    pieces = pieces_of(case)  # refuses an impossible mesh before any worker is started
+    started = time.perf_counter()
+    ready = prepared(case)  # refuses what cannot be fitted before any worker is started
+    given, run, case, problem = case, ready.shallower.case, ready.case, ready.problem
     whole, stated = Progress(progress), with_offset_of_records(case)
     elastic = elastic_case(run)
     if ledger is not None and elastic is not given:
@@ -152,7 +135,7 @@ def fit_with_runs(
         problem = _with_bulk(case, problem, pool, problem.start)
         model = Parted.of(pool, elastic) if problem.kernel is None else Relaxing(pool, problem.kernel)
         watched = Watched(model)
-        wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if widens(case, problem) else None
+        wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if ready.widens else None
         correction = MeshCorrection(case if case.fit.uncertain.mesh and case.indentations else None)
         part = whole.part(0, SHARE_OF_FIT)
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
@@ -173,14 +156,14 @@ def fit_with_runs(
             finer = refined(case, problem, watched, solved, correction, whole.part(SHARE_OF_FIT, SHARE_OF_FIT))
             solved, watched = finer.solved, finer.solved.model or watched
             known = certainty(stated, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
-        work = _Work(pieces, pool, _facts_at(model, problem, solved.optimum.best), finer)
+        work = _Work(ready.pieces, pool, _facts_at(model, problem, solved.optimum.best), finer)
     result = _with_samples(_result(case, problem, solved, known, work), samples)
     if gross is not None:
         result = without_meaning(result, gross)
-    said = (*result.conclusions, *shallower.said)
+    said = (*result.conclusions, *ready.shallower.said)
     result = replace(result, conclusions=said, seconds=time.perf_counter() - started)
-    if shallower.case is not uncut:
-        result = replace(result, whole_case=given, case_hash=uncut.hash)
+    if run is not ready.uncut:
+        result = replace(result, whole_case=given, case_hash=ready.uncut.hash)
     return FitWithRuns(result, problem, solved, wide, tuple(watched.known))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import InstanceOf, TypeAdapter
 from scipy.special import logsumexp
 
-from indentfit.case import Case, Range, require_fittable
+from indentfit.case import Case, Range, require_comparable, require_fittable
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError, IndentfitError, LedgerError, Stopped, WorkerError
 from indentfit.experiment.measured import changed_case
@@ -242,7 +242,7 @@ def plan_comparison(
         raise CaseError(["--materials: name at least two different laws, with commas between, such as neo_hookean,ogden"])
     if unknown := set(ranges) - set(laws):
         raise CaseError([f"a range is given for {sorted(unknown)[0]!r}, which is not among the laws: {', '.join(laws)}"])
-    require_curves(case)
+    require_comparable(case)
     needed = any(not is_own(case, law) for law in laws)
     if needed:  # wrong names end here, before anything is solved
         for law in laws:
@@ -252,20 +252,6 @@ def plan_comparison(
     for _, each in cases:
         require_fittable(each)
     return ComparisonPlan(case, cases, modulus, nested)
-
-
-def require_curves(case: Case) -> None:
-    """Raise CaseError unless every test has a curve, and one has a weight: the law of the case needs no free parameter."""
-    if case.fit.prior.given:
-        raise CaseError(["fit.prior: laws are compared by curves alone; remove it, or give the moduli as curves of tests"])
-    if any(test.field for test in case.tests):
-        raise CaseError(["test.field: laws are compared by force curves alone; take the fields out of the case"])
-    if case.relaxation is not None and (case.relaxation.free or any(curve and curve.time is not None for curve in case.curves)):
-        text = (
-            "material.relaxation: laws are compared on loading curves, with a relaxation that is known; give g and tau as numbers"
-        )
-        raise CaseError([f"{text}, and curves without times with test.rate; or remove the table"])
-    require_fittable(changed_case(case, REFERENCE))
 
 
 def curves_modulus(case: Case) -> float:

@@ -17,13 +17,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from indentfit.arrays import Array
-from indentfit.case import Case, Range, Test, require_free, require_indentations, require_known_motions
+from indentfit.case import Case, Range, Test, require_designable
 from indentfit.case.families import faults_of_families
 from indentfit.case.in_time import GRID
 from indentfit.case.laws import has_fibres
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
-from indentfit.errors import CaseError, DesignError, IndentfitError
+from indentfit.errors import DesignError, IndentfitError
 from indentfit.hereditary import Ramp
 from indentfit.inference.seen import seen_sentences
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
@@ -241,11 +241,7 @@ def design(case: Case, parameters: Values | None = None, noise: float | None = N
     DesignError
         The case's own tests have no derivatives.
     """
-    require_free(case)
-    require_indentations(case, "design")
-    require_known_motions(case, "design")
-    if any(test.field for test in case.tests):
-        raise CaseError(["test.field: design knows forces only; take the fields out of the case for it"])
+    require_designable(case)
     case = with_prior_tests(case)
     given, execution = dict(parameters or case.start_values()), execution or Execution()
     remarks = tuple(seen_sentences(case, case.relaxation.at(given).numbers)) if case.relaxation else ()
