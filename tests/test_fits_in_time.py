@@ -332,6 +332,19 @@ def test_verdicts_name_a_time_that_is_not_seen():
     assert known["tau1"].verdict.startswith("determined (+-5 %); limited by the noise; 0.3 s is shorter than the ramp")
 
 
+def test_a_long_term_modulus_that_the_hold_does_not_reach_is_not_determined():
+    time, depth = held(ramp=0.5, hold=1.0)
+    case = case_of(Curve(depth, depth, time=time), {"terms": 1})
+    known = {"mu": ParameterEstimate(1.6, "kPa", verdict="determined (+-8 %); limited by the noise", limited_by="noise")}
+    slow = ParameterEstimate(2.0, "s", verdict="not determined: any value in 0.5-2 fits", limited_by="noise")
+    values = {"g1": 0.4, "tau1": 2.0}
+    said = with_seen(case, known | {"tau1": slow}, values)["mu"].verdict
+    assert said.startswith("not determined: it is the modulus after infinite time; at the end of the hold of 1 s 2")
+    clear = replace(slow, verdict="determined (+-5 %); limited by the noise")
+    assert with_seen(case, known | {"tau1": clear}, values)["mu"].verdict.startswith("determined")
+    assert with_seen(case, known | {"tau1": slow}, values | {"g1": 0.01})["mu"].verdict.startswith("determined")
+
+
 def test_the_ratio_of_the_moduli_has_an_interval(fitted):
     known = fitted.moduli["Ginf_G0"]
     shares = sum(fitted.parameters[name].value for name in ("g1", "g2"))

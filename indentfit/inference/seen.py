@@ -11,12 +11,12 @@ import numpy as np
 
 from indentfit.case import Case
 from indentfit.case.in_time import ramps_of, window_of
-from indentfit.case.relaxation import Window
+from indentfit.case.relaxation import Relaxation, Window
 from indentfit.inference.result import ParameterEstimate
 
 LATE = 0.02  # of the force at the end of the hold: where more than that is still to relax, the long-term modulus is not seen
 MOMENTS = 201  # steps of a ramp
-DETERMINED = "determined"
+DETERMINED, MODULUS = "determined", "kPa"
 FASTER = "a ramp of {seconds:.2g} s would show it"
 LONGER = "a hold of {seconds:.3g} s would show it"
 FAR = 0.01  # relative difference of the viscoelastic model from the hereditary integral, above which a fit says so
@@ -61,7 +61,8 @@ def _why(time: float, window: Window) -> str:
 
 def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> dict[str, ParameterEstimate]:
     """Estimates whose verdicts say which times of relaxation the records cannot see; a time that they cannot see is not determined,
-    unless its interval says that it is."""
+    unless its interval says that it is. Where much is still to relax by such a time, the long-term moduli are not determined
+    either: their intervals hold only for times within the bounds."""
     known = dict(estimates)
     for name, why in unseen(case, values).items():
         if name not in known:
@@ -71,7 +72,33 @@ def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Ma
             known[name] = replace(known[name], verdict=f"{said}; {why}")
         else:
             known[name] = replace(known[name], verdict=f"not determined: {why}")
+    if why := _extrapolated(case, known, values):
+        for name, estimate in known.items():
+            if estimate.unit == MODULUS and name in case.free:
+                known[name] = replace(estimate, verdict=f"not determined: {why}")
     return known
+
+
+def _extrapolated(case: Case, known: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> str:
+    """Why long-term moduli are not known; empty where they are."""
+    relaxation = case.relaxation
+    if relaxation is None or relaxation.base != "long_term" or not (left := _left(case, relaxation, values)) > LATE:
+        return ""
+    window = window_of(list(ramps_of(case).values()))
+    late = [name for name in unseen(case, values) if name in known and values[name] > max(window.hold, window.ramp)]
+    late = [name for name in late if not (known[name].verdict or "").startswith(DETERMINED)]
+    end = f"the hold of {window.hold:.3g} s" if window.hold else "the ramp, which no hold follows,"
+    if not late:
+        return ""
+    return f"it is the modulus after infinite time; at the end of {end} {left:.0%} or more is still to relax, by {', '.join(late)}"
+
+
+def _left(case: Case, relaxation: Relaxation, values: Mapping[str, float]) -> float:
+    """The part of the force at the end of the longest hold that is still to relax, over the long-term force."""
+    longest = max(ramps_of(case).values(), key=lambda ramp: ramp.hold)
+    function = relaxation.function(longest.seconds, 1e3 * longest.end, values)
+    since = np.linspace(longest.hold, longest.end, MOMENTS)  # time since each step of the ramp
+    return float(np.mean(function(since))) / function.long_term - 1
 
 
 def seen_sentences(case: Case, values: Mapping[str, float]) -> Iterator[str]:
@@ -81,12 +108,7 @@ def seen_sentences(case: Case, values: Mapping[str, float]) -> Iterator[str]:
         return
     for name, why in unseen(case, values).items():
         yield f"the records cannot see {name}: {why}"
-    ramps = list(ramps_of(case).values())
-    window = window_of(ramps)
-    longest = max(ramps, key=lambda ramp: ramp.hold)
-    function = relaxation.function(longest.seconds, 1e3 * longest.end, values)
-    since = np.linspace(longest.hold, longest.end, MOMENTS)  # time since each step of the ramp
-    left = float(np.mean(function(since))) / function.long_term - 1
+    window, left = window_of(list(ramps_of(case).values())), _left(case, relaxation, values)
     if left > LATE:
         end = f"the end of the hold of {window.hold:.3g} s" if window.hold else "the end of the ramp, which no hold follows"
         yield f"at {end} the force is still {left:.0%} above its long-term value, so the long-term modulus is extrapolated"
