@@ -335,7 +335,7 @@ def test_verdicts_name_a_time_that_is_not_seen():
 def test_a_long_term_modulus_that_the_hold_does_not_reach_is_not_determined():
     time, depth = held(ramp=0.5, hold=1.0)
     case = case_of(Curve(depth, depth, time=time), {"terms": 1})
-    known = {"mu": ParameterEstimate(1.6, "kPa", verdict="determined (+-8 %); limited by the noise", limited_by="noise")}
+    known = {"mu": ParameterEstimate(1.6, "1", verdict="determined (+-8 %); limited by the noise", limited_by="noise")}
     slow = ParameterEstimate(2.0, "s", verdict="not determined: any value in 0.5-2 fits", limited_by="noise")
     values = {"g1": 0.4, "tau1": 2.0}
     said = with_seen(case, known | {"tau1": slow}, values)["mu"].verdict

@@ -74,7 +74,7 @@ def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Ma
             known[name] = replace(known[name], verdict=f"not determined: {why}")
     if why := _extrapolated(case, known, values):
         for name, estimate in known.items():
-            if estimate.unit == MODULUS and name in case.free:
+            if name in case.free and case.law.parameters[name].unit == MODULUS:
                 known[name] = replace(estimate, verdict=f"not determined: {why}")
     return known
 
