@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from indentfit.case import Case, Range, Test
 from indentfit.curve import Curve
+from indentfit.digits import quantity
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
@@ -363,7 +364,7 @@ def test_a_result_is_read_back_from_its_json_and_is_shown_in_one_line(case):
         FitResult.from_json({"format_version": 1})
     low, high = result.parameters["mu"].interval
     assert repr(again).startswith(f"FitResult('': mu = {result.parameters['mu'].value:.4g} kPa ({low:.3g} to {high:.3g}), zeta = ")
-    assert repr(again).count("\n") == 0 and repr(again).endswith(f"objective {result.objective:.3g} mN)")
+    assert repr(again).count("\n") == 0 and repr(again).endswith(f"objective {quantity(result.objective, 'mN', 3)})")
     assert f"<td>{low:.4g} to {high:.4g}</td>" in again._repr_html_()
     assert result.summary().startswith("misfit") and f"{result.nfev} sets of parameters" in again.summary()
 
