@@ -156,3 +156,14 @@ def test_every_plain_key_can_be_told(key, tmp_path):
     assert done.exit_code == 0
     table, _, name = key.partition(".")
     assert tomllib.loads((tmp_path / "own" / "case.toml").read_text())[table][name] == 3
+
+
+def test_values_of_a_test_are_written_and_what_has_no_place_is_refused(tmp_path):
+    """`--set test.depth` was dropped without a word."""
+    done = run("init", tmp_path / "own", "--sphere", *sets(["test.depth=0.4", "test.points=7"]))
+    (test,) = tomllib.loads((tmp_path / "own" / "case.toml").read_text())["test"]
+    assert (done.exit_code, test["depth"], test["points"]) == (0, 0.4, 7)
+    for key in ("material.relaxation.g", "record.rate", "test.sample.thickness"):
+        done = run("init", tmp_path / "other", "--sphere", "--set", f"{key}=1")
+        assert done.exit_code == 2 and f"--set {key}: it has no place here" in done.stderr
+        assert not (tmp_path / "other").exists()

@@ -5,6 +5,7 @@ Sizes that only the experimenter knows are written as "?", which every command r
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -84,13 +85,26 @@ def starter(own: OwnCase) -> str:
     Raises
     ------
     InputError
-        A key that is told does not exist.
+        A key that is told does not exist, or has no place in the text.
     """
     known = {facts.key: facts for facts in keys()}
     for key in own.told:
         if key not in known and not key.startswith(("material.parameters.", "fit.uncertain.", "record.")):
             raise InputError(f"--set {key}: no key of a case{suggestion(key, known)}; `indentfit guide` lists them")
-    return HEAD.format(schema=SCHEMA) + "\n" + "\n".join(_rows(own, known)) + "\n"
+    text = HEAD.format(schema=SCHEMA) + "\n" + "\n".join(_rows(own, known)) + "\n"
+    written = tomllib.loads(text)
+    for key in own.told:
+        if not (_has(written, key) or _has(written, key.replace("material.", "material.parameters.", 1))):
+            raise InputError(f"--set {key}: it has no place here; write it into the new case.toml (`indentfit guide` shows it)")
+    return text
+
+
+def _has(tree: Any, key: str) -> bool:
+    """Whether a tree of TOML has a key, in each of the tests where it is one of theirs."""
+    name, _, rest = key.partition(".")
+    if isinstance(tree, list):
+        return all(_has(each, key) for each in tree)
+    return isinstance(tree, dict) and name in tree and (not rest or _has(tree[name], rest))
 
 
 def unanswered(text: str) -> list[str]:
@@ -118,7 +132,7 @@ def _rows(own: OwnCase, known: Mapping[str, KeyFacts]) -> Iterator[str]:
         told = own.told.get(f"material.parameters.{name}", own.told.get(f"material.{name}"))
         yield from row(f"{name} = {value if told is None else toml_value(told)}", comment)
     for test in own.tests:
-        yield from ("", "[[test]]", *_table("test", _of_test(test, own.fibres), {}, known))
+        yield from ("", "[[test]]", *_table("test", _of_test(test, own), own.told, known))
     yield from _further_tables(own, known)
 
 
@@ -137,10 +151,12 @@ def _of_indenter(own: OwnCase) -> dict[str, Any]:
     return {"shape": own.indenter, **sizes, **rounded, "friction": "unknown"}
 
 
-def _of_test(test: OwnTest, fibres: bool) -> dict[str, Any]:
+def _of_test(test: OwnTest, own: OwnCase) -> dict[str, Any]:
     source = {"curve": test.curve, "record": test.record}
-    given = {key: value for key, value in source.items() if value} or {"depth": ASKED}
-    return {"name": test.name, **({"angle": ASKED} if fibres else {}), **given}
+    given = {key: value for key, value in source.items() if value}
+    if not given and not {"test.curve", "test.record"} & set(own.told):
+        given = {"depth": ASKED}
+    return {"name": test.name, **({"angle": ASKED} if own.fibres else {}), **given}
 
 
 def _table(table: str, values: Mapping[str, Any], told: Mapping[str, Any], known: Mapping[str, KeyFacts]) -> Iterator[str]:
