@@ -17,7 +17,7 @@ from indentfit.inference.draws import Draws, drawn, pieces
 from indentfit.inference.joint import ModelError
 from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.posterior import FINEST
-from indentfit.inference.wide_fit import WideAlternative, WideFit, reaching
+from indentfit.inference.wide_fit import WideAlternative, WideFit, reaching, without_slits
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
@@ -254,3 +254,9 @@ def test_few_runs_leave_the_surrogate_an_error_of_any_smooth_shape(line):
 def test_the_interval_reaches_to_the_optimum():
     assert reaching([(0.1, 0.2), (0.5, 0.6)], 0.45) == ((0.1, 0.2), (0.45, 0.6))
     assert reaching([(0.1, 0.2)], 0.15) == ((0.1, 0.2),)
+
+
+def test_narrow_gaps_between_pieces_are_filled_and_wide_ones_kept():
+    """A fit once gave 1.180-1.216 or 1.218-1.219 or 1.221-1.225 for one parameter."""
+    assert without_slits([(1.180, 1.216), (1.218, 1.219), (1.221, 1.225)]) == ((1.180, 1.225),)
+    assert without_slits([(0.5, 0.6), (0.1, 0.2)]) == ((0.1, 0.2), (0.5, 0.6))

@@ -359,6 +359,15 @@ def test_a_base_that_nobody_knows_gives_both_answers_and_holds_the_truth(unknown
     assert not mu.verdict.startswith("determined") or low <= mu.value <= high
 
 
+def test_standard_errors_are_those_of_the_draws(unknown_base):
+    """An interval of 95 % is 2 to 6 deviations wide. The linearisation at the optimum said 15 times half of an interval where an
+    input sat at the end of its prior."""
+    for name in unknown_base.free:
+        known = unknown_base.parameters[name]
+        low, high = known.interval
+        assert known.stderr <= known.stderr_total and 2 < (high - low) / known.stderr_total < 6
+
+
 def test_the_result_of_uncertain_inputs_is_written_and_read_back(unknown_base):
     again = FitResult.from_json(json.loads(json.dumps(unknown_base.as_json())))
     assert again.uncertain == unknown_base.uncertain

@@ -50,6 +50,7 @@ UNPROVED = "the optimum was not proved by a run"
 # Intervals reach no farther towards the ends of profiles than the smallest set that holds this share of the posterior, or than this
 # share of a piece beside the piece.
 BEYOND, BESIDE = 0.985, 0.15
+SLIT = 0.1  # of the whole set's width: narrower gaps between its pieces are filled
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +128,19 @@ class WideFit:
         value = self.problem.value
         return tuple((value(name, a), value(name, b)) for a, b in pieces_of(self.alternatives, n))
 
+    def deviation(self, n: int) -> float | None:
+        """The standard deviation of free parameter n, in its unit, over the draws of all alternatives; None for too few draws.
+
+        It is that of the curves' linearisation only where the inputs act linearly as far as their priors go.
+        """
+        if not enough_draws(self.alternatives):
+            return None
+        name = list(self.problem.free)[n]
+        values = [[self.problem.value(name, float(unit)) for unit in known.draws.places[:, n]] for known in self.alternatives]
+        shares = np.concatenate([known.probability * known.draws.shares for known in self.alternatives])
+        middle = np.average(np.concatenate(values), weights=shares)
+        return float(np.sqrt(np.average((np.concatenate(values) - middle) ** 2, weights=shares)))
+
 
 def pieces_of(alternatives: Sequence[WideAlternative], n: int) -> tuple[Interval, ...]:
     """The 95 % set of free parameter n, in units of the range, the most probable alternative first.
@@ -144,7 +158,19 @@ def pieces_of(alternatives: Sequence[WideAlternative], n: int) -> tuple[Interval
         beside = [(low - BESIDE * (high - low), high + BESIDE * (high - low)) for low, high in parts]
         beyond = mixture.common(mixture.union(draws.pieces(known, shares, n, BEYOND), beside), joined)
         joined = mixture.union(parts, beyond)
-    return reaching(joined, float(alternatives[0].fit.mode.z[n]))
+    return without_slits(reaching(joined, float(alternatives[0].fit.mode.z[n])))
+
+
+def without_slits(pieces: Sequence[Interval]) -> tuple[Interval, ...]:
+    """Pieces in rising order, joined where a gap is narrower than SLIT of the whole: draws make such gaps by chance."""
+    ordered = sorted(pieces)
+    joined, narrow = [ordered[0]], SLIT * (max(high for _, high in ordered) - ordered[0][0])
+    for low, high in ordered[1:]:
+        if low - joined[-1][1] < narrow:
+            joined[-1] = joined[-1][0], max(high, joined[-1][1])
+        else:
+            joined.append((low, high))
+    return tuple(joined)
 
 
 def enough_draws(alternatives: Sequence[WideAlternative]) -> bool:

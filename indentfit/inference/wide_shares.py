@@ -48,7 +48,9 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
     rows |= _of_mesh(fit, whole)
     rows |= _of_alternatives(case, fit, names)
     at = {known.point: known.value_at(float(joint.mode.z[n])) for n, known in enumerate(curves.inputs, start=p) if known.point}
-    total = {name: float(error) for name, error in zip(names, ranges * sd[:p], strict=True)}
+    drawn = [fit.deviation(n) for n in range(p)]
+    linear = (ranges * sd[:p]).tolist()
+    total = {name: error if known is None else known for name, known, error in zip(names, drawn, linear, strict=True)}
     noise = NoiseShare(_named(names, 1 - _vanishing(_without_mesh(fit), whole, range(p, curves.size))))
     return UncertainInputs(rows, noise, dict(total), {**at, **fit.best.changes}, tuple(_alternatives(fit)))
 
