@@ -164,7 +164,7 @@ def test_a_preload_and_adhesion_are_seen_in_the_curve_itself():
     assert "preload" in next(doubts("t", Curve(d, (d + 0.05) ** 1.5))).seen
     assert "preload" in next(doubts("t", Curve(d[1:], (d[1:] + 0.05) ** 1.5))).seen  # without the point at zero
     said = str(next(doubts("t", Curve(d, d**1.5 - 0.006 * np.exp(-d / 0.02)))))
-    assert "adhesion" in said and "down to -0.006" in said
+    assert "adhesion" in said and "down to -6 uN" in said
     assert not list(doubts("t", Curve(d, d**1.5)))
     assert not list(doubts("t", Curve(d[1:], d[1:] ** 3)))
 
