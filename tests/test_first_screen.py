@@ -144,6 +144,7 @@ def test_an_uncertain_input_is_not_told_as_a_known_one():
     case = white_matter('indenter.friction="unknown"', 'sample.base="unknown"', "fit.uncertain.thickness=0.1")
     facts = CaseFacts.from_json(case_json(case))
     assert facts.indenter.endswith("; friction uncertain (0 to 1)")
+    assert "coefficient" not in facts.indenter  # a value beside it would be told as known
     assert "; base uncertain (the other one with probability 0.5)" in facts.sample
     assert facts.sample.endswith("; thickness uncertain (standard deviation 0.1)")
     said = "\n".join(case_lines(case))

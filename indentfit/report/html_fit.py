@@ -119,7 +119,8 @@ def _and(words: Sequence[str]) -> str:
 def _what(stored: Stored, result: FitResult) -> Section:
     kind = "synthetic" if stored.synthetic else "measured"
     curves = f"{len(result.rmse) or 'the'} {kind} curve{'' if len(result.rmse) == 1 else 's'}"
-    fitted = f"The free parameters {', '.join(result.free)} were fitted to {curves}."
+    free = f"parameters {', '.join(result.free)} were" if len(result.free) > 1 else f"parameter {', '.join(result.free)} was"
+    fitted = f"The free {free} fitted to {curves}."
     parts: list[Part] = [Text(fitted)]
     if stored.case:
         caption = "Curves that were fitted, with their weights in the objective"
@@ -251,7 +252,7 @@ def _profiles(result: FitResult) -> list[Part]:
         figure = plots.profile(name, profile, best)
         interval = (profile.joint and best.interval) or profile.interval
         alt = f"Profile of {name}, least at {number(best.value)}, its 95 % interval {_between(interval)}"
-        through = ", which the surrogate has learnt" if profile.joint else ", through which the curve is drawn"
+        through = ", which the surrogate follows within its error" if profile.joint else ", through which the curve is drawn"
         circles = f"; circles: runs of the model{through}" if profile.confirmed else ""
         own = "the profile's own limit, which the interval need not meet: it is that of all alternatives, mostly by weighted draws"
         limit = f"; dashed: {own if profile.joint else 'its limit'}, {number(profile.limit, 3)}" if profile.limit else ""

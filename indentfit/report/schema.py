@@ -97,7 +97,7 @@ class CaseFacts:
         """The facts that `case_json` wrote."""
         return cls(
             sample=_sample_words(value["sample"]) + _doubts(value, "base", "thickness") if value["sample"].get("shape") else "",
-            indenter=_indenter_words(value["indenter"]) + _doubts(value, "friction", "size")
+            indenter=_indenter_words(value["indenter"], _by_prior(value, "friction")) + _doubts(value, "friction", "size")
             if value["indenter"].get("shape")
             else "",
             mesh=Mesh.model_validate(_given(value["mesh"])),
@@ -363,9 +363,14 @@ def _layer_words(table: Mapping[str, Any]) -> str:
     return f"{table['name']}, {table['thickness']:.4g} mm thick: {law} with {bulk}"
 
 
-def _indenter_words(table: Mapping[str, Any]) -> str:
+def _indenter_words(table: Mapping[str, Any], by_prior: bool = False) -> str:
+    """The indenter's shape, and its friction where no prior stands in the place of a value."""
     friction = "sticking" if table["friction"] == "stick" else f"friction coefficient {table['friction']:.4g}"
-    return f"rigid {_shape_words(indenters.SHAPES, keys_of_shape(table))}, {friction}"
+    return f"rigid {_shape_words(indenters.SHAPES, keys_of_shape(table))}{'' if by_prior else f', {friction}'}"
+
+
+def _by_prior(case: Mapping[str, Any], name: str) -> bool:
+    return isinstance(case.get("fit", {}).get("uncertain", {}).get(name), Mapping)
 
 
 def _doubts(case: Mapping[str, Any], *names: str) -> str:
