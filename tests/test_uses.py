@@ -11,7 +11,7 @@ from indentfit.cli import main
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
-from indentfit.inference.prepared import prepared
+from indentfit.inference.accepted import accepted
 from indentfit.runs.points import setup_of
 from indentfit.study.compare import plan_comparison
 from indentfit.study.design import design
@@ -40,7 +40,7 @@ def test_inputs_that_a_fit_cannot_take_as_unknown_are_faults_of_the_case(tables,
     (tmp_path / "top.csv").write_text("x_mm,y_mm,z_mm,uy_mm\n5,3.3,0,-0.01\n6,3.3,0,-0.005\n7,3.3,0,-0.002\n")
     path = tiny_case(tmp_path, **tables)
     with pytest.raises(CaseError) as refused:
-        prepared(read_case(path))
+        accepted(read_case(path))
     result = run("validate", path)
     assert result.exit_code == 2 and str(refused.value) in result.stderr
     facts = json.loads(run("validate", path, "--json").stdout)

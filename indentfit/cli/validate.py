@@ -28,9 +28,9 @@ def command(case: str, overrides: tuple[str, ...], as_json: bool) -> None:
         read = read_case(case, overrides)
         refused = refusals(read)
         if "fit" not in refused and asks_for_more(read):
-            from indentfit.inference.prepared import prepared  # takes seconds to import, and few cases need it
+            from indentfit.inference.accepted import accepted  # takes seconds to import, and few cases need it
 
-            prepared(read)
+            accepted(read)
     except CaseError as error:
         if as_json:
             click.echo(json.dumps({"case": case, "valid": False, "faults": error.faults}, indent=2))

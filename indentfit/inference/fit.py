@@ -15,11 +15,11 @@ from indentfit.case.laws import shear_parameter
 from indentfit.curve import Curve
 from indentfit.digits import quantity
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
+from indentfit.inference.accepted import accepted
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
 from indentfit.inference.misfit import misfits, no_fit, recording
 from indentfit.inference.moduli import moduli
-from indentfit.inference.prepared import prepared
 from indentfit.inference.refinement import Refined, refined
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, samples_of
@@ -125,7 +125,7 @@ def fit_with_runs(
 ) -> FitWithRuns:
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     started = time.perf_counter()
-    ready = prepared(case)  # refuses what cannot be fitted before any worker is started
+    ready = accepted(case)  # refuses what cannot be fitted before any worker is started
     given, run, case, problem = case, ready.shallower.case, ready.case, ready.problem
     whole, stated = Progress(progress), with_offset_of_records(case)
     elastic = elastic_case(run)

@@ -17,13 +17,11 @@ from indentfit.runs.pieces import Piece, pieces_of
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class Accepted:
     """A case that a fit accepts.
 
     Parameters
     ----------
-    given : Case
-        As it was asked for.
     uncut : Case
         With tests of the moduli that it states beforehand.
     shallower : Shallower
@@ -37,7 +35,6 @@ class Prepared:
         With their meshes.
     """
 
-    given: Case
     uncut: Case
     shallower: Shallower
     case: Case
@@ -46,8 +43,8 @@ class Prepared:
     pieces: list[Piece]
 
 
-def prepared(case: Case) -> Prepared:
-    """The `Prepared` of a case; nothing is solved.
+def accepted(case: Case) -> Accepted:
+    """The `Accepted` of a case; nothing is solved.
 
     Raises
     ------
@@ -56,7 +53,7 @@ def prepared(case: Case) -> Prepared:
     MeshError
         A sample and an indenter cannot be meshed.
     """
-    given, uncut = case, with_prior_tests(case)
+    uncut = with_prior_tests(case)
     require_fittable(with_field_tests(uncut))
     shallower = without_folds(uncut)
     case = with_field_tests(shallower.case)
@@ -72,4 +69,4 @@ def prepared(case: Case) -> Prepared:
                 "that is left out is unknown), or take out test.field"
             ]
         )
-    return Prepared(given, uncut, shallower, case, problem, wide, pieces_of(case))
+    return Accepted(uncut, shallower, case, problem, wide, pieces_of(case))
