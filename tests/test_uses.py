@@ -48,7 +48,7 @@ def test_inputs_that_a_fit_cannot_take_as_unknown_are_faults_of_the_case(tables,
 
 
 COMMANDS = {
-    "fit": prepared,
+    "fit": accepted,
     "compare": lambda case: plan_comparison(case, ["neo_hookean", "yeoh"], {}),
     "design": design,
     "sweep": lambda case: plan_sweep(case, ["material.bulk_ratio=500"]),
