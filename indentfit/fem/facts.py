@@ -97,7 +97,7 @@ class MeshFacts:
     @classmethod
     def none(cls) -> "MeshFacts":
         """No mesh: no test is an indentation."""
-        return cls(0, 0, "", 0.0, remark="no test needs finite elements")
+        return cls(0, 0, "", 0.0, remark="no indentation to mesh; a disc bonded between plates has a mesh of its own")
 
     @classmethod
     def together(cls, meshes: Sequence[tuple[str, "MeshFacts"]]) -> "MeshFacts":
