@@ -121,3 +121,27 @@ def test_a_workbook_whose_numbers_are_text(mark, tmp_path):
         book.active.append([f"{value:.7f}".replace(".", mark) for value in row])
     book.save(tmp_path / "r.xlsx")
     as_written(read_record(tmp_path / "r.xlsx"))
+
+
+def test_numbers_with_the_exponents_of_fortran(tmp_path):
+    rows = [f"{t:14.6E} {d:14.6E} {f:14.6E}".replace("E", "D") for t, d, f in zip(T, D, F, strict=True)]
+    record = read(tmp_path, "TIME DISP FORCE", "s mm mN", *rows)
+    np.testing.assert_allclose(record.displacement, D, rtol=1e-6)
+    np.testing.assert_allclose(record.force, F, rtol=1e-6)
+
+
+def test_of_two_travels_that_which_is_corrected_is_taken_and_said(tmp_path):
+    """What the frame gives way, 0.1 mm/mN of force, is in the raw travel."""
+    header = "Time [s];Displacement [um];Load [mN];Displacement Corrected [um]"
+    record = read(tmp_path, header, *lines(T, 1e3 * (D + 0.1 * F), F, 1e3 * D, separator=";"))
+    as_written(record)
+    assert any("'Displacement [um]' moves otherwise" in note for note in record.notes)
+
+
+def test_units_in_words(tmp_path):
+    as_written(read(tmp_path, "time_milliseconds,position_microns,force_micronewtons", *lines(1e3 * T, 1e3 * D, 1e3 * F)))
+
+
+def test_a_table_of_few_points_is_told_so_before_it_is_asked_for_times(tmp_path):
+    with pytest.raises(RecordError, match=r"5 rows of numbers; a record needs at least 50 \(a curve of fewer points"):
+        read(tmp_path, "displacement_mm,force_mN", *lines(D[:5], F[:5]))

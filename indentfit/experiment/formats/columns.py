@@ -79,19 +79,27 @@ def records(path: Path, table: Table, settings: Record) -> list[RawRecord]:
         The table is not a record. The error's text is one line with the file, what is wrong and the remedy.
     """
     source = _Source(path, table, settings, stated(table.above))
+    _require_rows(path, len(table.values))
     travel = _travel(source)
     force = _force(source)
     displacement = _displacement(source, travel, force.values)
     time = _time(source)
     columns = np.array([time.values, displacement.values, force.values])
     good = np.isfinite(columns).all(axis=0)
-    if np.count_nonzero(good) < FEWEST_READ:
-        raise RecordError(f"{path}: {np.count_nonzero(good)} rows of numbers; a record needs at least {FEWEST}")
+    _require_rows(path, np.count_nonzero(good))
     left_out = () if good.all() else (f"{np.count_nonzero(~good):,} rows without numbers were left out",)
     notes = table.notes + left_out + _cut_off(source, len(table.values)) + displacement.notes + force.notes + time.notes
     words = f"time {time.words}, displacement {displacement.words}, force {force.words}"
     whole = _Whole(columns[:, good], np.flatnonzero(good), _stages(source), notes, words)
     return [_record(source, whole, begin, end) for begin, end in _tests(source, whole)]
+
+
+def _require_rows(path: Path, rows: int) -> None:
+    if rows < FEWEST_READ:
+        raise RecordError(
+            f"{path}: {rows} rows of numbers; a record needs at least {FEWEST} (a curve of fewer points, counted from contact, "
+            "needs no processing: name it as the curve of a test in a case)"
+        )
 
 
 def _cut_off(source: _Source, rows: int) -> tuple[str, ...]:

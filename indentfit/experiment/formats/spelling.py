@@ -13,6 +13,7 @@ POINTED = re.compile(rf"{BEFORE}([-+]?\d{{1,3}}(?:,\d{{3}})+\.\d+){AFTER}", re.M
 COMMAED = re.compile(rf"{BEFORE}([-+]?\d{{1,3}}(?:\.\d{{3}})+,\d+){AFTER}", re.M)  # 1.500,25
 SPACED = re.compile(rf"{BEFORE}([-+]?\d{{1,3}}(?:[\u00a0\u2009\u202f'\u2019]\d{{3}})+(?:[.,]\d+)?){AFTER}", re.M)  # 1'500.25
 QUOTED = re.compile(r'"([-+]?\d+(?:,\d+)+(?:[eE][-+]?\d+)?)"')  # "0,125" or "1,500" between commas
+FORTRAN = re.compile(r"(?<![\w.])([-+]?(?:\d+\.\d*|\.\d+))[dD]([-+]?\d{1,3})(?![\w.])")  # 0.125D+01
 POINT = re.compile(r'(?<![\w.:/-])"?[-+]?\d*\.\d+(?:[eE][-+]?\d+)?"?(?=[\t;,\s]|$)')
 CLOCK = re.compile(
     r"(?<![^\t;,\"\n])[ ]*(?:(\d{1,4})([-./])(\d\d?)\2(\d{1,4})[ T]+)?"
@@ -33,6 +34,7 @@ def plain_numbers(text: str) -> str:
 
     A comma in quotes marks thousands where the text has decimal points, and decimals where it has none.
     """
+    text = FORTRAN.sub(r"\1e\2", text)
     text = SPACED.sub(lambda match: re.sub(r"[\u00a0\u2009\u202f'\u2019]", "", match[1]), text)
     if "," in text:
         text = POINTED.sub(_without_commas, text)

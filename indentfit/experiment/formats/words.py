@@ -50,6 +50,8 @@ ALIASES = {
     "cts": "count", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
     "초": "s", "с": "s", "мм": "mm", "мкм": "um", "Н": "N", "мН": "mN",
     "nanometer": "nm", "nanometers": "nm", "millimeter": "mm", "millimeters": "mm", "millimetre": "mm", "millimetres": "mm",
+    "millinewton": "mN", "millinewtons": "mN", "micronewton": "uN", "micronewtons": "uN", "nanonewton": "nN", "nanonewtons": "nN",
+    "kilonewton": "kN", "kilonewtons": "kN", "milliseconds": "ms", "millisecond": "ms", "minutes": "min",
     "meter": "m", "meters": "m", "kilograms": "kgf", "pounds": "lbf", "mm.": "mm", "in.": "in", "sec.": "s",
 }  # fmt: skip
 KEPT = 2000  # texts whose meaning is kept: the tables of a force map have the same headers
@@ -132,6 +134,11 @@ def is_backwards(label: str) -> bool:
 def is_measured(label: str) -> bool:
     """Whether a header's text says that its quantity was measured, beside one that was only asked for."""
     return bool(re.search("measured|sensor", label, re.I))
+
+
+def is_corrected(label: str) -> bool:
+    """Whether a header's text says that what the frame or the cantilever gives way is taken off, beside a raw column."""
+    return bool(re.search("corrected|compensated|korrigiert|corrigé", label, re.I))
 
 
 def is_stage(label: str) -> bool:
