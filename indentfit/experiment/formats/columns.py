@@ -86,7 +86,7 @@ def records(path: Path, table: Table, settings: Record) -> list[RawRecord]:
     time = _time(source)
     columns = np.array([time.values, displacement.values, force.values])
     good = np.isfinite(columns).all(axis=0)
-    _require_rows(path, np.count_nonzero(good))
+    _require_rows(path, int(np.count_nonzero(good)))
     left_out = () if good.all() else (f"{np.count_nonzero(~good):,} rows without numbers were left out",)
     notes = table.notes + left_out + _cut_off(source, len(table.values)) + displacement.notes + force.notes + time.notes
     words = f"time {time.words}, displacement {displacement.words}, force {force.words}"
