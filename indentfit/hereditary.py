@@ -10,7 +10,8 @@ because a hereditary integral with one exponential needs only its value at the l
     h(t + dt) = exp(-x) h(t) + k(x) (y(t + dt) - y(t)),    k(x) = (1 - exp(-x)) / x,
 
 the integral of m(t - s) dy(s) is m_inf y + sum_i m_i h_i, exactly where y is linear in time within each step (Taylor, Pister and
-Goudreau 1970; Simo and Hughes 1998, section 10.3). The fractional function is such a sum too, with many times (`fractional`).
+Goudreau 1970; Simo and Hughes 1998, section 10.3). With the step before it, y may be quadratic over both: k then grows, and the
+change of y in the step before is taken off (`RelaxationFunction.steps`). The fractional function is such a sum too, with many times (`fractional`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from indentfit.arrays import Array
 STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates: at most, and over the distance of K's poles
 SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
+ROUNDED, FEW = 1e-9, 0.05  # of the time of a corner; of the lifetime of a term: steps so short are summed as a series
+LONGER = 4.0  # times the step before
 REACH = 30.0  # of these logarithms, in units of 1 / alpha: beyond, the density is below 1e-13
 
 
@@ -61,10 +64,25 @@ class RelaxationFunction:
         """m(inf) / m(0)."""
         return self.long_term / self.instantaneous
 
-    def steps(self, dt: float) -> tuple[Array, Array]:
-        """exp(-x) and k(x) of each term, (n_terms,), for a step of time dt, s."""
-        x = dt / np.array(self.times)
-        return np.exp(-x), -np.expm1(-x) / x
+    def steps(self, dt: float, before: float = np.inf) -> tuple[Array, Array, Array]:
+        """The rule of a step of time of each term: h(t + dt) = decay h(t) + gain (y(t + dt) - y(t)) - back (y(t) - y(t - before)).
+
+        Parameters
+        ----------
+        dt : float, s
+        before : float, s
+            The step before it; the rule is then exact where y is quadratic over both. By default, and in a step that is more than
+            LONGER times as long, y is linear in the step.
+
+        Returns
+        -------
+        three arrays (n_terms,)
+            decay, gain and back.
+        """
+        before = before if dt <= LONGER * before else np.inf
+        x, share = dt / np.array(self.times), dt / (dt + before)
+        curved = share * _of_curvature(x)
+        return np.exp(-x), -np.expm1(-x) / x + curved, curved * (dt / before)
 
     def in_series(self, share: float) -> RelaxationFunction:
         """The function of a force of which a share comes from a modulus that does not relax, as of springs in series.
@@ -90,8 +108,8 @@ class RelaxationFunction:
         long_term = self.long_term / (1 - share + share * self.long_term)
         return RelaxationFunction(long_term, tuple(own.tolist()), tuple((1 / slower).tolist()))
 
-    def integral(self, time: Array, values: Array) -> Array:
-        """The hereditary integral of m(t - s) dy(s) from the first time on, where y is linear between the times.
+    def integral(self, time: Array, values: Array, corner: float | None = None) -> Array:
+        """The hereditary integral of m(t - s) dy(s) from the first time on.
 
         Parameters
         ----------
@@ -99,6 +117,8 @@ class RelaxationFunction:
             Rising; y is zero before the first time, where it may jump.
         values : array (n, ...)
             y at these times.
+        corner : float, s
+            y is smooth between the times but for a corner at this one, and taken as quadratic. By default y is linear between them.
 
         Returns
         -------
@@ -108,11 +128,27 @@ class RelaxationFunction:
         shares = np.array(self.shares)
         history = np.broadcast_to(values[0], (shares.size, *values[0].shape)).copy()
         total = [self.long_term * values[0] + np.tensordot(shares, history, 1)]
-        for dt, before, now in zip(np.diff(time), values[:-1], values[1:], strict=True):
-            decay, gain = (factor.reshape(-1, *(1,) * now.ndim) for factor in self.steps(float(dt)))
-            history = decay * history + gain * (now - before)
+        before, last = np.inf, np.zeros_like(values[0])
+        for start, dt, change, now in zip(time[:-1], np.diff(time), np.diff(values, axis=0), values[1:], strict=True):
+            rule = self.steps(float(dt), np.inf if is_at(corner, start) else before)
+            decay, gain, back = (factor.reshape(-1, *(1,) * now.ndim) for factor in rule)
+            history = decay * history + gain * change - back * last
             total.append(self.long_term * now + np.tensordot(shares, history, 1))
+            before, last = np.inf if corner is None else float(dt), change
         return np.array(total)
+
+
+def is_at(corner: float | None, time: float) -> bool:
+    """Whether a time, s, is that of a corner."""
+    return corner is not None and abs(time - corner) <= ROUNDED * corner
+
+
+def _of_curvature(x: Array) -> Array:
+    """The integral of exp(-x w) (1 - 2 w) over w from 0 to 1, (...): what exp(-t / tau) keeps of a slope that grows in a step."""
+    small = np.minimum(x, FEW)
+    series = small * (1 / 6 - small * (1 / 12 - small * (1 / 40 - small * (1 / 180 - small / 1008))))
+    large = np.maximum(x, FEW)
+    return np.where(x < FEW, series, (1 + np.exp(-large)) / large + 2 * np.expm1(-large) / large**2)
 
 
 @dataclass(frozen=True)
@@ -151,7 +187,7 @@ class Ramp:
             Times that shall be among them.
         """
         rise = np.linspace(0.0, self.seconds, DENSE + 1)
-        rest = np.geomspace(self.seconds / DENSE, max(self.hold, self.seconds / DENSE), DENSE // 2)
+        rest = np.geomspace(self.seconds / DENSE, max(self.hold, self.seconds / DENSE), DENSE)
         times = np.concatenate([rise, self.seconds + rest, np.asarray(moments, dtype=float), [self.end]])
         return np.unique(times[times <= self.end])
 

@@ -15,22 +15,22 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem import path as elastic
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.equations import Equations, Loading
-from indentfit.fem.in_time import cause_of, of_hold
+from indentfit.fem.in_time import between, cause_of, of_hold
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.newton import Newton
 from indentfit.fem.result import TestResult, TimeCurve
 from indentfit.fem.setup import Press
-from indentfit.fem.viscous import FIRST, GROWTH, SMALLEST, Moment, StressHistory, _as_stiff, _elastic, _step
-from indentfit.hereditary import RelaxationFunction
+from indentfit.fem.viscous import SMALLEST, Moment, StressHistory, _as_stiff, _elastic, _step
+from indentfit.hereditary import RelaxationFunction, is_at
 from indentfit.motion import Load
 
+FIRST, GROWTH = 0.15, 0.4
 INVERSE = 4000  # depths at which the elastic force is inverted
 HELD = 2e-4  # difference of the force from the one that is asked for, as a share of it
 TRIES = 8  # depths of one step
@@ -62,11 +62,13 @@ class Creep:
         depths = deepest * np.linspace(0.0, 1.0, INVERSE + 1) ** 2
         return cls(load, relaxation, depths, np.maximum.accumulate(np.append(0.0, elastic(depths[1:]))))
 
-    def at(self, time: Array) -> Array:
-        """Depths (n,), mm, at times (n,), s, from 0, between which the elastic force is linear; the deepest one where the creep
-        goes deeper."""
+    def at(self, time: Array, forces: Array | None = None) -> Array:
+        """Depths (n,), mm, at times (n,), s, from 0, under forces (n - 1,), mN, at these times after the first, by default those of
+        the load; the deepest one where the creep goes deeper."""
         history, elastic = StressHistory.none(self.relaxation, (1,)), [0.0]
-        for dt, force in zip(np.diff(time), self.load.at(time[1:]), strict=True):
+        for start, dt, force in zip(time[:-1], np.diff(time), self.load.at(time[1:]) if forces is None else forces, strict=True):
+            if is_at(self.load.arrived, start):
+                history = history.at_corner()
             now = history.elastic_of(float(force), float(dt))
             history = history.after(float(dt), now)
             elastic.append(float(now[0]))
@@ -164,11 +166,11 @@ def with_creep(
         curve = TimeCurve(wanted, expected, load.at(wanted), None, cause_of(error), control="force", ends=ends)
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
-    stepwise = creep.at(time)  # it errs as the viscoelastic model does, by its steps of time
+    held = np.array([moment.at.whole_force for moment in moments])[1:]
+    stepwise = creep.at(time, held)  # it errs as the viscoelastic model does, by its steps of time and by its forces
     ratio = np.array([moment.at.depth for moment in moments])[1:] / stepwise[1:]
-    between = PchipInterpolator(time[1:], ratio)(np.clip(wanted, time[1], time[-1])) if ratio.size > 1 else ratio
     difference = float(np.abs(ratio - 1).max())
-    crept = TimeCurve(wanted, between * np.interp(wanted, dense, depth), load.at(wanted), difference, control="force", ends=ends)
+    crept = TimeCurve(wanted, between(time[1:], ratio, own.arrived, wanted) * np.interp(wanted, dense, depth), load.at(wanted), difference, control="force", ends=ends)
     return replace(test, in_time=crept)
 
 
@@ -233,7 +235,7 @@ def _follow(moments: list[Moment], equations: Equations, loading: Loading, newto
     step, failed, leash = np.inf, False, elastic.LEASH * plan.depth_at(plan.end)
     while moments[-1].time < plan.end * (1 - 1e-9):
         newton.controls.deadline.check()
-        here = moments[-1]
+        here = moments[-1].at_corner() if is_at(plan.load.arrived, moments[-1].time) else moments[-1]
         dt = min(step, plan.next(here.time, longest) - here.time)
 
         def at(depth: float, here: Moment = here, dt: float = dt, failed: bool = failed) -> Moment:

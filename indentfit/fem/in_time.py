@@ -21,6 +21,7 @@ from indentfit.fem.result import TestResult, TimeCurve
 from indentfit.fem.setup import Press
 from indentfit.fem.viscous import press_in_time
 
+OF_RAMP = 0.1  # time since the end of a ramp, over its duration, from which on the logarithm of that time counts
 HOLD_POINTS, EARLIEST = (
     15,
     0.02,
@@ -64,18 +65,46 @@ def with_time(
     dense = ramp.times(wanted)
     elastic = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     counted = function.in_series(share)
-    integral = counted.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)))
+    integral = counted.integral(dense, model.body.copies * elastic(ramp.depth_at(dense)), ramp.seconds)
     try:
         moments = model.over_time(press, partial(press_in_time, ramp=ramp, relaxation=function), progress, deadline)
     except (ConvergenceError, OutOfTime) as error:
         curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, cause_of(error))
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
-    stepwise = counted.integral(time, elastic(ramp.depth_at(time)))  # it errs as the viscoelastic model does, by its steps of time
+    stepwise = counted.integral(time, elastic(ramp.depth_at(time)), ramp.seconds)  # it errs as the viscoelastic model does, by its steps of time
     ratio = np.array([moment.at.whole_force for moment in moments])[1:] / stepwise[1:]
-    between = PchipInterpolator(time[1:], ratio)(np.clip(wanted, time[1], time[-1]))
-    force = between * np.interp(wanted, dense, integral)
+    force = between(time[1:], ratio, ramp.seconds, wanted) * np.interp(wanted, dense, integral)
     return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))
+
+
+def between(time: Array, ratio: Array, corner: float, wanted: Array) -> Array:
+    """A ratio that is known at steps of a path in time, at other times.
+
+    Parameters
+    ----------
+    time : array (n,), s
+        Rising, above 0.
+    ratio : array (n,)
+    corner : float, s
+        Where the ramp ends: the ratio has a corner there, and in a hold it is smooth in the logarithm of the time since.
+    wanted : array (m,), s
+
+    Returns
+    -------
+    array (m,)
+        Before the first step it is that of the first step.
+    """
+    until = int(np.count_nonzero(time < corner * (1 + 1e-9)))
+    since = np.log1p(np.maximum(time[until - 1 :] / time[until - 1] - 1, 0.0) / OF_RAMP)
+    ahead = np.log1p(np.maximum(wanted / time[until - 1] - 1, 0.0) / OF_RAMP)
+    rise, rest = _smooth(time[:until], ratio[:until], wanted), _smooth(since, ratio[until - 1 :], ahead)
+    return np.where(wanted <= time[until - 1], rise, rest)
+
+
+def _smooth(x: Array, y: Array, at: Array) -> Array:
+    """Values between points (n,), those of the ends beyond them."""
+    return np.asarray(PchipInterpolator(x, y)(np.clip(at, x[0], x[-1]))) if x.size > 1 else np.full(at.shape, y[0])
 
 
 def cause_of(error: ConvergenceError | OutOfTime) -> str:

@@ -1,11 +1,11 @@
 """Quasi-linear viscoelasticity at finite strain: the isochoric second Piola-Kirchhoff stress relaxes, the pressure does not.
 
 With the elastic isochoric stress S_e of a law and a relaxation function m (`hereditary`), the stress is the hereditary integral of
-m(t - s) dS_e(s) plus the elastic pressure's. Over a step of time in which S_e is linear it is
+m(t - s) dS_e(s) plus the elastic pressure's. Over a step of time in which S_e is quadratic, through the step before it too, it is
 
-    S = c S_e + H,    c = m_inf + sum m_i k_i,    H = sum m_i (exp(-x_i) h_i - k_i S_e before the step),
+    S = c S_e + H,    c = m_inf + sum m_i k_i,    H = sum m_i (exp(-x_i) h_i - k_i S_e before the step - b_i (its last change)),
 
-so that each step is an elastic one: of a law that is c times as stiff, on a body that keeps the stress H. In the undeformed
+with the decays, k and b of `hereditary`, so that each step is an elastic one: of a law that is c times as stiff, on a body that keeps the stress H. In the undeformed
 coordinates the forces of H are linear in the displacements (`Body.prestress`), and the tangent is consistent.
 
 The path goes through a ramp of the depth and a hold. Its steps of a ramp are those of an elastic path; in a hold, where only the
@@ -28,7 +28,7 @@ from indentfit.fem.controls import Controls
 from indentfit.fem.equations import Equations, Loading, Memory
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.newton import Newton
-from indentfit.hereditary import Ramp, RelaxationFunction
+from indentfit.hereditary import Ramp, RelaxationFunction, is_at
 from indentfit.material import Material
 
 FIRST, GROWTH = 0.3, 2.0  # steps of a hold: the first in units of the shortest time that matters, the next in those since the ramp
@@ -47,23 +47,33 @@ class StressHistory:
         Elastic isochoric second Piola-Kirchhoff stresses now.
     terms : array (n_terms, ..., 3, 3), kPa
         h of each term of the relaxation function.
+    change : array (..., 3, 3), kPa
+        The last change of the elastic stresses.
+    before : float, s
+        The step of time of that change; infinite where the next step does not go on smoothly.
     """
 
     relaxation: RelaxationFunction
     elastic: Array
     terms: Array
+    change: Array
+    before: float = np.inf
 
     @classmethod
     def none(cls, relaxation: RelaxationFunction, shape: tuple[int, ...]) -> StressHistory:
         """That of a body at rest, with stresses of a shape."""
-        return cls(relaxation, np.zeros(shape), np.zeros((len(relaxation.times), *shape)))
+        return cls(relaxation, np.zeros(shape), np.zeros((len(relaxation.times), *shape)), np.zeros(shape))
+
+    def at_corner(self) -> StressHistory:
+        """This history at a time at which the rate of the stresses jumps."""
+        return replace(self, before=np.inf)
 
     def ahead(self, dt: float) -> tuple[float, Array]:
         """c and H (..., 3, 3), kPa, of a step of time dt, s: the stress at its end is c times the elastic one, plus H."""
-        decay, gain = self.relaxation.steps(dt)
+        decay, gain, back = self.relaxation.steps(dt, self.before)
         shares = np.array(self.relaxation.shares)
-        gained = float(shares @ gain)
-        return self.relaxation.long_term + gained, np.tensordot(shares * decay, self.terms, 1) - gained * self.elastic
+        gained, kept = float(shares @ gain), np.tensordot(shares * decay, self.terms, 1)
+        return self.relaxation.long_term + gained, kept - gained * self.elastic - float(shares @ back) * self.change
 
     def elastic_of(self, whole: float, dt: float) -> Array:
         """The elastic stress (...) after a step of time dt, s, of which the whole stress is `whole`, kPa."""
@@ -72,8 +82,11 @@ class StressHistory:
 
     def after(self, dt: float, elastic: Array) -> StressHistory:
         """The history at the end of a step of time dt, s, where the elastic stresses are `elastic` (..., 3, 3), kPa."""
-        decay, gain = (factor.reshape(-1, *(1,) * elastic.ndim) for factor in self.relaxation.steps(dt))
-        return replace(self, elastic=elastic, terms=decay * self.terms + gain * (elastic - self.elastic))
+        rule = self.relaxation.steps(dt, self.before)
+        decay, gain, back = (factor.reshape(-1, *(1,) * elastic.ndim) for factor in rule)
+        change = elastic - self.elastic
+        terms = decay * self.terms + gain * change - back * self.change
+        return replace(self, elastic=elastic, terms=terms, change=change, before=dt)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +106,10 @@ class Moment:
     at: Equilibrium
     stress: StressHistory = field(repr=False)
     force: StressHistory = field(repr=False)
+
+    def at_corner(self) -> Moment:
+        """This moment where the motion has a corner: the stresses do not go on smoothly."""
+        return replace(self, stress=self.stress.at_corner(), force=self.force.at_corner())
 
     def share_left(self, dt: float) -> float:
         """The force after a time dt, s, in which the elastic force stays as it is, over the force now."""
@@ -164,7 +181,7 @@ def _follow(
     shortest, step, failed = _shortest(ramp, relaxation), np.inf, False
     while moments[-1].time < ramp.end * (1 - 1e-9):
         newton.controls.deadline.check()
-        here = moments[-1]
+        here = moments[-1].at_corner() if is_at(ramp.seconds, moments[-1].time) else moments[-1]
         dt = min(step, _largest(here.time, ramp, newton.controls, shortest))
         try:
             depth = float(ramp.depth_at(here.time + dt))
