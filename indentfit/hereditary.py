@@ -11,7 +11,8 @@ because a hereditary integral with one exponential needs only its value at the l
 
 the integral of m(t - s) dy(s) is m_inf y + sum_i m_i h_i, exactly where y is linear in time within each step (Taylor, Pister and
 Goudreau 1970; Simo and Hughes 1998, section 10.3). With the step before it, y may be quadratic over both: k then grows, and the
-change of y in the step before is taken off (`RelaxationFunction.steps`). The fractional function is such a sum too, with many times (`fractional`).
+change of y in the step before is taken off (`RelaxationFunction.steps`). The fractional function is such a sum too, with many
+times (`fractional`).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates:
 SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
 ROUNDED, FEW = 1e-9, 0.05  # of the time of a corner; of the lifetime of a term: steps so short are summed as a series
-LONGER = 4.0  # times the step before
+LONGER = 4.0  # times the step before: in such a step y is linear
 REACH = 30.0  # of these logarithms, in units of 1 / alpha: beyond, the density is below 1e-13
 
 

@@ -19,9 +19,7 @@ from indentfit.experiment.record import RawRecord
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, prony
-from indentfit.inference.certainty import holds
 from indentfit.inference.density import Density
-from indentfit.inference.estimate import estimate
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointFit, ModelError, first_runs, joint_fit
 from indentfit.inference.joint_profiles import joint_profiles
@@ -165,47 +163,6 @@ def test_units_of_a_time_are_those_of_its_logarithm():
     assert problem.unit("tau2", np.sqrt(40.0)) == pytest.approx(0.5)
     assert problem.value("tau2", 0.5) == pytest.approx(np.sqrt(40.0))
     assert problem.per_unit("tau2", {"tau2": 5.0}) == pytest.approx(5.0 * np.log(10.0))
-
-
-def truths(rng):
-    return {
-        "mu": rng.uniform(0.5, 5), "g1": rng.uniform(0.3, 1.5), "g2": rng.uniform(0.3, 1.5),
-        "tau1": rng.uniform(0.4, 1.0), "tau2": rng.uniform(4, 8),
-    }  # fmt: skip
-
-
-def trial(problem, surrogate, rng):
-    """Whether the intervals of a fit to a noisy curve hold the truth, and G_inf / G_0 over the true one."""
-    truth = problem.start | truths(rng)
-    exact = problem.scaled(truth, surrogate.evaluate([problem.at_reference(truth)])[0].forces)
-    size = 2e-3 * max(force.max() for force in exact)
-    noisy = problem.measured([force + size * rng.standard_normal(force.size) for force in exact])
-    found = noisy.parameters(estimate(noisy, surrogate, noisy.weights, noisy.units(truth))[0])
-    ratios = [1 / (1 + known["g1"] + known["g2"]) for known in (found, truth)]
-    return holds(noisy, surrogate, truth, noisy.units(truth)), ratios[0] / ratios[1]
-
-
-@pytest.mark.campaign
-def test_intervals_hold_the_truth():
-    """mu, g1, g2 lie in their 95 % intervals within the binomial 99 % band over 400 truths; G_inf / G_0 within 2 % in 95 %."""
-    with RunPool(elastic_case(campaign_case()), workers=1) as pool:
-        problem = inverse_problem(campaign_case())
-        model = Relaxing(pool, problem.kernel)
-        surrogate = learn(problem, model.evaluate([problem.at_reference(problem.start)]))
-    rng, rows, ratios = np.random.default_rng(0), [], []
-    for _ in range(400):
-        inside, ratio = trial(problem, surrogate, rng)
-        rows.append(inside)
-        ratios.append(ratio)
-    within = np.array(rows)[:, [list(problem.free).index(name) for name in ("mu", "g1", "g2")]].sum(axis=0)
-    assert (within >= 368).all() and (within <= 391).all()  # 99 % of a binomial of 400 and 0.95
-    assert np.mean(np.abs(np.array(ratios) - 1) < 0.02) >= 0.95
-
-
-def campaign_case():
-    time = np.concatenate([np.linspace(0, 0.5, 51)[1:], 0.5 + np.geomspace(0.02, 50, 150)])
-    depth = Ramp(0.3, 0.5, 50.0).depth_at(time)
-    return case_of(Curve(depth, depth, time=time))
 
 
 @pytest.fixture(scope="module")

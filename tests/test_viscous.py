@@ -307,7 +307,9 @@ def uniaxial(times, shares, tau, ramp, rate=0.0, load=0.0):
 FINE = indentfit.Solver(tolerance=1e-8, max_step=0.01, penalty=100.0)
 
 
-@pytest.mark.parametrize(("control", "solver", "within"), [("displacement", FINE, 1e-6), ("force", FINE, 1e-6), ("force", None, 4e-4)])
+@pytest.mark.parametrize(
+    ("control", "solver", "within"), [("displacement", FINE, 1e-6), ("force", FINE, 1e-6), ("force", None, 4e-4)]
+)
 def test_one_element_in_uniaxial_relaxation_and_creep_follows_the_closed_form(control, solver, within, monkeypatch):
     monkeypatch.setattr(simulating, "quarter", one_element)
     monkeypatch.setattr(simulating.Model, "_edge_slip", lambda *_: 0.0)
@@ -331,7 +333,13 @@ def test_one_element_in_uniaxial_relaxation_and_creep_follows_the_closed_form(co
 
 def test_one_element_in_shear_relaxation_follows_the_closed_form():
     """The force on the sheared face: P12 = S12 + gamma S22, each stress a hereditary integral; the pressure gives none."""
-    solid, law, axis, most, ramp = Solid(MeshHex().with_boundaries({}).refined(0), "q2p1"), GEL(mu=1.7), np.array([1.0, 0, 0]), 0.4, 0.5
+    solid, law, axis, most, ramp = (
+        Solid(MeshHex().with_boundaries({}).refined(0), "q2p1"),
+        GEL(mu=1.7),
+        np.array([1.0, 0, 0]),
+        0.4,
+        0.5,
+    )
     upper = np.isclose(solid.basis.doflocs[1, ::3], 1.0)
     times = np.concatenate([np.linspace(0, ramp, 41)[1:], ramp + np.geomspace(0.05, 20, 12)])
     state, history, before = solid.state(np.zeros(solid.n_dofs), axis), None, 0.0

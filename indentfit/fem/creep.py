@@ -170,8 +170,8 @@ def with_creep(
     stepwise = creep.at(time, held)  # it errs as the viscoelastic model does, by its steps of time and by its forces
     ratio = np.array([moment.at.depth for moment in moments])[1:] / stepwise[1:]
     difference = float(np.abs(ratio - 1).max())
-    crept = TimeCurve(wanted, between(time[1:], ratio, own.arrived, wanted) * np.interp(wanted, dense, depth), load.at(wanted), difference, control="force", ends=ends)
-    return replace(test, in_time=crept)
+    crept = between(time[1:], ratio, own.arrived, wanted) * np.interp(wanted, dense, depth)
+    return replace(test, in_time=TimeCurve(wanted, crept, load.at(wanted), difference, control="force", ends=ends))
 
 
 def points_of(load: Load, number: int) -> Array:

@@ -72,7 +72,8 @@ def with_time(
         curve = TimeCurve(wanted, ramp.depth_at(wanted), np.interp(wanted, dense, integral), None, cause_of(error))
         return replace(test, in_time=curve)
     time = np.array([moment.time for moment in moments])
-    stepwise = counted.integral(time, elastic(ramp.depth_at(time)), ramp.seconds)  # it errs as the viscoelastic model does, by its steps of time
+    at_steps = elastic(ramp.depth_at(time))
+    stepwise = counted.integral(time, at_steps, ramp.seconds)  # it errs as the viscoelastic model does, by its steps of time
     ratio = np.array([moment.at.whole_force for moment in moments])[1:] / stepwise[1:]
     force = between(time[1:], ratio, ramp.seconds, wanted) * np.interp(wanted, dense, integral)
     return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))

@@ -5,8 +5,9 @@ m(t - s) dS_e(s) plus the elastic pressure's. Over a step of time in which S_e i
 
     S = c S_e + H,    c = m_inf + sum m_i k_i,    H = sum m_i (exp(-x_i) h_i - k_i S_e before the step - b_i (its last change)),
 
-with the decays, k and b of `hereditary`, so that each step is an elastic one: of a law that is c times as stiff, on a body that keeps the stress H. In the undeformed
-coordinates the forces of H are linear in the displacements (`Body.prestress`), and the tangent is consistent.
+with the decays, k and b of `hereditary`, so that each step is an elastic one: of a law that is c times as stiff, on a body that
+keeps the stress H. In the undeformed coordinates the forces of H are linear in the displacements (`Body.prestress`), and the
+tangent is consistent.
 
 The path goes through a ramp of the depth and a hold. Its steps of a ramp are those of an elastic path; in a hold, where only the
 small redistribution of the stress changes S_e, they grow in proportion to the time since the ramp's end. A step of a hold starts
