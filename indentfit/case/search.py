@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, WrapValidator
+from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, WrapValidator
 
 from indentfit.case.methods import SearchMethod
 from indentfit.case.priors import Prior, PriorOfLength, prior_or_none
@@ -163,6 +163,50 @@ class KnownModuli(Section):
         return {name: pair for name, pair in self if pair is not None}
 
 
+LENGTH = 0.5  # of the law's misfit, over the largest depth, where the case gives none
+SCALES = (1e-3, 0.3)  # between which an unknown scale of the law's misfit is looked for, uniform in the logarithm
+
+
+def _scale(value: Any) -> float | str:
+    if value == "unknown":
+        return "unknown"
+    if not is_number(value) or not 0 < value < 1:
+        raise refusal('must be a share of the force, above 0 and below 1, such as 0.02, or "unknown"')
+    return float(value)
+
+
+SCALE = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, {"const": "unknown"}]}
+Scale = Annotated[float | Literal["unknown"], PlainValidator(_scale), WithJsonSchema(SCALE)]
+
+
+class Discrepancy(Section):
+    """The law's own misfit as a term of the fit: a smooth error of each curve, which vanishes at small strains."""
+
+    place = "fit.discrepancy"
+
+    scale: Scale | None = Field(
+        default=None,
+        examples=[0.02],
+        description="standard deviation of the law's misfit at the largest depth of a test, over the force there; where it is "
+        "'unknown', or the table has a length only, the curves tell it, with a prior from 0.001 to 0.3, uniform in the logarithm",
+    )
+    length: Annotated[float, Field(ge=0.05, le=10, allow_inf_nan=False)] | None = Field(
+        default=None,
+        examples=[0.5],
+        description="length over which the law's misfit changes, over the largest depth of the test; 0.5 by default",
+    )
+
+    @property
+    def stated(self) -> float | str | None:
+        """The scale, "unknown", or None where the misfit is no term of the fit."""
+        return "unknown" if self.scale is None and self.length is not None else self.scale
+
+    @property
+    def reach(self) -> float:
+        """The length."""
+        return LENGTH if self.length is None else self.length
+
+
 class Fit(Section):
     """How the parameters are searched for."""
 
@@ -199,3 +243,4 @@ class Fit(Section):
     )
     uncertain: Uncertain = Field(default=Uncertain.untouched(), description="table of the uncertain inputs")
     prior: KnownModuli = Field(default=KnownModuli.untouched(), description="table of small-strain moduli known from elsewhere")
+    discrepancy: Discrepancy = Field(default=Discrepancy.untouched(), description="table of the law's own misfit")

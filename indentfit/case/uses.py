@@ -78,7 +78,14 @@ def asks_for_more(case: Case) -> bool:
     unknown = any(name != "mesh" for name in uncertain.given)
     plain = case.fit.method not in LEARNING or case.fit.direct or not case.fit.profiles
     in_time = case.relaxation is not None and unknown and plain
-    return bool(lists) or fields or in_time or bool(case.fit.posterior) or _has_own_mesh(case)
+    return (
+        bool(lists)
+        or fields
+        or in_time
+        or case.fit.discrepancy.stated is not None
+        or bool(case.fit.posterior)
+        or _has_own_mesh(case)
+    )
 
 
 def _has_own_mesh(case: Case) -> bool:
@@ -99,6 +106,7 @@ def _of_comparison(case: Case) -> Iterator[Fault]:
     if case.fit.prior.given:
         text = "laws are compared by curves alone; remove it, or give the moduli as curves of tests"
         yield Fault(("fit", "prior"), MISSING, text)
+    yield from _of_discrepancy(case, "laws are compared by what they leave of the curves; remove the table for it")
     yield from _of_fields(case, "laws are compared by force curves alone; take the fields out of the case")
     relaxation = case.relaxation
     if relaxation is not None and (relaxation.free or any(curve and curve.time is not None for curve in case.curves)):
@@ -110,7 +118,13 @@ def _of_design(case: Case) -> Iterator[Fault]:
     yield from faults_of_freedom(case.free)
     yield from _of_indentations(case, "design")
     yield from _of_motions(case, "design")
+    yield from _of_discrepancy(case, "design knows no misfit of the law; remove the table for it")
     yield from _of_fields(case, "design knows forces only; take the fields out of the case for it")
+
+
+def _of_discrepancy(case: Case, text: str) -> Iterator[Fault]:
+    if (scale := case.fit.discrepancy.stated) is not None:
+        yield Fault(("fit", "discrepancy", "scale"), scale, text)
 
 
 def _of_fields(case: Case, text: str) -> Iterator[Fault]:

@@ -342,6 +342,8 @@ class Case(BaseModel):
             del facts["fit"]["uncertain"]["fibre_angle"]
         if not self.fit.prior.given:
             del facts["fit"]["prior"]
+        if self.fit.discrepancy.stated is None:
+            del facts["fit"]["discrepancy"]
         for own, test, curve in zip(self.tests, facts["tests"], self.curves, strict=True):
             del test["record"]  # the curve that the record became decides a result
             test["field"] = [{**known, "file": own.field[n].points.as_lists()} for n, known in enumerate(test["field"])]

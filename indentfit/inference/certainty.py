@@ -17,6 +17,7 @@ from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, noise_of, widened
 from indentfit.inference.inputs import CORRECTED, MOVES, NOT_CORRECTED, Solution, input_derivatives, shares
+from indentfit.inference.law_misfit import LawMisfit
 from indentfit.inference.limits import MeshSize, limits
 from indentfit.inference.misfit import recording
 from indentfit.inference.plain import Interval
@@ -90,7 +91,7 @@ class Certainty:
         Identifiability by the noise alone. None where no derivatives exist; all other fields are then empty.
     estimates : dict of free parameter -> ParameterEstimate
     findings : Findings
-    noise, uncertain, rivals, surrogate, predicted, published, conclusions, notes
+    noise, uncertain, rivals, surrogate, predicted, published, conclusions, notes, law_misfit
         `FitResult` describes these fields.
     """
 
@@ -106,6 +107,7 @@ class Certainty:
     conclusions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     taken_as_known: tuple[WhatIf, ...] = ()
+    law_misfit: LawMisfit | None = None
 
 
 def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solved, progress: Progress = SILENT) -> Certainty:

@@ -2,12 +2,13 @@
 
 A place holds the coordinates of the fit in units of their ranges, then two coordinates for each test whose forces count: first
 those of all tests for the logarithm of the standard deviation of the noise, in units of its range, then those for the correlation
-of neighbouring points. All coordinates lie between 0 and 1, and are uniform there before the curves and the normal priors speak.
+of neighbouring points. The last one is the logarithm of the scale of the law's misfit, where the curves are to tell it. All
+coordinates lie between 0 and 1, and are uniform there before the curves and the normal priors speak.
 Below WHITE the noise is white, above that the correlation grows in SLAB steps to the largest under which a test still decorrelates:
 residuals that are smooth by what the model cannot follow may look white at the optimum, and no other place could then compete.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
@@ -15,19 +16,21 @@ from scipy.linalg import eigh
 from indentfit.arrays import Array, Bools, Ints
 from indentfit.inference.joint import JointFit
 from indentfit.inference.noise import FEWEST, correlations, most_correlated
-from indentfit.inference.posterior import FINEST, Shift, basis
+from indentfit.inference.posterior import FINEST, NoiseModel, Shift, basis
 
 WHITE, SLAB = 0.75, 6  # prior probability of white noise, and the number of equally probable correlations beside it
 NEGLIGIBLE = 1e-3  # errors of the model along a direction, over the least noise, that are left out
 
 
 class Density:
-    """Logarithm of the density at places (m, n + 2 tests)."""
+    """Logarithm of the density at places (m, n + 2 tests), or (m, n + 2 tests + 1) with an unknown scale of the law's misfit."""
 
     def __init__(self, fit: JointFit) -> None:
         self.fit, self.posterior, self.curves = fit, fit.posterior, fit.posterior.curves
         self.used = [n for n, used in enumerate(self.posterior.used) if used]
-        self.size = self.curves.size + 2 * len(self.used)
+        law = self.posterior.noise.law
+        self.law = law if law is not None and law.ends is not None else None
+        self.size = self.curves.size + 2 * len(self.used) + (self.law is not None)
         self.rows = self.posterior.rows
         self.P, self.centre = self.posterior.prior_rows()
         self.y = self.curves.measured()[self.rows]
@@ -37,7 +40,9 @@ class Density:
 
     def _noises(self) -> list["_Noise"]:
         """The noise of each test that counts, with the errors of the model at its points."""
-        B, noises, done = self._directions(), [], 0
+        of_law = self._of_law()
+        B, noises, done = np.hstack([self._directions(), of_law]), [], 0
+        self.of_law = of_law.shape[1]
         for n in self.used:
             trust = self.posterior.noise.trust[n]
             here, done = slice(done, done + trust.size), done + trust.size
@@ -45,11 +50,45 @@ class Density:
         return noises
 
     def _directions(self) -> Array:
-        """Errors of the model: columns (N, r) whose squares add up to their covariance."""
-        model = self.posterior.noise.model[np.ix_(self.rows, self.rows)]
-        values, vectors = eigh(model)
-        counted = values > (NEGLIGIBLE * np.exp(self.lowest.min())) ** 2
+        """Errors of the model, and the law's misfit of a known scale: columns (N, r) whose squares add up to their covariance."""
+        noise = self.posterior.noise
+        model = (noise.model if self.law is not None else noise.errors)[np.ix_(self.rows, self.rows)]
+        return self._counted(model, 1.0)
+
+    def _of_law(self) -> Array:
+        """The law's misfit of an unknown scale: columns (N, r) whose squares add up to its covariance at scale 1."""
+        if self.law is None or self.law.ends is None:
+            return np.zeros((self.rows.size, 0))
+        roots = self.law.roots[self.rows]
+        return self._counted(roots @ roots.T, self.law.ends[1])
+
+    def _counted(self, covar: Array, scale: float) -> Array:
+        """Columns whose squares add up to a covariance (N, N), without those that are negligible beside the noise at a scale."""
+        values, vectors = eigh(covar)
+        counted = values > (NEGLIGIBLE * np.exp(self.lowest.min()) / scale) ** 2
         return np.asarray(vectors[:, counted] * np.sqrt(values[counted]))
+
+    def scale(self, places: Array) -> Array:
+        """The scale of the law's misfit at places (..., n + 2 tests + 1), (...)."""
+        assert self.law is not None and self.law.ends is not None
+        low, high = np.log(self.law.ends)
+        return np.asarray(np.exp(low + places[..., -1] * (high - low)))
+
+    def noise_at(self, place: Array, sigma: Array) -> NoiseModel:
+        """The noise at a place (n + 2 tests,) whose standard deviations are sigma (tests,)."""
+        noise, first = self.posterior.noise, self.curves.size + len(self.used)
+        sigmas, rhos = noise.sigma.copy(), noise.rho.copy()
+        for k, (n, known) in enumerate(zip(self.used, self.noises, strict=True)):
+            sigmas[n], rhos[n] = sigma[k], known.known[int(known.kinds(place[[first + k]])[0])].rho
+        law = noise.law if self.law is None else replace(self.law, scale=float(self.scale(place)))
+        return replace(noise, sigma=sigmas, rho=rhos, law=law)
+
+    def _factors(self, places: Array, r: int) -> Array:
+        """Factors (m, r) on the errors of the model and of the law at places."""
+        factors = np.ones((len(places), r))
+        if self.law is not None:
+            factors[:, r - self.of_law :] = self.scale(places)[:, None]
+        return factors
 
     def sigma(self, places: Array) -> Array:
         """Standard deviations of the noises at places (..., n + 2 tests), (..., tests) mN."""
@@ -60,7 +99,9 @@ class Density:
         """The place of coordinates z (n,) with the noise of the fit, (n + 2 tests,)."""
         sigma = np.log(self.posterior.noise.sigma[self.used])
         kinds = [noise.coordinate(rho) for noise, rho in zip(self.noises, self.posterior.noise.rho[self.used], strict=True)]
-        return np.clip(np.concatenate([z, (sigma - self.lowest) / (self.highest - self.lowest), kinds]), 0, 1)
+        law = self.law
+        scale = [] if law is None or law.ends is None else [np.log(law.scale / law.ends[0]) / np.log(law.ends[1] / law.ends[0])]
+        return np.clip(np.concatenate([z, (sigma - self.lowest) / (self.highest - self.lowest), kinds, scale]), 0, 1)
 
     def __call__(self, places: Array) -> Array:
         inside = ((places >= 0) & (places <= 1)).all(axis=1)
@@ -85,8 +126,10 @@ class Density:
                 volume[here] += np.sum(np.log(variances), axis=1)
                 seen[here] += (turned / variances) @ known.errors
                 inner[here] += (1 / variances) @ known.products
-        L = np.linalg.cholesky(np.eye(r) + inner.reshape(len(z), r, r))
-        explained = np.linalg.solve(L, seen[..., None])[..., 0]
+        factors = self._factors(places, r)
+        inner = inner.reshape(len(z), r, r) * factors[:, :, None] * factors[:, None, :]
+        L = np.linalg.cholesky(np.eye(r) + inner)
+        explained = np.linalg.solve(L, (factors * seen)[..., None])[..., 0]
         volume += 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
         priors = np.sum((z @ self.P.T - self.centre) ** 2, axis=1)
         return np.where(failed, -np.inf, -0.5 * (squares - np.sum(explained**2, axis=1) + volume + priors))

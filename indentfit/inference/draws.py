@@ -40,7 +40,7 @@ class Draws:
 
     Parameters
     ----------
-    places : array (m, n + 2 tests)
+    places : array (m, n + 2 tests), or with one more column
         See `Density`.
     shares : array (m,)
         Their weights, which add up to 1.
@@ -173,7 +173,7 @@ def _first(fit: JointFit, density: Density) -> Mixture:
         for k in range(len(density.used)):
             n = mode.z.size + k
             covar[n, n] = 1 / (1 + (steepness[n] / spread[k]) ** 2)
-        u[mode.z.size + len(density.used) :] = 0.0  # all correlations of the noise are tried
+        u[mode.z.size + len(density.used) :] = 0.0  # all correlations of the noise are tried, and all scales of the law's misfit
         centres.append(u)
         roots.append(np.linalg.cholesky(WIDER**2 * covar))
         sizes.append(-0.5 * mode.chi2 + 0.5 * float(np.linalg.slogdet(bounded(mode.covar, mode.z))[1]))

@@ -318,6 +318,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
             *draining(case),
         ),
         taken_as_known=known.taken_as_known,
+        law_misfit=known.law_misfit,
         recording=tuple(recording(case)),
         curves=_curves(problem, best),
         case=case,

@@ -15,6 +15,7 @@ from scipy.stats import norm, qmc
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
+from indentfit.inference.discrepancy import LawError
 from indentfit.inference.posterior import FINEST, Climber, Curves, Mode, NoiseModel, Posterior, noise_at
 from indentfit.inverse.course import HistoryStep, Proof
 from indentfit.inverse.derivatives import evaluate_at_reference
@@ -56,17 +57,20 @@ class ModelError:
         Covariance of the surrogate's errors, from runs that it predicted; None before there are any.
     runs : float
         The number of runs that tell this covariance.
+    law : LawError or None
+        The law's own misfit, where the case states one.
     """
 
     correction: Array
     mesh: Array
     surrogate: Array | None = None
     runs: float = np.inf
+    law: LawError | None = None
 
     @classmethod
-    def none(cls, size: int) -> "ModelError":
+    def none(cls, size: int, law: LawError | None = None) -> "ModelError":
         """No error of the mesh, and an unknown one of the surrogate."""
-        return cls(np.zeros(size), np.zeros((size, size)))
+        return cls(np.zeros(size), np.zeros((size, size)), law=law)
 
     def with_surrogate_of(self, other: "ModelError") -> "ModelError":
         """The same errors of the mesh, with the surrogate's error that another one holds."""
@@ -117,7 +121,7 @@ class JointFit:
         climber, covar = Climber(self.posterior), self.mode.covar
         J = climber.residuals(self.mode.z)[1][: climber.rows.size]
         rows = np.ix_(climber.rows, climber.rows)
-        noise = self.posterior.noise.covar(self.posterior.curves.slices)[rows] - self.posterior.noise.model[rows]
+        noise = self.posterior.noise.covar(self.posterior.curves.slices)[rows] - self.posterior.noise.errors[rows]
         effect = covar @ J.T @ climber.W
         return np.asarray(np.clip(np.einsum("ni,ij,nj->n", effect, noise, effect) / np.diag(covar), 0.0, 1.0))
 
@@ -184,7 +188,7 @@ def joint_fit(
     history: list[HistoryStep] = list(earlier.history) if earlier else []
     error = error.with_surrogate_of(earlier.error) if earlier else replace(error, surrogate=None)
     while True:
-        surrogate = learn(problem, model.known)
+        surrogate = learn(problem, model.known, exact=True)
         if surrogate is None:
             return None
         progress(0.6 + 0.4 * min(len(proofs) / ROUNDS, 1.0), f"surrogate of {len(surrogate.training)} runs")
@@ -243,7 +247,7 @@ def fitted(
     model = (error.mesh + next_error(error, problem)) * np.outer(force, force)
     trust = tuple(test.curve.trust for test in problem.tests)
     stated = np.array([test.curve.stated_noise for test in problem.tests])
-    posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model, trust, stated), counted)
+    posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model, trust, stated, error.law), counted)
     modes = _modes(posterior, seed)
     for _ in range(2):
         posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from indentfit.inference.result import CurveNoise
-from indentfit.inference.shares import UncertainInputs
+from indentfit.inference.shares import DISCREPANCY, UncertainInputs
 
 MAINLY = 0.5  # least share of the variance with which the residuals limit a parameter
 WORDS = {
@@ -98,4 +98,5 @@ def _limit(name: str, uncertain: UncertainInputs, residuals: str, mesh: MeshSize
     own = 1 - sum(shares.values()) if noise is None else noise
     if largest is None or not shares[largest] or (own >= shares[largest] and (own >= MAINLY or residuals == "misfit")):
         return Limit(residuals, own)
-    return Limit(largest, shares[largest], mesh if largest == "mesh" else None)
+    cause = "misfit" if largest == DISCREPANCY else largest
+    return Limit(cause, shares[largest], mesh if largest == "mesh" else None)

@@ -86,7 +86,10 @@ class Population:
 
 
 def require_positive(case: Case) -> None:
-    """Raise CaseError unless the logarithm of every free parameter exists within its range."""
+    """Raise CaseError unless the logarithm of every free parameter exists within its range, and the law has no misfit."""
+    if (scale := case.fit.discrepancy.stated) is not None:
+        said = "a population knows no misfit of the law; remove the table, or fit without --population"
+        raise CaseError([f"fit.discrepancy.scale = {scale}: {said}"])
     if negative := [name for name, bounds in case.free.items() if bounds.min < 0]:
         raise CaseError([f"{negative[0]}: min is below 0, and a population is one of logarithms; raise min, or give a number"])
 

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from indentfit.arrays import Array, Ints
+from indentfit.inference.discrepancy import LawError
 from indentfit.inference.noise import autocorrelation, correlations
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Surrogate
@@ -209,15 +210,21 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What makes the residuals: white or correlated noise of each test, and errors of the model (N, N), mN^2; `trust` holds the
-    factors (n,) of each test that make points equally noisy (`Curve.trust`), `stated` the standard deviation of a point that its
-    curve states: what exceeds sigma is independent noise."""
+    """What makes the residuals: white or correlated noise of each test, errors of the model (N, N), mN^2, and the law's misfit,
+    where the case states it; `trust` holds the factors (n,) of each test that make points equally noisy (`Curve.trust`), `stated`
+    the standard deviation of a point that its curve states: what exceeds sigma is independent noise."""
 
     sigma: Array
     rho: Array
     model: Array
     trust: tuple[Array, ...]
     stated: Array
+    law: LawError | None = None
+
+    @property
+    def errors(self) -> Array:
+        """Covariance of all that is no noise: errors of the model, and the law's misfit, (N, N)."""
+        return self.model if self.law is None else self.model + self.law.covar
 
     def shape(self, test: int) -> Array:
         """Covariance of the noise of a test whose sigma is 1, (n, n)."""
@@ -226,7 +233,7 @@ class NoiseModel:
 
     def covar(self, slices: Sequence[slice]) -> Array:
         """Covariance of the residuals, (N, N)."""
-        covar = self.model.copy()
+        covar = self.errors.copy()
         for n, (rows, sigma) in enumerate(zip(slices, self.sigma, strict=True)):
             covar[rows, rows] += sigma**2 * self.shape(n)
             covar[rows, rows] += np.diag(max(self.stated[n] ** 2 - sigma**2, 0.0) / self.trust[n] ** 2)
@@ -257,6 +264,16 @@ class Posterior:
         """Logarithm of the determinant of the covariance of the rows."""
         covar = self.noise.covar(self.curves.slices)[np.ix_(self.rows, self.rows)]
         return float(np.linalg.slogdet(covar)[1])
+
+    def law_at(self, z: Array) -> Array:
+        """What the residuals at z show of the law's misfit, (N,) mN; none where it is no term of the fit, or in tests that do not
+        count."""
+        shown, law, rows = np.zeros(self.curves.measured().size), self.noise.law, self.rows
+        if law is not None:
+            covar = self.noise.covar(self.curves.slices)[np.ix_(rows, rows)]
+            left = (self.curves.measured() - self.curves.at(z)[0])[rows]
+            shown[rows] = law.covar[np.ix_(rows, rows)] @ cho_solve(cho_factor(covar), left)
+        return shown
 
     def prior_rows(self) -> tuple[Array, Array]:
         """Matrix and centre of the residuals of normal priors: matrix @ z - centre, (k, n) and (k,)."""
@@ -374,10 +391,15 @@ def _projection(posterior: Posterior, noise: NoiseModel, J: Array, P: Array) -> 
 
 
 def _step(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: Array, floors: Array) -> NoiseModel:
-    """One step of EM."""
+    """One step of EM, and of the unknown scale of the law's misfit."""
     rows = posterior.rows
     inverse, left = _projection(posterior, noise, J, P)
     weighted, sigma, done = inverse @ r[rows], noise.sigma.copy(), 0
+    law = noise.law
+    if law is not None and law.ends is not None:  # a step of the algorithm of Zhou et al. (2019, J Comput Graph Stat 28:350)
+        roots = law.roots[rows]
+        shown, expected = np.sum((roots.T @ weighted) ** 2), np.sum(roots * (left @ roots))
+        law = law.scaled(float(shown / max(expected, 1e-300)) ** 0.25)
     for k, (part, used) in enumerate(zip(posterior.curves.slices, posterior.used, strict=True)):
         n = part.stop - part.start
         if not used:
@@ -388,7 +410,7 @@ def _step(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: Array,
         squares = variance**2 * weighted[here] @ R @ weighted[here]
         spread = n * variance - variance**2 * np.trace(R @ left[here, here])
         sigma[k] = max(np.sqrt(max(squares + spread, 0.0) / n), floors[k])
-    return replace(noise, sigma=sigma)
+    return replace(noise, sigma=sigma, law=law)
 
 
 def _correlated(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: Array) -> Array:

@@ -17,6 +17,7 @@ from indentfit.curve import Curve
 from indentfit.digits import quantity
 from indentfit.fem.facts import MeshFacts
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
+from indentfit.inference.law_misfit import LawMisfit
 from indentfit.inference.plain import NOT_IN_JSON, Interval, plain_fields
 from indentfit.inference.shares import PosteriorFacts, UncertainInputs, WhatIf
 from indentfit.inverse.course import HistoryStep, SurrogateFacts
@@ -291,6 +292,8 @@ class FitResult:
         Inputs that the case gives as exact, with the parameters at other values of them.
     posterior : PosteriorFacts or None
         What samples of the posterior say (`fit.posterior`).
+    law_misfit : LawMisfit or None
+        The law's own misfit with bands of the curves, where the case makes it a term of the fit (`fit.discrepancy`).
     curves : dict of test -> Curve
         The fitted curves (not part of result.json).
     samples : inference.sampling.PosteriorSamples or None
@@ -345,6 +348,7 @@ class FitResult:
     conclusions: tuple[str, ...] = ()
     taken_as_known: tuple[WhatIf, ...] = ()
     posterior: PosteriorFacts | None = None
+    law_misfit: LawMisfit | None = None
     moduli: dict[str, ParameterEstimate] = field(default_factory=dict)
     closed_forms: dict[str, ClosedForm] = field(default_factory=dict)
     recording: tuple[CurveDoubt, ...] = ()

@@ -5,6 +5,8 @@ from typing import Any
 
 from indentfit.inference.plain import Interval, plain_fields
 
+DISCREPANCY = "discrepancy"  # the source of errors that is the law's misfit, where the case states one
+
 
 @dataclass(frozen=True)
 class InputShare:

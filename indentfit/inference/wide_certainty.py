@@ -7,6 +7,7 @@ import numpy as np
 
 from indentfit.case import Case
 from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
+from indentfit.inference.curve_bands import law_misfit
 from indentfit.inference.draws import drawn
 from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
 from indentfit.inference.inputs import CORRECTED, Solution
@@ -101,6 +102,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
         ),
         notes=tuple(_notes(case, fit)),
         taken_as_known=taken_as_known(case),
+        law_misfit=law_misfit(case, fit),
     )
 
 
@@ -141,7 +143,7 @@ def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: Uncertain
 def _noise(fit: WideFit) -> dict[str, CurveNoise]:
     joint = fit.best.fit
     curves, noises = joint.posterior.curves, {}
-    left = curves.at(joint.mode.z)[0] - curves.measured()
+    left = curves.at(joint.mode.z)[0] - curves.measured() + joint.posterior.law_at(joint.mode.z)
     for n, test in enumerate(fit.problem.tests):
         size, rho = test.curve.force.size, float(joint.posterior.noise.rho[n])
         if joint.posterior.used[n]:

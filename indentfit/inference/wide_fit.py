@@ -13,11 +13,12 @@ from scipy.linalg import block_diag
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.case.messages import line
+from indentfit.case.messages import Fault, line
 from indentfit.case.search import Fit
 from indentfit.case.unknown import faults_in_time
 from indentfit.errors import CaseError
 from indentfit.inference import draws, mixture
+from indentfit.inference.discrepancy import law_error
 from indentfit.inference.draws import Draws, drawn
 from indentfit.inference.joint import (
     LIMIT,
@@ -42,7 +43,7 @@ from indentfit.inverse.methods import SEARCHES, Solved
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
-from indentfit.inverse.wide import MOST, alternatives, listed_inputs, uncertain_inputs, widened_problem
+from indentfit.inverse.wide import MOST, UncertainInput, alternatives, listed_inputs, uncertain_inputs, widened_problem
 from indentfit.runs.forward import Evaluation
 
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
@@ -186,9 +187,13 @@ def reaching(joined: Sequence[Interval], value: float) -> tuple[Interval, ...]:
 
 
 def widens(case: Case, problem: InverseProblem) -> bool:
-    """Whether the uncertain inputs of a case can be coordinates of a fit, or its alternatives: there are some, and a surrogate is
-    possible. Raises CaseError where an input has a list of alternatives and no surrogate is possible."""
+    """Whether the uncertain inputs of a case can be coordinates of a fit, or its alternatives: there are some, or the law's misfit
+    has a scale, and a surrogate is possible. Raises CaseError where no surrogate is possible and an input has a list of
+    alternatives, or the law's misfit a scale."""
     inputs, tried = uncertain_inputs(case), alternatives(case)
+    if case.fit.discrepancy.stated is not None:
+        _require_smooth(case, problem, inputs)
+        return True
     if not inputs and len(tried) == 1:
         return False
     relaxes = problem.kernel is not None
@@ -208,6 +213,22 @@ def widens(case: Case, problem: InverseProblem) -> bool:
     if faults:
         raise CaseError([line(case.path, fault) for fault in faults])
     return possible
+
+
+def _require_smooth(case: Case, problem: InverseProblem, inputs: Sequence[UncertainInput]) -> None:
+    """Raise CaseError where the law's misfit cannot be a term of the fit."""
+    options, key = case.fit, ("fit", "discrepancy", "scale")
+    coordinates, faults = len(widened_problem(problem, tuple(inputs)).solved), []
+    if problem.kernel is not None:
+        faults.append("is of elastic curves, and this material relaxes; remove the table")
+    if any(test.kind == "field" for test in case.tests):
+        faults.append("is of forces, and the case has measured displacements; remove the table, or take out test.field")
+    if not _learnable(options):
+        faults.append(f"acts in fits on surrogates; give fit.method one of {', '.join(SEARCHES)}, profiles = true and no direct")
+    if coordinates > MOST:
+        faults.append(f"acts in fits of at most {MOST} free parameters and uncertain inputs beside the scale; give some as numbers")
+    if faults:
+        raise CaseError([line(case.path, Fault(key, options.discrepancy.stated, f"the law's misfit {text}")) for text in faults])
 
 
 def _learnable(options: Fit) -> bool:
@@ -234,7 +255,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     stated = alternatives(case)
     parts = [progress.part(0.8 * n / len(stated), 0.8 * (n + 1) / len(stated)) for n in range(len(stated))]
     tried: list[WideAlternative] = []
-    mesh, elements = ModelError.none(size), None
+    mesh, elements = ModelError.none(size, law_error(case, problem.tests)), None
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
         unknown = elements is None and bool(case.fit.uncertain.mesh and case.indentations)
@@ -306,9 +327,9 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
     try:
         error = mesh_error_at(case, curves.problem, model, curves.point(fit.mode.z))
     except Underivable:
-        return ModelError.none(size), None
+        return ModelError.none(size, fit.error.law), None
     covar = block_diag(*error.covar) * case.fit.uncertain.mesh**2
-    return ModelError(np.concatenate(error.correction), np.asarray(covar, dtype=float)), error.elements
+    return ModelError(np.concatenate(error.correction), np.asarray(covar, dtype=float), law=fit.error.law), error.elements
 
 
 def _ends_proved(
@@ -323,7 +344,7 @@ def _ends_proved(
     ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles"))
     pairs = [_confirmed(fit, n, z, run) for (n, z), run in zip(ends, ran, strict=True)]
     confirmed = {k: tuple(end for (n, _), end in zip(ends, pairs, strict=True) if n == k) for k in known.paths}
-    surrogate = learn(curves.problem, model.known) or fit.surrogate
+    surrogate = learn(curves.problem, model.known, exact=True) or fit.surrogate
     telling = [n for n, end in enumerate(pairs) if end.chi2 is not None and end.chi2 <= CONCERNS]
     errors = prediction_errors(fit, [points[n] for n in telling], [ran[n] for n in telling])
     last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=len(fit.proofs)), seed)

@@ -12,12 +12,13 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.inference.density import Density
 from indentfit.inference.joint import JointFit
 from indentfit.inference.joint_profiles import JointWalk, joint_profiles
 from indentfit.inference.plain import Interval
-from indentfit.inference.posterior import Climber, Mode
-from indentfit.inference.shares import AlternativeFit, InputShare, NoiseShare, UncertainInputs
-from indentfit.inference.wide_fit import WideFit
+from indentfit.inference.posterior import Climber, Mode, NoiseModel
+from indentfit.inference.shares import DISCREPANCY, AlternativeFit, InputShare, NoiseShare, UncertainInputs
+from indentfit.inference.wide_fit import WideAlternative, WideFit
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.wide import UncertainInput, listed_inputs
 
@@ -46,12 +47,14 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
             unit=known.unit,
         )
     rows |= _of_mesh(fit, whole)
+    rows |= _of_law(fit, whole)
     rows |= _of_alternatives(case, fit, names)
     at = {known.point: known.value_at(float(joint.mode.z[n])) for n, known in enumerate(curves.inputs, start=p) if known.point}
     drawn = [fit.deviation(n) for n in range(p)]
     linear = (ranges * sd[:p]).tolist()
     total = {name: error if known is None else known for name, known, error in zip(names, drawn, linear, strict=True)}
-    noise = NoiseShare(_named(names, 1 - _vanishing(_without_mesh(fit), whole, range(p, curves.size))))
+    alone = _without_law(_without_mesh(fit, joint))
+    noise = NoiseShare(_named(names, 1 - _vanishing(alone, whole, range(p, curves.size))))
     return UncertainInputs(rows, noise, dict(total), {**at, **fit.best.changes}, tuple(_alternatives(fit)))
 
 
@@ -65,12 +68,21 @@ def _vanishing(joint: JointFit, whole: Sequence[float], held: Collection[int]) -
     return np.asarray(1 - np.minimum(widths / np.maximum(whole, 1e-300), 1.0) ** 2)
 
 
-def _without_mesh(fit: WideFit) -> JointFit:
-    """The best alternative as if the correction for the mesh left no error, at the same optimum."""
-    joint = fit.best.fit
+def _without_mesh(fit: WideFit, joint: JointFit) -> JointFit:
+    """A joint fit as if the correction for the mesh left no error."""
     noise, force = joint.posterior.noise, joint.posterior.curves.measured()
-    left = fit.mesh.mesh * np.outer(force, force)
-    without = replace(joint.posterior, noise=replace(noise, model=noise.model - left))
+    return _under(joint, replace(noise, model=noise.model - fit.mesh.mesh * np.outer(force, force)))
+
+
+def _without_law(joint: JointFit) -> JointFit:
+    """A joint fit as if the law had no misfit."""
+    noise = joint.posterior.noise
+    return joint if noise.law is None else _under(joint, replace(noise, law=None))
+
+
+def _under(joint: JointFit, noise: NoiseModel) -> JointFit:
+    """A joint fit under another noise, at the optimum near its own."""
+    without = replace(joint.posterior, noise=noise)
     climber = Climber(without)
     z, chi2 = climber.climb(joint.mode.z)
     return replace(joint, posterior=without, mode=Mode(z, chi2, climber.covar(z)), others=())
@@ -80,12 +92,36 @@ def _of_mesh(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
     """The share of what the correction for the mesh leaves."""
     if fit.elements is None:
         return {}
-    names, covar = list(fit.problem.free), np.diag(fit.best.fit.mode.covar)
-    without = _without_mesh(fit)
-    p, share = len(names), _vanishing(without, whole, [])
+    effect, share = _of_errors(fit, _without_mesh(fit, fit.best.fit), whole)
     sd = float(np.sqrt(np.max(np.diag(fit.mesh.mesh))))
-    spread = np.sqrt(np.maximum(covar - np.diag(without.mode.covar), 0.0))[:p] * _ranges(fit)
-    return {"mesh": InputShare(0.0, sd, _named(names, spread), _named(names, share), fit.elements)}
+    return {"mesh": InputShare(0.0, sd, effect, share, fit.elements)}
+
+
+def _of_law(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
+    """The share of the law's misfit, where the case states one."""
+    law = fit.best.fit.posterior.noise.law
+    if law is None:
+        return {}
+    effect, share = _of_errors(fit, _without_law(fit.best.fit), whole)
+    if law.ends is None:
+        return {DISCREPANCY: InputShare(0.0, law.scale, effect, share, prior=f"{law.scale:.2g} of the largest force")}
+    prior = f"{law.ends[0]:g} to {law.ends[1]:g} of the largest force, in the logarithm"
+    return {DISCREPANCY: InputShare(0.0, law.scale, effect, share, None, None, prior, law.scale, scale_interval(fit.best))}
+
+
+def scale_interval(known: WideAlternative) -> Interval:
+    """The 95 % interval of an unknown scale of the law's misfit, between equal tails of the draws."""
+    scales = Density(known.fit).scale(known.draws.places)
+    order = np.argsort(scales)
+    low, high = np.interp([0.025, 0.975], np.cumsum(known.draws.shares[order]), scales[order])
+    return float(low), float(high)
+
+
+def _of_errors(fit: WideFit, without: JointFit, whole: Sequence[float]) -> tuple[dict[str, float | None], dict[str, float | None]]:
+    """The effect on each parameter of errors of the curves that `without` lacks, and their share."""
+    names, covar = list(fit.problem.free), np.diag(fit.best.fit.mode.covar)
+    spread = np.sqrt(np.maximum(covar - np.diag(without.mode.covar), 0.0))[: len(names)] * _ranges(fit)
+    return _named(names, spread), _named(names, _vanishing(without, whole, []))
 
 
 def _of_alternatives(case: Case, fit: WideFit, names: Sequence[str]) -> dict[str, InputShare]:

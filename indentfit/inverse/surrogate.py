@@ -275,7 +275,7 @@ class Surrogate:
         return Evaluation(dict(point), tuple(np.split(curves, ends)), None, 0.0, (), tuple(by_test))
 
 
-def learn(problem: InverseProblem, evaluations: Iterable[Evaluation]) -> Surrogate | None:
+def learn(problem: InverseProblem, evaluations: Iterable[Evaluation], exact: bool = False) -> Surrogate | None:
     """The Surrogate that is fitted to evaluations.
 
     Parameters
@@ -283,6 +283,8 @@ def learn(problem: InverseProblem, evaluations: Iterable[Evaluation]) -> Surroga
     problem : InverseProblem
     evaluations : iterable of Evaluation
         Runs at the reference scale, failed runs among them. Runs with other settings (another mesh, another base) are ignored.
+    exact : bool
+        Whether one run makes a surrogate where nothing is searched beside the scale.
 
     Returns
     -------
@@ -294,7 +296,7 @@ def learn(problem: InverseProblem, evaluations: Iterable[Evaluation]) -> Surroga
     good = {_key(runs, known): known for known in own if known.forces is not None}
     failed = [runs.place(known.parameters) for known in own if known.forces is None]
     d = len(runs.searched)
-    if problem.kernel is not None and not d and good:
+    if (exact or problem.kernel is not None) and not d and good:
         return _of_one_run(problem, next(iter(good.values())))
     if len(good) < 2 or not d:
         return None

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from indentfit.inference.result import FitResult
+from indentfit.inference.shares import DISCREPANCY
 from indentfit.report.first_screen import pieces_words, value_words
 from indentfit.report.formulas import lined
 from indentfit.report.html_case import number
@@ -102,19 +103,23 @@ def _is_joint(result: FitResult) -> bool:
 def _jointly(result: FitResult) -> Iterator[str]:
     """How uncertain inputs were fitted beside the parameters; the words go on from "by"."""
     inputs = result.uncertain.inputs
-    coordinates = [name for name, share in inputs.items() if share.fitted is not None]
+    fitted = {name: share for name, share in inputs.items() if share.fitted is not None and name != DISCREPANCY}
     priors = "; ".join(
-        f"{name}, {share.prior}{'' if share.unit in (None, '1') else f' {share.unit}'}"
-        for name, share in inputs.items()
-        if share.fitted is not None
+        f"{name}, {share.prior}{'' if share.unit in (None, '1') else f' {share.unit}'}" for name, share in fitted.items()
     )
-    yield f"a joint search over the parameters and {', '.join(coordinates) or 'the alternatives'} on a surrogate of"
-    yield f"{result.nfev} sets of parameters and inputs."
+    beside = ", ".join(fitted) or ("the alternatives" if result.uncertain.alternatives else "")
+    yield f"a joint search over the parameters{beside and f' and {beside}'} on a surrogate of"
+    yield f"{result.nfev} sets of parameters{' and inputs' if fitted else ''}."
     if priors:
         yield f"These inputs had priors ({priors})."
     if result.uncertain.alternatives:
         weighed = "; ".join(f"{each.name}, probability {each.probability:.2f}" for each in result.uncertain.alternatives)
         yield f"Alternatives were fitted each and weighed by their evidence ({weighed})."
+    if known := result.law_misfit:
+        size = f"{known.scale:.2g}, found with the parameters," if known.interval else f"{known.scale:g}"
+        yield "The law's own misfit was a Gaussian process along each curve, which vanishes at small strains (Kennedy and O'Hagan"
+        yield f"2001): its standard deviation at the largest depth was {size} of the force there, and its length"
+        yield f"{known.length:g} of the depth."
     mesh = inputs.get("mesh")
     error = f", with the error of the mesh (±{mesh.sd:.2%} of the force) as a correlated term" if mesh and mesh.sd else ""
     yield f"Intervals are the smallest sets that hold 95 % of the posterior of parameters, inputs and noise{error}."

@@ -13,7 +13,7 @@ from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_tries
 from indentfit.fem.result import ForceError, Simulation, TestResult, TimeCurve
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult
-from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
+from indentfit.inference.shares import DISCREPANCY, InputShare, NoiseShare, UncertainInputs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.material import Material, Parameter
 from indentfit.report.digits import CurveScale
@@ -214,6 +214,7 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
         yield f"singular  {values} {objective_unit(result)}; the curves say least about {weakest} (relative)"
     yield from certainty_lines(result)
+    yield from law_lines(result)
     yield from posterior_lines(result)
     yield from weights_lines(result) if scan_weights else ()
     yield from _work_lines(result)
@@ -252,6 +253,22 @@ def posterior_lines(result: FitResult) -> Iterator[str]:
     yield f"posterior width of the intervals above over those of the posterior: {wider}; {known.draws:,} draws are kept"
     if not known.long_enough:
         yield "posterior the chains are short beside the correlation of their steps: take these intervals for rough"
+
+
+def law_lines(result: FitResult) -> Iterator[str]:
+    """What a fit says of the law's own misfit, line by line, where that is a term of it."""
+    known = result.law_misfit
+    if known is None:
+        return
+    size = f"{known.scale:.2g} ({_span(known.interval)})" if known.interval else f"{known.scale:g}, as stated"
+    yield from _folded("law", f"its misfit has the standard deviation {size}, of the force at the largest depth")
+    for name, band in known.tests.items():
+        unit = unit_of(result, name)
+        worst = int(np.argmax(np.abs(band.misfit)))
+        most = f"{band.misfit[worst]:+.3g} ({band.misfit_low[worst]:+.3g} to {band.misfit_high[worst]:+.3g}) {unit}"
+        end = f"{band.force_low[-1]:.4g} to {band.force_high[-1]:.4g} {unit}"
+        where = f"{plainly(band.displacement[worst])} {result.curves[name].shown.across_unit if name in result.curves else 'mm'}"
+        yield from _folded("law", f"{name}: the law misses the force by {most} at {where}; the force at the end is {end} (95 %)")
 
 
 def misfit_lines(result: FitResult) -> Iterator[str]:
@@ -402,11 +419,14 @@ OTHER = {"sliding": "bonded", "bonded": "sliding"}
 def _of_input(name: str, share: InputShare) -> str:
     if name == "mesh":
         return f"mesh (forces +- {share.sd:.2%}, from a mesh of about {share.elements} elements)"
+    if name == DISCREPANCY and share.fitted is None:
+        return f"misfit of the law (stated: +- {share.prior})"
     if name == "force":
         return f"force (+- {share.sd:.2%} of each test's)"
     if share.interval is not None and share.fitted is not None:
         unit = "" if share.unit in (None, "1") else f" {share.unit}"
-        return f"{name} (prior {share.prior}; fitted {plainly(share.fitted)}, {_span(share.interval)}{unit})"
+        named = "misfit of the law" if name == DISCREPANCY else name
+        return f"{named} (prior {share.prior}; fitted {plainly(share.fitted)}, {_span(share.interval)}{unit})"
     if name == "base":
         return f"base ({share.probability:.0%} that it is {OTHER[str(share.value)]})"
     if share.prior is not None:
