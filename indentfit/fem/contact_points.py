@@ -23,12 +23,9 @@ class ContactPoints(Protocol):
     """Where contact is integrated, and how its points hang on the body's displacements.
 
     X: points (n_f, n_q, 3), mm; weights: their areas (n_f, n_q), mm^2, of one copy of the body; spacing: distance (n_f,) between
-    the facets' nodes, mm; under: (n_f,) of bool, the facets of the top; surface: dofs (n_s,) that the contact acts on, rising;
-    ahead: whether a point that comes to touch within a step is anchored where it touches. At nodes, of which the contact meets few,
-    that changes the sign of the steps' error and not its size.
+    the facets' nodes, mm; under: (n_f,) of bool, the facets of the top; surface: dofs (n_s,) that the contact acts on, rising.
     """
 
-    ahead: bool
     X: Array
     weights: Array
     spacing: Array
@@ -67,8 +64,6 @@ class NodePoints:
         Its mesh has the boundaries footprint and overhung.
     thickness : float, mm
     """
-
-    ahead = False
 
     def __init__(self, solid: Solid | Tied, thickness: float) -> None:
         parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
@@ -113,8 +108,6 @@ class EdgePoints:
     body : Meridian
         Its mesh has the boundaries footprint and beside.
     """
-
-    ahead = True
 
     def __init__(self, body: Meridian) -> None:
         parts = [body.mesh.boundaries[name] for name in ("footprint", "beside")]
