@@ -28,7 +28,7 @@ STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates:
 SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
 ROUNDED, FEW = 1e-9, 0.05  # of the time of a corner; of the lifetime of a term: steps so short are summed as a series
-LONGER = 4.0  # times the step before: in such a step y is linear
+LONGER = 100.0  # times the step before: in such a step y is linear
 REACH = 30.0  # of these logarithms, in units of 1 / alpha: beyond, the density is below 1e-13
 
 

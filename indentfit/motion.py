@@ -156,7 +156,7 @@ class Load:
     def times(self, moments: Array) -> Array:
         """Times (n,), s, from 0, that are dense enough for hereditary integrals, with moments (m,), s, among them."""
         rise = np.linspace(0.0, self.arrived, DENSE + 1)
-        rest = self.arrived + np.geomspace(self.arrived / DENSE, max(self.end - self.arrived, self.arrived / DENSE), DENSE)
+        rest = self.arrived + np.geomspace(self.arrived / DENSE, max(self.end - self.arrived, self.arrived / DENSE), 2 * DENSE)
         times = np.unique(np.concatenate([rise, rest, self.time, np.asarray(moments, dtype=float), [self.end]]))
         return times[times <= self.end]
 

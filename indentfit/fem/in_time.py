@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, OutOfTime
@@ -22,10 +22,8 @@ from indentfit.fem.setup import Press
 from indentfit.fem.viscous import press_in_time
 
 OF_RAMP = 0.1  # time since the end of a ramp, over its duration, from which on the logarithm of that time counts
-HOLD_POINTS, EARLIEST = (
-    15,
-    0.02,
-)  # times of a hold in the result: their number, and the first over the duration of the hold, if that is not late in the ramp
+# Times of a hold in the result: so many that lines between them are within 0.1 %; the first over the hold, if not late in the ramp.
+HOLD_POINTS, EARLIEST = 40, 0.02
 
 
 def with_time(
@@ -99,13 +97,17 @@ def between(time: Array, ratio: Array, corner: float, wanted: Array) -> Array:
     until = int(np.count_nonzero(time < corner * (1 + 1e-9)))
     since = np.log1p(np.maximum(time[until - 1 :] / time[until - 1] - 1, 0.0) / OF_RAMP)
     ahead = np.log1p(np.maximum(wanted / time[until - 1] - 1, 0.0) / OF_RAMP)
-    rise, rest = _smooth(time[:until], ratio[:until], wanted), _smooth(since, ratio[until - 1 :], ahead)
-    return np.where(wanted <= time[until - 1], rise, rest)
+    rise, rest = PchipInterpolator, CubicSpline  # in the ramp elements come to touch one by one, in the hold nothing jumps
+    return np.where(
+        wanted <= time[until - 1],
+        _between(rise, time[:until], ratio[:until], wanted),
+        _between(rest, since, ratio[until - 1 :], ahead),
+    )
 
 
-def _smooth(x: Array, y: Array, at: Array) -> Array:
+def _between(kind: type[PchipInterpolator] | type[CubicSpline], x: Array, y: Array, at: Array) -> Array:
     """Values between points (n,), those of the ends beyond them."""
-    return np.asarray(PchipInterpolator(x, y)(np.clip(at, x[0], x[-1]))) if x.size > 1 else np.full(at.shape, y[0])
+    return np.asarray(kind(x, y)(np.clip(at, x[0], x[-1]))) if x.size > 1 else np.full(at.shape, y[0])
 
 
 def cause_of(error: ConvergenceError | OutOfTime) -> str:

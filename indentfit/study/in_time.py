@@ -20,11 +20,7 @@ from indentfit.indenters import IndenterShape
 from indentfit.motion import Motion
 from indentfit.runs.relaxing import kernel_for
 
-RAMP_POINTS, HOLD_POINTS, EARLIEST = (
-    24,
-    24,
-    0.1,
-)  # points of a ramp and of a hold, and the hold's first time over the ramp's duration
+RAMP_POINTS, HOLD_POINTS, EARLIEST = 24, 24, 0.1  # of a ramp and of a hold; the hold's first time over the ramp's duration
 SPEEDS = (10.0, 1.0, 0.1)  # times the case's own
 LONG = (3.0, 10.0)  # holds, over the longest time of relaxation
 
