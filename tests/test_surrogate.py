@@ -150,6 +150,31 @@ def test_the_surrogate_finds_what_the_direct_search_finds():
     assert learnt.parameters["zeta"] == pytest.approx(slow.parameters["zeta"], rel=0.02)
 
 
+class Sloped(Formula):
+    """Two curves of zeta and phi with their sensitivities."""
+
+    def differentiable(self):
+        return frozenset({"zeta", "phi"})
+
+    def evaluation(self, point):
+        zeta, phi = point["zeta"], point["phi"]
+        along, across = DEPTH * (10 + 0.3 * zeta) * (1 + phi * DEPTH), DEPTH * (10 + 8 * np.log1p(0.7 * zeta) + phi)
+        of_along = {"zeta": 0.3 * DEPTH * (1 + phi * DEPTH), "phi": DEPTH**2 * (10 + 0.3 * zeta)}
+        of_across = {"zeta": DEPTH * 5.6 / (1 + 0.7 * zeta), "phi": DEPTH}
+        return Evaluation(point, (along, across), None, 0.0, ({}, {}), (of_along, of_across))
+
+
+@pytest.mark.parametrize(("truth", "runs_there"), [({"zeta": 2.0, "phi": 0.7}, False), ({"zeta": 19.0, "phi": 4.5}, True)])
+def test_the_stiffest_corner_is_run_only_where_the_curves_may_lie(truth, runs_there):
+    """The corner costs most (its fibres fold on the way); either way the search ends at the truth."""
+    pool, free = Watched(Sloped()), {name: FREE[name] for name in truth}
+    explored = explore(problem(Sloped().evaluation(truth).forces, None, free), pool, Fit(), genetic.search, SILENT)
+    corners = [known for known in pool.known if (known.parameters["zeta"], known.parameters["phi"]) == (20.0, 5.0)]
+    assert bool(corners) == runs_there
+    for name, value in truth.items():
+        assert explored.search.best.parameters[name] == pytest.approx(value, rel=0.02)
+
+
 def test_what_was_held_out_was_not_known():
     """The errors stated are those of predictions: the run of each is no run of the first ones."""
     whole, pool = problem(bent(1, 0.3)), Watched(Formula())

@@ -8,25 +8,26 @@ from indentfit.inference.identifiability import Identifiability, identifiability
 from indentfit.inference.profiles import profiles
 from indentfit.inference.result import AloneEstimate, TestAlone, WeightsFit
 from indentfit.inference.verdicts import verdict
-from indentfit.inverse.derivatives import Underivable, curve_derivatives
-from indentfit.inverse.generations import judged
+from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
+from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import Candidate, InverseProblem
-from indentfit.inverse.surrogate import Surrogate
-from indentfit.runs.forward import ForwardModel
+from indentfit.inverse.surrogate import Surrogate, learn
 
 WEIGHTS = np.linspace(0, 1, 11)
 
 
-def alone(
-    problem: InverseProblem, model: ForwardModel, surrogate: Surrogate, seed: int, forces: float = 0.0
-) -> dict[str, TestAlone]:
+def alone(problem: InverseProblem, model: Watched, surrogate: Surrogate, seed: int, forces: float = 0.0) -> dict[str, TestAlone]:
     """The parameters that each test determines alone.
+
+    One test follows its curve far more closely than all tests together do, so that the surrogate's error, which was small beside
+    their misfit, may be as large as the misfit of the test alone. So the model is run at the optimum of each fit, the surrogate is
+    fitted to these runs too, and the residuals of the run, not of its prediction, are the noise.
 
     Parameters
     ----------
     problem : InverseProblem
-    model : ForwardModel
+    model : Watched
         Runs prove the optimum of each fit.
     surrogate : Surrogate
     seed : int
@@ -38,11 +39,14 @@ def alone(
     dict of test -> TestAlone
         Tests without derivatives are left out.
     """
+    singles = [problem.weighted([float(n == k) for k in range(len(problem.tests))]) for n in range(len(problem.tests))]
+    predicted = [best_on(single, surrogate, seed) for single in singles]
+    runs = evaluate_at_reference(problem, model, [best.parameters for best in predicted])
+    surrogate = learn(problem, model.known) or surrogate
     fits = {}
-    for n, test in enumerate(problem.tests):
-        single = problem.weighted([float(n == k) for k in range(len(problem.tests))])
-        best = best_on(single, surrogate, seed)
-        run = judged(single, model, [best.parameters])[0]
+    for n, (single, test, guess, known_run) in enumerate(zip(singles, problem.tests, predicted, runs, strict=True)):
+        run = single.judge_best_scale(guess.parameters, known_run.forces) if known_run.forces is not None else None
+        best = run or guess
         try:
             slopes = curve_derivatives(single, surrogate, single.units(best.parameters))
         except Underivable:
@@ -51,7 +55,7 @@ def alone(
         move = forces * known.errors.estimator[0] @ best.forces[n]
         known = widened(single, best, known, np.outer(move, move))
         proven = run.objective / test.scale if run else None
-        fits[test.name] = TestAlone(best.objective / test.scale, proven, _estimates(single, surrogate, best, known))
+        fits[test.name] = TestAlone(guess.objective / test.scale, proven, _estimates(single, surrogate, best, known))
     return fits
 
 

@@ -18,7 +18,7 @@ from indentfit.inverse.course import Proof, SurrogateFacts
 from indentfit.inverse.derivatives import evaluate_at_reference, given_by, may_bring_sensitivities
 from indentfit.inverse.generations import Search, by_objective, judged, parameters_of
 from indentfit.inverse.polish import polish
-from indentfit.inverse.polynomials import design_points
+from indentfit.inverse.polynomials import design_points, warp
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.settings import SearchSettings, sized
@@ -36,6 +36,8 @@ RIVAL, APART = 1.25, 0.05  # a rival's objective at most, relative to the best; 
 RIVALS = 2
 PEOPLE, GENERATIONS = 80, 60  # of a search on the surrogate, by default
 SHARE_OF_DESIGN = 0.6  # of the progress
+HOPELESS = 2.0  # least misfit predicted near the stiffest first run, over the best predicted: from it on the run is left out
+CORNER = 0.5  # size of that neighbourhood, of the polynomials' variables, which go from -1 to 1
 
 GlobalSearch = Callable[[InverseProblem, ForwardModel, SearchSettings, Progress], Search]
 
@@ -170,9 +172,33 @@ def _first_runs(problem: InverseProblem, model: Watched, options: Fit, progress:
     """Run the start values and the designed points; if runs may give sensitivities and none does, run the larger design too."""
     hoped = may_bring_sensitivities(problem, model)
     points = [problem.start, *_designed(problem, hoped, options)]
-    evaluations = evaluate_at_reference(problem, model, points, progress.of_runs("first runs"))
+    first, last = _with_stiffest_last(problem, points) if hoped else (points, [])
+    evaluations = evaluate_at_reference(problem, model, first, progress.of_runs("first runs"))
     if hoped and not any(len(given_by(problem, known)) == len(problem.searched) for known in evaluations):
-        evaluate_at_reference(problem, model, _designed(problem, False, options), progress.of_runs("first runs"))
+        evaluate_at_reference(problem, model, [*last, *_designed(problem, False, options)], progress.of_runs("first runs"))
+    elif last and not _corner_is_hopeless(problem, model, options.seed):
+        evaluate_at_reference(problem, model, last, progress.of_runs("first runs"))
+
+
+def _with_stiffest_last(
+    problem: InverseProblem, points: list[dict[str, float]]
+) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
+    """Points without the one at the upper ends of all ranges, and that one. It is the stiffest, so its run takes longest (stiff
+    fibres fold on the way, which takes ten times the iterations of others), and in most problems it is far from every optimum."""
+    d = len(problem.solved)
+    stiffest = [point for point in points if d > 1 and np.all(problem.place(point)[:d] > 1 - KNOWN)]
+    return [point for point in points if point not in stiffest], stiffest
+
+
+def _corner_is_hopeless(problem: InverseProblem, model: Watched, seed: int) -> bool:
+    """Whether the surrogate of the runs so far predicts that no place near the stiffest corner of the ranges is near an optimum:
+    it needs no run there then, and where a later surrogate predicts otherwise, the model is run at the predicted optimum."""
+    surrogate = learn(problem, model.known)
+    if surrogate is None:
+        return False
+    places, squares = scanned(problem, surrogate, seed)
+    near = np.all(warp(surrogate.of_runs(places), surrogate.fitted.betas) > 1 - CORNER, axis=1)
+    return bool(near.any() and squares[near].min() > HOPELESS**2 * squares.min())
 
 
 def _designed(problem: InverseProblem, slopes: bool, options: Fit) -> list[dict[str, float]]:

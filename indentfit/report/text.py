@@ -355,7 +355,8 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
             yield f"summary   {sentence}"
     for name, test in result.tests_alone.items():
         parts = ", ".join(f"{key} {_span(alone.interval)}" for key, alone in test.parameters.items())
-        yield f"alone     {name}: {parts}; RMSE {test.rmse:.3g} {unit_of(result, name)}"
+        size = test.rmse if test.confirmed_rmse is None else test.confirmed_rmse
+        yield f"alone     {name}: {parts}; RMSE {size:.3g} {unit_of(result, name)}"
     for name, known in result.predicted.items():
         yield f"predicted {name} from the other tests: measured {known.off:+.0%} at the end, p = {known.p:.2g}"
     yield from _shares(result)
