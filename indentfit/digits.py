@@ -79,6 +79,12 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{plainly(value * scale.factor, digits)} {scale.unit}"
 
 
+def sizes(*lengths: float) -> str:
+    """Lengths in mm as words, in the unit that suits the largest, such as "8 x 6 mm" or "5 um"."""
+    scale = Scale.of(lengths, "mm")
+    return f"{' x '.join(plainly(length * scale.factor, 6) for length in lengths)} {scale.unit}"
+
+
 def _power(value: float) -> int:
     """The power of ten of the first digit, after rounding to three digits."""
     return int(f"{abs(value):.2e}".partition("e")[2])

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from indentfit.arrays import Array, Ints
+from indentfit.digits import sizes
 from indentfit.errors import CurveError
 from indentfit.headers import cells_of, separator_of, shown
 from indentfit.outlines import chain, feet_of
@@ -353,10 +354,10 @@ def _outline(path: Path, columns: Sequence[_Column], table: Array, lines: Ints) 
     nothing = np.full(len(table), math.nan)
     sd, depths = by_name.get("sd", nothing), by_name.get("depth", nothing)
     for n in np.flatnonzero(np.isfinite(sd) & ~(sd > 0))[:1]:
-        raise CurveError(f"{path}: line {lines[n]}: standard deviation {sd[n]:g} mm must be above zero; give its error")
+        raise CurveError(f"{path}: line {lines[n]}: standard deviation {sizes(sd[n])} must be above zero; give its error")
     for n in np.flatnonzero(by_name[along] < 0)[:1] if along == "r" else ():
         raise CurveError(
-            f"{path}: line {lines[n]}: the radius is {by_name[along][n]:g} mm; write x or z where sides are told apart"
+            f"{path}: line {lines[n]}: the radius is {sizes(by_name[along][n])}; write x or z where sides are told apart"
         )
     points = np.column_stack([by_name[along], by_name["y"]])
     field = Displacements.of_outline(points, sd, across="x" if along == "z" else "z", name=path.name)
@@ -393,7 +394,7 @@ def _field(path: Path, columns: Sequence[_Column], table: Array, lines: Ints) ->
     rows = np.array([n for n, *_ in parts], dtype=int)
     sd = np.array([part[3] for part in parts])
     for n in np.flatnonzero(np.isfinite(sd) & ~(sd > 0))[:1]:
-        raise CurveError(f"{path}: line {lines[rows[n]]}: standard deviation {sd[n]:g} mm must be above zero; give its error")
+        raise CurveError(f"{path}: line {lines[rows[n]]}: standard deviation {sizes(sd[n])} must be above zero; give its error")
     depths = by_name.get(("depth", False), nothing)
     return Displacements(
         points[rows].reshape(-1, 3),

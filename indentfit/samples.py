@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from indentfit.arrays import Array
+from indentfit.digits import sizes
 from indentfit.shapes import Registry
 
 
@@ -154,7 +155,7 @@ class Disc:
 
     def words(self) -> str:
         """The shape and its diameter."""
-        return f"disc, diameter {self.diameter:g} mm"
+        return f"disc, diameter {sizes(self.diameter)}"
 
 
 @SHAPES.register
@@ -173,4 +174,4 @@ class Block:
 
     def words(self) -> str:
         """The shape and its sizes along x and z."""
-        return f"block, {self.length:g} x {self.width:g} mm (x, z)"
+        return f"block, {sizes(self.length, self.width)} (x, z)"

@@ -141,7 +141,7 @@ WRONG = {
     "test.punch.indenter={ half_angle = 60 }": "test.punch.indenter.half_angle = 60.0: does not belong to a sphere",
     "test.punch.indenter={ friction = 'unknown' }": "must be known for a single test",
     "test.punch.indenter=3": "must be a table",
-    "test.punch.sample={ thickness = 0.01 }": "goes 0.02 mm deep, through the sample of 0.01 mm",
+    "test.punch.sample={ thickness = 0.01 }": "goes 20 um deep, through the sample of 10 um",
     "test.punch.indenter={ shape = 'cylinder', diameter = 80 }": "test.punch.indenter.diameter = 80.0: ",
 }
 

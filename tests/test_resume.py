@@ -279,8 +279,8 @@ def test_a_folder_taken_away_under_a_run_ends_in_one_line(case, monkeypatch):
     monkeypatch.setattr(Model, "run", run_and_remove)
     lost = run()
     assert lost.exit_code == 2
-    assert len(lost.stderr.splitlines()) == 1
-    assert "r" in lost.stderr
+    (said,) = (line for line in lost.stderr.splitlines() if not line.startswith("fit: "))  # a slow machine tells its progress too
+    assert "r.unfinished" in said
 
 
 def test_a_disk_that_fills_up_while_the_result_is_written_loses_nothing(case, monkeypatch):

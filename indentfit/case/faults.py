@@ -24,6 +24,7 @@ from indentfit.case.section import known
 from indentfit.case.specimen import loading_of
 from indentfit.case.tables import Indenter, MaterialChoice, Mesh, OwnTable, Range, Sample, Solver, Table, Test
 from indentfit.curve import Curve, not_loading_only
+from indentfit.digits import sizes
 from indentfit.errors import MaterialError
 from indentfit.indenters import IndenterShape, Rings
 from indentfit.material import Material, blamed, laws_of, require_derivable, shipped
@@ -405,15 +406,15 @@ def _too_deep(thickness: float, tests: Sequence[tuple[str, Test | None, float | 
         if test is None or depth is None or depth <= DEEPEST_INDENTATION * thickness * (1 + 1e-9):
             continue
         key = "depth" if test.depth is not None else "curve"
-        text = f"goes {depth:g} mm deep; it must not exceed half of the thickness, {thickness:g} mm"
+        text = f"goes {sizes(depth)} deep; it must not exceed half of the thickness, {sizes(thickness)}"
         if depth >= thickness:
-            text = f"goes {depth:g} mm deep, through the sample of {thickness:g} mm: its unit or sample.thickness is wrong"
+            text = f"goes {sizes(depth)} deep, through the sample of {sizes(thickness)}: its unit or sample.thickness is wrong"
         yield Fault(("test", label, key), getattr(test, key), text)
 
 
 def _mesh_too_coarse(thickness: float, mesh: Mesh | None) -> Iterator[Fault]:
     if mesh is not None and mesh.size is not None and mesh.size > thickness:
-        yield Fault(("mesh", "size"), mesh.size, f"exceeds the thickness of {thickness:g} mm; make it smaller")
+        yield Fault(("mesh", "size"), mesh.size, f"exceeds the thickness of {sizes(thickness)}; make it smaller")
 
 
 OF_TABLES = {

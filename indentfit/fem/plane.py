@@ -3,6 +3,7 @@
 import numpy as np
 
 from indentfit.arrays import Array
+from indentfit.digits import sizes
 from indentfit.errors import MeshError
 from indentfit.fem.grading import Grading, across, along, graded
 from indentfit.indenters import Band, Rings
@@ -38,7 +39,7 @@ def _band_on_circle(radius: float, contact: Band, grading: Grading) -> list[Arra
     half = contact.half_width
     chord = np.sqrt(radius**2 - half**2)
     if half > 0.9 * radius:
-        raise MeshError(f"the indenter is {2 * half:g} mm wide: too wide to mesh on a disc of diameter {2 * radius:g} mm")
+        raise MeshError(f"the indenter is {sizes(2 * half)} wide: too wide to mesh on a disc of diameter {sizes(2 * radius)}")
     x = along(contact.half_length, chord, grading)
     inner, outer = across(half, half + 0.55 * (radius - half), grading)
     split = int(np.clip(np.argmin(np.abs(x - 0.5 * chord)), 1, x.size - 2))
@@ -83,7 +84,7 @@ def _rings(outline: Outline, a: float, grading: Grading) -> list[Array]:
     """Three patches inside the circle of radius a, two rings of quadrilaterals from there to the sample's side."""
     if a > 0.95 * outline.inscribed:
         raise MeshError(
-            f"the indenter's contact radius {a:g} mm leaves no room on the sample (half-width {outline.inscribed:g} mm)"
+            f"the indenter's contact radius {sizes(a)} leaves no room on the sample (half-width {sizes(outline.inscribed)})"
         )
     radii = graded(0, a, grading, at=a, least=3)[::-1]
     core = 0.4 * a

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from indentfit.arrays import Array, Bools
+from indentfit.digits import sizes
 from indentfit.indenters.distances import from_plane, from_rounded_bar, from_rounded_cylinder
 from indentfit.indenters.fit import other_sizes, too_wide
 from indentfit.indenters.shape import SHAPES, Band, Distance, End, Rings
@@ -61,7 +62,7 @@ class Strip:
 
     def words(self) -> str:
         """The shape, its sizes along z and x, and its edge."""
-        return f"strip, {self.width:g} x {self.length:g} mm (z, x), {_words_of_edge(self.edge_radius)}"
+        return f"strip, {sizes(self.width, self.length)} (z, x), {_words_of_edge(self.edge_radius)}"
 
     def variants(self, extent: tuple[float, float]) -> Iterator[tuple[str, float]]:
         """Half and twice the width, and a strip that ends on the sample."""
@@ -121,7 +122,7 @@ class Cylinder:
 
     def words(self) -> str:
         """The shape, its diameter and its edge."""
-        return f"cylinder, diameter {self.diameter:g} mm, {_words_of_edge(self.edge_radius)}"
+        return f"cylinder, diameter {sizes(self.diameter)}, {_words_of_edge(self.edge_radius)}"
 
     def variants(self, extent: tuple[float, float]) -> Iterator[tuple[str, float]]:
         """Half and twice the diameter."""
@@ -134,8 +135,8 @@ def _curvature_of_edge(radius: float) -> float:
 
 def _faults_of_edge(radius: float, width: float) -> Iterator[tuple[str, str]]:
     if 2 * radius > width:
-        yield "edge_radius", f"must not exceed half of the indenter's {width:g} mm"
+        yield "edge_radius", f"must not exceed half of the indenter's {sizes(width)}"
 
 
 def _words_of_edge(radius: float) -> str:
-    return f"edge radius {radius:g} mm" if radius else "sharp edge"
+    return f"edge radius {sizes(radius)}" if radius else "sharp edge"

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from indentfit.arrays import Array, Bools
+from indentfit.digits import sizes
 from indentfit.indenters.distances import Flank, from_ball_on_shaft, from_drawn_out, from_revolved
 from indentfit.indenters.fit import other_sizes, too_wide
 from indentfit.indenters.shape import SHAPES, Band, Distance, End, Rings
@@ -67,7 +68,7 @@ class Sphere:
 
     def words(self) -> str:
         """The shape and its diameter."""
-        return f"sphere, diameter {self.diameter:g} mm"
+        return f"sphere, diameter {sizes(self.diameter)}"
 
     def variants(self, extent: tuple[float, float]) -> Iterator[tuple[str, float]]:
         """Half and twice the diameter."""
@@ -165,7 +166,7 @@ class Cone(_OnFlank):
 
     def words(self) -> str:
         """The shape, its angle and tip, and where its flank ends."""
-        return f"cone, {_words_of_flank(self.flank)}" + (f", diameter {self.diameter:g} mm" if self.diameter else "")
+        return f"cone, {_words_of_flank(self.flank)}" + (f", diameter {sizes(self.diameter)}" if self.diameter else "")
 
 
 @SHAPES.register
@@ -199,7 +200,7 @@ class Wedge(_OnFlank):
         if self.length < extent[0]:
             yield (
                 "length",
-                f"the ends of a wedge are sharp and cannot press; make it longer than the sample, {extent[0]:g} mm along x",
+                f"the ends of a wedge are sharp and cannot press; make it longer than the sample, {sizes(extent[0])} along x",
             )
         yield from _flank_ends(self.flank, "width", depth)
         yield from _imprint_too_wide("half_angle", 2 * _section(self.flank, depth), depth, extent[1])
@@ -218,8 +219,8 @@ class Wedge(_OnFlank):
 
     def words(self) -> str:
         """The shape, its length, its angle and tip, and where its flank ends."""
-        width = f", width {self.width:g} mm (z)" if self.width else ""
-        return f"wedge, {self.length:g} mm long (x), {_words_of_flank(self.flank)}{width}"
+        width = f", width {sizes(self.width)} (z)" if self.width else ""
+        return f"wedge, {sizes(self.length)} long (x), {_words_of_flank(self.flank)}{width}"
 
 
 # What several shapes have in common
@@ -227,20 +228,21 @@ class Wedge(_OnFlank):
 
 def _imprint_too_wide(key: str, width: float, depth: float, across: float) -> Iterator[tuple[str, str]]:
     for _, text in too_wide(key, width, across):
-        yield key, f"the imprint at {depth:g} mm is {width:g} mm wide, {text}"
+        yield key, f"the imprint at {sizes(depth)} is {sizes(width)} wide, {text}"
 
 
 def _tip_too_wide(flank: Flank, key: str, width: float | None) -> Iterator[tuple[str, str]]:
     if width is not None and flank.blend >= flank.shaft:
-        yield "tip_radius", f"the tip alone is {2 * flank.blend:g} mm wide, and the indenter's {key} {width:g} mm; make it smaller"
+        yield (
+            "tip_radius",
+            f"the tip alone is {sizes(2 * flank.blend)} wide, and the indenter's {key} {sizes(width)}; make it smaller",
+        )
 
 
 def _flank_ends(flank: Flank, key: str, depth: float) -> Iterator[tuple[str, str]]:
     if flank.height < depth:
-        yield (
-            key,
-            f"the flank ends {flank.height:g} mm above the tip, below the top at {depth:g} mm; its edge cannot press: enlarge it",
-        )
+        ends = f"the flank ends {sizes(flank.height)} above the tip, below the top at {sizes(depth)}"
+        yield key, f"{ends}; its edge cannot press: enlarge it"
 
 
 def _section(flank: Flank, height: float) -> float:
@@ -263,7 +265,7 @@ def _contact(depth: float, flank: Flank, depth_of: Callable[[float], float]) -> 
 
 
 def _words_of_flank(flank: Flank) -> str:
-    tip = f"tip radius {flank.tip:g} mm" if flank.tip else "sharp tip"
+    tip = f"tip radius {sizes(flank.tip)}" if flank.tip else "sharp tip"
     return f"half-angle {math.degrees(flank.angle):g} degrees, {tip}"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.digits import quantity
+from indentfit.digits import quantity, sizes
 from indentfit.inference.estimate import estimate
 from indentfit.inference.inputs import Solution
 from indentfit.inference.posterior import Shift
@@ -99,7 +99,7 @@ def _inputs(case: Case) -> Iterator[WhatIf]:
     if ratio is not None:
         yield known
     if case.shares("sample", "thickness"):
-        yield WhatIf("thickness", f"{thickness:g} mm", f"{THINNER * thickness:.4g} mm")
+        yield WhatIf("thickness", sizes(thickness), f"{THINNER * thickness:.4g} mm")
     yield WhatIf("offset", "0 mm", f"{quantity(LATE * _deepest(case), 'mm', 3)}")
 
 

@@ -9,6 +9,7 @@ from indentfit.case.laws import YOUNG, has_fibres, kept_by, own_parameters
 from indentfit.case.priors import Prior
 from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, Sample, Test
+from indentfit.digits import quantity, sizes
 from indentfit.fibres import PART_WORDS, part_for
 from indentfit.material import Layered, Material
 
@@ -40,7 +41,7 @@ def case_lines(case: Case) -> Iterator[str]:
     law = case.law
     for layer in case.sample.layer:
         bulk = _bulk(layer.choice, has_fibres(law))
-        yield f"  layer     {layer.name}, {layer.thickness:g} mm: {layer.model or layer.energy}, {bulk}"
+        yield f"  layer     {layer.name}, {sizes(layer.thickness)}: {layer.model or layer.energy}, {bulk}"
         yield from _parameters(layer.choice, law.laws[layer.name] if issubclass(law, Layered) else law, f"{layer.name}.")
     if not case.sample.layer:
         part = case.material
@@ -71,10 +72,10 @@ def case_lines(case: Case) -> Iterator[str]:
         if test.name in ramps:
             ramp = ramps[test.name]
             yield f"    its ramp  {ramp.seconds:.4g} s, then {f'a hold of {ramp.hold:.4g} s' if ramp.hold else 'no hold'}"
-        if test.control == "force" and test.force is not None:
+        if test.control == "force" and test.force is not None and test.depth is not None:
             hold = f"a hold of {test.hold:.4g} s" if test.hold else "no hold"
-            to = f"its creep is followed to {test.depth:g} mm"
-            yield f"    its force {test.force:.4g} mN after {test.ramp:.4g} s, then {hold}; {to}"
+            to = f"its creep is followed to {sizes(test.depth)}"
+            yield f"    its force {quantity(test.force, 'mN')} after {test.ramp:.4g} s, then {hold}; {to}"
         if test.sample:
             yield f"    its sample    {sample_words(case.sample_of(test))}"
         if test.indenter:
@@ -116,16 +117,16 @@ def _end(case: Case, test: Test, last: float) -> str:
     """The largest displacement or strain of a test, and what it acts on."""
     if axes_of(test).across == "strain":
         return f"a strain of {last:g}"
-    own = f" of {test.length:g} mm" if test.length is not None else ""
-    return f"{last:g} mm{own}"
+    own = f" of {sizes(test.length)}" if test.length is not None else ""
+    return f"{sizes(last)}{own}"
 
 
 def sample_words(sample: Sample) -> str:
     """A table [sample] in words."""
-    layers = ", ".join(f"{layer.name} {layer.thickness:g} mm" for layer in sample.layer)
+    layers = ", ".join(f"{layer.name} {sizes(layer.thickness)}" for layer in sample.layer)
     layered = f" (layers from the top: {layers})" if layers else ""
     stretch = f", stretched {sample.prestretch:g} times along x, its ends held" if sample.prestretch is not None else ""
-    return f"{sample.geometry.words()}, thickness {sample.thickness:g} mm{layered}{stretch}, {sample.base} base"
+    return f"{sample.geometry.words()}, thickness {sizes(sample.thickness)}{layered}{stretch}, {sample.base} base"
 
 
 def indenter_words(indenter: Indenter) -> str:
@@ -148,7 +149,7 @@ def _bulk(material: MaterialChoice, fibres: bool) -> str:
 def _mesh(mesh: Mesh) -> str:
     if mesh.default:
         return f"chosen for an error of the force of at most {mesh.wanted_error:.1%}"
-    return f"elements of {mesh.size:g} mm" if mesh.size else f"about {mesh.elements} elements"
+    return f"elements of {sizes(mesh.size)}" if mesh.size else f"about {mesh.elements} elements"
 
 
 def _parts(case: Case) -> Iterator[str]:

@@ -4,9 +4,12 @@ import importlib.metadata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
+from indentfit.case import Case
 from indentfit.case.laws import has_fibres
+from indentfit.errors import ConvergenceError
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.fields import Fields, recover
 from indentfit.fem.result import TestResult
@@ -18,6 +21,8 @@ from indentfit.report.folder import write_json
 from indentfit.report.mirror import whole
 from indentfit.report.stress_plots import COMPONENTS, Shown, displacement_picture, peak_words, peaks, stress_picture
 from indentfit.report.vtu import Origin, file_names, write_vtu
+from indentfit.runs.pieces import pieces_of, together
+from indentfit.runs.points import case_at
 
 PICTURES = "pictures.json"  # what the report shows
 CUT = "seen from outside of its cut face"
@@ -109,6 +114,32 @@ def write_fields(folder: Path, solved: Solved, choice: FieldChoice = FieldChoice
         if choice.series:
             write_series(folder, name, solved, test, choice.whole)
     write_pictures(folder, shown, choice.whole)
+
+
+def write_stresses_at(folder: Path, case: Case, point: dict[str, Any], refined: float | None) -> str | None:
+    """Run a case at a point, and write the stresses there into the folder; returns why there are none, in words.
+
+    Parameters
+    ----------
+    folder : Path
+    case : Case
+    point : dict of name -> value
+        Parameters and changed inputs.
+    refined : float or None
+        Factor on the fineness of the case's mesh, that of the finest mesh of the fit.
+    """
+    there, material = case_at(case, point), case.law(**{name: point[name] for name in case.law.parameters})
+    pieces = [piece.refined(refined) if refined else piece for piece in pieces_of(there)]
+    try:
+        for piece in pieces:
+            piece.solve(material)
+    except ConvergenceError as error:
+        return f"no stress pictures: {error}"
+    kappa = there.material.bulk_moduli(material)
+    simulation = together(there, pieces)
+    assert simulation is not None  # every piece is solved
+    write_fields(folder, Solved(pieces[0].model, material, kappa, simulation.tests))
+    return None
 
 
 def write_series(folder: Path, name: str, solved: Solved, test: TestResult, mirror: bool = False) -> None:

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from indentfit.axes import MOTION
-from indentfit.case import Case
-from indentfit.errors import ConvergenceError, OutputError
+from indentfit.errors import OutputError
 from indentfit.inference.result import FitResult
 from indentfit.report.displacement_files import FILE as DISPLACEMENTS
 from indentfit.report.displacement_files import fields_of, write_displacements
-from indentfit.report.fields import Solved, write_fields
+from indentfit.report.fields import write_stresses_at
 from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.plots import correlations, force_displacement, profiles
@@ -20,8 +19,6 @@ from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
 from indentfit.report.time_curves import fit_over_time
 from indentfit.runs.isolated import Died, beside
-from indentfit.runs.pieces import pieces_of, together
-from indentfit.runs.points import case_at
 
 
 def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrite: bool = False) -> None:
@@ -109,13 +106,13 @@ def _drawn(folder: Path, result: FitResult, apart: bool) -> contextlib.AbstractC
     point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
     work = (folder, result.case, point, result.refined)
     if not apart:
-        return contextlib.nullcontext(lambda: _write_stresses(*work))
+        return contextlib.nullcontext(lambda: write_stresses_at(*work))
     return _drawn_beside(*work)
 
 
 @contextlib.contextmanager
 def _drawn_beside(*work: Any) -> Iterator[Callable[[], str | None]]:
-    with beside(_write_stresses, *work) as value:
+    with beside(write_stresses_at, *work) as value:
 
         def remark() -> str | None:
             try:
@@ -124,19 +121,3 @@ def _drawn_beside(*work: Any) -> Iterator[Callable[[], str | None]]:
                 return f"no stress pictures: {error}"
 
         yield remark
-
-
-def _write_stresses(folder: Path, case: Case, point: dict[str, Any], refined: float | None) -> str | None:
-    """Write the stresses at a point, by one run on the finest mesh of the fit; returns why there are none, in words."""
-    there, material = case_at(case, point), case.law(**{name: point[name] for name in case.law.parameters})
-    pieces = [piece.refined(refined) if refined else piece for piece in pieces_of(there)]
-    try:
-        for piece in pieces:
-            piece.solve(material)
-    except ConvergenceError as error:
-        return f"no stress pictures: {error}"
-    kappa = there.material.bulk_moduli(material)
-    simulation = together(there, pieces)
-    assert simulation is not None  # every piece is solved
-    write_fields(folder, Solved(pieces[0].model, material, kappa, simulation.tests))
-    return None

@@ -1,10 +1,12 @@
 """Figures, as SVG and PNG: drawn without a display, for one column of a journal."""
 
+from __future__ import annotations
+
 import itertools
 import textwrap
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
@@ -21,7 +23,9 @@ from indentfit.inference.result import FitResult, ParameterEstimate, Profile
 from indentfit.report.digits import CurveScale
 from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
 from indentfit.report.typeset import symbol, typeset
-from indentfit.study.design import Design
+
+if TYPE_CHECKING:  # a drawing process need not load the search
+    from indentfit.study.design import Design
 
 Named = Sequence[tuple[str, Curve]]  # tests by name
 Place = str | Path | None  # saved with the endings .svg and .png, nowhere for None

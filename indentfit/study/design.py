@@ -23,6 +23,7 @@ from indentfit.case.in_time import GRID
 from indentfit.case.laws import has_fibres
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.curve import Curve
+from indentfit.digits import sizes
 from indentfit.errors import DesignError, IndentfitError
 from indentfit.hereditary import Ramp
 from indentfit.inference.seen import seen_sentences
@@ -313,7 +314,7 @@ def _variants(case: Case) -> Iterator[tuple[str, Case]]:
     """(the changed key in words, the changed case), with one changed key at a time."""
     yield "", case
     for key, size in case.indenter.geometry.variants(case.sample.geometry.outline.extent):
-        yield f"{key} {size:g} mm", _with_indenter(case, key, size)
+        yield f"{key} {sizes(size)}", _with_indenter(case, key, size)
     for friction, words in ((0.0, "no friction"), ("stick", "sticking")):
         if case.indenter.friction != friction:
             yield words, _with_indenter(case, "friction", friction)
