@@ -23,6 +23,7 @@ from .runs.forward import simulate as simulate
 from .study.compare import compare as compare
 from .study.design import design as design
 from .study.mesh_check import mesh_check as mesh_check
+from .study.predict import predict as predict
 from .study.sweep import sweep as sweep
 
 __version__: str

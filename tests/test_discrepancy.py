@@ -24,6 +24,7 @@ from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.runs.forward import Evaluation
+from indentfit.study.predict import predict, strain_of
 
 DEPTH = np.linspace(0.02, 0.4, 20)
 STRAIN = np.linspace(0.004, 0.08, 20)
@@ -181,3 +182,72 @@ def test_a_stored_result_keeps_the_bands():
     stored = FitResult.from_json(json.loads(json.dumps(result.as_json())))
     assert stored.law_misfit == result.law_misfit
     assert "0.1, as stated" in stored.summary()
+
+
+def told(result, *sets):
+    """The fitted case with some keys of its tests changed, without their curves."""
+    pairs = zip(result.case.tests, sets, strict=True)
+    tests = tuple(test.model_copy(update={"curve": None, "points": 8, **keys}) for test, keys in pairs)
+    return result.case.model_copy(update={"tests": tests, "curves": tuple(None for _ in tests)})
+
+
+def ogden(stretch):
+    return 2 * TRUTH / 8 * (stretch**7 - stretch**-5)
+
+
+@pytest.fixture(scope="module")
+def by_another_law():
+    return fit(pulled("unknown"))
+
+
+def test_a_prediction_goes_on_from_the_fitted_curve(by_another_law):
+    """Within the fitted strains it is the band of the result; at 0.096, a fifth beyond, it holds the force of the true law, and is
+    wider. The law's own force is mu (l - l^-2)."""
+    predicted = predict(by_another_law, told(by_another_law, {"strain": 0.096})).tests["pull"]
+    strain, band = np.array(predicted.displacement), by_another_law.law_misfit.tests["pull"]
+    truth, inner = ogden(1 + strain), strain < 0.08
+    assert predicted.continued
+    assert ((truth > predicted.low) & (truth < predicted.high)).all()
+    force = np.interp(strain[inner], band.displacement, band.force)
+    assert np.array(predicted.force)[inner] == pytest.approx(force, rel=0.01)
+    widths = np.subtract(predicted.high, predicted.low)
+    assert widths[-1] > 3 * widths[inner][-1]
+    mu = np.mean([row[0] for row in by_another_law.law_misfit.draws.values])
+    assert np.array(predicted.law) == pytest.approx(mu * ((1 + strain) - (1 + strain) ** -2), rel=2e-3)
+
+
+def test_another_test_has_a_misfit_of_its_own_in_proportion_to_its_strains(by_another_law):
+    """A stated scale of 0.1 at a strain of 0.08 is one of 0.05 at 0.04; the band is the square sum of misfit and modulus."""
+    result = fit(pulled(0.1))
+    for strain in (0.04, 0.08):
+        predicted = predict(result, told(result, {"strain": strain, "name": "again"})).tests["again"]
+        values = np.array([row[0] for row in result.law_misfit.draws.values])
+        relative = np.hypot(values.std() / values.mean(), 0.1 * strain / 0.08)
+        half = (predicted.high[-1] - predicted.low[-1]) / 2 / 1.96 / predicted.force[-1]
+        assert not predicted.continued
+        assert half == pytest.approx(relative, rel=0.25)  # of 100 draws
+
+
+def test_a_sphere_of_half_the_radius_strains_the_root_of_two_times_as_much():
+    case, _ = pressed("sphere")
+    small = case.model_copy(update={"indenter": case.indenter.model_copy(update={"radius": 0.5})})
+    ratio = strain_of(small, small.tests[0], 0.1) / strain_of(case, case.tests[0], 0.1)
+    assert ratio == pytest.approx(np.sqrt(2), rel=0.1)  # the contact is not quite a parabola's
+
+
+def test_what_cannot_be_predicted_is_refused(by_another_law):
+    with pytest.raises(CaseError, match=r"fit again with --set fit.discrepancy.scale=unknown"):
+        predict(fit(pulled(None)), by_another_law.case)
+    with pytest.raises(CaseError, match=r"test.pull.kind = 'shear': the fit knows the misfit of its law in uniaxial only"):
+        predict(by_another_law, told(by_another_law, {"kind": "shear", "loading": None, "strain": 0.1}))
+
+
+def test_the_command_predicts_a_deeper_test(tmp_path):
+    write_case(pulled(0.05), tmp_path / "case")
+    runner = CliRunner()
+    out = tmp_path / "out"
+    made = runner.invoke(main, ["fit", str(tmp_path / "case" / "case.toml"), "-o", str(out), "--no-fields"])
+    assert made.exit_code == 0, made.output
+    predicted = runner.invoke(main, ["predict", str(out), "--set", "test.pull.strain=0.09", "--json"])
+    assert predicted.exit_code == 0, predicted.output
+    assert json.loads(predicted.stdout)["tests"]["pull"]["displacement"][-1] == pytest.approx(0.09)

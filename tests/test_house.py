@@ -54,6 +54,7 @@ LAZY = {
         "indentfit.report.plots.designs", "indentfit.report.study_folder.write_design", "indentfit.report.study_text.design_lines",
         "indentfit.report.study_text.design_rows", "indentfit.report.study_text.html_table",
     },
+    "study/predict.py": {"indentfit.report.prediction.prediction_lines"},
 }  # fmt: skip
 MODULES = sorted(HOUSE.rglob("*.py"))
 MATERIALS = sorted((HOUSE.parent / "materials").glob("*.py"))

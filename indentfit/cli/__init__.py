@@ -27,6 +27,7 @@ COMMANDS = {
     "fit": "Find the parameters that its curves ask for.",
     "watch": "Show a running fit as a page on this machine.",
     "compare": "Say which of several laws the curves prefer.",
+    "predict": "Predict another test from a fit, with bands.",
     "design": "Say which test to do next.",
     "sweep": "Vary keys of a case: curves and ranked sensitivities.",
     "mesh-check": "Say how exact a mesh is, and what exactness costs.",

@@ -6,8 +6,8 @@ and "indentfit.KIND/1" for the others; its files are read too.
 
 import inspect
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from indentfit.case.specimen import axes_of
 from indentfit.case.tables import Indenter, OwnIndenter, OwnSample, OwnTable, Sample, keys_of_shape
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, IndentfitError, OutputError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
 from indentfit.fem.result import TimeCurve
 from indentfit.inference.per_sample import PerSample
@@ -278,6 +279,44 @@ def fitted_parameters(folder: str | Path, case: Case) -> dict[str, float]:
     relaxing = [name for name in (case.relaxation.parameters if case.relaxation else ()) if name in result.parameters]
     values = {name: result.parameters[name].value for name in (*case.law.parameters, *relaxing)}
     return values | {name: min(max(values[name], bounds.min), bounds.max) for name, bounds in case.free.items() if name in values}
+
+
+def fit_with_case(folder: str | Path, overrides: Sequence[str] = ()) -> tuple[FitResult, Case]:
+    """The result of a fit with its case, and that case with some keys replaced.
+
+    Parameters
+    ----------
+    folder : path
+        The result folder of a fit.
+    overrides : sequence of "KEY=VALUE"
+
+    Raises
+    ------
+    CaseError
+        The folder holds no fit, or a key or value is wrong.
+    """
+    path = Path(folder) / "result.json"
+    try:
+        stored = read_result(folder)
+    except (OutputError, *DAMAGE) as error:
+        what = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        raise CaseError([f"{path}: cannot be read as the result of a fit ({what}); name the folder of a fit"]) from error
+    if not isinstance(stored.result, FitResult):
+        raise CaseError([f"{path}: is no result of a fit; name the folder of a fit"])
+    file = Path(folder) / "case.toml"
+    fitted = read_case(file, stored.overrides)
+    deeper = [key.rpartition(".")[0] for key in _keys(overrides) if key.endswith((".depth", ".strain"))]
+    kept = [known for known, key in zip(stored.overrides, _keys(stored.overrides), strict=True) if key not in _curves_of(deeper)]
+    return replace(stored.result, case=fitted), read_case(file, (*kept, *overrides))
+
+
+def _keys(overrides: Sequence[str]) -> list[str]:
+    return [override.partition("=")[0].strip() for override in overrides]
+
+
+def _curves_of(tests: Sequence[str]) -> list[str]:
+    """The keys of curves of tests, which the depth of a test replaces."""
+    return [f"{test}.{key}" for test in tests for key in ("curve", "synthetic")]
 
 
 def case_json(case: Case) -> dict[str, Any]:

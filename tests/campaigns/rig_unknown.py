@@ -26,16 +26,21 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from indentfit.case import Case
 from indentfit.curve import Curve, write_curve
 from indentfit.experiment.measured import read_case
-from indentfit.runs.forward import simulate
+from indentfit.fem.result import TestResult
+from indentfit.fem.simulate import Model
+from indentfit.runs.forward import presses_of, simulate
+from indentfit.runs.points import setup_of
 
 CASE = Path(__file__).parents[2] / "cases" / "white_matter_2017" / "case.toml"
 TESTS = ("parallel", "perpendicular")
 BRICKS = 1200  # asked for; the nearest mesh has 1,377
-FOLDS = 1500  # for the bonded row, whose rim folds on fine meshes: the run goes to a wider rim, which leaves 1,116
+FOLDS, RIM = 1500, 4.0  # for the bonded row, whose rim folds on fine meshes: with elements four times as wide there 1,116 are left
 DEEPEST, POINTS = 0.34, 17  # of the simulated curves
 DEPTH = np.round(np.linspace(0.33 / 12, 0.33, 12), 6)
+BEFORE_FOLDS = 0.25  # deepest of the bonded row's curves, at which the fitted ones end at 0.24 mm
 OPTIMUM = {"mu": 1.49, "zeta": 4.68, "phi": 0.68}
 UNCERTAIN = ("friction={uniform=[0,1]}", "bulk_ratio={log_uniform=[20,5000]}", "offset=0.01")
 ROWS = {  # truth, changes of the case that made the curve, delay of the contact point in mm, curves of NGSolve
@@ -77,7 +82,7 @@ def fitted(name: str, asked: argparse.Namespace, shared: Path | None) -> tuple[d
         sets += ["sample.base=unknown"] if asked.base else []
         for test, force in zip(TESTS, curves(name, asked), strict=True):
             path = asked.folder / f"{output.name}_{test}.csv"
-            write_curve(path, Curve(DEPTH, force + asked.noise * force.max() * noise.standard_normal(force.size)))
+            write_curve(path, Curve(depths(name), force + asked.noise * force.max() * noise.standard_normal(force.size)))
             sets.append(f"test.{test}.curve={path.resolve()}")
         command = [sys.executable, "-m", "indentfit", "fit", str(CASE), "-o", str(output), "--no-fields", "--workers", "1"]
         command += [word for key in sets for word in ("--set", key)]
@@ -95,21 +100,39 @@ def curves(name: str, asked: argparse.Namespace) -> list[np.ndarray]:
         curve = [(file["displacement_mm"], file["force_mN"]) for file in known]
     else:
         curve = simulated(truth, changes, asked.folder / f"curve_{name.replace(' ', '_')}.json")
-    return [CubicSpline(*pair)(DEPTH + late) for pair in curve]
+    return [CubicSpline(*pair)(depths(name) + late) for pair in curve]
+
+
+def depths(name: str) -> np.ndarray:
+    """The depths of the fitted curves of a row."""
+    return np.round(0.24 / 0.33 * DEPTH, 6) if name == "bonded" else DEPTH
 
 
 def simulated(truth: dict[str, float], changes: list[str], path: Path) -> list:
     """Displacements and forces of both tests on BRICKS quadratic bricks."""
     if not path.exists():
-        sizes = [f"test.{test}.{key}" for test in TESTS for key in (f"depth={DEEPEST}", f"points={POINTS}")]
+        deepest = BEFORE_FOLDS if "sample.base=bonded" in changes else DEEPEST
+        sizes = [f"test.{test}.{key}" for test in TESTS for key in (f"depth={deepest}", f"points={POINTS}")]
         parameters = ", ".join(f"{key} = {value}" for key, value in truth.items())
         case = read_case(CASE, [*sizes, f"mesh.elements={BRICKS}", *changes, f"material.parameters={{ {parameters} }}"])
         started = time.process_time()
-        made = simulate(case)
-        pairs = [([0.0, *test.displacement.tolist()], [0.0, *test.force.tolist()]) for test in made.tests]
+        tests, bricks = with_wide_rim(case) if deepest == BEFORE_FOLDS else of_case(case)
+        pairs = [([0.0, *test.displacement.tolist()], [0.0, *test.force.tolist()]) for test in tests]
         path.write_text(json.dumps(pairs))
-        print(f"curves of {path.stem}: {made.mesh.elements} bricks, {time.process_time() - started:.0f} s of CPU", flush=True)
+        print(f"curves of {path.stem}: {bricks} bricks, {time.process_time() - started:.0f} s of CPU", flush=True)
     return json.loads(path.read_text())
+
+
+def of_case(case: Case) -> tuple[list[TestResult], int]:
+    """The tests of a case, and the number of bricks."""
+    made = simulate(case)
+    return list(made.tests), made.mesh.elements
+
+
+def with_wide_rim(case: Case) -> tuple[list[TestResult], int]:
+    """The tests of a case on a mesh whose rim, where the bar leaves the sample, has wide elements from the first try on."""
+    model, law = Model(setup_of(case), rim=RIM), case.law(**case.start_values())
+    return [model.run(press) for press in presses_of(case, law)], model.mesh.nelements
 
 
 def told(name: str, result: dict) -> bool:

@@ -1,0 +1,36 @@
+"""A prediction as text."""
+
+from collections.abc import Iterator
+
+from indentfit.digits import plainly
+from indentfit.study.predict import PredictedTest, Prediction
+
+SHOWN = 12  # rows of a test's table
+
+
+def prediction_lines(prediction: Prediction) -> Iterator[str]:
+    """The forces that a fit predicts, with their bands, line by line."""
+    for name, test in prediction.tests.items():
+        goes_on = "its misfit goes on from the fitted test" if test.continued else "its misfit is one of its own"
+        yield f"predicted {name}: {goes_on}"
+        yield from _table(test)
+    yield f"work      {prediction.runs} sets of parameters; between them the force is known to {prediction.off:.2%}"
+    yield "note      bands hold 95 %: of the force by parameters, inputs, the law's misfit and the mesh;"
+    yield "          of a measured force also by the noise of the fitted tests"
+
+
+def _table(test: PredictedTest) -> Iterator[str]:
+    rows = [["displacement", "force", "force, 95 %", "measured force, 95 %"]]
+    count = len(test.displacement)
+    for n in sorted({round(k * (count - 1) / (SHOWN - 1)) for k in range(SHOWN)}):
+        rows.append(
+            [
+                plainly(test.displacement[n]),
+                f"{test.force[n]:.4g}",
+                f"{test.low[n]:.4g} to {test.high[n]:.4g}",
+                f"{test.measured_low[n]:.4g} to {test.measured_high[n]:.4g}",
+            ]
+        )
+    widths = [max(len(row[n]) for row in rows) for n in range(len(rows[0]))]
+    for row in rows:
+        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
