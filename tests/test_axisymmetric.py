@@ -104,19 +104,17 @@ def test_sensitivities_are_the_derivatives_of_the_force():
     assert by["bulk_ratio"] == pytest.approx((force(kappa=50.05) - force(kappa=49.95)) / 0.1, rel=1e-4)
 
 
-def test_a_curve_in_the_plane_takes_few_iterations_each_with_its_own_factor():
-    """A factor of the plane costs less than the steps of GMRES that an earlier one takes: a curve costs half as much with it."""
+def test_a_curve_in_the_plane_solves_the_contact_on_the_factor_of_the_step_before():
+    """Newton's iteration alone took 50 iterations, each with a factor of its own, and twice the time."""
     pytest.importorskip("pypardiso")
     facts = pressed({**DISC, "diameter": 8.0}, SPHERE, [0.1, 0.2], 500.0).facts
-    assert facts.newton_iterations < 60
-    assert facts.krylov_iterations <= 1.5 * facts.factorizations
-    assert facts.factorizations <= facts.newton_iterations + 2 * facts.steps + 6
+    assert facts.newton_iterations < 20 and facts.factorizations < 30 and facts.krylov_iterations < 100
 
 
 def test_the_force_under_a_rough_sphere_hardly_depends_on_the_steps():
     """Points that came to touch rubbed from the start of their step on: 8 steps made the force 1.5 % too large."""
     rough, depths = {**SPHERE, "friction": "stick"}, [0.15, 0.3]
-    few, many = (pressed(DISC, rough, depths, solver=Solver(max_step=0.3 / n), elements=60) for n in (8, 32))
+    few, many = (pressed(DISC, rough, depths, solver=Solver(max_step=0.3 / n)) for n in (8, 32))
     assert few.facts.steps < 12 < many.facts.steps
     assert few.force == pytest.approx(many.force, rel=5e-3)
 

@@ -16,7 +16,8 @@ BLOCK = 0.3  # half-width of the block of rings, of the least of punch radius, t
 RING = 1.75  # a ring is wider than the last one by the factor 1 + RING / divisions
 LEAST_RING = 1.5  # the block's half-width is at least so many times that of the squares at the corner
 
-Spaced = Callable[[float, float], Array]
+Sideways = Callable[[float, float, float], Array]
+Down = Callable[[float, float], Array]
 
 
 @dataclass(frozen=True)
@@ -54,19 +55,18 @@ class Corner:
         """Half-width of the squares at the corner, mm."""
         return min(self.divisions * self.width, self.block / LEAST_RING)
 
-    def patches(self, sideways: Spaced, down: Spaced) -> list[Array]:
+    def patches(self, sideways: Sideways, down: Down) -> list[Array]:
         """Patches that fill the meridian plane, each an array (2, m, n) of points (r, y), mm.
 
         Parameters
         ----------
         sideways, down : functions
-            Distances from the block along the radius and along the height, 0 to the second argument, mm, graded from the width
-            that is the first argument.
+            Radii from the second argument to the third, and distances below the block from 0 to the second argument, mm, graded
+            from the width at the block that is the first argument.
         """
         n, block = self.divisions, self.block
         width = block / n
-        inner = self.radius - block - sideways(width, self.radius - block)[::-1]
-        outer = self.radius + block + sideways(width, self.reach - self.radius - block)
+        inner, outer = sideways(width, 0.0, self.radius - block), sideways(width, self.radius + block, self.reach)
         below = self.thickness - block - down(width, self.thickness - block)[::-1]
         inner[0], outer[-1], below[0] = 0.0, self.reach, 0.0
         middle, upper = self._around(block)

@@ -36,7 +36,10 @@ DIVISIONS = 2.0  # elements along half of a side of the rings about a sharp edge
 # it slips, meshes of a twelfth to a sixth of the depth folded or not, by chance, already at a depth of 8 % of the punch's radius.
 DEPTHS = {"free": 4.0, "stick": 120.0}
 OF_LAYER, WIDE = 0.5, 8.0  # width at the contact's end, of the top layer's thickness; and how much narrower it may make elements
-FAR = 0.4  # largest width, of the thickness; in the radial direction far from the contact, of the radius
+FAR = 0.4  # largest width, of the thickness; in the radial direction beside the contact, of its radius, if that is more
+# Distance beside the contact, of the thickness or of its radius, the more, up to which FAR holds: farther out a layer hardly moves,
+# or moves outwards as one over the radius, and widths grow by OUTWARDS of the distance.
+CLEAR, OUTWARDS = 2.0, 0.25
 COARSEST, COARSEST_SHARP = (
     50.0,
     10.0,
@@ -168,14 +171,19 @@ def _corner(task: _Task, scale: float) -> list[Array]:
     folds = max(scale, 1.0) * task.depth / DEPTHS[task.edge]
     width, divisions = max(scale * _finest(task), folds), max(1, round(DIVISIONS * scale**-0.5))
     corner = Corner(task.contact, task.radius, task.thickness, task.top, width, divisions)
-    far_r, far_y = _far(task, scale)
+
+    def sideways(width: float, start: float, stop: float) -> Array:
+        block = corner.block
+        return _spaced(
+            start, stop, lambda r: np.minimum(width + SLOPE * (np.abs(r - task.contact) - block), _widest(task, scale, r))
+        )
 
     def down(width: float, end: float) -> Array:
         if not task.interfaces:
-            return _grown(far_y, width, end)
+            return _spaced(0, end, lambda distance: np.minimum(width + SLOPE * distance, scale * FAR * task.thickness))
         return _downwards(task, scale, lambda depth: width + SLOPE * (depth - corner.block), corner.block) - corner.block
 
-    return corner.patches(functools.partial(_grown, far_r), down)
+    return corner.patches(sideways, down)
 
 
 def _downwards(task: _Task, scale: float, width: Callable[[Array], Array], first: float = 0.0) -> Array:
@@ -192,26 +200,23 @@ def _downwards(task: _Task, scale: float, width: Callable[[Array], Array], first
     return np.concatenate([lines[0], *(more[1:] for more in lines[1:])])
 
 
-def _grown(far: float, width: float, end: float) -> Array:
-    """Distances from 0 to an end with a spacing that grows from a width to the width far away."""
-    return _spaced(0, end, lambda distance: np.minimum(width + SLOPE * distance, far))
-
-
-def _far(task: _Task, scale: float) -> tuple[float, float]:
-    """Largest widths along the radius and along the height, mm."""
-    return scale * FAR * max(task.thickness, task.contact), scale * FAR * task.thickness
+def _widest(task: _Task, scale: float, r: Array) -> Array:
+    """Largest widths in the radial direction at radii r (n,), mm."""
+    near = max(task.thickness, task.contact)
+    beyond = np.maximum(r - task.contact - CLEAR * near, 0.0)
+    return scale * FAR * near + min(SLOPE, scale * OUTWARDS) * beyond
 
 
 def _lines(task: _Task, scale: float) -> tuple[Array, Array]:
     """Radii and heights of the mesh lines, mm; a line is on the circle of a flat punch with a rounded edge."""
     a, R, h, edge = task.contact, task.radius, task.thickness, scale * _finest(task)
-    far_r, _ = _far(task, scale)
+    widest = functools.partial(_widest, task, scale)
     if task.shape.edge_radius is None:
-        radii = _spaced(0, R, lambda r: np.minimum(edge + SLOPE * np.maximum(r - BEYOND * a, 0), far_r))
+        radii = _spaced(0, R, lambda r: np.minimum(edge + SLOPE * np.maximum(r - BEYOND * a, 0), widest(r)))
     else:
         begin = a - task.shape.edge_radius  # of the rounded edge, over which the contact's end moves
-        inner = _spaced(0, a, lambda r: np.minimum(edge + SLOPE * np.maximum(begin - r, 0), far_r))
-        radii = np.concatenate([inner, _spaced(a, R, lambda r: np.minimum(edge + SLOPE * (r - a), far_r))[1:]])
+        inner = _spaced(0, a, lambda r: np.minimum(edge + SLOPE * np.maximum(begin - r, 0), widest(r)))
+        radii = np.concatenate([inner, _spaced(a, R, lambda r: np.minimum(edge + SLOPE * (r - a), widest(r)))[1:]])
     heights = h - _downwards(task, scale, lambda t: edge + SLOPE * t)[::-1]
     heights[0], heights[-1] = 0.0, h
     return radii, heights

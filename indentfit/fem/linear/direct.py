@@ -77,7 +77,7 @@ class DirectFactor:
 
     @property
     def goes_around(self) -> bool:
-        return self.inverse_around is not None and self.dilatation is not None and self.only_for is None
+        return self.inverse_around is not None and self.dilatation is not None
 
     def around(self, solve: OnSurface, kappa: Moduli, bulk: Moduli, mu: Moduli) -> Apply:
         """The form with pressures, with the contact's dofs moved by a function."""

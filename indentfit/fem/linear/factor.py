@@ -52,7 +52,7 @@ class Factor(Protocol):
 
     @property
     def goes_around(self) -> bool:
-        """Whether the factor has a Schur complement on the contact's dofs, and costs more than a few of its uses."""
+        """Whether the factor has a Schur complement on the contact's dofs."""
         ...
 
     def around(self, solve: OnSurface, kappa: Moduli, bulk: Moduli, mu: Moduli) -> Apply:
