@@ -73,8 +73,9 @@ def with_time(
     at_steps = elastic(ramp.depth_at(time))
     stepwise = counted.integral(time, at_steps, ramp.seconds)  # it errs as the viscoelastic model does, by its steps of time
     ratio = np.array([moment.at.whole_force for moment in moments])[1:] / stepwise[1:]
-    force = between(time[1:], ratio, ramp.seconds, wanted) * np.interp(wanted, dense, integral)
-    return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max())))
+    at = partial(between, time[1:], ratio, ramp.seconds)
+    force = at(wanted) * np.interp(wanted, dense, integral)
+    return replace(test, in_time=TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max()), ratio=at))
 
 
 def between(time: Array, ratio: Array, corner: float, wanted: Array) -> Array:

@@ -1,6 +1,6 @@
 """Results of a simulation: each test's curve with the facts of its solution, and all tests of a case together."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +65,9 @@ class TimeCurve:
         What the rig controls: "displacement" or "force".
     ends : str
         Why a creep is not followed to the end of its hold; empty where it is.
+    ratio : function, or None
+        Times (n,), s -> force of the viscoelastic model over the hereditary integral; None where it is not known, and under a held
+        force.
     """
 
     time: Array
@@ -74,6 +77,7 @@ class TimeCurve:
     cause: str = ""
     control: str = "displacement"
     ends: str = ""
+    ratio: Callable[[Array], Array] | None = field(default=None, repr=False, compare=False)
 
     @property
     def creeps(self) -> bool:

@@ -5,6 +5,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from indentfit.inference.refinement import Refined, refined
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, samples_of
 from indentfit.inference.seen import far_from_model
+from indentfit.inference.to_model import Beside, Models, unless_far
 from indentfit.inference.wide_certainty import wide_certainty
 from indentfit.inference.wide_fit import WideFit, wide_fit
 from indentfit.inverse.exploration import Watched
@@ -34,7 +36,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import Progress
 from indentfit.inverse.wide import of_records, uncertain_inputs, with_offset_of_records
 from indentfit.runs.closed_form import closed_forms, left_out
-from indentfit.runs.forward import Evaluation, ForwardModel, of_relaxation
+from indentfit.runs.forward import Evaluation, ForwardModel
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.parted import Parted
 from indentfit.runs.pieces import Piece, mesh_of
@@ -55,6 +57,7 @@ CONTACT = (
 NO_FIT = "not determined: the model cannot follow the curves"
 OF_UNKNOWN_BULK = 50.0  # bulk ratio at which the share of the bulk modulus in the force is known, where the ratio is unknown
 LESS = 0.9  # of the bulk ratio at the optimum: where the low end of its interval is below that, the viscoelastic model is run there
+CORRECTIONS = 3  # fits that are made again, at most, with forces that come nearer to those of the viscoelastic model
 SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
 
@@ -139,9 +142,11 @@ def fit_with_runs(
         correction = MeshCorrection(case if case.fit.uncertain.mesh and case.indentations else None)
         part = whole.part(0, SHARE_OF_FIT)
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
-        if wide is None and problem.kernel is not None and (best := solved.optimum.best) is not None:
-            there = _with_bulk(case, problem, pool, best.parameters)
-            if there.kernel is not None and there.kernel.differs(problem.kernel):
+        models = Models(case)
+        for changed in (partial(_with_other_bulk, case, pool), *[models.corrected] * CORRECTIONS) if wide is None else ():
+            best = solved.optimum.best
+            there = changed(problem, best.parameters) if best is not None else None
+            if there is not None and there.kernel is not None:
                 problem, model = there, Relaxing(pool, there.kernel)
                 watched, correction = Watched(model), MeshCorrection(correction.case)
                 solved = solve(problem, watched, case.fit, part, correction)
@@ -157,7 +162,7 @@ def fit_with_runs(
             solved, watched = finer.solved, finer.solved.model or watched
             known = certainty(stated, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
         work = _Work(ready.pieces, pool, _facts_at(model, problem, solved.optimum.best), finer)
-    result = _with_samples(_result(case, problem, solved, known, work), samples)
+    result = _with_samples(_result(case, problem, solved, known, work, models), samples)
     if gross is not None:
         result = without_meaning(result, gross)
     said = (*result.conclusions, *ready.shallower.said)
@@ -175,6 +180,12 @@ def _with_bulk(case: Case, problem: InverseProblem, pool: RunPool, parameters: M
     if ratio is not None and any(known.point == BULK for known in uncertain_inputs(case)):
         point[BULK] = min(ratio, OF_UNKNOWN_BULK)
     return replace(problem, kernel=with_bulk(problem.kernel, case, point, pool))
+
+
+def _with_other_bulk(case: Case, pool: RunPool, problem: InverseProblem, parameters: Mapping[str, float]) -> InverseProblem | None:
+    """The problem of `_with_bulk`; None where that is nearly the same."""
+    there = _with_bulk(case, problem, pool, parameters)
+    return there if there.kernel is not None and problem.kernel is not None and there.kernel.differs(problem.kernel) else None
 
 
 def _with_samples(result: FitResult, samples: PosteriorSamples | None) -> FitResult:
@@ -201,7 +212,8 @@ def without_meaning(result: FitResult, why: str) -> FitResult:
     FitResult
     """
     known = {name: _undetermined(estimate) for name, estimate in result.parameters.items()}
-    return replace(result, success=False, message=f"no fit: {why}", no_fit=why, parameters=known)
+    beside = {name: _undetermined(estimate) for name, estimate in result.moduli.items()}
+    return replace(result, success=False, message=f"no fit: {why}", no_fit=why, parameters=known, moduli=beside)
 
 
 def _undetermined(known: ParameterEstimate) -> ParameterEstimate:
@@ -274,16 +286,16 @@ def _facts_at(model: ForwardModel, problem: InverseProblem, best: Candidate | No
     return tuple(SolveFacts.from_json(facts) for facts in evaluation.facts)
 
 
-def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certainty, work: _Work) -> FitResult:
+def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certainty, work: _Work, models: Models) -> FitResult:
     optimum, findings = solved.optimum, known.findings
     best, of_noise = optimum.best, known.known
-    in_time, differences = of_relaxation(case, best.parameters, _shares(case, problem, best.parameters)) if best else ((), {})
+    beside = models.beside(problem, best.parameters) if best else Beside()
     result = FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
         success=optimum.success,
         message=f"{solved.said}; {optimum.message}",
-        parameters=_parameters(case, best.parameters if best else problem.start, known.estimates),
+        parameters=_parameters(case, best.parameters if best else problem.start, unless_far(known.estimates, beside.differences)),
         free=tuple(problem.free),
         objective=best.objective if best else None,
         sum_of_squares=best.sum_of_squares if best else None,
@@ -294,7 +306,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         reused=work.pool.reused,
         history=optimum.history,
         failures=work.failures(),
-        notes=(*known.notes, *work.notes(case), *in_time),
+        notes=(*known.notes, *work.notes(case), *beside.words),
         solver=work.solver(case),
         mesh=work.mesh(),
         refined=work.finer.factor,
@@ -313,8 +325,8 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         published=known.published,
         conclusions=(
             *known.conclusions,
-            *far_from_model(differences),
-            *_at_least_bulk(case, problem, best, known),
+            *far_from_model(beside.differences),
+            *_at_least_bulk(models, problem, best, known),
             *draining(case),
         ),
         taken_as_known=known.taken_as_known,
@@ -326,22 +338,15 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
     return _with_moduli(case, result if of_noise is None else _with_covariance(result, of_noise))
 
 
-def _shares(case: Case, problem: InverseProblem, parameters: Mapping[str, float]) -> dict[str, float]:
-    """The share of the force of each test that a fit takes not to relax."""
-    kernel = problem.kernel
-    return {} if kernel is None else {test.name: kernel.share(n, parameters) for n, test in enumerate(case.tests)}
-
-
-def _at_least_bulk(case: Case, problem: InverseProblem, best: Candidate | None, known: Certainty) -> Iterator[str]:
+def _at_least_bulk(models: Models, problem: InverseProblem, best: Candidate | None, known: Certainty) -> Iterator[str]:
     """A sentence where the viscoelastic model is far from the hereditary integral at the low end of the bulk ratio's interval."""
     share = known.uncertain.inputs.get("bulk_ratio")
-    if case.relaxation is None or best is None or share is None or share.interval is None or share.fitted is None:
+    if problem.kernel is None or best is None or share is None or share.interval is None or share.fitted is None:
         return
     low = share.interval[0]
     if low < LESS * share.fitted:
-        there = {**best.parameters, BULK: low}
-        _, differences = of_relaxation(case, there, _shares(case, problem, there))
-        yield from far_from_model(differences, f"at a bulk ratio of {low:.3g}, the low end of its interval, ")
+        beside = models.beside(problem, {**best.parameters, BULK: low})
+        yield from far_from_model(beside.differences, f"at a bulk ratio of {low:.3g}, the low end of its interval, ")
 
 
 def _with_moduli(case: Case, result: FitResult) -> FitResult:

@@ -10,11 +10,13 @@ from indentfit.case import Case
 from indentfit.case.laws import isotropic_moduli
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.seen import extrapolated
 
 SMALL = 1e-6  # relative change of a parameter, for a derivative
 UNITS = {"mu": "kPa", "G": "kPa", "E": "kPa", "nu": "1"}
 RATIO = "Ginf_G0"
 RATIO_OF_BULK = "bulk_ratio"
+UNDETERMINED = "not determined"
 
 
 def moduli(case: Case, result: FitResult) -> dict[str, ParameterEstimate]:
@@ -51,6 +53,8 @@ def _of_relaxation(case: Case, result: FitResult, values: dict[str, float]) -> d
     ratio = 1 / (1 + total) if long_term else 1 - total
     free = [name for name in shares if name in result.free]
     said = f"long-term over instantaneous modulus, from {' and '.join(free)}"
+    if extrapolated(case, result.parameters, values):
+        said = f"{UNDETERMINED}: {said}, and the hold does not reach the long-term modulus"
     numbers = [result.free.index(name) for name in free]
     if result.covar is None or any(result.covar[a][b] is None for a in numbers for b in numbers):
         return {RATIO: ParameterEstimate(ratio, "1", verdict=said)}
@@ -82,6 +86,9 @@ def _estimate(case: Case, result: FitResult, values: dict[str, float], modulus: 
     if not changing:
         return ParameterEstimate(value, unit, fixed=True)
     verdict = f"from {' and '.join([*changing, *(['the bulk ratio'] if spread else [])])}"
+    loose = [name for name in changing if (result.parameters[name].verdict or "").startswith(UNDETERMINED)]
+    if loose:
+        verdict = f"{UNDETERMINED}: {verdict}, and {' and '.join(loose)} {'is' if len(loose) == 1 else 'are'} not"
     if len(changing) > 1:
         return ParameterEstimate(value, unit, verdict=verdict)
     known = result.parameters[changing[0]]

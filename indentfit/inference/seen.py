@@ -72,14 +72,14 @@ def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Ma
             known[name] = replace(known[name], verdict=f"{said}; {why}")
         else:
             known[name] = replace(known[name], verdict=f"not determined: {why}")
-    if why := _extrapolated(case, known, values):
+    if why := extrapolated(case, known, values):
         for name, estimate in known.items():
             if name in case.free and case.law.parameters[name].unit == MODULUS:
                 known[name] = replace(estimate, verdict=f"not determined: {why}")
     return known
 
 
-def _extrapolated(case: Case, known: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> str:
+def extrapolated(case: Case, known: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> str:
     """Why long-term moduli are not known; empty where they are."""
     relaxation = case.relaxation
     if relaxation is None or relaxation.base != "long_term" or not (left := _left(case, relaxation, values)) > LATE:

@@ -16,7 +16,7 @@ from indentfit.errors import IndentfitError, OutOfTime
 from indentfit.fem.creep import points_of, with_creep
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.in_time import with_time
-from indentfit.fem.result import Simulation, TestResult
+from indentfit.fem.result import Simulation, TestResult, TimeCurve
 from indentfit.fem.setup import Press
 from indentfit.material import Material
 from indentfit.runs.pieces import Piece, pieces_of, together
@@ -173,7 +173,7 @@ def simulate(
 
 def of_relaxation(
     case: Case, parameters: Point, shares: Mapping[str, float] | None = None
-) -> tuple[tuple[str, ...], dict[str, float]]:
+) -> tuple[tuple[str, ...], dict[str, TimeCurve]]:
     """How far the viscoelastic model is from the forces of a fit; nothing where the material is elastic.
 
     Parameters
@@ -188,8 +188,8 @@ def of_relaxation(
     -------
     tuple of str
         In words, for each test.
-    dict of test -> largest relative difference
-        Empty where the viscoelastic model was not solved.
+    dict of test -> TimeCurve
+        Without those of which the viscoelastic model was not solved.
     """
     there = case_at(case, parameters)
     if there.relaxation is None:
@@ -201,7 +201,7 @@ def of_relaxation(
     except IndentfitError as error:
         remedy = "; a larger fit.time_limit allows more" if isinstance(error, OutOfTime) else ""
         return (words, f"the viscoelastic model was not solved at the optimum: {error}{remedy}"), {}
-    known = {name: curve.difference for name, curve in tests.items() if curve.difference is not None}
+    known = {name: curve for name, curve in tests.items() if curve.difference is not None}
     kept = ", ".join(f"{name} {share:.2g}" for name, share in (shares or {}).items() if share)
     beside = [f"the bulk modulus does not relax: its share of the elastic force, {kept}, is counted in series"] if kept else []
     return (words, *beside, *(f"{name}: {curve.words()}" for name, curve in tests.items())), known

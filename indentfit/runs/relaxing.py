@@ -4,7 +4,7 @@ The parameters of the relaxation need no run: a point with other values of these
 elastic ones, so sensitivities are mapped in the same way.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,6 +79,8 @@ class Kernel:
         The grid of depths of each test.
     bulk : BulkShares or None
         Of each test, where the sample is so compressible that they matter.
+    factors : tuple of arrays (n,), one for each curve
+        By which the forces of the viscoelastic model differ from the hereditary integral; none where they are not known.
     """
 
     relaxation: Relaxation
@@ -87,6 +89,12 @@ class Kernel:
     owners: tuple[int, ...]
     depths: tuple[Array, ...]
     bulk: BulkShares | None = None
+    factors: tuple[Array, ...] = ()
+
+    @property
+    def times(self) -> tuple[Array, ...]:
+        """The times of each curve (n,), s, since contact."""
+        return tuple(known.time[known.at] for known in self.maps)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,7 +125,8 @@ class Kernel:
         tuple of arrays (..., n), mN
         """
         triples = zip(self.maps, self.ramps, self.owners, strict=True)
-        return tuple(known.forces(elastic[n], self._function(ramp, n, values)) for known, ramp, n in triples)
+        forces = [known.forces(elastic[n], self._function(ramp, n, values)) for known, ramp, n in triples]
+        return tuple(factor * force for factor, force in zip(self._factors, forces, strict=True))
 
     def differs(self, other: "Kernel") -> bool:
         """Whether the shares of the bulk modulus are others by so much that a fit follows."""
@@ -149,7 +158,26 @@ class Kernel:
         """
         names, own = list(names), {name: float(values[name]) for name in (*self.names, BULK) if name in values}
         triples = zip(self.maps, self.ramps, self.owners, strict=True)
-        return tuple(_slopes(known, _Functions(self, ramp, n), elastic[n], own, names) for known, ramp, n in triples)
+        slopes = [_slopes(known, _Functions(self, ramp, n), elastic[n], own, names) for known, ramp, n in triples]
+        pairs = zip(self._factors, slopes, strict=True)
+        return tuple({name: factor * slope for name, slope in by_name.items()} for factor, by_name in pairs)
+
+    @property
+    def _factors(self) -> Sequence[Array | float]:
+        return self.factors or [1.0] * len(self.maps)
+
+    def to_model(self, ratios: Sequence[Callable[[Array], Array] | None]) -> "Kernel":
+        """This kernel with the ratios of the viscoelastic model's forces to the hereditary integrals of each test, functions of the
+        time, s; None where a ratio is not known. In a retraction it is that at the hold's end."""
+        pairs = zip(self.times, self.owners, strict=True)
+        return replace(self, factors=tuple(np.ones(time.size) if (of := ratios[n]) is None else of(time) for time, n in pairs))
+
+    def off(self, other: "Kernel") -> dict[int, float]:
+        """The number of each test -> the largest relative difference of its factors from those of another kernel."""
+        sizes: dict[int, float] = {}
+        for n, own, known in zip(self.owners, self._factors, other._factors, strict=True):
+            sizes[n] = max(sizes.get(n, 0.0), float(np.max(np.abs(own / known - 1))))
+        return sizes
 
 
 def kernel_of(case: Case) -> Kernel | None:
