@@ -193,7 +193,8 @@ def test_a_fit_to_a_compressible_sample_holds_the_truth(shape, ratio):
         material = {"model": "neo_hookean", "parameters": {"mu": mu}, "bulk_ratio": ratio, "relaxation": relaxation}
         return indentfit.Case(
             sample={"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": "bonded"},
-            indenter={"friction": 0.3, **shapes[shape]}, material=material, tests=[indentfit.Test("press", **keys)], fit={"workers": 1},
+            indenter={"friction": 0.3, **shapes[shape]}, material=material,
+            tests=[indentfit.Test("press", **keys)], fit={"workers": 1},
         )  # fmt: skip
 
     true = of({"g": [0.8, 0.5], "tau": [0.5, 5.0]}, 1.5, depth=0.3, points=25, ramp=0.5, hold=20.0)
