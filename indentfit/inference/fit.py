@@ -44,6 +44,7 @@ from indentfit.runs.points import UNITS
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import BULK, Relaxing, elastic_case, with_bulk
 
+Change = Callable[[InverseProblem, Mapping[str, float]], InverseProblem | None]  # another problem at parameters, or none
 PACKAGES = ("indentfit", "numpy", "scipy", "scikit-fem", "numba", "pymoo")
 MESH_NOTE = "the error of the mesh is not in the intervals (fit.uncertain.mesh = 0); compare with a finer mesh"
 NO_SAMPLES = (
@@ -143,7 +144,8 @@ def fit_with_runs(
         part = whole.part(0, SHARE_OF_FIT)
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
         models = Models(case)
-        for changed in (partial(_with_other_bulk, case, pool), *[models.corrected] * CORRECTIONS) if wide is None else ():
+        changes: list[Change] = [partial(_with_other_bulk, case, pool), *[models.corrected] * CORRECTIONS]
+        for changed in changes if wide is None else ():
             best = solved.optimum.best
             there = changed(problem, best.parameters) if best is not None else None
             if there is not None and there.kernel is not None:
