@@ -68,9 +68,10 @@ class Solid:
         self.means = np.einsum("emq,eq->em", self.modes, self.weights)  # modes of the constant 1
         self.nodes, self.signs = self.dofs[:, :, 0] // 3, np.ones(self.dofs.shape)
         self.indptr, self.indices, self.positions = sparsity(self.nodes, self.basis.N // 3, 3)
-        self._groups = _independent(self.nodes, self.basis.N // 3)
         self._mapped: dict[FibreMap, Array] = {}
         self._threads = THREADS if self.grads.size // 3 > WORTH_THREADS else 1
+        groups = _independent(self.nodes, self.basis.N // 3)
+        self._groups = groups if self._threads > 1 else [[np.concatenate([elements for group in groups for elements in group])]]
 
     def held(self, base: str, motions: frozenset[str] = frozenset(), ends: bool = False) -> Ints:
         """Dofs held at zero: normal motion on the planes of symmetry, the base's normal motion or all of it, one dof for each
@@ -203,7 +204,7 @@ class Solid:
 
     def _run(self, kernel: Callable[..., Any], *arguments: Any) -> list[Any]:
         """What a kernel(elements, *arguments) returns of each range of elements. Those of a group run at once: they share no node,
-        so that sums are the same, bit by bit, on any number of threads."""
+        so that sums are the same, bit by bit, on any number of threads; on one thread a single call takes them in that order."""
         results: list[Any] = []
         for group in self._groups:
             results += on_threads(self._threads, lambda elements: kernel(elements, *arguments), group)
