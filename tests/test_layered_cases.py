@@ -109,14 +109,16 @@ OF_TWO_FAMILIES = [
 def test_the_example_of_a_layers_key_is_a_value_that_the_key_takes(file, key):
     if key.name == "shared":
         file.write_text(SKIN.replace("poisson_ratio = 0.49", "bulk_ratio = 50"))
+    layer = "skin" if key.name == "interface" else "fat"  # the last layer lies on the base
     beside = {"energy": ["fat.parameters={mu=2}"], "shared": OF_TWO_FAMILIES}.get(key.name, [])
-    read_case(file, [*beside, f"fat.{key.name}={toml_value(key.example)}"])
+    read_case(file, [*beside, f"{layer}.{key.name}={toml_value(key.example)}"])
 
 
 @pytest.mark.parametrize(
     ("override", "words"),
     [
         ("sample.thickness=10", "sample.thickness = 10.0: the layers add up to 1.5 + 10 = 11.5 mm"),
+        ("fat.interface=sliding", "fat is the last one, and lies on the base: sample.base says how; remove its interface"),
         ("fat.thickness=5 cm", "the layers add up to 1.5 + 50 = 51.5 mm"),
         ("fat.name=skin", "two layers are called skin; give each a name of its own"),
         ("fat.name=my fat", "sample.layer.my fat.name = \"my fat\""),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, WrapValidator
 
@@ -107,8 +107,8 @@ class MaterialChoice(Section):
 
 
 class Layer(Section):
-    """One layer of the sample; the top layer, which the indenter touches, comes first, and each is bonded to the next. The layers
-    stand in place of the table [material]."""
+    """One layer of the sample; the top layer, which the indenter touches, comes first. The layers stand in place of the table
+    [material]."""
 
     place = "sample.layer"
     rivals = either("model", "energy") | either("bulk_ratio", "poisson_ratio")
@@ -118,6 +118,11 @@ class Layer(Section):
         description="name of the layer, letters and digits: its parameters are called by it, such as skin.mu",
     )
     thickness: Length = Field(examples=[1.5], description="thickness of the layer; those of all layers add up to sample.thickness")
+    interface: Literal["bonded", "sliding"] = Field(
+        default="bonded",
+        examples=["sliding"],
+        description="how the layer lies on the next one: bonded to it, or sliding on it without friction; the layers stay together",
+    )
     model: Line | None = Field(default=None, examples=["neo_hookean"], description="material of the layer, as in material.model")
     energy: Line | None = Field(
         default=None, examples=["mu/2*(I1 - 3)"], description="energy instead of a model, as in material.energy"

@@ -115,6 +115,12 @@ class Sample(Section):
         return tuple(depths)[:-1]
 
     @property
+    def slides(self) -> tuple[float, ...]:
+        """Heights above the base of the interfaces whose layers slide on each other, mm, from the top."""
+        pairs = zip(self.layer, self.interfaces, strict=False)  # the last layer lies on the base
+        return tuple(self.thickness - depth for layer, depth in pairs if layer.interface == "sliding")
+
+    @property
     def top_thickness(self) -> float:
         """Thickness of the layer that the indenter touches, mm; of a sample without layers its own."""
         return min((*self.interfaces, self.thickness))
@@ -156,6 +162,8 @@ class Sample(Section):
         names = [layer.name for layer in layers]
         if double := next((name for n, name in enumerate(names) if name in names[:n]), None):
             yield "layer", f"two layers are called {double}; give each a name of its own"
+        if layers[-1].interface == "sliding":
+            yield "layer", f"{layers[-1].name} is the last one, and lies on the base: sample.base says how; remove its interface"
         total = sum(layer.thickness for layer in layers)
         if known(self.thickness) and abs(total - self.thickness) > SAME_THICKNESS * self.thickness:
             parts = " + ".join(f"{layer.thickness:g}" for layer in layers)

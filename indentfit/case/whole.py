@@ -330,6 +330,9 @@ class Case(BaseModel):
                 del material["shared"]
         if facts["sample"]["prestretch"] is None:
             del facts["sample"]["prestretch"]
+        for layer in facts["sample"]["layer"]:
+            if layer["interface"] == "bonded":
+                del layer["interface"]
         if not facts["sample"]["layer"]:
             del facts["sample"]["layer"]
         if not facts["sample"]["fibre_angle"]:

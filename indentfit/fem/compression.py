@@ -85,7 +85,7 @@ def pressed_disc(
         A name among `names` is unknown.
     """
     disc = _Disc(diameter / 2, height / 2, bonded, finer)
-    known = Solids(material, material, (kappa,), None, lambda moduli: moduli[0])
+    known = Solids(material, material, (kappa,), None, lambda moduli, _: moduli[0])
     stiffness = _stiffness if bonded else lambda _: 1.0
     ways = directions([name for name in names if name not in NO_EFFECT], known, stiffness, np.inf)
     area = np.pi * diameter**2 / 4

@@ -11,6 +11,7 @@ import numpy as np
 from indentfit.arrays import Array, Bools, Ints
 from indentfit.fem.element import Solid
 from indentfit.fem.meridian import Meridian
+from indentfit.fem.sliding import Sliding
 from indentfit.fem.tied import Tied
 
 RULE = {"q1p0": np.array([1 / 2, 0, 1 / 2]), "q2p1": np.array([1 / 6, 4 / 6, 1 / 6])}  # weights at the ends and in the middle
@@ -60,12 +61,12 @@ class NodePoints:
 
     Parameters
     ----------
-    solid : Solid or Tied
+    solid : Solid, Tied or Sliding
         Its mesh has the boundaries footprint and overhung.
     thickness : float, mm
     """
 
-    def __init__(self, solid: Solid | Tied, thickness: float) -> None:
+    def __init__(self, solid: Solid | Tied | Sliding, thickness: float) -> None:
         parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
         facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
         elements, nodes, areas = facet_nodes(solid, facets)
@@ -105,11 +106,11 @@ class EdgePoints:
 
     Parameters
     ----------
-    body : Meridian
+    body : Meridian or Sliding
         Its mesh has the boundaries footprint and beside.
     """
 
-    def __init__(self, body: Meridian) -> None:
+    def __init__(self, body: Meridian | Sliding) -> None:
         parts = [body.mesh.boundaries[name] for name in ("footprint", "beside")]
         facets = np.concatenate(parts)
         elements, nodes = body.mesh.f2t[0, facets], _edge_nodes(body, facets)
@@ -169,7 +170,7 @@ def _mean(nodes: Ints, values: Array, weights: Array, n_nodes: int) -> Array:
     return np.divide(total, area, out=np.zeros(n_nodes), where=area > 0)
 
 
-def _edge_nodes(body: Meridian, facets: Ints) -> Ints:
+def _edge_nodes(body: Meridian | Sliding, facets: Ints) -> Ints:
     """Numbers (n_f, 3) within their elements of the facets' nodes: the ends, by their radius, then the middle."""
     mesh, places = body.mesh, body.basis.elem.elem.doflocs  # (9, 2) of the reference element
     corners = mesh.t[:, mesh.f2t[0, facets]]  # (4, n_f)
@@ -189,7 +190,7 @@ class FacetNodes(NamedTuple):
     areas: Array
 
 
-def facet_nodes(solid: Solid | Tied, facets: Ints) -> FacetNodes:
+def facet_nodes(solid: Solid | Tied | Sliding, facets: Ints) -> FacetNodes:
     """The nodes of facets (n_f,) of a body's surface, by the trapezoidal rule, or Simpson's on quadratic facets."""
     mesh, places = solid.mesh, solid.basis.elem.elem.doflocs  # (n_n, 3) of the reference element
     elements = mesh.f2t[0, facets]

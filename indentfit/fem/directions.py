@@ -9,6 +9,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import InputError
 from indentfit.fem.body import Bulk
+from indentfit.fem.sliding import TOGETHER
 from indentfit.fibres import Fibre
 from indentfit.material import Layered, Material, parts_of, rest_pressure_changes
 
@@ -63,14 +64,15 @@ class Solids:
     stretch : float or None
         Stretch of the sample along x before the indentation.
     of_elements : function
-        Moduli of the layers -> modulus of each element (n_el, 1); the number itself, where there is one.
+        Moduli of the layers, and of the interfaces that slide -> modulus of each element (n_el, 1); the number itself, where there
+        is one.
     """
 
     material: Material
     placed: Material
     kappas: tuple[float, ...]
     stretch: float | None
-    of_elements: Callable[[Sequence[float]], Bulk]
+    of_elements: Callable[[Sequence[float], float], Bulk]
 
 
 def directions(
@@ -103,7 +105,7 @@ def directions(
         if name in type(solid.material).parameters:
             ways.append(_of_parameter(name, solid, stiffness))
         elif name == "bulk_ratio":
-            ways.append(Direction(name, kappa=solid.of_elements([part.shear_modulus for part in parts_of(solid.material)])))
+            ways.append(Direction(name, kappa=solid.of_elements([part.shear_modulus for part in parts_of(solid.material)], 0.0)))
         elif name == "friction" and np.isfinite(friction):
             ways.append(Direction(name, friction=1.0))
         elif name not in (OFFSET, FIBRE_ANGLE):
@@ -136,13 +138,14 @@ def _of_parameter(name: str, solid: Solids, stiffness: Callable[[Material], floa
     at_rest = part.parameter_gradient(part.rest)[place]
     if solid.stretch is not None:
         rests[number] = float(rest_pressure_changes(part, solid.stretch)[place])
-    kappas[number] = solid.kappas[number] / part.shear_modulus * float(2 * at_rest[:2].sum())
+    stiffer = float(2 * at_rest[:2].sum())
+    kappas[number] = solid.kappas[number] / part.shear_modulus * stiffer
     return Direction(
         name,
         gradient=lambda I: placed.parameter_gradient(I)[row],
-        kappa=solid.of_elements(kappas),
+        kappa=solid.of_elements(kappas, TOGETHER * stiffer if number == 0 else 0.0),
         springs=_relative_change(name, material, stiffness),
-        rest=solid.of_elements(rests),
+        rest=solid.of_elements(rests, 0.0),
     )
 
 

@@ -22,6 +22,7 @@ from indentfit.arrays import Array
 from indentfit.case.tables import USUAL_MESH_ERROR, Indenter, Mesh, Sample
 from indentfit.fem.bricks import merge
 from indentfit.fem.corner import Corner
+from indentfit.fem.sliding import cut
 from indentfit.indenters import IndenterShape, has_sharp_edge
 
 SCALE, SHRINK = 1.0, 0.6
@@ -50,7 +51,8 @@ FINEST = 1e-6  # place nearest to an end, and least width, of a line's length
 
 @dataclass(frozen=True)
 class _Task:
-    """What a mesh is made for: radius, thickness, depths of interfaces between layers and largest depth, mm, and the indenter."""
+    """What a mesh is made for: radius, thickness, depths of interfaces between layers, heights of those that slide, and
+    largest depth, mm, and the indenter."""
 
     radius: float
     thickness: float
@@ -58,11 +60,12 @@ class _Task:
     depth: float
     sticks: bool
     interfaces: tuple[float, ...] = ()
+    slides: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, sample: Sample, indenter: Indenter, depth: float) -> "_Task":
         reach, sticks = sample.geometry.outline.reach, indenter.friction == "stick"
-        return cls(reach, sample.thickness, indenter.geometry, depth, sticks, sample.interfaces)
+        return cls(reach, sample.thickness, indenter.geometry, depth, sticks, sample.interfaces, sample.slides)
 
     @property
     def top(self) -> float:
@@ -101,7 +104,7 @@ def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) 
         (those that may touch the wall above a sharp edge).
     """
     task = _Task.of(sample, indenter, depth)
-    plane, top = _plane(task, _scale(task, mesh)), task.thickness * (1 - 1e-9)
+    plane, top = cut(_plane(task, _scale(task, mesh)), task.slides), task.thickness * (1 - 1e-9)
     return plane.with_boundaries(
         {
             "top": lambda x: x[1] > top,

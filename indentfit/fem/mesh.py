@@ -23,6 +23,7 @@ from indentfit.case.tables import USUAL_MESH_ERROR
 from indentfit.fem.bricks import extrude, merge, quadratic
 from indentfit.fem.grading import Grading, continued, graded
 from indentfit.fem.plane import patches
+from indentfit.fem.sliding import cut
 from indentfit.indenters import Band, IndenterShape, Rings, has_sharp_edge
 from indentfit.samples import Outline
 
@@ -73,7 +74,8 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class _Task:
-    """The sample, indenter and depth for which a mesh is made; thickness, largest depth and depths of interfaces in mm."""
+    """The sample, indenter and depth for which a mesh is made; thickness, largest depth, depths of interfaces
+    and heights of those that slide in mm."""
 
     thickness: float
     outline: Outline
@@ -81,6 +83,7 @@ class _Task:
     depth: float
     family: Family
     interfaces: tuple[float, ...] = ()
+    slides: tuple[float, ...] = ()
 
     @property
     def finest(self) -> float:
@@ -90,7 +93,9 @@ class _Task:
     @classmethod
     def of(cls, sample: Sample, indenter: Indenter, element: str, depth: float | None) -> "_Task":
         depth = depth or sample.thickness / 10
-        return cls(sample.thickness, sample.geometry.outline, indenter.geometry, depth, FAMILIES[element], sample.interfaces)
+        return cls(
+            sample.thickness, sample.geometry.outline, indenter.geometry, depth, FAMILIES[element], sample.interfaces, sample.slides
+        )
 
 
 def quarter(
@@ -206,7 +211,7 @@ def _bricks(task: _Task, size: float, rim: float, grown: tuple[int, ...]) -> Mes
     plane, layers = _parts(task, size, rim)
     for axis in grown:
         plane = [*plane, *(patch * np.where([axis == 0, axis == 2], -1.0, 1.0)[:, None, None] for patch in plane)]
-    mesh = extrude(merge(plane), layers)
+    mesh = cut(extrude(merge(plane), layers), task.slides)
     top, eps = task.thickness, 1e-9 * task.thickness
     contact = task.indenter.partition(task.depth)
     overhangs = isinstance(contact, Band) and contact.half_length > mesh.p[0].max()
@@ -216,6 +221,9 @@ def _bricks(task: _Task, size: float, rim: float, grown: tuple[int, ...]) -> Mes
     def inside(p: Array) -> Bools:
         return task.indenter.may_touch(np.abs(p[0]), np.abs(p[2]))
 
+    def side(p: Array) -> Bools:
+        return np.all([np.abs(p[1] - height) > eps for height in task.slides], axis=0)
+
     return mesh.with_boundaries(
         {
             "top": lambda p: p[1] > top - eps,
@@ -223,7 +231,9 @@ def _bricks(task: _Task, size: float, rim: float, grown: tuple[int, ...]) -> Mes
             "x0": lambda p: np.abs(p[0]) < eps,
             "z0": lambda p: np.abs(p[2]) < eps,
             "footprint": lambda p: (p[1] > top - eps) & inside(p),
-            "overhung": lambda p: (p[1] < top - eps) & (p[1] > lowest) & (np.abs(p[0]) > eps) & (np.abs(p[2]) > eps) & inside(p),
+            "overhung": lambda p: (
+                (p[1] < top - eps) & (p[1] > lowest) & (np.abs(p[0]) > eps) & (np.abs(p[2]) > eps) & side(p) & inside(p)
+            ),
         }
     )
 

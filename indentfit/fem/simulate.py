@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem.asked import along, seen_along, sensitivities_along
-from indentfit.fem.body import Bulk
+from indentfit.fem.body import Body, Bulk
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
@@ -37,6 +37,7 @@ from indentfit.fem.observation import Observed, rows_of
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
+from indentfit.fem.sliding import APART, TOGETHER, Sliding, apart, with_slides
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tied import Tied
 from indentfit.fem.tries import (
@@ -100,7 +101,7 @@ class Model:
         self.layer = setup.sample.layer_at(self.mesh.p[1, self.mesh.t].mean(axis=0))  # number of each element's, from the top
         self.contact = ContactFace(points, setup.indenter, setup.sample.thickness)
         base = setup.sample.base
-        motions = held_motions(setup.part, setup.indenter, base)
+        motions = held_motions(setup.part, setup.indenter, setup.sample)
         self.fixed = Fixed(self.body, self.body.held(base, motions, setup.sample.prestretch is not None))
         multigrid_in_plane = setup.in_plane and setup.solver.linear == "pyamg"  # which it is not made for
         # factors of a plane's matrices stay small
@@ -219,7 +220,7 @@ class Model:
 
     def mesh_facts(self) -> MeshFacts:
         """Numbers of the mesh."""
-        smallest = float(np.min(self.body.volume) ** (1 / 3))
+        smallest = float(np.min(self.body.weights.sum(axis=1)) ** (1 / 3))
         elements, setup = int(self.mesh.nelements), self.setup
         remarks = [text for text in (setup.remark, not_as_asked(setup.mesh.elements, elements // setup.quarters)) if text]
         return MeshFacts(elements, int(self.body.n_dofs), self.body.element, smallest, setup.symmetry, "; ".join(remarks))
@@ -291,6 +292,7 @@ class Model:
 
         try:
             path = indent(self.equations, loading, newton, press.depths)
+            _require_together(self.body, path)
         except IndentfitError as error:
             said = _explained(error, press) if isinstance(error, ConvergenceError) else error
             short = _as_far_as(error.part, press)
@@ -329,7 +331,9 @@ class Model:
     def _loading(self, press: Press, springs: Springs) -> Loading:
         material, mus = self.placed(press.material), [part.shear_modulus for part in parts_of(press.material)]
         bulks = [self.solver.bulk(kappa, mu) for kappa, mu in zip(press.kappas, mus, strict=True)]
-        kappa, bulk, mu = (self.of_elements(moduli) for moduli in (press.kappas, bulks, mus))
+        together = TOGETHER * mus[0]
+        pairs = ((press.kappas, together), (bulks, self.solver.bulk(together, mus[0])), (mus, mus[0]))
+        kappa, bulk, mu = (self._everywhere(*pair) for pair in pairs)
         ways, rest = self._directions(press, material), self.rest(press.material)
         seen = None if press.observed is None else self._rows(press.observed)
         return Loading(material, kappa, bulk, mu, press.fibre, springs, ways, rest=rest, seen=seen)
@@ -353,18 +357,23 @@ class Model:
     def rest(self, material: Material) -> Bulk:
         """The pressure of the untouched sample in each element, kPa."""
         stretch = self.setup.sample.prestretch
-        return 0.0 if stretch is None else self.of_elements([rest_pressure(part, stretch) for part in parts_of(material)])
+        return 0.0 if stretch is None else self._everywhere([rest_pressure(part, stretch) for part in parts_of(material)])
 
     def of_elements(self, values: Sequence[float]) -> Bulk:
         """A modulus of each element (n_el, 1), of those of the layers; the number itself, where there is one."""
         return values[0] if len(values) == 1 else np.array(values)[self.layer][:, None]
+
+    def _everywhere(self, values: Sequence[float], interfaces: float = 0.0) -> Bulk:
+        """A modulus of each element, and of each pair of facets between layers that slide (fem.sliding)."""
+        own, links = self.of_elements(values), len(self.body.means) - self.mesh.nelements
+        return np.vstack([own, np.full((links, 1), interfaces)]) if links else own
 
     def _directions(self, press: Press, placed: Material) -> tuple[Direction, ...]:
         def stiffness(material: Material) -> float:
             return self._springs(material, press.fibre).normal
 
         friction = np.inf if self.contact.tied.any() else self.contact.friction
-        solid = Solids(press.material, placed, press.kappas, self.setup.sample.prestretch, self.of_elements)
+        solid = Solids(press.material, placed, press.kappas, self.setup.sample.prestretch, self._everywhere)
         ways = directions(press.sensitivities, solid, stiffness, friction)
         if FIBRE_ANGLE not in press.sensitivities:
             return ways
@@ -464,6 +473,26 @@ def _require_contact(path: Sequence[Equilibrium], name: str) -> None:
             raise ConvergenceError(_of_test(name, cause), point.depth, step)
 
 
+def _require_together(body: Body, path: Sequence[Equilibrium]) -> None:
+    """Raise ConvergenceError, with the path up to there, where the faces of layers that slide do not lie on each other."""
+    if not isinstance(body, Sliding | Tied):
+        return
+    for step in range(len(path) - 1, 0, -1):
+        if apart(body, path[step].u) <= APART * path[step].depth:
+            break
+    else:
+        step = 0
+    if step < len(path) - 1:
+        off = apart(body, path[step + 1].u) / path[step + 1].depth
+        cause = (
+            f"the faces of layers that slide lie {off:.1%} of the depth apart or in each other (allowed {APART:.0%}): they slide "
+            "too far, or the mesh is too coarse for how they bend; give a smaller depth, or a smaller mesh.error"
+        )
+        error = ConvergenceError(cause, path[step + 1].depth, step + 1)
+        error.part = path[: step + 1]
+        raise error
+
+
 def _presses(point: Equilibrium) -> bool:
     """Whether a point of the sample touches the indenter and carries a force: points that only just touch carry none."""
     return bool(point.contact.touching.any()) and point.force > 0
@@ -483,10 +512,10 @@ def _young_across(material: Material, fibre: Fibre) -> float:
     return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])
 
 
-def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian, ContactPoints]:
+def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian | Sliding, ContactPoints]:
     """The meshed body as the setup asks for it, and the points at which it may touch."""
     if setup.in_plane:
-        meridian = Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth))
+        meridian = with_slides(Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth)), setup.sample)
         return meridian, EdgePoints(meridian)
     element, part = setup.solver.element, setup.part
     mesh = quarter(setup.sample, setup.indenter, setup.mesh, element, setup.depth, rim, part.grown)
@@ -496,5 +525,6 @@ def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian, ContactPoi
         solid: Solid = FormSolid(mesh, element, part)
     else:
         solid = Solid(mesh, element, part)
-    body = Tied(solid) if part.tied else solid
+    whole = with_slides(solid, setup.sample)
+    body = Tied(whole) if part.tied else whole
     return body, NodePoints(body, setup.sample.thickness)

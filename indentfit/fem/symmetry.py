@@ -77,17 +77,32 @@ def symmetry_of(
     return part if broken else "axisymmetric"
 
 
-def held_motions(part: Part, indenter: Indenter, base: str) -> frozenset[str]:
-    """The rigid motions of a part that must be held, because neither symmetry nor base nor friction holds them.
+def held_motions(part: Part, indenter: Indenter, sample: Sample) -> frozenset[str]:
+    """The rigid motions of a part that must be held, because neither symmetry nor base nor friction holds them; where layers slide,
+    those of the top layer.
 
     Without friction the indenter presses along its normals only: their forces along x and z, and their moment about y, vanish, so
-    that nothing is carried where a motion is held. A round contact begins in a point, whose friction holds no turn.
+    that nothing is carried where a motion is held. A round contact begins in a point, whose friction holds no turn. Layers that
+    slide are turned and pushed by the dent of their faces, so that a motion of theirs cannot be held.
+
+    Raises
+    ------
+    MeshError
+        A layer that slides has no place at first: neither symmetry nor the indenter's friction, nor the base, gives it one.
     """
-    if base == "bonded":
+    if sample.base == "bonded" and not sample.slides:
         return frozenset()
     free = part.motions if indenter.friction == 0 else part.motions & {"turn"}
     round_contact = isinstance(indenter.geometry.partition(0.0), Rings)
-    return free if indenter.friction == 0 or round_contact else frozenset()
+    held = free if indenter.friction == 0 or round_contact else frozenset()
+    floating = len(sample.slides) > (sample.base == "bonded") and part.motions
+    if sample.slides and (held or floating):
+        raise MeshError(
+            f'interface = "sliding": a layer has no place at first where the {part.words} is solved, for nothing but friction '
+            "under a bar holds the top one, and nothing one that slides on both sides; give fibres along and across, where a "
+            'quarter is solved, a bar with friction on two layers of which the lower one is bonded to the base, or "bonded" here'
+        )
+    return held
 
 
 def _broken_by(sample: Sample, indenter: Indenter, solver: Solver, law: type[Material]) -> str:

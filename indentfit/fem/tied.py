@@ -14,6 +14,7 @@ from indentfit.arrays import Array, Bools, Ints
 from indentfit.errors import MeshError
 from indentfit.fem.body import BodyState, Bulk, Volumetric
 from indentfit.fem.element import Solid, sparsity
+from indentfit.fem.sliding import Sliding
 from indentfit.fibres import Fibre
 from indentfit.material import Material
 
@@ -26,7 +27,7 @@ class Tied:
 
     Parameters
     ----------
-    solid : Solid
+    solid : Solid or Sliding
         The half with all of its nodes; its mesh has the boundary z0.
 
     Attributes
@@ -37,7 +38,7 @@ class Tied:
         Signs with which they do.
     """
 
-    def __init__(self, solid: Solid) -> None:
+    def __init__(self, solid: Solid | Sliding) -> None:
         self.solid, self.mesh, self.element, self.basis = solid, solid.mesh, solid.element, solid.basis
         self.copies, self.volume, self.means, self.weights = solid.copies, solid.volume, solid.means, solid.weights
         self.nodes = solid.nodes
@@ -47,8 +48,9 @@ class Tied:
         self._node, self._own = number[image], np.flatnonzero(own)
         signs = np.where(own[:, None], 1.0, TURN)
         self._sign, self._dof = signs.ravel(), (3 * self._node[:, None] + np.arange(3)).ravel()
-        self.signs, self.dofs = np.ascontiguousarray(signs[self.nodes]), self._dof[solid.dofs].astype(np.int32)
-        self.indptr, self.indices, self.positions = sparsity(self._node[self.nodes], self._own.size, 3)
+        cells = solid.dofs[:, :, 0] // 3
+        self.signs, self.dofs = np.ascontiguousarray(signs[cells]), self._dof[solid.dofs].astype(np.int32)
+        self.indptr, self.indices, self.positions = sparsity(self._node[cells], self._own.size, 3)
         self._gather = _Gather.of(solid, self)
 
     @property
@@ -67,22 +69,24 @@ class Tied:
 
     def unfolded(self, u: Array) -> tuple[Solid, Array]:
         """The body of all nodes, and its displacements, of the unknowns u (n,)."""
-        return self.solid, self._sign * u[self._dof]
+        solid = self.solid.solid if isinstance(self.solid, Sliding) else self.solid
+        assert isinstance(solid, Solid)
+        return solid, self.all_of(u)
 
     def corners(self, u: Array) -> tuple[Array, Array]:
-        return self.solid.corners(self._all(u))
+        return self.solid.corners(self.all_of(u))
 
     def state(self, u: Array, fibre: Fibre) -> BodyState:
-        return self.solid.state(self._all(u), fibre)
+        return self.solid.state(self.all_of(u), fibre)
 
     def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
         return self.solid.pressure(state, kappa)
 
     def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
-        return self._summed(self.solid.residual(self._all(u), state, material, pressure, fibre))
+        return self._summed(self.solid.residual(self.all_of(u), state, material, pressure, fibre))
 
     def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
-        return self._summed(self.solid.forces(self._all(u), gradient, pressure, fibre))
+        return self._summed(self.solid.forces(self.all_of(u), gradient, pressure, fibre))
 
     def tangent(
         self,
@@ -94,17 +98,17 @@ class Tied:
         fibre: Fibre,
         bulk: Bulk | None = None,
     ) -> tuple[Array, Array]:
-        forces, values = self.solid.tangent(self._all(u), state, material, pressure, kappa, fibre, bulk)
+        forces, values = self.solid.tangent(self.all_of(u), state, material, pressure, kappa, fibre, bulk)
         return self._summed(forces), self._gather(values)
 
     def dilatation_map(self, u: Array) -> Array:
-        return self.solid.dilatation_map(self._all(u)) * self.signs[:, None]
+        return self.solid.dilatation_map(self.all_of(u)) * self.signs[:, None]
 
     def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
-        return self.solid.stress(self._all(u), state, material, pressure, fibre)
+        return self.solid.stress(self.all_of(u), state, material, pressure, fibre)
 
     def deformation(self, u: Array) -> Array:
-        return self.solid.deformation(self._all(u))
+        return self.solid.deformation(self.all_of(u))
 
     def prestress(self, S: Array) -> tuple[Array, Array]:
         forces, values = self.solid.prestress(S)
@@ -113,8 +117,8 @@ class Tied:
     def matrix(self, values: Array) -> sp.csr_matrix:
         return sp.csr_matrix((values, self.indices, self.indptr), shape=(self.n_dofs,) * 2, copy=False)
 
-    def _all(self, u: Array) -> Array:
-        """T u."""
+    def all_of(self, u: Array) -> Array:
+        """The displacements of all nodes, T u, of the unknowns u (n,)."""
         return self._sign * u[self._dof]
 
     def _summed(self, forces: Array) -> Array:
@@ -130,7 +134,7 @@ class _Gather:
         self._to, self._onto, self._signs = places[self._kept], places[self._moved], signs[self._moved]
 
     @classmethod
-    def of(cls, solid: Solid, tied: Tied) -> "_Gather":
+    def of(cls, solid: Solid | Sliding, tied: Tied) -> "_Gather":
         rows = np.repeat(np.arange(solid.n_dofs), np.diff(solid.indptr))
         images = tied._sign < 0
         images = np.repeat(images.reshape(-1, 3).any(axis=1), 3)
@@ -146,14 +150,22 @@ class _Gather:
         return gathered
 
 
-def _images(solid: Solid) -> Ints:
+def _images(solid: Solid | Sliding) -> Ints:
     """For each node the node of which it is the turned image; itself where it is none."""
     points, image = solid.points(), np.arange(solid.n_dofs // 3)
     extent = np.ptp(points, axis=1).max()
     cut = np.flatnonzero(np.abs(points[2]) < SAME * extent)
     turned = cut[points[0, cut] < -SAME * extent]
-    away, nearest = cKDTree(points[:, cut].T).query((TURN[:, None] * points[:, turned]).T)
+    side = _mean_heights(solid)  # layers that slide have nodes at the same place, of elements above and below
+    away, nearest = cKDTree(np.vstack([points, side])[:, cut].T).query(np.vstack([TURN[:, None] * points, side])[:, turned].T)
     if turned.size and away.max() > SAME * extent:
         raise MeshError("the mesh of the half sample is not symmetric on its cut face")
     image[turned] = cut[nearest]
     return image
+
+
+def _mean_heights(solid: Solid | Sliding) -> Array:
+    """The mean height (n_v,), mm, of the elements around each node."""
+    nodes = solid.nodes.ravel()
+    heights = np.repeat(solid.points()[1, solid.nodes].mean(axis=1), solid.nodes.shape[1])
+    return np.bincount(nodes, heights) / np.bincount(nodes)

@@ -123,7 +123,8 @@ def _end(case: Case, test: Test, last: float) -> str:
 
 def sample_words(sample: Sample) -> str:
     """A table [sample] in words."""
-    layers = ", ".join(f"{layer.name} {sizes(layer.thickness)}" for layer in sample.layer)
+    slides = {layer.name: " sliding on the next" if layer.interface == "sliding" else "" for layer in sample.layer}
+    layers = ", ".join(f"{layer.name} {sizes(layer.thickness)}{slides[layer.name]}" for layer in sample.layer)
     layered = f" (layers from the top: {layers})" if layers else ""
     stretch = f", stretched {sample.prestretch:g} times along x, its ends held" if sample.prestretch is not None else ""
     return f"{sample.geometry.words()}, thickness {sizes(sample.thickness)}{layered}{stretch}, {sample.base} base"

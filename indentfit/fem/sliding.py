@@ -1,0 +1,361 @@
+"""A body of layers that slide on each other without friction and stay together, as a body.
+
+The mesh is cut where layers slide: each of the two faces has nodes of its own. Points that lay on each other at rest, x on the
+lower face and y on the upper one, stay in one tangent plane: with the means a, b of both faces' tangents,
+
+    det(a, b, y - x) = 0    (in a meridian plane b is the direction across it),
+
+which is exact up to the third power of how far they slid (the mean of both normals is that of the chord between them). The
+pressure that keeps this is an unknown of the body like those that keep the volume: each pair of facets is one more element, whose
+"dilatation" is the gap at its Gauss points and whose "bulk modulus" is so large that the gap is nothing. The pressure acts along
+the mean normal on both faces alike, so that no force and no moment is lost (Nanson's formula gives the deformed area).
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+from skfem import MeshHex, MeshQuad
+
+from indentfit.arrays import Array, Ints
+from indentfit.case.tables import Sample
+from indentfit.errors import MeshError
+from indentfit.fem.body import Body, BodyState, Bulk, Volumetric, per_element, volumetric
+from indentfit.fem.element import Solid, sparsity
+from indentfit.fem.meridian import Meridian
+from indentfit.fibres import Fibre
+from indentfit.material import Material
+
+Mesh = TypeVar("Mesh", MeshHex, MeshQuad)
+Uncut = TypeVar("Uncut", Solid, Meridian)
+TOGETHER = 2e4  # "bulk modulus" of an interface, in units of the top layer's shear modulus: its gap is the pressure over this
+APART = 0.02  # of the depth: how far apart the faces may be, by the mesh and by what the pairing of points neglects
+SAMPLES = 8  # places in a row on each facet at which that is looked at
+SAME = 1e-7  # of the sample's extent: how far apart nodes of both faces may be at rest
+LEVI_CIVITA = np.zeros((3, 3, 3))
+for _i, _j, _k in itertools.permutations(range(3)):
+    LEVI_CIVITA[_i, _j, _k] = (_i - _j) * (_j - _k) * (_k - _i) / 2
+
+
+def cut(mesh: Mesh, heights: Sequence[float]) -> Mesh:
+    """A mesh with two nodes in place of each node at some heights, mm, which are heights of mesh lines; without boundaries."""
+    p, t, extent = mesh.p, mesh.t.copy(), np.ptp(mesh.p[1])
+    middles = mesh.p[1, mesh.t].mean(axis=0)
+    for height in heights:
+        own = np.abs(mesh.p[1] - height) < SAME * extent
+        twin = np.arange(own.size)
+        twin[own] = p.shape[1] + np.arange(np.count_nonzero(own))
+        upper = own[mesh.t] & (middles > height)
+        t[upper] = twin[mesh.t[upper]]
+        p = np.hstack([p, mesh.p[:, own]])
+    return type(mesh)(np.ascontiguousarray(p), np.ascontiguousarray(t))
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """Pairs of facets that slide on each other, of a body with k displacements at each node.
+
+    Attributes
+    ----------
+    nodes : array (n_f, 2 n_k)
+        Nodes of the lower facet, then those of the upper one in the same order.
+    rest : array (n_f, 2 n_k, 3), mm
+        Their places at rest.
+    k : int
+    weights : array (3, n_p, 2 n_k)
+        What makes of the nodes' places, at each Gauss point, the means of both faces' tangents, and the distance of the faces.
+    scale : array (n_f, n_p)
+        The gap mode over the determinant.
+    """
+
+    nodes: Ints
+    rest: Array
+    k: int
+    weights: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, body: "Solid | Meridian", heights: Sequence[float], thickness: Sequence[float]) -> "Facets":
+        """The pairs at some heights, mm, each with the thickness of the thinner layer beside it, mm.
+
+        Raises
+        ------
+        MeshError
+            The mesh is not cut there.
+        """
+        points, lengths = body.points(), np.asarray(thickness)
+        elements = points[1, body.nodes]
+        found, owner = [], []
+        for number, height in enumerate(heights):
+            at = np.abs(elements - height) < SAME * np.ptp(points[1])
+            touching, below = at.sum(axis=1) > 1, elements.mean(axis=1) < height
+            lower, upper = (_facet_nodes(body, np.flatnonzero(touching & side), at) for side in (below, ~below))
+            found.append(_paired(points, lower, upper))
+            owner.append(np.full(len(lower), number))
+        nodes = np.concatenate(found)
+        rest = np.zeros((*nodes.shape, 3))
+        rest[..., : len(points)] = np.moveaxis(points[:, nodes], 0, -1)
+        shapes, slopes, shares = _face_shapes(nodes.shape[1] // 2, len(points) - 1)
+        tangents = [np.hstack([slope, slope]) / 2 for slope in slopes]
+        if len(points) == 2:
+            tangents.append(np.zeros_like(tangents[0]))
+        made = cls(nodes, rest, len(points), np.array([*tangents, np.hstack([-shapes, shapes])]), np.empty(0))
+        a, b, _ = made._vectors(np.zeros(points.size))
+        area = np.linalg.norm(np.cross(a, b), axis=2)
+        ring = 1.0 if len(points) == 3 else 2 * np.pi * np.einsum("pn,fn->fp", np.hstack([shapes, shapes]) / 2, rest[..., 0])
+        return replace(made, scale=np.sqrt(shares * ring / area / lengths[np.concatenate(owner)][:, None]))
+
+    def gaps(self, u: Array) -> Array:
+        """The gap modes (n_f, n_p) at displacements u (n,), in the unit of a dilatation's modes."""
+        return np.asarray(self.scale * np.linalg.det(np.stack(self._vectors(u), axis=2)))
+
+    def slopes(self, u: Array) -> Array:
+        """Their derivatives by the facets' displacements, (n_f, n_p, 2 n_k, k)."""
+        a, b, d = self._vectors(u)
+        normals = np.array([np.cross(b, d), np.cross(d, a), np.cross(a, b)])[..., : self.k]
+        return np.einsum("fp,vpn,vfpi->fpni", self.scale, self.weights, normals)
+
+    def curvature(self, u: Array, pressure: Array) -> Array:
+        """Their second derivatives times pressures (n_f, n_p), summed: (n_f, 2 n_k, k, 2 n_k, k)."""
+        vectors, out = self._vectors(u), 0.0
+        for first, second, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            pairs = np.einsum("pn,po->pno", self.weights[first], self.weights[second])
+            turn = np.einsum("ijk,fpk->fpij", LEVI_CIVITA, vectors[third])[..., : self.k, : self.k]
+            out = out + np.einsum("fp,pno,fpij->fnioj", self.scale * pressure, pairs - pairs.swapaxes(1, 2), turn, optimize=True)
+        return np.asarray(out)
+
+    def apart(self, u: Array) -> float:
+        """How far apart the faces are, or how far in each other, mm, where each point is compared with what it lies on now: the
+        root mean square, weighted by how far the points have moved along y."""
+        lower, upper, spacing = self._sampled(u)
+        away, over = cKDTree(lower[0]).query(upper[0])
+        facing = away < spacing  # a rim that has slid beyond the other lies on nothing
+        normals = upper[1][facing] + lower[1][over[facing]]
+        distance = np.sum(normals * (upper[0][facing] - lower[0][over[facing]]), axis=1) / np.linalg.norm(normals, axis=1)
+        moved = np.abs(upper[2][facing])
+        return float(np.sqrt(np.sum(moved * distance**2) / max(moved.sum(), 1e-300)))
+
+    def _sampled(self, u: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], float]:
+        """Points (n, 3) all over the lower and the upper faces with their normals and how far they have moved along y, and the
+        largest distance of neighbours, mm."""
+        n_k, dim = self.nodes.shape[1] // 2, self.k - 1
+        shapes, slopes, _ = _face_shapes(n_k, dim, (np.arange(SAMPLES) + 0.5) / SAMPLES)
+        x = self._places(u)
+        faces = []
+        for side in (x[:, :n_k], x[:, n_k:]):
+            tangents = [np.einsum("pn,fni->fpi", slope, side) for slope in slopes]
+            across = tangents[1] if dim == 2 else np.broadcast_to([0.0, 0.0, 1.0], tangents[0].shape)
+            normals = np.cross(tangents[0], across)
+            normals /= np.linalg.norm(normals, axis=2, keepdims=True) * np.sign(normals[..., 1:2])
+            points = np.einsum("pn,fni->fpi", shapes, side).reshape(-1, 3)
+            faces.append((points, normals.reshape(-1, 3), points[:, 1] - np.repeat(self.rest[:, 0, 1], len(shapes))))
+        widths = np.ptp(x[:, :n_k], axis=1)
+        return faces[0], faces[1], float(np.linalg.norm(widths, axis=1).max() / SAMPLES)
+
+    def _places(self, u: Array) -> Array:
+        """Places (n_f, 2 n_k, 3) of the facets' nodes, mm."""
+        x = self.rest.copy()
+        x[..., : self.k] += u.reshape(-1, self.k)[self.nodes]
+        return x
+
+    def _vectors(self, u: Array) -> tuple[Array, Array, Array]:
+        """Both tangents and the distance of the faces at the Gauss points, each (n_f, n_p, 3)."""
+        a, b, d = np.einsum("vpn,fni->vfpi", self.weights, self._places(u))
+        return a, b if self.k == 3 else b + np.array([0.0, 0.0, 1.0]), d
+
+
+def _facet_nodes(body: "Solid | Meridian", elements: Ints, at: Any) -> Ints:
+    """Nodes (n_f, n_k) of each element's facet among its nodes `at` a height, in the order of the facet's own coordinates."""
+    places, rows = body.basis.elem.elem.doflocs, []
+    for element in elements:
+        own = np.flatnonzero(at[element])
+        spread = np.ptp(places[own], axis=0) > 0
+        rows.append(body.nodes[element, own[np.lexsort(places[own][:, spread].T)]])
+    return np.array(rows)
+
+
+def _paired(points: Array, lower: Ints, upper: Ints) -> Ints:
+    """Nodes (n_f, 2 n_k) of lower facets and of the upper facets that lie on them, in the same order."""
+    middles = [points[:, nodes].mean(axis=2).T for nodes in (lower, upper)]
+    beside = upper[cKDTree(middles[1]).query(middles[0])[1]]
+    away = np.linalg.norm(points[:, lower, None] - points[:, beside][:, :, None], axis=0)
+    if lower.shape != upper.shape or away.min(axis=2).max() > SAME * np.ptp(points) or np.any(lower == beside):
+        raise MeshError("the mesh of layers that slide is not cut between them")
+    return np.hstack([lower, np.take_along_axis(beside, away.argmin(axis=2), axis=1)])
+
+
+def _face_shapes(n_nodes: int, dim: int, points: Array | None = None) -> tuple[Array, list[Array], Array]:
+    """Shape functions (n_p, n_nodes) at points along each of the `dim` coordinates of a facet, their derivatives by the
+    coordinates, and the points' weights; by default at Gauss points, one less than nodes in a row: more would lock the faces."""
+    n = round(n_nodes ** (1 / dim))
+    x, w = np.polynomial.legendre.leggauss(n - 1)
+    places, points = np.linspace(0, 1, n), (x + 1) / 2 if points is None else points
+    powers = np.linalg.inv(places[:, None] ** np.arange(n))
+    N: Array = (points[:, None] ** np.arange(n)) @ powers
+    dN = (np.arange(n) * points[:, None] ** np.maximum(np.arange(n) - 1, 0)) @ powers
+    if dim == 1:
+        return N, [dN], np.asarray(w / 2)
+    # the first coordinate changes fastest, as in _facet_nodes
+    return np.asarray(np.kron(N, N)), [np.kron(N, dN), np.kron(dN, N)], np.asarray(np.kron(w / 2, w / 2))
+
+
+class Sliding:
+    """A Body whose layers slide on each other.
+
+    Parameters
+    ----------
+    body : Solid or Meridian
+        Its mesh is cut where layers slide.
+    facets : Facets
+
+    Attributes
+    ----------
+    dofs : array (n_el + n_f, n_n, k)
+        Those of the elements, then those of the pairs of facets, each with one of its nodes repeated up to n_n.
+    nodes : array (n_el, n_n)
+        Of the elements alone.
+    """
+
+    def __init__(self, body: "Solid | Meridian", facets: Facets) -> None:
+        self.solid, self.facets, self._n = body, facets, len(body.nodes)
+        self.mesh, self.element, self.basis, self.copies = body.mesh, body.element, body.basis, body.copies
+        self.weights, self.nodes, k = body.weights, body.nodes, facets.k
+        links = np.repeat(facets.nodes[:, :1], body.nodes.shape[1], axis=1)
+        links[:, : facets.nodes.shape[1]] = facets.nodes
+        self.dofs = np.concatenate([body.dofs, (k * links[..., None] + np.arange(k)).astype(np.int32)])
+        nothing = np.zeros((len(links), body.means.shape[1]))
+        self.volume, self.means = np.concatenate([body.volume, nothing[:, 0]]), np.concatenate([body.means, nothing])
+        self.signs = np.ones(self.dofs.shape)
+        cells = self.dofs[:, :, 0] // k
+        self.indptr, self.indices, self.positions = sparsity(cells, body.n_dofs // k, k)
+        self._places = _places(body.indptr, body.indices, self.indptr, self.indices)
+        linked = self.dofs[self._n :, : facets.nodes.shape[1]].reshape(len(links), -1)
+        self._linked = linked
+        columns = k * self.positions[self._n :, : facets.nodes.shape[1], : facets.nodes.shape[1]]
+        entries = self.indptr[linked].reshape(*facets.nodes.shape, k, 1, 1) + columns[:, :, None, :, None] + np.arange(k)
+        self._entries = entries.reshape(len(links), linked.shape[1], linked.shape[1])
+
+    @property
+    def n_dofs(self) -> int:
+        return self.solid.n_dofs
+
+    def held(self, base: str, motions: frozenset[str] = frozenset(), ends: bool = False) -> Ints:
+        return self.solid.held(base, motions, ends)
+
+    def points(self) -> Array:
+        return self.solid.points()
+
+    def unfolded(self, u: Array) -> "tuple[Solid | Meridian, Array]":
+        """The body without its interfaces, and u (n,)."""
+        return self.solid, u
+
+    def corners(self, u: Array) -> tuple[Array, Array]:
+        return self.solid.corners(u)
+
+    def state(self, u: Array, fibre: Fibre) -> BodyState:
+        own = self.solid.state(u, fibre)
+        gaps = np.zeros((len(self._linked), self.means.shape[1]))
+        gaps[:, : self.facets.scale.shape[1]] = self.facets.gaps(u)
+        return BodyState(own.I, np.concatenate([own.theta, gaps]), own.valid)
+
+    def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
+        return volumetric(kappa).pressure(state.theta, self.means)
+
+    def residual(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
+        forces = self.solid.residual(u, self._own(state), material, pressure[: self._n], fibre)
+        return self._with_links(forces, u, pressure)
+
+    def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
+        return self._with_links(self.solid.forces(u, gradient, pressure[: self._n], fibre), u, pressure)
+
+    def tangent(
+        self,
+        u: Array,
+        state: BodyState,
+        material: Material,
+        pressure: Array,
+        kappa: Bulk | Volumetric,
+        fibre: Fibre,
+        bulk: Bulk | None = None,
+    ) -> tuple[Array, Array]:
+        n, law = self._n, volumetric(kappa)
+        own = Volumetric(_rows(law.kappa, n), _rows(law.rest, n))
+        forces, own_values = self.solid.tangent(
+            u, self._own(state), material, pressure[:n], own, fibre, None if bulk is None else _rows(bulk, n)
+        )
+        values = np.zeros(self.indices.size)
+        values[self._places] = own_values
+        stiffness = per_element(law.kappa if bulk is None else bulk, len(self.dofs))[n:]
+        B = self.facets.slopes(u)
+        B = B.reshape(*B.shape[:2], -1)
+        K = self.facets.curvature(u, pressure[n:, : B.shape[1]]).reshape(len(B), B.shape[2], B.shape[2])
+        K += np.einsum("f,fpa,fpb->fab", stiffness, B, B)
+        np.add.at(values, self._entries, K)
+        return self._with_links(forces, u, self.pressure(state, law)), values
+
+    def dilatation_map(self, u: Array) -> Array:
+        slopes = self.facets.slopes(u)
+        links = np.zeros((len(slopes), self.means.shape[1], *self.dofs.shape[1:]))
+        links[:, : slopes.shape[1], : slopes.shape[2]] = slopes
+        return np.concatenate([self.solid.dilatation_map(u), links])
+
+    def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
+        return self.solid.stress(u, self._own(state), material, pressure[: self._n], fibre)
+
+    def deformation(self, u: Array) -> Array:
+        return self.solid.deformation(u)
+
+    def prestress(self, S: Array) -> tuple[Array, Array]:
+        forces, own = self.solid.prestress(S)
+        values = np.zeros(self.indices.size)
+        values[self._places] = own
+        return forces, values
+
+    def matrix(self, values: Array) -> sp.csr_matrix:
+        return sp.csr_matrix((values, self.indices, self.indptr), shape=(self.n_dofs,) * 2, copy=False)
+
+    def _own(self, state: BodyState) -> BodyState:
+        """The state of the elements alone."""
+        return BodyState(state.I, state.theta[: self._n], state.valid)
+
+    def _with_links(self, forces: Array, u: Array, pressure: Array) -> Array:
+        """Forces (n,) with those of the interfaces' pressures."""
+        slopes = self.facets.slopes(u)
+        links = np.einsum("fpni,fp->fni", slopes, pressure[self._n :, : slopes.shape[1]])
+        return forces + np.bincount(self._linked.ravel(), links.ravel(), forces.size)
+
+
+def with_slides(body: Uncut, sample: Sample) -> Uncut | Sliding:
+    """A body with the interfaces at which the sample's layers slide; itself where none do. Raises MeshError for linear elements,
+    which are held together at one point of each facet."""
+    if not sample.slides:
+        return body
+    if body.element != "q2p1":
+        raise MeshError(f'solver.element = "{body.element}": layers with interface = "sliding" take "q2p1" only; leave the key out')
+    ends = [sample.thickness, *(sample.thickness - depth for depth in sample.interfaces), 0.0]
+    thinner = [min(ends[n - 1] - ends[n], ends[n] - ends[n + 1]) for n in (ends.index(height) for height in sample.slides)]
+    return Sliding(body, Facets.of(body, sample.slides, thinner))
+
+
+def apart(body: Body, u: Array) -> float:
+    """How far apart the faces of layers that slide are at displacements u (n,), or how far in each other, mm; 0 without such."""
+    cut = (
+        getattr(body, "solid", body) if not isinstance(body, Sliding) else body
+    )  # of a half that is tied to itself: all of its nodes
+    return cut.facets.apart(body.unfolded(u)[1]) if isinstance(cut, Sliding) else 0.0
+
+
+def _rows(bulk: Bulk, n: int) -> Bulk:
+    """A modulus of the first n elements."""
+    return bulk if isinstance(bulk, float | int) else np.ascontiguousarray(bulk[:n])
+
+
+def _places(indptr: Ints, indices: Ints, wider: Ints, wider_indices: Ints) -> Ints:
+    """Places of a pattern's values among those of a wider one; both are sorted."""
+    n = indptr.size - 1
+    keys = np.repeat(np.arange(n, dtype=np.int64), np.diff(wider)) * n + wider_indices
+    return np.searchsorted(keys, np.repeat(np.arange(n, dtype=np.int64), np.diff(indptr)) * n + indices)

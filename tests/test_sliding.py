@@ -1,0 +1,160 @@
+"""Layers that slide on each other: against a sliding base, Hankel's transform, parts of the sample, and central differences."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fixtures.two_layers import Layers
+from scipy.spatial.transform import Rotation
+
+from indentfit.case.tables import Indenter, Layer, Mesh, Sample, Solver
+from indentfit.errors import ConvergenceError, MeshError
+from indentfit.fem.fields import recover
+from indentfit.fem.setup import Press, Setup
+from indentfit.fem.simulate import Model, _require_together
+from indentfit.fem.sliding import apart
+from indentfit.material import layered, load
+
+GEL, FIBRES = load("neo_hookean"), load("transversely_isotropic")
+RATIO = 1000.0
+NU = (3 * RATIO - 2) / (2 * (3 * RATIO + 1))
+BALL, STRIP = Indenter(shape="sphere", radius=2.0, friction=0.3), Indenter(shape="strip", width=1.0, length=20.0, friction=0.5)
+
+
+def sample(upper=1.0, lower=2.0, interfaces=("sliding", "bonded"), **keys):
+    thickness = (upper, lower) if len(interfaces) == 2 else (upper, lower / 2, lower / 2)
+    layers = [
+        Layer(name=name, thickness=h, model="neo_hookean", parameters={"mu": 1.0}, interface=how)
+        for name, h, how in zip(("top", "low", "last"), thickness, interfaces, strict=False)
+    ]
+    return Sample(**({"shape": "disc", "diameter": 20.0, "base": "bonded"} | keys), thickness=upper + lower, layer=layers)
+
+
+def model(piece, indenter, depth=0.2, symmetry="axisymmetric", mesh=None, **solver):
+    return Model(Setup(piece, indenter, mesh or Mesh(), Solver(**solver), depth, symmetry))
+
+
+def press(top, low, depth=0.2, points=2, law=GEL, **keys):
+    laws = layered({"top": law, "low": GEL})
+    more = {"top.zeta": 4.0, "top.phi": 0.7} if law is FIBRES else {}
+    values = {"top.mu": top, **more, "low.mu": low}
+    return Press(laws(**values), (RATIO * top, RATIO * low), 0, np.linspace(depth / points, depth, points), **keys)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_soft_layer_sliding_on_a_rigid_one_is_one_on_a_sliding_base(friction):
+    ball = BALL.model_copy(update={"friction": friction})
+    alone = Sample(shape="disc", diameter=20.0, thickness=1.0, base="sliding")
+    rigid = model(alone, ball).run(Press(GEL(mu=1.0), RATIO, 0, np.array([0.1, 0.2]))).force[-1]
+    forces = [model(sample(), ball).run(press(1.0, k)).force[-1] for k in (1e2, 1e4)]
+    assert forces[1] == pytest.approx(rigid, rel=1e-3)
+    assert abs(1 - forces[0] / rigid) > 5 * abs(1 - forces[1] / rigid)
+
+
+@pytest.mark.parametrize(("top", "low"), [(1.0, 1.0), (100.0, 1.0)], ids=lambda mu: f"{mu:g}")
+@pytest.mark.parametrize(("shape", "size", "upper"), [("cylinder", 1.0, 1.0), ("sphere", 8.0, 0.5)])
+def test_small_depths_are_those_of_hankels_transform(shape, size, upper, top, low):
+    """Within 0.5 % on the default mesh; the ball's finite depth is 0.3 % of it."""
+    depth = 2e-4 if shape == "cylinder" else 0.003 * size
+    made = model(sample(upper, diameter=80.0), Indenter(shape=shape, radius=size, friction=0.0), depth)
+    exact = Layers((upper, 2.0), (top, low), (NU, NU), sliding=True)
+    right = exact.punch(size) * depth if shape == "cylinder" else exact.sphere(size, depth)
+    assert made.run(press(top, low, depth, points=1)).force[-1] == pytest.approx(right, rel=0.005)
+
+
+@pytest.mark.parametrize("law", [GEL, FIBRES], ids=lambda law: law.__name__)
+def test_parts_of_the_sample_give_the_same_force(law):
+    piece, asked = sample(diameter=6.0), press(3.0, 1.0, points=1, law=law)
+    quarter, half, whole = (
+        model(piece, STRIP, symmetry=part, mesh=Mesh(elements=40)).run(asked).force for part in ("quarter", "half", "whole")
+    )
+    assert half == pytest.approx(quarter, rel=1e-6)
+    assert whole == pytest.approx(quarter, rel=1e-6)
+
+
+def test_a_rotation_of_all_opens_no_gap():
+    body = model(sample(), STRIP, symmetry="quarter", mesh=Mesh(elements=40)).body
+    X = body.points().T
+    moved = X @ Rotation.from_rotvec([0.3, 0.5, -0.4]).as_matrix().T + [1.0, 2.0, 3.0]
+    assert np.abs(body.facets.gaps((moved - X).ravel())).max() < 1e-12
+
+
+@pytest.mark.parametrize(("symmetry", "indenter"), [("axisymmetric", BALL), ("quarter", STRIP), ("half", STRIP)])
+def test_the_tangent_is_the_derivative_of_the_forces(symmetry, indenter):
+    made = model(sample(), indenter, symmetry=symmetry, mesh=Mesh(elements=40))
+    asked, body, rng = press(2.0, 1.0), made.body, np.random.default_rng(0)
+    loading = made._loading(asked, made._springs(asked.material, asked.fibre))
+    u, v, step = 0.005 * rng.normal(size=body.n_dofs), rng.normal(size=body.n_dofs), 1e-6
+
+    def forces(u):
+        state = body.state(u, asked.fibre)
+        return body.residual(u, state, loading.material, body.pressure(state, loading.volumetric), asked.fibre)
+
+    state = body.state(u, asked.fibre)
+    pressure = body.pressure(state, loading.volumetric)
+    _, values = body.tangent(u, state, loading.material, pressure, loading.volumetric, asked.fibre)
+    exact, seen = body.matrix(values) @ v, (forces(u + step * v) - forces(u - step * v)) / (2 * step)
+    assert np.abs(exact - seen).max() < 1e-6 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize(("symmetry", "indenter"), [("axisymmetric", BALL), ("quarter", STRIP)])
+def test_sensitivities_are_those_of_central_differences(symmetry, indenter):
+    made, step = model(sample(), indenter, symmetry=symmetry, mesh=Mesh(elements=40), tolerance=1e-8), 1e-5
+    exact = made.run(press(5.0, 1.0, sensitivities=("top.mu", "low.mu"))).sensitivities
+    for name, (top, low) in {"top.mu": (5.0 * step, 0.0), "low.mu": (0.0, step)}.items():
+        more, less = (made.run(press(5.0 + sign * top, 1.0 + sign * low)).force[-1] for sign in (1, -1))
+        assert exact[name][-1] == pytest.approx((more - less) / (2 * (top + low)), rel=1e-4)
+
+
+@pytest.mark.campaign
+def test_bricks_agree_with_the_meridian_plane():
+    punch = Indenter(shape="cylinder", radius=1.5, edge_radius=0.3, friction=0.0)
+    plane, bricks = (
+        model(sample(diameter=12.0), punch, symmetry=part).run(press(5.0, 1.0)) for part in ("axisymmetric", "quarter")
+    )
+    assert bricks.force == pytest.approx(plane.force, rel=0.01)
+
+
+def test_three_layers_of_which_two_slide():
+    """Three sliding layers are softer than two, and these softer than bonded ones; fields hold the elements alone."""
+    laws = layered({"top": GEL, "low": GEL, "last": GEL})
+    three = model(sample(interfaces=("sliding", "sliding", "bonded")), BALL)
+    asked = Press(laws(**dict.fromkeys(laws.parameters, 1.0)), (RATIO,) * 3, 0, np.array([0.1, 0.2]))
+    result = three.run(asked)
+    fields = recover(three, result, asked.material, asked.kappa)
+    assert len(fields.layer) == 12 * 4 * three.mesh.nelements and set(fields.layer) == {1, 2, 3}
+    two, bonded = (
+        model(sample(interfaces=how), BALL).run(press(1.0, 1.0)).force for how in (("sliding", "bonded"), ("bonded",) * 2)
+    )
+    assert np.all(result.force < two) and np.all(two < bonded)
+    assert apart(three.body, result.last.u) < 1e-3 * 0.2
+
+
+def test_faces_that_come_apart_end_the_path():
+    """The upper face lifted by 3 % of the depth where the sample is pressed."""
+    body, depth = model(sample(), BALL, mesh=Mesh(elements=120)).body, 0.2
+    upper, u = np.unique(body.facets.nodes[:, 3:]), np.zeros((body.n_dofs // 2, 2))
+    u[np.unique(body.facets.nodes), 1] = -0.5 * depth
+    whole = SimpleNamespace(u=u.ravel().copy(), depth=depth)
+    assert apart(body, whole.u) < 1e-12
+    u[upper, 1] += 0.03 * depth
+    assert apart(body, u.ravel()) == pytest.approx(0.03 * depth, rel=0.01)
+    with pytest.raises(ConvergenceError, match=r"lie 3.0% of the depth apart .* smaller mesh.error") as caught:
+        _require_together(body, [None, whole, SimpleNamespace(u=u.ravel(), depth=depth)])
+    assert caught.value.part == [None, whole]
+
+
+@pytest.mark.parametrize(
+    ("indenter", "keys"),
+    [(STRIP.model_copy(update={"friction": 0.0}), {}), (BALL, {}), (STRIP, {"base": "sliding"})],
+    ids=["no friction", "ball", "floating"],
+)
+def test_a_layer_that_nothing_holds_is_refused(indenter, keys):
+    with pytest.raises(MeshError, match='interface = "sliding": a layer has no place at first where the half sample'):
+        model(sample(**keys), indenter, symmetry="half", mesh=Mesh(elements=40))
+
+
+def test_linear_bricks_are_refused():
+    """They are held together at one point of each facet, and their faces would tilt into each other by tenths of the depth."""
+    with pytest.raises(MeshError, match=r'solver.element = "q1p0": layers .* take "q2p1" only'):
+        model(sample(), STRIP, symmetry="quarter", mesh=Mesh(elements=40), element="q1p0")
