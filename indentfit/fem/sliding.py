@@ -89,14 +89,14 @@ class Facets:
         """
         points, lengths = body.points(), np.asarray(thickness)
         elements = points[1, body.nodes]
-        found, owner = [], []
+        pairs, owner = [], []
         for number, height in enumerate(heights):
             at = np.abs(elements - height) < SAME * np.ptp(points[1])
             touching, below = at.sum(axis=1) > 1, elements.mean(axis=1) < height
             lower, upper = (_facet_nodes(body, np.flatnonzero(touching & side), at) for side in (below, ~below))
-            found.append(_paired(points, lower, upper))
+            pairs.append(_paired(points, lower, upper))
             owner.append(np.full(len(lower), number))
-        nodes = np.concatenate(found)
+        nodes = np.concatenate(pairs)
         rest = np.zeros((*nodes.shape, 3))
         rest[..., : len(points)] = np.moveaxis(points[:, nodes], 0, -1)
         shapes, slopes, shares = _face_shapes(nodes.shape[1] // 2, len(points) - 1)
