@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from indentfit.case.tables import Indenter, Layer, Mesh, Sample, Solver
 from indentfit.errors import ConvergenceError, MeshError
 from indentfit.fem.fields import recover
+from indentfit.fem.meshed import apart, require_together
 from indentfit.fem.setup import Press, Setup
-from indentfit.fem.simulate import Model, _require_together
-from indentfit.fem.sliding import apart
+from indentfit.fem.simulate import Model
 from indentfit.material import layered, load
 
 GEL, FIBRES = load("neo_hookean"), load("transversely_isotropic")
@@ -140,7 +140,7 @@ def test_faces_that_come_apart_end_the_path():
     u[upper, 1] += 0.03 * depth
     assert apart(body, u.ravel()) == pytest.approx(0.03 * depth, rel=0.01)
     with pytest.raises(ConvergenceError, match=r"lie 3.0% of the depth apart .* smaller mesh.error") as caught:
-        _require_together(body, [None, whole, SimpleNamespace(u=u.ravel(), depth=depth)])
+        require_together(body, [None, whole, SimpleNamespace(u=u.ravel(), depth=depth)])
     assert caught.value.part == [None, whole]
 
 

@@ -16,6 +16,7 @@ from indentfit.material import Material, parts_of
 
 DEFAULT_BULK_RATIO = 1000.0
 LARGEST_BULK_RATIO = 2e5  # the solver takes this ratio for an exactly incompressible sample
+SAME_THICKNESS = 1e-6  # relative difference of the layers' thicknesses from that of the sample, by round-off
 BULK = ("bulk_ratio", "kappa", "poisson_ratio")  # the keys that say how compressible a material is
 
 
@@ -167,6 +168,20 @@ class Layer(Section):
             yield "poisson_ratio", "the layer's bulk_ratio is given too; keep one of them"
         if self.bulk_ratio == "unknown":
             yield "bulk_ratio", "must be a number in a layer; fit.uncertain.bulk_ratio can have a prior for all layers"
+
+
+def layers_disagree(layers: Sequence[Layer], thickness: float) -> Iterator[tuple[str, str]]:
+    """(key of [sample], what is wrong) for layers that are called alike, that do not add up to a sample's thickness, mm, or of
+    which the last one slides."""
+    names = [layer.name for layer in layers]
+    if double := next((name for n, name in enumerate(names) if name in names[:n]), None):
+        yield "layer", f"two layers are called {double}; give each a name of its own"
+    if layers[-1].interface == "sliding":
+        yield "layer", f"{layers[-1].name} is the last one, and lies on the base: sample.base says how; remove its interface"
+    total = sum(layer.thickness for layer in layers)
+    if known(thickness) and abs(total - thickness) > SAME_THICKNESS * thickness:
+        parts = " + ".join(f"{layer.thickness:g}" for layer in layers)
+        yield "thickness", f"the layers add up to {parts} = {total:.6g} mm; correct sample.thickness, or a layer's"
 
 
 class LayersChoice(MaterialChoice):

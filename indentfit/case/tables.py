@@ -21,6 +21,7 @@ from indentfit.case import specimen
 from indentfit.case.fibre_file import FibreFile
 from indentfit.case.materials import Layer as Layer
 from indentfit.case.materials import MaterialChoice as MaterialChoice
+from indentfit.case.materials import layers_disagree
 from indentfit.case.measured_field import MeasuredField, one_or_many
 from indentfit.case.quantities import (
     Angle,
@@ -52,7 +53,6 @@ from indentfit.shapes import Registry, keys_of
 
 MESH_ERRORS = (0.001, 0.1)  # range of the errors by the mesh that a case may ask for
 USUAL_MESH_ERROR = 0.01
-SAME_THICKNESS = 1e-6  # relative difference of the layers' thicknesses from that of the sample, by round-off
 Table = TypeVar("Table", bound=Section)
 SIZE = (  # the factors are those of fem.mesh.FAMILIES
     "size that all element widths are proportional to; far from the indenter eight-node bricks (solver.element q1p0) are up to 1 "
@@ -155,19 +155,7 @@ class Sample(Section):
         if self.prestretch is not None and shape is not None and not isinstance(shape.outline, samples.Rectangle):
             yield "prestretch", f"a {shape.name} has no ends that could be held; give a block, or remove it"
         if self.layer:
-            yield from self._faults_of_layers(self.layer)
-
-    def _faults_of_layers(self, layers: tuple[Layer, ...]) -> Iterator[tuple[str, str]]:
-        """Layers that are called alike, or that do not add up to the sample."""
-        names = [layer.name for layer in layers]
-        if double := next((name for n, name in enumerate(names) if name in names[:n]), None):
-            yield "layer", f"two layers are called {double}; give each a name of its own"
-        if layers[-1].interface == "sliding":
-            yield "layer", f"{layers[-1].name} is the last one, and lies on the base: sample.base says how; remove its interface"
-        total = sum(layer.thickness for layer in layers)
-        if known(self.thickness) and abs(total - self.thickness) > SAME_THICKNESS * self.thickness:
-            parts = " + ".join(f"{layer.thickness:g}" for layer in layers)
-            yield "thickness", f"the layers add up to {parts} = {total:.6g} mm; correct sample.thickness, or a layer's"
+            yield from layers_disagree(self.layer, self.thickness)
 
 
 class Indenter(Section):

@@ -12,15 +12,13 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem.asked import along, seen_along, sensitivities_along
-from indentfit.fem.body import Body, Bulk
+from indentfit.fem.body import Bulk
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
-from indentfit.fem.contact_points import ContactPoints, EdgePoints, NodePoints
 from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions, of_fibre_angle
-from indentfit.fem.element import Solid
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts, not_as_asked
@@ -29,17 +27,14 @@ from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.pardiso import THREADS_PAY
 from indentfit.fem.linear.solver import LinearSolver, LinearWork
-from indentfit.fem.meridian import Meridian
-from indentfit.fem.meridian_mesh import meridian_mesh
-from indentfit.fem.mesh import quarter
+from indentfit.fem.meshed import meshed_body, require_together
 from indentfit.fem.newton import Newton
 from indentfit.fem.observation import Observed, rows_of
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
-from indentfit.fem.sliding import APART, TOGETHER, Sliding, apart, with_slides
+from indentfit.fem.sliding import TOGETHER
 from indentfit.fem.symmetry import held_motions
-from indentfit.fem.tied import Tied
 from indentfit.fem.tries import (
     AGAIN_SECONDS,
     AGAIN_SHARE,
@@ -96,7 +91,7 @@ class Model:
     def __init__(self, setup: Setup, rim: float = 1.0) -> None:
         self.setup, self.rim = setup, rim
         started = time.perf_counter()
-        self.body, points = _body(setup, rim)
+        self.body, points = meshed_body(setup, rim)
         self.mesh = self.body.mesh
         self.layer = setup.sample.layer_at(self.mesh.p[1, self.mesh.t].mean(axis=0))  # number of each element's, from the top
         self.contact = ContactFace(points, setup.indenter, setup.sample.thickness)
@@ -292,7 +287,7 @@ class Model:
 
         try:
             path = indent(self.equations, loading, newton, press.depths)
-            _require_together(self.body, path)
+            require_together(self.body, path)
         except IndentfitError as error:
             said = _explained(error, press) if isinstance(error, ConvergenceError) else error
             short = _as_far_as(error.part, press)
@@ -473,26 +468,6 @@ def _require_contact(path: Sequence[Equilibrium], name: str) -> None:
             raise ConvergenceError(_of_test(name, cause), point.depth, step)
 
 
-def _require_together(body: Body, path: Sequence[Equilibrium]) -> None:
-    """Raise ConvergenceError, with the path up to there, where the faces of layers that slide do not lie on each other."""
-    if not isinstance(body, Sliding | Tied):
-        return
-    for step in range(len(path) - 1, 0, -1):
-        if apart(body, path[step].u) <= APART * path[step].depth:
-            break
-    else:
-        step = 0
-    if step < len(path) - 1:
-        off = apart(body, path[step + 1].u) / path[step + 1].depth
-        cause = (
-            f"the faces of layers that slide lie {off:.1%} of the depth apart or in each other (allowed {APART:.0%}): they slide "
-            "too far, or the mesh is too coarse for how they bend; give a smaller depth, or a smaller mesh.error"
-        )
-        error = ConvergenceError(cause, path[step + 1].depth, step + 1)
-        error.part = path[: step + 1]
-        raise error
-
-
 def _presses(point: Equilibrium) -> bool:
     """Whether a point of the sample touches the indenter and carries a force: points that only just touch carry none."""
     return bool(point.contact.touching.any()) and point.force > 0
@@ -510,21 +485,3 @@ def _young_across(material: Material, fibre: Fibre) -> float:
     vectors = fibre.at(fibre.own_places) if isinstance(fibre, FibreMap) else fibre
     across = np.mean(vectors[2] ** 2)  # 1 where the fibres run across the indenter, 0 where they run along it
     return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])
-
-
-def _body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian | Sliding, ContactPoints]:
-    """The meshed body as the setup asks for it, and the points at which it may touch."""
-    if setup.in_plane:
-        meridian = with_slides(Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth)), setup.sample)
-        return meridian, EdgePoints(meridian)
-    element, part = setup.solver.element, setup.part
-    mesh = quarter(setup.sample, setup.indenter, setup.mesh, element, setup.depth, rim, part.grown)
-    if setup.solver.assembly == "forms":
-        from indentfit.fem.forms import FormSolid
-
-        solid: Solid = FormSolid(mesh, element, part)
-    else:
-        solid = Solid(mesh, element, part)
-    whole = with_slides(solid, setup.sample)
-    body = Tied(whole) if part.tied else whole
-    return body, NodePoints(body, setup.sample.thickness)

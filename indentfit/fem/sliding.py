@@ -24,7 +24,7 @@ from skfem import MeshHex, MeshQuad
 from indentfit.arrays import Array, Ints
 from indentfit.case.tables import Sample
 from indentfit.errors import MeshError
-from indentfit.fem.body import Body, BodyState, Bulk, Volumetric, per_element, volumetric
+from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
 from indentfit.fem.element import Solid, sparsity
 from indentfit.fem.meridian import Meridian
 from indentfit.fibres import Fibre
@@ -33,7 +33,6 @@ from indentfit.material import Material
 Mesh = TypeVar("Mesh", MeshHex, MeshQuad)
 Uncut = TypeVar("Uncut", Solid, Meridian)
 TOGETHER = 2e4  # "bulk modulus" of an interface, in units of the top layer's shear modulus: its gap is the pressure over this
-APART = 0.02  # of the depth: how far apart the faces may be, by the mesh and by what the pairing of points neglects
 SAMPLES = 8  # places in a row on each facet at which that is looked at
 SAME = 1e-7  # of the sample's extent: how far apart nodes of both faces may be at rest
 LEVI_CIVITA = np.zeros((3, 3, 3))
@@ -339,14 +338,6 @@ def with_slides(body: Uncut, sample: Sample) -> Uncut | Sliding:
     ends = [sample.thickness, *(sample.thickness - depth for depth in sample.interfaces), 0.0]
     thinner = [min(ends[n - 1] - ends[n], ends[n] - ends[n + 1]) for n in (ends.index(height) for height in sample.slides)]
     return Sliding(body, Facets.of(body, sample.slides, thinner))
-
-
-def apart(body: Body, u: Array) -> float:
-    """How far apart the faces of layers that slide are at displacements u (n,), or how far in each other, mm; 0 without such."""
-    cut = (
-        getattr(body, "solid", body) if not isinstance(body, Sliding) else body
-    )  # of a half that is tied to itself: all of its nodes
-    return cut.facets.apart(body.unfolded(u)[1]) if isinstance(cut, Sliding) else 0.0
 
 
 def _rows(bulk: Bulk, n: int) -> Bulk:
