@@ -1,4 +1,4 @@
-"""The meshed body of a setup: bricks of a part of the sample, or its meridian plane; its layers may slide, a half is tied to itself."""
+"""The meshed body of a setup: bricks of a part of the sample, or its meridian plane; layers may slide, a half is tied to itself."""
 
 from collections.abc import Sequence
 
