@@ -469,4 +469,4 @@ def test_intervals_of_contact_hold_the_truth_in_kinds_of_records(kind):
     """The campaign in short: 20 records of a kind; those without a flag hold the truth, and no peak without a flag is off."""
     counts = campaign.tally(kind, 20, seed=3)
     assert counts.passes() and counts.plain + counts.flagged + counts.refused == 20
-    assert counts.refused == 20 if kind == "clipped" else counts.refused <= 4
+    assert counts.refused == 20 if kind == "clipped" else counts.refused <= 6

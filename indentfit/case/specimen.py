@@ -181,7 +181,7 @@ REMEDY = {
     "angle": "give test.fibres: along, across or normal",
     "dip": "give test.fibres: along, across or normal",
     "depth": "give test.strain",
-    "record": "give test.curve",
+    "record": "give test.curve (indentfit process FILE makes one of a record)",
     "sample": "give test.area and test.length where forces and displacements were measured",
     "rate": "such a test is elastic here; remove it",
     "ramp": "such a test is elastic here; remove it",

@@ -2,7 +2,8 @@
 
 The simplest baseline that the force before contact holds to is taken. A stretch up to a share of the largest force is fitted: the
 longest whose contact point agrees with those of the shorter ones, so that a law that the powers do not hold to at depth does not
-move contact (Lepski 1991, Theory Probab Appl 35:454, chooses a bandwidth in this way).
+move contact (Lepski 1991, Theory Probab Appl 35:454, chooses a bandwidth in this way). No sample follows two powers: laws with
+more stand beside them, by weights of Akaike (Burnham, Anderson 2002, Model Selection and Multimodel Inference, ch. 4).
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ AGREE = 3.0  # standard errors within which the contact points of two stretches 
 MISFIT = 40.0  # excess of squares over those of a fit to the shorter stretch alone, in squares of noise: more than five values take
 FEWEST_BEYOND = 12  # samples beyond contact of a shorter stretch
 SURE = {
+    "law": 8.0,
     "drift": 8.0,
     "decay": 15.0,
     "waves": 30.0,
     "toe": 300.0,
-}  # F ratio from which drift, decay or waves are no noise; or no toe
+}  # F ratio from which a third power, drift, decay or waves are no noise; or no toe
 LEAST_WAVE = 0.004  # of the largest force: smaller waves and decays are noise
 PERIODS = 40  # periods of waves that are tried
 HIDDEN = 0.15  # of the samples up to half of the force, before contact: fewer may be none
@@ -38,9 +40,9 @@ WORTH = {"decay": 0.9, "waves": 0.6}  # share of the squares that a baseline may
 SCREENED = 200  # samples with which baselines are screened
 DYING = (0.35, 0.05)  # of the duration of the stretch: time constants from which that of a drift is sought that dies out
 # Kinds of drifts before the record is seen: standard deviation, of the rise in contact, during the loading; and probability
-HIDDEN_DRIFTS = ((0.002, 0.2), (0.01, 0.02))
+HIDDEN_DRIFTS = ((0.002, 0.2), (0.01, 0.05))
 LARGEST_RATIO = 200.0  # an F ratio above it is as sure
-TELLING = 0.3  # of the depth: the travel before contact that tells a drift
+TELLING = 0.15  # of the depth: the travel before contact that tells a drift
 SIZES = 400  # of a drift that are tried
 CERTAIN = 1.96  # standard deviations in half of a 95 % interval
 
@@ -91,10 +93,44 @@ def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
     bases = {end: _with_baseline(coarse, POWERS[end]) for end in ends}
     best = min(ends, key=lambda end: _square(bases[end][0].residual))
     base, doubt = bases[best]
-    fit = _chosen(stretch, POWERS[best], base.baseline)
-    if len(ends) < 2:
+    fit = _chosen(stretch, base.powers, base.baseline)
+    if len(ends) > 1:
+        doubt = replace(doubt, contact=max(doubt.contact, _beyond(fit, coarse, ends, best)))
+    return (fit, doubt) if fit.baseline.scale else _weighed(fit, POWERS[best], doubt)  # waves would follow any law
+
+
+def _weighed(fit: Piecewise, powers: tuple[float, ...], doubt: Doubt) -> tuple[Piecewise, Doubt]:
+    """The best of the fits of an end's two powers and of more, and the doubt with the spread of all of them under Akaike's weights.
+
+    Powers that rise by halves are those of a layer under a sphere; one above the last is that of a law that stiffens or softens.
+    Where the force shows none of these, each has a share of the weight still: a law may differ by less than the noise shows.
+    """
+    laws = dict.fromkeys([powers, _richer(powers), (powers[0], powers[0] + 0.5, powers[0] + 1.0)])
+    fits = [fit if law == fit.powers else fit_of(fit.stretch, law, fit.baseline) for law in laws]
+    fits = [rival for rival in fits if _ratio(fits[0], rival) >= 0]  # more powers that fit worse are a search that went astray
+    gains = np.array(
+        [0.5 * min(_ratio(fits[0], rival), LARGEST_RATIO) - _price(rival, independent(fits[0].noise)) for rival in fits]
+    )
+    if not np.isfinite(gains).any():
         return fit, doubt
-    return fit, replace(doubt, contact=max(doubt.contact, _beyond(fit, coarse, ends, best)))
+    weights = np.exp(gains - gains.max())
+    weights /= weights.sum()
+    best = fits[int(np.argmax(weights))]
+    squares = [rival.stderr**2 + (rival.contact - best.contact) ** 2 for rival in fits]
+    spread = max(float(weights @ np.array(squares)) - best.stderr**2, 0.0)
+    return best, replace(doubt, contact=float(np.hypot(doubt.contact, CERTAIN * np.sqrt(spread))))
+
+
+def _price(fit: Piecewise, samples: float) -> float:
+    """What the values of a fit cost by Akaike's criterion, corrected for few independent samples, which slow noise leaves."""
+    values = fit.coefficients.size + 2  # the contact point and the size of the noise are two of them
+    left = samples - values - 1
+    return values + values * (values + 1) / left if left > 0 else np.inf
+
+
+def _richer(powers: tuple[float, ...]) -> tuple[float, ...]:
+    """The powers of a law that stiffens or softens."""
+    return (*powers, powers[-1] + 1.0)
 
 
 def _beyond(fit: Piecewise, coarse: Stretch, ends: tuple[str, ...], best: str) -> float:
@@ -147,7 +183,7 @@ def _with_baseline(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewi
     if not stretch.drifts or not (hidden or _uneven(fit)):
         return dying, doubt
     if fit.baseline.kind == "constant" and not stretch.short:
-        fit = fit_of(stretch, powers, Baseline("drift"))
+        fit = fit_of(stretch, fit.powers, Baseline("drift"))
     rivals = [fit_of(stretch, powers, rival) for rival in (_waves(stretch) if hidden else _rivals(fit))]
     sure = [rival for rival in rivals if _ratio(fit, rival) > SURE[rival.baseline.kind]]
     best = min(sure, key=lambda rival: _square(rival.residual), default=dying)
@@ -195,7 +231,9 @@ def _straight(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, D
     still = fit_of(stretch, powers, Baseline("constant"))
     if not stretch.drifts:
         return still, Doubt()
-    fit = fit_of(stretch, powers, Baseline("drift"))
+    freer = fit_of(stretch, _richer(powers), still.baseline)
+    still = freer if _ratio(still, freer) > SURE["law"] else still  # or a law that stiffens would be taken for a drift
+    fit = fit_of(stretch, still.powers, Baseline("drift"))
     ratio = _ratio(still, fit)
     last = (stretch.time[-1:], stretch.displacement[-1:])
     apart = float(fit.free(*last)[0] - still.free(*last)[0])

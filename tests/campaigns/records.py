@@ -74,15 +74,53 @@ class Drawn:
 
 
 def law(rng, end):
-    """The elastic force over the depth (0 to 1), its largest value 1: the first power of an end, and a little of the second."""
-    first, second = POWERS[end]
-    more = rng.uniform(0.0, 0.3)
+    """The elastic force over the depth (0 to 1), its largest value 1: that of an end, as no sample, or some samples, have it.
 
-    def force(x):
-        x = np.maximum(x, 0.0)
-        return (1 - more) * x**first + more * x**second
+    Half of the laws are the first power of the end and a little of the second, as the fit has it. The others are outside of what is
+    fitted: a thin bonded layer under a sphere (Dimitriadis et al. 2002, Biophys J 82:2798), a column between plates under a flat
+    end, a sample that stiffens or softens, and one that relaxes while it is loaded.
+    """
+    others = {"sphere": "layer", "flat": "column"}
+    kind = rng.choice(["powers"] * 4 + ["stiff", "soft", "relaxing", others.get(end, "soft")])
+    share = rng.uniform()
+    force = LAWS[kind](POWERS[end], share)
+    return lambda x: force(np.maximum(x, 0.0)) / force(np.ones(1))[0]
 
-    return force
+
+def _powers(powers, share):
+    more = 0.3 * share
+    return lambda x: (1 - more) * x ** powers[0] + more * x ** powers[1]
+
+
+def _layer(powers, share):
+    chi = 0.2 + share  # sqrt(radius * depth) over the thickness, at the largest depth
+    return lambda x: x**1.5 * np.polyval([0.0975, 0.769, 1.283, 1.133, 1], chi * np.sqrt(x))
+
+
+def _column(powers, share):
+    strain = 0.1 + 0.4 * share
+    return lambda x: (1 - strain * x) ** -2 - (1 - strain * x)
+
+
+def _stiff(powers, share):
+    return lambda x: x ** powers[0] * np.exp(2 * share * x)
+
+
+def _soft(powers, share):
+    return lambda x: x ** powers[0] / (1 + 0.5 * share * x)
+
+
+def _relaxing(powers, share):
+    """Half of the force relaxes, in a tenth to three durations of the loading: an integral over the loading by its midpoints."""
+    x = np.linspace(0, 1, 1001)
+    rate, age = np.diff(x ** powers[0]), 0.1 * 30**share
+    middle = 0.5 * (x[1:] + x[:-1])
+    relaxed = np.cumsum(rate * np.exp(middle / age))
+    force = np.append(0.0, 0.5 * x[1:] ** powers[0] + 0.5 * relaxed * np.exp(-x[1:] / age))
+    return lambda depth: np.interp(depth, x, force)
+
+
+LAWS = {"powers": _powers, "layer": _layer, "column": _column, "stiff": _stiff, "soft": _soft, "relaxing": _relaxing}
 
 
 def drawn(rng, end=None, travel=None, path=None, noise=None, samples=None):
