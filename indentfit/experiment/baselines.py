@@ -44,6 +44,7 @@ HIDDEN_DRIFTS = ((0.002, 0.2), (0.01, 0.05))
 LARGEST_RATIO = 200.0  # an F ratio above it is as sure
 TELLING = 0.15  # of the depth: the travel before contact that tells a drift
 SIZES = 400  # of a drift that are tried
+SURELY = 3.0  # standard errors
 CERTAIN = 1.96  # standard deviations in half of a 95 % interval
 
 
@@ -96,7 +97,7 @@ def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
     fit = _chosen(stretch, base.powers, base.baseline)
     if len(ends) > 1:
         doubt = replace(doubt, contact=max(doubt.contact, _beyond(fit, coarse, ends, best)))
-    return (fit, doubt) if fit.baseline.scale else _weighed(fit, POWERS[best], doubt)  # waves would follow any law
+    return _weighed(fit, POWERS[best], doubt) if fit.baseline.kind != "waves" else (fit, doubt)  # which would follow any law
 
 
 def _weighed(fit: Piecewise, powers: tuple[float, ...], doubt: Doubt) -> tuple[Piecewise, Doubt]:
@@ -107,7 +108,8 @@ def _weighed(fit: Piecewise, powers: tuple[float, ...], doubt: Doubt) -> tuple[P
     """
     laws = dict.fromkeys([powers, _richer(powers), (powers[0], powers[0] + 0.5, powers[0] + 1.0)])
     fits = [fit if law == fit.powers else fit_of(fit.stretch, law, fit.baseline) for law in laws]
-    fits = [rival for rival in fits if _ratio(fits[0], rival) >= 0]  # more powers that fit worse are a search that went astray
+    # more powers that fit worse are a search that went astray
+    fits = [fits[0], *(rival for rival in fits[1:] if _ratio(fits[0], rival) >= 0 and _after_a_baseline(rival))]
     gains = np.array(
         [0.5 * min(_ratio(fits[0], rival), LARGEST_RATIO) - _price(rival, independent(fits[0].noise)) for rival in fits]
     )
@@ -119,6 +121,11 @@ def _weighed(fit: Piecewise, powers: tuple[float, ...], doubt: Doubt) -> tuple[P
     squares = [rival.stderr**2 + (rival.contact - best.contact) ** 2 for rival in fits]
     spread = max(float(weights @ np.array(squares)) - best.stderr**2, 0.0)
     return best, replace(doubt, contact=float(np.hypot(doubt.contact, CERTAIN * np.sqrt(spread))))
+
+
+def _after_a_baseline(fit: Piecewise) -> bool:
+    """Whether contact is surely later than the first sample: a law of many powers may take the whole record for contact."""
+    return fit.contact - float(fit.stretch.displacement.min()) > SURELY * fit.stderr
 
 
 def _price(fit: Piecewise, samples: float) -> float:
@@ -231,9 +238,10 @@ def _straight(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, D
     still = fit_of(stretch, powers, Baseline("constant"))
     if not stretch.drifts:
         return still, Doubt()
-    freer = fit_of(stretch, _richer(powers), still.baseline)
-    still = freer if _ratio(still, freer) > SURE["law"] else still  # or a law that stiffens would be taken for a drift
-    fit = fit_of(stretch, still.powers, Baseline("drift"))
+    fit, freer = fit_of(stretch, powers, Baseline("drift")), fit_of(stretch, _richer(powers), still.baseline)
+    # a law that stiffens would be taken for a drift
+    if _ratio(still, freer) > max(SURE["law"], _ratio(still, fit)) and _after_a_baseline(freer):
+        still, fit = freer, fit_of(stretch, freer.powers, Baseline("drift"))
     ratio = _ratio(still, fit)
     last = (stretch.time[-1:], stretch.displacement[-1:])
     apart = float(fit.free(*last)[0] - still.free(*last)[0])
