@@ -15,10 +15,9 @@ from scipy.linalg import eigh
 
 from indentfit.arrays import Array, Bools, Ints
 from indentfit.inference.joint import JointFit
-from indentfit.inference.noise import FEWEST, correlations, most_correlated
+from indentfit.inference.noise import SLAB, WHITE, correlations, possible
 from indentfit.inference.posterior import FINEST, NoiseModel, Shift, basis
 
-WHITE, SLAB = 0.75, 6  # prior probability of white noise, and the number of equally probable correlations beside it
 NEGLIGIBLE = 1e-3  # errors of the model along a direction, over the least noise, that are left out
 
 
@@ -211,9 +210,7 @@ class _Noise:
 
     @classmethod
     def of(cls, rows: slice, trust: Array, stated: float, errors: Array) -> "_Noise":
-        n = trust.size
-        slab = most_correlated(n) * (np.arange(SLAB) + 0.5) / SLAB if n >= FEWEST else np.zeros(0)
-        return cls(rows, stated, errors, tuple(_Kind.of(float(rho), trust, errors) for rho in (0.0, *slab)))
+        return cls(rows, stated, errors, tuple(_Kind.of(float(rho), trust, errors) for rho in possible(trust.size)))
 
     def kinds(self, coordinate: Array) -> Ints:
         """Numbers of the correlations at values of their coordinate, (m,)."""

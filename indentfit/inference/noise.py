@@ -1,8 +1,10 @@
 """The noise that the residuals show, and the errors of the parameters under that noise.
 
-Each test has noise of its own size and, where its residuals are correlated, an autocorrelation. The noise is AR(1), with the
-coefficient under which the residuals of such a fit would be as smooth as the residuals are. Smooth residuals are mostly misfit of
-the model: the errors are then only an honest width for the part of the curves that the model cannot follow, and a note says so.
+Each test has noise of its own size and, where its residuals are correlated, an autocorrelation. The noise is AR(1). The coefficient
+that is told is that under which the residuals of such a fit would be as smooth as the residuals are. Errors go over all
+coefficients, by their probabilities (`Correlated`): few residuals seldom show whether they are correlated. Smooth residuals are
+mostly misfit of the model: the errors are then only an honest width for the part of the curves that the model cannot follow, and a
+note says so.
 """
 
 from collections.abc import Sequence
@@ -19,6 +21,7 @@ SIGNIFICANT = 1.645  # an autocorrelation within so many standard errors of zero
 LARGER = 0.95  # probability below which residuals are larger than a stated noise by chance
 DRAWN = 999  # draws of independent noise, with which the smoothness of residuals is compared
 FEWEST = 4  # points of a test whose noise may be correlated
+WHITE, SLAB = 0.75, 6  # prior probability of white noise, and the number of equally probable correlations beside it
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
 
@@ -83,6 +86,7 @@ def errors(
     R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
     variance, freedom = _known(variance, freedom, np.zeros(len(R)) if stated is None else np.square(stated))
+    R = [Correlated.of(s, r, told).mean for s, r, told in zip(slopes, residuals, rho, strict=True)]
     more = np.fmax(np.square(np.zeros(len(R)) if stated is None else stated) - np.nan_to_num(variance), 0.0)
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
     of_stated = np.array([m * np.sum(b**2, axis=1) for m, b in zip(more, B, strict=True)])
@@ -100,6 +104,67 @@ def errors(
         for k, (sigma, coefficient, r) in enumerate(zip(np.sqrt(variance).tolist(), rho, residuals, strict=True))
     )
     return noise, Errors(covar, plain, float(typical), welch, tuple(B), np.zeros_like(plain))
+
+
+@dataclass(frozen=True, eq=False)
+class Correlated:
+    """The possible correlations of the noise of one test, white noise first, given its residuals.
+
+    Parameters
+    ----------
+    rhos : array (k,)
+    shares : array (k,)
+        Their probabilities.
+    sizes : array (k,)
+        The variance of the noise under each, over that under the told correlation.
+    points : int
+    """
+
+    rhos: Array
+    shares: Array
+    sizes: Array
+    points: int
+
+    @classmethod
+    def of(cls, slopes: Array, residuals: Array, told: float) -> "Correlated":
+        """The correlations of residuals (n,) by their restricted likelihood, with the size of the noise integrated out, uniform in
+        its logarithm (Harville 1974, Biometrika 61:383).
+
+        Only what slopes (n, p) cannot make is looked at: there the residuals are the test's own noise, whatever other tests do to
+        the parameters.
+        """
+        n = len(residuals)
+        U, sizes, _ = np.linalg.svd(slopes)
+        own = U[:, int(np.sum(sizes > SINGULAR * sizes.max(initial=0.0))) :].T
+        left = own @ residuals
+        if n < FEWEST or len(own) < 2 or not left.any():
+            return cls(np.array([told]), np.ones(1), np.ones(1), n)
+        rhos = possible(n)
+        pairs = np.array([_likelihood(own, left, rho) for rho in (*rhos, told)])
+        prior = np.array([WHITE, *np.full(SLAB, (1 - WHITE) / SLAB)])
+        logs = np.log(prior) + pairs[:-1, 0]
+        shares = np.exp(logs - logs.max())
+        return cls(rhos, shares / shares.sum(), pairs[:-1, 1] / pairs[-1, 1], n)
+
+    @property
+    def mean(self) -> Array:
+        """The mean covariance of noise whose variance under the told correlation is 1, (n, n)."""
+        parts = [p * size * correlations(self.points, rho) for rho, p, size in zip(self.rhos, self.shares, self.sizes, strict=True)]
+        return np.asarray(sum(parts, np.zeros((self.points, self.points))))
+
+
+def _likelihood(seen: Array, left: Array, rho: float) -> tuple[float, float]:
+    """Logarithm of the restricted likelihood of left (m,), seen (m, n) times AR(1) noise, and the variance of that."""
+    L = np.linalg.cholesky(seen @ correlations(seen.shape[1], rho) @ seen.T)
+    white = np.linalg.solve(L, left)
+    squares = float(white @ white)
+    return float(-np.log(np.diag(L)).sum() - left.size / 2 * np.log(squares)), squares / left.size
+
+
+def possible(n: int) -> Array:
+    """The correlations that the noise of n points may have: none, then SLAB steps to the largest."""
+    slab = most_correlated(n) * (np.arange(SLAB) + 0.5) / SLAB if n >= FEWEST else np.zeros(0)
+    return np.array([0.0, *slab])
 
 
 def _known(variance: Array, freedom: Sequence[float], stated: Array) -> tuple[Array, list[float]]:
