@@ -23,6 +23,7 @@ from indentfit.inference.result import FitResult
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
+from indentfit.report.law_plot import law_misfits
 from indentfit.runs.forward import Evaluation
 from indentfit.study.predict import predict, strain_of
 
@@ -182,6 +183,9 @@ def test_a_stored_result_keeps_the_bands():
     stored = FitResult.from_json(json.loads(json.dumps(result.as_json())))
     assert stored.law_misfit == result.law_misfit
     assert "0.1, as stated" in stored.summary()
+    panel, band = law_misfits(result).axes[0], result.law_misfit.tests["pull"]
+    assert panel.lines[0].get_ydata() == pytest.approx(np.array(band.misfit))
+    assert panel.get_ylabel() == "Beyond the law (kPa)"
 
 
 def told(result, *sets):

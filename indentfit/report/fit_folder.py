@@ -14,6 +14,7 @@ from indentfit.report.displacement_files import fields_of, write_displacements
 from indentfit.report.fields import write_stresses_at
 from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
+from indentfit.report.law_plot import law_misfits
 from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
@@ -91,6 +92,8 @@ def _fill(folder: Path, result: FitResult) -> dict[str, Any]:
         fit_over_time(list(measured.items()), list(curves.items()), folder / "force_time")
     if result.profiles:
         profiles(result, folder / "profiles")
+    if result.law_misfit is not None:
+        law_misfits(result, folder / "law_misfit")
     if result.correlation and len(result.free) > 1:
         correlations(result.free, result.correlation, folder / "correlation")
     if result.samples is not None:

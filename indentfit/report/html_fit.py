@@ -18,9 +18,10 @@ from indentfit.report.first_screen import alone_words, doubts_of, next_step, pie
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.html_facts import closed_table, facts_table, stress_sections
 from indentfit.report.html_methods import methods_section
+from indentfit.report.law_plot import law_misfits
 from indentfit.report.page import Beside, Figures, Lines, Page, Part, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
-from indentfit.report.text import effect_of_base, objective_unit, said_of_misfit, share_rows, unit_of
+from indentfit.report.text import effect_of_base, law_sentences, objective_unit, said_of_misfit, share_rows, unit_of
 from indentfit.report.time_curves import fit_over_time
 
 PARAMETERS = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
@@ -28,6 +29,7 @@ SYNTHETIC = " The curves are synthetic: they were computed, not measured."
 ESTIMATES = ("Parameter", "Value", "95 % interval")
 FITTED = "{} (marks) and fitted (lines) force of the full sample against displacement; below, simulated minus {}."
 OVER_TIME = "Measured (marks) and fitted (lines) force of the full sample against time since the first point of each test."
+LAW_BAND = "By what the force exceeds that of the law: mean (line) and 95 % band (shaded) of each test."
 SEEN = "What the curves see, from most to least: change of the misfit by a relative change of parameters"
 OF_PROFILES = (
     "A profile holds its parameter at a value and fits all others again. χ² is the growth of the squares of the weighted residuals "
@@ -167,6 +169,10 @@ def _curves(stored: Stored, result: FitResult) -> Section:
         unit = objective_unit(result)
         squares = f"Weighted sum of their squares: {number(result.sum_of_squares)} {unit}²."
         parts.append(Text(f"Objective, the weighted sum of the tests' RMSEs: {number(result.objective)} {unit}. {squares}"))
+    if result.law_misfit is not None:
+        said = tuple(law_sentences(result))
+        figure = drawn(law_misfits(result), LAW_BAND, f"Misfit of the law: {'; '.join(said)}")
+        parts += [Lines(tuple(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in said)), Figures((figure,))]
     return Section("fit", "The fit", tuple(parts))
 
 

@@ -256,19 +256,25 @@ def posterior_lines(result: FitResult) -> Iterator[str]:
 
 
 def law_lines(result: FitResult) -> Iterator[str]:
-    """What a fit says of the law's own misfit, line by line, where that is a term of it."""
+    """What a fit says of the law's own misfit, line by line."""
+    for sentence in law_sentences(result):
+        yield from _folded("law", sentence)
+
+
+def law_sentences(result: FitResult) -> Iterator[str]:
+    """What a fit says of the law's own misfit, where that is a term of it."""
     known = result.law_misfit
     if known is None:
         return
-    size = f"{known.scale:.2g} ({_span(known.interval)})" if known.interval else f"{known.scale:g}, as stated"
-    yield from _folded("law", f"its misfit has the standard deviation {size}, of the force at the largest depth")
+    size = f"{known.scale:.2g} ({_span(known.interval)})" if known.interval else f"{known.scale:g}, as stated,"
+    yield f"the law's misfit has the standard deviation {size} of the force at the largest depth"
     for name, band in known.tests.items():
         unit = unit_of(result, name)
         worst = int(np.argmax(np.abs(band.misfit)))
         most = f"{band.misfit[worst]:+.3g} ({band.misfit_low[worst]:+.3g} to {band.misfit_high[worst]:+.3g}) {unit}"
         end = f"{band.force_low[-1]:.4g} to {band.force_high[-1]:.4g} {unit}"
         where = f"{plainly(band.displacement[worst])} {result.curves[name].shown.across_unit if name in result.curves else 'mm'}"
-        yield from _folded("law", f"{name}: the law misses the force by {most} at {where}; the force at the end is {end} (95 %)")
+        yield f"{name}: the law misses the force by {most} at {where.strip()}; the force at the end is {end} (95 %)"
 
 
 def misfit_lines(result: FitResult) -> Iterator[str]:
