@@ -63,7 +63,7 @@ def test_the_json_on_stdout_is_the_one_in_the_folder_and_keeps_its_keys(case, tm
         "correlation singular_values directions nfev runs reused seconds history failures notes solver mesh case_hash title "
         "versions written recording overrides noise profiles bootstrap tests_alone weights_scan uncertain rivals surrogate "
         "predicted published "
-        "summary taken_as_known moduli closed_forms refined case posterior"
+        "summary taken_as_known moduli closed_forms refined case posterior law_misfit"
     )
     assert set(result) == set(keys.split())
     assert result["format"] == "indentfit.fit/2"
