@@ -134,13 +134,13 @@ class Correlated:
         the parameters.
         """
         n = len(residuals)
-        U, sizes, _ = np.linalg.svd(slopes)
-        own = U[:, int(np.sum(sizes > SINGULAR * sizes.max(initial=0.0))) :].T
-        left = own @ residuals
-        if n < FEWEST or len(own) < 2 or not left.any():
+        U, sizes, _ = np.linalg.svd(slopes, full_matrices=False)
+        made = U[:, sizes > SINGULAR * sizes.max(initial=0.0)]
+        left = residuals - made @ (made.T @ residuals)
+        if n < FEWEST or n - made.shape[1] < 2 or not np.any(np.abs(left) > SINGULAR * np.abs(residuals).max()):
             return cls(np.array([told]), np.ones(1), np.ones(1), n)
         rhos = possible(n)
-        pairs = np.array([_likelihood(own, left, rho) for rho in (*rhos, told)])
+        pairs = np.array([_likelihood(made, left, rho) for rho in (*rhos, told)])
         prior = np.array([WHITE, *np.full(SLAB, (1 - WHITE) / SLAB)])
         logs = np.log(prior) + pairs[:-1, 0]
         shares = np.exp(logs - logs.max())
@@ -153,12 +153,21 @@ class Correlated:
         return np.asarray(sum(parts, np.zeros((self.points, self.points))))
 
 
-def _likelihood(seen: Array, left: Array, rho: float) -> tuple[float, float]:
-    """Logarithm of the restricted likelihood of left (m,), seen (m, n) times AR(1) noise, and the variance of that."""
-    L = np.linalg.cholesky(seen @ correlations(seen.shape[1], rho) @ seen.T)
-    white = np.linalg.solve(L, left)
+def _likelihood(made: Array, left: Array, rho: float) -> tuple[float, float]:
+    """Logarithm of the restricted likelihood of residuals left (n,) beside independent shapes made (n, p), and the variance of the
+    AR(1) noise."""
+    Q, R = np.linalg.qr(_white(made, rho))
+    white = _white(left[:, None], rho)[:, 0]
+    white = white - Q @ (Q.T @ white)
+    n, freedom = left.size, left.size - made.shape[1]
     squares = float(white @ white)
-    return float(-np.log(np.diag(L)).sum() - left.size / 2 * np.log(squares)), squares / left.size
+    volume = (n - 1) * np.log1p(-(rho**2)) / 2 + np.log(np.abs(np.diag(R))).sum()
+    return float(-volume - freedom / 2 * np.log(squares)), squares / freedom
+
+
+def _white(rows: Array, rho: float) -> Array:
+    """Rows (n, k) from which AR(1) noise of n equally spaced points comes out independent, of variance 1."""
+    return np.vstack([rows[:1], (rows[1:] - rho * rows[:-1]) / np.sqrt(1 - rho**2)])
 
 
 def possible(n: int) -> Array:
