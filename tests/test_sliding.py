@@ -27,7 +27,8 @@ def sample(upper=1.0, lower=2.0, interfaces=("sliding", "bonded"), **keys):
         Layer(name=name, thickness=h, model="neo_hookean", parameters={"mu": 1.0}, interface=how)
         for name, h, how in zip(("top", "low", "last"), thickness, interfaces, strict=False)
     ]
-    return Sample(**({"shape": "disc", "diameter": 20.0, "base": "bonded"} | keys), thickness=upper + lower, layer=layers)
+    given = {"shape": "disc", "diameter": 20.0, "base": "bonded"} | keys
+    return Sample(**{key: value for key, value in given.items() if value}, thickness=upper + lower, layer=layers)
 
 
 def model(piece, indenter, depth=0.2, symmetry="axisymmetric", mesh=None, **solver):
@@ -130,6 +131,14 @@ def test_three_layers_of_which_two_slide():
     assert apart(three.body, result.last.u) < 1e-3 * 0.2
 
 
+def test_a_stretched_sample_of_sliding_layers_has_fields():
+    piece = sample(shape="block", diameter=None, length=6.0, width=6.0, prestretch=1.05).stretched
+    made, asked = model(piece, STRIP, symmetry="quarter", mesh=Mesh(elements=40)), press(3.0, 1.0, points=1)
+    result = made.run(asked)
+    fields = recover(made, result, asked.material, asked.kappa)
+    assert len(fields.layer) == made.mesh.nelements and result.force[-1] > 0
+
+
 def test_faces_that_come_apart_end_the_path():
     """The upper face lifted by 3 % of the depth where the sample is pressed."""
     body, depth = model(sample(), BALL, mesh=Mesh(elements=120)).body, 0.2
@@ -152,6 +161,16 @@ def test_faces_that_come_apart_end_the_path():
 def test_a_layer_that_nothing_holds_is_refused(indenter, keys):
     with pytest.raises(MeshError, match='interface = "sliding": a layer has no place at first where the half sample'):
         model(sample(**keys), indenter, symmetry="half", mesh=Mesh(elements=40))
+
+
+def test_a_model_of_sliding_layers_is_warmed_up_with_one_material():
+    """As workers do before the first run: two equal layers that slide are softer than one piece."""
+    forces = [
+        model(sample(interfaces=how), BALL).stiffness(GEL(mu=1.0), RATIO, 0) for how in (("sliding", "bonded"), ("bonded",) * 2)
+    ]
+    assert forces[0] <= forces[1]
+    made = model(sample(), STRIP, symmetry="quarter", mesh=Mesh(elements=40))
+    assert 0 < made.stiffness(GEL(mu=1.0), RATIO, 0) < made.stiffness(GEL(mu=2.0), 2 * RATIO, 0)
 
 
 def test_linear_bricks_are_refused():

@@ -20,6 +20,16 @@ from indentfit.study.variations import plan_sweep
 
 FIELD = [{"name": "press", "curve": "parallel.csv", "field": [{"file": "top.csv"}]}]
 SHEARED = [{"name": "sheared", "kind": "shear", "fibres": "along", "strain": 0.1}]
+GELS = [
+    {
+        "name": name,
+        "thickness": 1.65,
+        "model": "neo_hookean",
+        "bulk_ratio": 1000.0,
+        "parameters": {"mu": {"start": 1.0, "min": 0.5, "max": 2.0}},
+    }
+    for name in ("upper", "lower")
+]
 FIBROUS = {**FIBRES, "bulk_ratio": 1000.0}
 
 
@@ -61,6 +71,7 @@ COMMANDS = {
     [
         ({"test": [{"name": "press", "depth": 0.2}]}, {"fit", "compare"}),
         ({"material": {"parameters": {"mu": 1.0}}}, {"fit", "design"}),
+        ({"sample": {"layer": GELS}, "material": None}, {"compare"}),
         ({"test": SHEARED, "material": FIBROUS, "indenter": None, "sample": None, "mesh": None}, set(COMMANDS)),
     ],
 )

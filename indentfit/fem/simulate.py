@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem.asked import along, seen_along, sensitivities_along
-from indentfit.fem.body import Bulk
+from indentfit.fem.body import Bulk, per_element
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_state import Springs
@@ -329,7 +329,7 @@ class Model:
         together = TOGETHER * mus[0]
         pairs = ((press.kappas, together), (bulks, self.solver.bulk(together, mus[0])), (mus, mus[0]))
         kappa, bulk, mu = (self._everywhere(*pair) for pair in pairs)
-        ways, rest = self._directions(press, material), self.rest(press.material)
+        ways, rest = self._directions(press, material), self._with_interfaces(self.rest(press.material))
         seen = None if press.observed is None else self._rows(press.observed)
         return Loading(material, kappa, bulk, mu, press.fibre, springs, ways, rest=rest, seen=seen)
 
@@ -352,7 +352,7 @@ class Model:
     def rest(self, material: Material) -> Bulk:
         """The pressure of the untouched sample in each element, kPa."""
         stretch = self.setup.sample.prestretch
-        return 0.0 if stretch is None else self._everywhere([rest_pressure(part, stretch) for part in parts_of(material)])
+        return 0.0 if stretch is None else self.of_elements([rest_pressure(part, stretch) for part in parts_of(material)])
 
     def of_elements(self, values: Sequence[float]) -> Bulk:
         """A modulus of each element (n_el, 1), of those of the layers; the number itself, where there is one."""
@@ -360,8 +360,14 @@ class Model:
 
     def _everywhere(self, values: Sequence[float], interfaces: float = 0.0) -> Bulk:
         """A modulus of each element, and of each pair of facets between layers that slide (fem.sliding)."""
-        own, links = self.of_elements(values), len(self.body.means) - self.mesh.nelements
-        return np.vstack([own, np.full((links, 1), interfaces)]) if links else own
+        return self._with_interfaces(self.of_elements(values), interfaces)
+
+    def _with_interfaces(self, own: Bulk, value: float = 0.0) -> Bulk:
+        """A modulus of each element, and behind it a value for each pair of facets."""
+        links = len(self.body.means) - self.mesh.nelements
+        if not links:
+            return own
+        return np.concatenate([per_element(own, self.mesh.nelements), np.full(links, value)])[:, None]
 
     def _directions(self, press: Press, placed: Material) -> tuple[Direction, ...]:
         def stiffness(material: Material) -> float:

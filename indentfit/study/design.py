@@ -282,8 +282,8 @@ def _told(case: Case, in_time: InTime | None, known: _Known, execution: Executio
         further, used = _further_tests(change, variant, in_time, known, execution)
         told += further
         runs += used
-    if in_time is not None:
-        return told, runs  # materials that relax have indentations only
+    if in_time is not None or case.sample.layer:
+        return told, runs  # materials that relax, and layers, have indentations only
     return told + [_of_specimen(case, test, known, execution) for test in _specimens(case)], runs
 
 
