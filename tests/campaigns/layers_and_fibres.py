@@ -43,9 +43,11 @@ def all_points(number=200, seed=0):
     points = []
     for row in qmc.LatinHypercube(len(AXES), seed=seed).random(number):
         draw = dict(zip(AXES, row, strict=True))
+        taut = draw["stretched"] < 0.5
         angle = 90.0 * round(draw["angle"]) if draw["straight"] < 1 / 3 else 180.0 * draw["angle"]
         two = draw["families"] < 1 / 3
         dip = 0.0 if two or draw["dips"] < 2 / 3 else 90.0 * draw["dip"]
+        angle, dip = (0.0, 0.0) if taut else (angle, dip)  # a sample is stretched along its fibres
         point = {
             "angle": angle,
             "dip": dip,
@@ -53,7 +55,7 @@ def all_points(number=200, seed=0):
             "layers": ("none", "bonded", "sliding")[int(3 * draw["layers"])],
             "share": 0.15 + 0.6 * draw["share"],
             "stiff": 10 ** (2 * draw["stiff"] - 1),
-            "stretch": 1 + 0.1 * draw["stretch"] if draw["stretched"] < 0.5 else None,
+            "stretch": 1 + 0.1 * draw["stretch"] if taut else None,
             "friction": draw["friction"],
             "base": "bonded" if draw["base"] < 0.5 else "sliding",
             "strain": 0.02 + 0.28 * draw["strain"],
