@@ -131,19 +131,22 @@ class TimeMap:
             gone = np.minimum.accumulate(whole[-1][self.turn :]) <= 0  # contact that is lost stays lost
             total[:, late] = np.where(gone[self.at[late] - self.turn], 0.0, total[:, late])
             return np.asarray(total)
-        start = slice(0, self.turn + 1)
-        for n in late:
-            moment = self.at[n]
-            decays = shares[:, None] * np.exp(-(self.time[moment] - self.time[start]) / np.array(function.times)[:, None])
-            ended = function.long_term * both[:, start] + np.einsum("ij,ikj->kj", decays, histories[:, :, start])
-            sizes = np.maximum.accumulate(ended[-1])  # the integral of m(t - s) dd(s) that ends at each time of the loading
-            if whole[-1, moment] <= 0:
-                total[:, n] = 0.0
-                continue
-            k = int(np.clip(np.searchsorted(sizes, whole[-1, moment]), 1, self.turn))
-            width = sizes[k] - sizes[k - 1]
-            part = np.clip((whole[-1, moment] - sizes[k - 1]) / width, 0.0, 1.0) if width > 0 else 1.0
-            total[:, n] = ended[:-1, k - 1] + part * (ended[:-1, k] - ended[:-1, k - 1])
+        moments, until = self.at[late], slice(0, self.turn + 1)
+        since, before = self.time[moments] - self.time[self.turn], self.time[self.turn] - self.time[until]
+        ahead = shares[:, None] * np.exp(-since / np.array(function.times)[:, None])
+        ended = histories[:, :, until] * np.exp(-before / np.array(function.times)[:, None])[:, None]  # at the turn, of each end
+
+        def integrals(row: Array, terms: Array) -> Array:
+            """Integrals of m(t - s) dy(s) up to some times of the loading, at the late times."""
+            return np.asarray(function.long_term * row + np.einsum("il,i...l->...l", ahead, terms))
+
+        sizes = function.long_term * both[-1, until] + ahead.T @ ended[:, -1]
+        sizes, wanted = np.maximum.accumulate(sizes, axis=1), whole[-1, moments]
+        k = np.clip((sizes < wanted[:, None]).sum(axis=1), 1, self.turn)
+        low, high = np.take_along_axis(sizes, np.stack([k - 1, k], axis=1), axis=1).T
+        part = np.clip(np.divide(wanted - low, high - low, out=np.ones_like(low), where=high > low), 0.0, 1.0)
+        first, last = (integrals(both[:-1, n], ended[:, :-1, n]) for n in (k - 1, k))
+        total[:, late] = np.where(wanted > 0, first + part * (last - first), 0.0)
         return np.asarray(total)
 
 
