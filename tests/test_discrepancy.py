@@ -13,13 +13,15 @@ from indentfit.cli import main
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.inference import joint
-from indentfit.inference.density import SLAB, WHITE
+from indentfit.inference.density import Density
 from indentfit.inference.discrepancy import LawError, law_error
 from indentfit.inference.draws import drawn
 from indentfit.inference.fit import fit
 from indentfit.inference.joint import ModelError
+from indentfit.inference.noise import SLAB, WHITE
 from indentfit.inference.posterior import FINEST
 from indentfit.inference.result import FitResult
+from indentfit.inference.sampling import _starts
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
@@ -105,6 +107,8 @@ def test_the_posterior_is_that_of_generalised_least_squares(scale):
     law = LawError(roots, scale or 0.02, None if scale else SCALES)
     known = joint.joint_fit(problem, (), Watched(Proportional()), ModelError.none(20, law), 0)
     draws = drawn(known, 0)
+    density = Density(known)
+    assert np.isfinite(density(_starts(density, 40, np.random.default_rng(0)))).all()  # walkers of emcee begin there
     values = 200 * draws.places[:, 0]
     mean = draws.shares @ values
     middle, sd = exact(force, roots, [scale] if scale else np.exp(np.linspace(*np.log(SCALES), 16)))

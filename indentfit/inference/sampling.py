@@ -1,6 +1,7 @@
 """Samples of the density over parameters and uncertain inputs, on the surrogate of a fit, by emcee (Foreman-Mackey et al. 2013).
 
-Size (uniform in its logarithm) and correlation of the noise of each test are coordinates too, and so are integrated out.
+Size (uniform in its logarithm) and correlation of the noise of each test are coordinates too, and an unknown scale of the law's
+misfit, and so are integrated out.
 Several alternatives, such as two bases, are sampled each; a draw of the result is one of theirs, by their probabilities. This
 module needs `indentfit[posterior]`.
 """
@@ -242,7 +243,7 @@ def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
 
 
 def _starts(density: Density, walkers: int, rng: np.random.Generator) -> Array:
-    """Places of the walkers: about the optimum and other maxima, (walkers, n + 2 tests)."""
+    """Places of the walkers: about the optimum and other maxima, (walkers, n + 2 tests), or one column more."""
     fit = density.fit
     modes = [fit.mode, *(mode for mode in fit.others if mode.chi2 < fit.mode.chi2 + 9)]
     drawn = []
@@ -254,6 +255,6 @@ def _starts(density: Density, walkers: int, rng: np.random.Generator) -> Array:
         place = density.place(np.clip(inside, 1e-4, 1 - 1e-4))
         sigmas = slice(len(z), len(z) + len(density.used))
         place[sigmas] += 0.2 * rng.standard_normal(len(density.used)) / (density.highest - density.lowest)
-        place[sigmas.stop :] = rng.random(len(density.used))
+        place[sigmas.stop :] = rng.random(place.size - sigmas.stop)
         drawn.append(np.clip(place, 1e-6, 1 - 1e-6))
     return np.array(drawn)
