@@ -7,20 +7,22 @@ Each kind draws records with their own law (flat punch, sphere, cone), stiffness
 where it cannot be used. A kind passes where the held share of the records without a flag lies in the binomial 99 % band about
 95 %, and no peak without a flag is off by more than 1 %. tests/test_instruments.py reruns it in short.
 
-Constants were chosen on seeds 0, 1001, 2002 and 11 to 13. Measured with 200 records of each kind on seed 3003, on which nothing was
-chosen, before the far tail of a hidden drift was told (plain: records without a flag, held of them, binomial 99 % band): every one
-of the 31 kinds lies in its band; the fullest are short_approach 103 of 104 (92 to 103), uneven 184 of 188 (170 to 185), drift 15 of
-16; two peaks of 3,045 without a flag were off, by 1.63 and 1.06 %, both in slight_drift. Adhesion, clipped and in_contact: none is
-without a flag that is not refused. Flags were on 3.2 % of ordinary records (approach, hold, rest_first, two_speeds, retract,
-uneven, blocks).
+Half of the laws are outside of what is fitted (`law`). On commit b99db5b, seed 9009, 100 records of each kind that was run (plain:
+records without a flag, held of them, binomial 99 % band); laws of more powers were chosen on seeds 79 and 8008:
 
-With drift and noise judged together (constants chosen on seeds 1, 2 and 7007), on seed 5005, four kinds (plain, held, band):
+    approach*         77   71   68-77          cycles             71   68   62-71
+    hold              82   78   72-82          uneven             73   69   64-73
+    coarse_approach   81   76   71-81          short_approach     43   40   36-43
+    curved_drift*     21   19   17-21          drift*              6    5    4-6
+    slight_drift      45   43   38-45          preload             6    5    4-6
+    stages             5    3    3-5
 
-    slight_drift      89   80   79-89         rest_first       191  184   173-188
-    approach         191  186   173-188       coarse_approach  187  176   169-184
+(* before contact had to lie after a baseline.) One peak without a flag is off: +1.19 % in slight_drift, whose noise hides the
+drift. Without the laws of more powers the interval held the truth in 65 of 88 such records of approach, and in
+71 of 215 with a law outside alone; with them in 60 of 74 of approach on seed 8008. The other 20 kinds were not run on this code.
 
-One peak without a flag is off, by 1.09 %, in slight_drift: a drift of 0.64 % of the peak that the noise cancels by chance. Flags
-are on 4.5 % of records in approach and rest_first, 6.5 % in coarse_approach (8.4 % before). The other kinds were not run again.
+Before, with all laws inside of what is fitted, seeds 3003, 5005 and 8008 had every kind that was run within its band (25 of 31 on
+8008), and one or two peaks of some 2,800 off by 1.06 to 1.63 %, all in slight_drift.
 """
 
 import argparse
