@@ -77,7 +77,9 @@ class DirectFactor:
 
     @property
     def goes_around(self) -> bool:
-        return self.inverse_around is not None and self.dilatation is not None
+        """Not where a new factor is cheap and this one holds a part of the bulk modulus only: the iteration would be slow."""
+        slow = self.only_for is not None and not self.only_for.as_stiff
+        return self.inverse_around is not None and self.dilatation is not None and not slow
 
     def around(self, solve: OnSurface, kappa: Moduli, bulk: Moduli, mu: Moduli) -> Apply:
         """The form with pressures, with the contact's dofs moved by a function."""
