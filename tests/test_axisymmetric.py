@@ -74,7 +74,7 @@ def test_a_sphere_to_40_percent_meets_another_code_within_one_percent(name):
 @pytest.mark.parametrize(
     ("indenter", "base", "depth", "apart"),
     [
-        (SPHERE, "sliding", 0.2, 0.01),
+        pytest.param(SPHERE, "sliding", 0.2, 0.01, marks=pytest.mark.campaign),
         ({**SPHERE, "friction": 0.5}, "bonded", 0.2, 0.01),
         ({"shape": "cylinder", "diameter": 1.0, "friction": 0, "edge_radius": 0.2}, "bonded", 0.05, 0.015),
     ],

@@ -484,6 +484,7 @@ def test_a_fit_says_in_words_what_its_curves_determine(tmp_path):
     assert read_case(case.path, case.overrides).hash == result.case_hash
 
 
+@pytest.mark.campaign
 def test_friction_can_be_fitted_too(tmp_path):
     """One test across the fibres, made by the model itself with friction 0.3; only it and mu are free."""
     made = white_matter("mesh.elements=40", "solver.element=q1p0", "indenter.friction=0.3")
