@@ -13,6 +13,7 @@ from skfem import MeshHex, MeshHex2
 
 import indentfit
 from indentfit.errors import CaseError
+from indentfit.fem import meshed
 from indentfit.fem import simulate as simulating
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.element import Solid
@@ -311,7 +312,7 @@ FINE = indentfit.Solver(tolerance=1e-8, max_step=0.01, penalty=100.0)
     ("control", "solver", "within"), [("displacement", FINE, 1e-6), ("force", FINE, 1e-6), ("force", None, 4e-4)]
 )
 def test_one_element_in_uniaxial_relaxation_and_creep_follows_the_closed_form(control, solver, within, monkeypatch):
-    monkeypatch.setattr(simulating, "quarter", one_element)
+    monkeypatch.setattr(meshed, "quarter", one_element)
     monkeypatch.setattr(simulating.Model, "_edge_slip", lambda *_: 0.0)
     strip = {"shape": "strip", "width": 3.5, "length": 12.0}
     block = {"shape": "block", "length": 4.0, "width": 4.0, "thickness": 3.0, "base": "sliding"}
