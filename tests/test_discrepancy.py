@@ -150,6 +150,20 @@ def test_a_curve_of_another_law_is_not_taken_for_a_wrong_modulus():
     assert "as stated" not in with_term.summary()
 
 
+def test_where_few_points_tell_the_noise_the_interval_is_still_that_of_the_misfit():
+    """Seven points with a noise of 0.1 %, which leaves mu uncertain by less than that, in an interval ten times as wide. With the
+    quantile of Student's t that seven points would have without the misfit, the share of the noise was 0.26."""
+    case = pulled("unknown")
+    strain = np.linspace(0.01, 0.07, 7)
+    stress = 2 * TRUTH / 8 * ((1 + strain) ** 7 - (1 + strain) ** -5)
+    few = Curve(strain, stress + 1e-3 * stress.max() * np.random.default_rng(0).standard_normal(7), axes=case.curves[0].axes)
+    result = fit(case.model_copy(update={"curves": (few,)}))
+    known = result.parameters["mu"]
+    assert known.total > 0.01 * known.value
+    assert result.uncertain.noise.share["mu"] < 0.05
+    assert result.uncertain.inputs["discrepancy"].share["mu"] > 0.9
+
+
 def test_a_curve_of_the_law_itself_has_a_small_misfit():
     case, stretch = pulled("unknown"), 1 + STRAIN
     force = TRUTH * (stretch - stretch**-2)

@@ -44,11 +44,11 @@ class JointPath:
 
 class JointWalk:
     """A walk along the profile of one coordinate; visited places are remembered, and other maxima are tried on the way. The
-    coordinates `held` keep their values at the optimum."""
+    coordinates `held` keep their values at the optimum; `limit` is the largest chi2 within the interval, by default the fit's."""
 
-    def __init__(self, fit: JointFit, n: int, held: Collection[int] = ()) -> None:
+    def __init__(self, fit: JointFit, n: int, held: Collection[int] = (), limit: float | None = None) -> None:
         self.climber, self.n, self.fixed = Climber(fit.posterior), n, (n, *held)
-        self.least, self.limit = fit.mode.chi2, float(fit.quantiles[n] ** 2)
+        self.least, self.limit = fit.mode.chi2, float(fit.quantiles[n] ** 2) if limit is None else limit
         self.walked: dict[float, tuple[float, Array]] = {float(fit.mode.z[n]): (fit.mode.chi2, fit.mode.z)}
         near = [mode.z for mode in fit.others if mode.chi2 < fit.mode.chi2 + 25]
         self.others = [] if held else near[:OTHERS]

@@ -14,7 +14,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.inference.density import Density
 from indentfit.inference.joint import JointFit
-from indentfit.inference.joint_profiles import JointWalk, joint_profiles
+from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber, Mode, NoiseModel
 from indentfit.inference.shares import DISCREPANCY, AlternativeFit, InputShare, NoiseShare, UncertainInputs
@@ -32,7 +32,7 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
     sd = np.sqrt(np.diag(covar))
     rows: dict[str, InputShare] = {}
     paths = joint_profiles(joint, range(p, curves.size))
-    whole = [float(np.ptp(fit.best.paths[k].interval)) for k in range(p)]
+    whole = [fit.best.paths[k] for k in range(p)]
     for n, known in enumerate(curves.inputs, start=p):
         effect = ranges * covar[:p, n] / sd[n]
         share = _vanishing(joint, whole, [n])
@@ -62,10 +62,14 @@ def _label(case: Case, known: UncertainInput) -> str:
     return known.name if known.test is None else f"{known.name} ({case.tests[known.test].name})"
 
 
-def _vanishing(joint: JointFit, whole: Sequence[float], held: Collection[int]) -> Array:
-    """The part of the squared width of each free parameter's interval that is missing where coordinates are held."""
-    widths = np.array([float(np.ptp(JointWalk(joint, k, held).ends())) for k in range(len(whole))])
-    return np.asarray(1 - np.minimum(widths / np.maximum(whole, 1e-300), 1.0) ** 2)
+def _vanishing(joint: JointFit, whole: Sequence[JointPath], held: Collection[int]) -> Array:
+    """The part of the squared width of each free parameter's interval in the whole fit that is missing where coordinates are held,
+    or under the errors of `joint`. Both intervals have the limit of the whole fit: with fewer errors the noise alone would decide
+    the limit, which may be far larger where few points tell the noise."""
+    widths = np.array(
+        [[np.ptp(JointWalk(joint, k, held, path.limit).ends()), np.ptp(path.interval)] for k, path in enumerate(whole)]
+    )
+    return np.asarray(1 - np.minimum(widths[:, 0] / np.maximum(widths[:, 1], 1e-300), 1.0) ** 2)
 
 
 def _without_mesh(fit: WideFit, joint: JointFit) -> JointFit:
@@ -88,7 +92,7 @@ def _under(joint: JointFit, noise: NoiseModel) -> JointFit:
     return replace(joint, posterior=without, mode=Mode(z, chi2, climber.covar(z)), others=())
 
 
-def _of_mesh(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
+def _of_mesh(fit: WideFit, whole: Sequence[JointPath]) -> dict[str, InputShare]:
     """The share of what the correction for the mesh leaves."""
     if fit.elements is None:
         return {}
@@ -97,7 +101,7 @@ def _of_mesh(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
     return {"mesh": InputShare(0.0, sd, effect, share, fit.elements)}
 
 
-def _of_law(fit: WideFit, whole: Sequence[float]) -> dict[str, InputShare]:
+def _of_law(fit: WideFit, whole: Sequence[JointPath]) -> dict[str, InputShare]:
     """The share of the law's misfit, where the case states one."""
     law = fit.best.fit.posterior.noise.law
     if law is None:
@@ -117,7 +121,9 @@ def scale_interval(known: WideAlternative) -> Interval:
     return float(low), float(high)
 
 
-def _of_errors(fit: WideFit, without: JointFit, whole: Sequence[float]) -> tuple[dict[str, float | None], dict[str, float | None]]:
+def _of_errors(
+    fit: WideFit, without: JointFit, whole: Sequence[JointPath]
+) -> tuple[dict[str, float | None], dict[str, float | None]]:
     """The effect on each parameter of errors of the curves that `without` lacks, and their share."""
     names, covar = list(fit.problem.free), np.diag(fit.best.fit.mode.covar)
     spread = np.sqrt(np.maximum(covar - np.diag(without.mode.covar), 0.0))[: len(names)] * _ranges(fit)

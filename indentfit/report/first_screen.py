@@ -187,7 +187,8 @@ def _next_of_parameters(result: FitResult) -> str:
             return f"{INPUTS[cause]}: that limits {_and(names)}"
     weak = [name for name in result.free if kind_of(result.parameters[name]) != "determined"]
     if weak:
-        return f"do another test: `indentfit design CASE --result DIR` says which one determines {_and(weak)} best"
+        without = " (without [fit.discrepancy] in the case)" if result.law_misfit is not None else ""
+        return f"do another test: `indentfit design CASE --result DIR`{without} says which one determines {_and(weak)} best"
     return "nothing is missing for these parameters; check the inputs that are taken as known, on which the intervals rest"
 
 

@@ -6,6 +6,7 @@ from indentfit.digits import plainly
 from indentfit.study.predict import PredictedTest, Prediction
 
 SHOWN = 12  # rows of a test's table
+FARTHER = 0.01  # of the largest fitted displacement: what goes no farther beyond it counts as fitted
 
 
 def prediction_lines(prediction: Prediction) -> Iterator[str]:
@@ -14,6 +15,9 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
         goes_on = "its misfit goes on from the fitted test" if test.continued else "its misfit is one of its own"
         yield f"predicted {name}: {goes_on}"
         yield from _table(test)
+        if test.known_to is not None and max(map(abs, test.displacement)) > (1 + FARTHER) * test.known_to:
+            yield f"amber     beyond {plainly(test.known_to)} no force of {name} was fitted: the band presumes that the misfit of"
+            yield "          the law bends no faster there; a sample that stiffens faster leaves it, so measure there too"
     yield f"work      {prediction.runs} sets of parameters; between them the force is known to {prediction.off:.2%}"
     yield "note      bands hold 95 %: of the force by parameters, inputs, the law's misfit and the mesh;"
     yield "          of a measured force also by the noise of the fitted tests"

@@ -50,6 +50,8 @@ class PredictedTest:
         The law's own force, mean.
     continued : bool
         Whether the misfit goes on from that of the fitted test of the same name.
+    known_to : float or None
+        Largest displacement of that fitted test, mm or strain; None where the misfit does not go on from one.
     """
 
     displacement: tuple[float, ...]
@@ -60,6 +62,7 @@ class PredictedTest:
     measured_high: tuple[float, ...]
     law: tuple[float, ...]
     continued: bool
+    known_to: float | None = None
 
 
 @dataclass(frozen=True)
@@ -276,6 +279,7 @@ def _band(test: Test, law: Array, beside: _Beside, rng: np.random.Generator) -> 
         measured_high=_row(middle + BAND * measured),
         law=_row(law.mean(axis=0)),
         continued=other is not None,
+        known_to=None if other is None else float(np.abs(beside.fitted.outputs(other)).max()),
     )
 
 
