@@ -459,4 +459,4 @@ def test_stiffness_against_rate_costs_one_run_and_is_drawn(tmp_path):
     assert swept.points[1].tests["press"].equivalent == pytest.approx(exact, rel=3e-3)
     swept.write(tmp_path / "sweep")
     assert (tmp_path / "sweep" / "stiffness-test-rate.svg").exists()
-    assert "times the moduli has the same last force" in swept.summary()
+    assert "times as large has the same last force" in swept.summary()

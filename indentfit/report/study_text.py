@@ -35,8 +35,8 @@ def _equivalent_lines(sweep: Sweep) -> Iterator[str]:
     for point in sweep.every_point:
         known = {name: test.equivalent for name, test in (point.tests or {}).items() if test.equivalent is not None}
         if known:
-            words = ", ".join(f"{name} {factor:.4g}" for name, factor in known.items())
-            yield f"equivalent {point.label}: an elastic material of {words} times the moduli has the same last force"
+            words = ", ".join(f"{factor:.4g} ({name})" for name, factor in known.items())
+            yield f"equivalent {point.label}: an elastic material with moduli {words} times as large has the same last force"
 
 
 def sweep_rows(sweep: Sweep) -> list[Row]:
