@@ -1,6 +1,7 @@
 """The case file: what it may say, what `--set` changes, and what a result depends on."""
 
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -430,6 +431,16 @@ def test_an_indenter_that_sinks_in_by_many_radii_is_warned_of(indenter, said):
     test = "test=[{name='press',depth=0.3,points=3}]"
     warnings = [line for line in read_case(sphere, [f"indenter={indenter}", test]).warnings() if "check the units" in line]
     assert len(warnings) == bool(said) and all(said in line for line in warnings)
+
+
+def test_a_test_whose_forces_are_small_beside_the_others_is_warned_of():
+    """Such as a small bead's curve beside a large one's: with errors in mN it has no say. The named weights give it one."""
+    (said,) = (line for line in read_case(PAPER, ["test.parallel.weight=0.01"]).warnings() if "hardly counts" in line)
+    assert said.startswith("test.parallel hardly counts in equation (1)")
+    weights = re.findall(r"test\.\w+\.weight = [\d.]+", said)
+    assert len(weights) == 2
+    assert not read_case(PAPER, [known.replace(" ", "") for known in weights]).warnings()
+    assert not read_case(PAPER, ["test.parallel.weight=0.01", "fit.discrepancy.scale=0.02"]).warnings()
 
 
 def test_a_deep_test_and_a_single_direction_are_warned_of():

@@ -15,6 +15,7 @@ from indentfit.case.faults import depth_of
 from indentfit.case.laws import has_fibres
 from indentfit.case.materials import DEFAULT_BULK_RATIO, LayersChoice
 from indentfit.case.unknown import IGNORANCE
+from indentfit.digits import quantity
 from indentfit.errors import MaterialError
 from indentfit.indenters import Rings
 from indentfit.material import Material, parts_of
@@ -29,6 +30,7 @@ COMPRESSIBLE = 10.0  # bulk over shear modulus below which an isotropic sample i
 # Of the thickness, under bars and under round indenters on samples with fibres: beyond it equilibrium may not be found. Without
 # fibres 75 of 76 round contacts are solved between 40 and 50 % (tests/campaigns/round.py), as many as above.
 DEEP, DEEP_ROUND = 0.2, 0.4
+UNHEARD = 10.0  # times that one test counts as much as another in equation (1), from which on the other is hardly heard
 SUNK = 5.0  # depth over the half-width of an indenter, beyond which a unit or a diameter is more likely to be wrong
 
 
@@ -52,6 +54,7 @@ def warnings_of(case: Case) -> Iterator[str]:
         if curve is not None:
             yield from map(str, doubts(test.name, curve.loading, test.record is not None))
     yield from draining(case)
+    yield from _unheard(case)
     if len(case.free) > 1 and has_fibres(case.law) and len({_direction(case, test) for test in case.tests}) == 1:
         if case.tests[0].kind != "indentation":
             yield f"every test is {case.tests[0].kind} {case.tests[0].fibres} the fibres: this cannot distinguish the fibre terms"
@@ -76,6 +79,24 @@ def _sunk(case: Case, test: Test, depth: float) -> str:
         f"goes {depth:.4g} mm deep, {share:.3g} times the half-width of the {shape.name}, {shape.half_width:.4g} mm; check the "
         "units of its size and of the depth"
     )
+
+
+def _unheard(case: Case) -> Iterator[str]:
+    """A warning where forces are so small beside others that equation (1), which adds up errors in mN, hardly hears their test.
+    Fits over uncertain inputs, and curves with standard deviations, go by the noise of each test and not by equation (1)."""
+    pairs = zip(case.tests, case.curves, strict=True)
+    curves = [(test, curve) for test, curve in pairs if test.kind == "indentation" and curve is not None and test.weight]
+    by_noise = any(name != "mesh" for name in case.fit.uncertain.given) or case.fit.discrepancy.stated is not None
+    if not case.free or by_noise or any(curve.sd is not None for _, curve in curves):
+        return
+    largest = {test.name: float(np.abs(curve.force).max()) for test, curve in curves}
+    counts = {test.name: (test.weight or 0.0) * largest[test.name] for test, _ in curves}
+    least, most = min(counts, key=counts.__getitem__, default=""), max(counts, key=counts.__getitem__, default="")
+    if counts and counts[most] > UNHEARD * counts[least] > 0:
+        even = {name: 1 / force for name, force in largest.items()}
+        weights = ", ".join(f"test.{name}.weight = {share / sum(even.values()):.3g}" for name, share in even.items())
+        forces = f"its largest force is {quantity(largest[least], 'mN', 3)}, that of {most} {quantity(largest[most], 'mN', 3)}"
+        yield f"test.{least} hardly counts in equation (1), which adds up errors in mN: {forces}; {weights} let all count alike"
 
 
 def _direction(case: Case, test: Test) -> tuple[object, ...]:
