@@ -22,6 +22,7 @@ study = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(study)
 
 
+@pytest.mark.campaign
 def test_contact_is_found_within_micrometres_at_the_noise_of_the_phantoms_and_its_uncertainty_is_honest():
     error, stated = 1e3 * study.trials(study.sample_curve("gelatin"), Rig(), "piecewise", 500).T
     assert np.median(np.abs(error)) < 5

@@ -56,6 +56,7 @@ def runs(ledger):
         return 0
 
 
+@pytest.mark.campaign
 def test_a_fit_killed_on_two_workers_and_resumed_on_one_gives_it_bit_by_bit(one, tmp_path):
     ledger, out = tmp_path / ".out.unfinished" / "ledger.sqlite", tmp_path / "out"
     process = subprocess.Popen(words(2, out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

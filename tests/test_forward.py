@@ -39,6 +39,7 @@ def test_friction_stiffens_only_the_perpendicular_test(run):
     assert smooth[1] < rough[1] * 0.995
 
 
+@pytest.mark.campaign
 def test_mu_matters_more_than_zeta_and_zeta_more_than_phi_and_most_at_90_degrees(run):
     def change(angle):
         base = {"mu": 1.49, "zeta": 4.68, "phi": 0.68}
@@ -62,6 +63,7 @@ def test_the_force_is_linear_in_the_scale_parameter(run):
     assert three == pytest.approx(3 * one, rel=1e-9)
 
 
+@pytest.mark.campaign
 def test_softer_contact_springs_change_the_force_by_less_than_half_a_percent(run):
     usual, stiff = (run(*COARSE, f"solver.penalty={p}", angle=90, depths=DEPTHS) for p in (1, 10))
     assert usual.force == pytest.approx(stiff.force, rel=0.005)

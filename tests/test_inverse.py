@@ -22,6 +22,7 @@ from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.identifiability import identifiability
+from indentfit.inference.noise import SLAB, WHITE, possible
 from indentfit.inference.result import FitResult
 from indentfit.inverse import genetic
 from indentfit.inverse.least_squares import least_squares
@@ -184,19 +185,38 @@ def test_only_the_scale_free_needs_one_run():
 # Identifiability
 
 
+def under_every_correlation(design, force):
+    """Covariance of the coefficients of ordinary least squares under AR(1) noise, over its correlations by Bayes' rule."""
+    n, p = design.shape
+    inverse, logs, covars = np.linalg.inv(design.T @ design), [], []
+    for number, rho in enumerate(possible(n)):
+        R = rho ** np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        L = np.linalg.cholesky(R)
+        whitened = np.linalg.solve(L, design)
+        squares = np.linalg.lstsq(whitened, np.linalg.solve(L, force), rcond=None)[1][0]
+        volume = np.linalg.slogdet(R)[1] + np.linalg.slogdet(whitened.T @ whitened)[1]
+        logs.append(np.log((1 - WHITE) / SLAB if number else WHITE) - volume / 2 - (n - p) / 2 * np.log(squares))
+        covars.append(squares / (n - p) * inverse @ design.T @ R @ design @ inverse)
+    shares = np.exp(np.array(logs) - max(logs))
+    return np.tensordot(shares / shares.sum(), covars, axes=1)
+
+
 def test_errors_and_correlation_are_those_of_linear_regression():
-    """One test, F = a d + b d^2 + noise: NumPy's polynomial fit is the oracle, bounds far away."""
+    """One test, F = a d + b d^2 + noise: NumPy's polynomial fit is the oracle, bounds far away. White noise shows as such, but a
+    correlation stays possible: variances are by 5 % above those of white noise."""
     rng = np.random.default_rng(4)
     d = np.linspace(0.1, 1, 20)
     force = 3 * d + 2 * d**2 + 0.1 * rng.standard_normal(20)
     design = np.column_stack([d, d**2])
     theta, squares = np.linalg.lstsq(design, force, rcond=None)[:2]
-    covar = np.linalg.inv(design.T @ design) * squares[0] / 18
+    covar = under_every_correlation(design, force)
+    white = np.linalg.inv(design.T @ design) * squares[0] / 18
     free = {"a": Range(start=1, min=-50, max=50), "b": Range(start=1, min=-50, max=50)}
     whole = InverseProblem((Target("t", Curve(d, force), 0.3),), {"a": 1, "b": 1}, free, None)
     best = whole.judge(dict(zip("ab", theta.tolist(), strict=True)), (design @ theta,))
     known = identifiability(whole, best, (design * 100,))
     np.testing.assert_allclose(known.covar, covar, rtol=1e-9)
+    np.testing.assert_allclose(known.covar, white, rtol=0.06)
     np.testing.assert_allclose(known.stderr, np.sqrt(np.diag(covar)), rtol=1e-9)
     assert known.correlation[0, 1] == pytest.approx(covar[0, 1] / np.sqrt(covar[0, 0] * covar[1, 1]), rel=1e-9)
     assert known.redchi == pytest.approx(squares[0] / 18, rel=1e-9)

@@ -311,6 +311,7 @@ with Ledger(sys.argv[2], case, resume=len(sys.argv) > 3) as ledger:
 """
 
 
+@pytest.mark.campaign
 def test_what_was_added_outlives_kill_9(tmp_path, case):
     """Every run that was reported as written before the kill is there, whole, and the lock is gone with the process."""
     for wait in (1, 7, 40):

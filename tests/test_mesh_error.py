@@ -134,7 +134,7 @@ def test_a_number_of_elements_that_cannot_be_had_is_said():
     assert not remark(240)
 
 
-@pytest.mark.parametrize("symmetry", ["axisymmetric", "quarter"])
+@pytest.mark.parametrize("symmetry", ["axisymmetric", pytest.param("quarter", marks=pytest.mark.campaign)])
 def test_a_sample_of_micrometres_has_the_mesh_and_the_force_of_a_sample_of_millimetres(symmetry):
     """Lengths a thousandth: the force is a millionth, and as many elements can be had."""
 
@@ -162,6 +162,7 @@ def test_the_coarsest_bricks_are_judged_by_a_finer_mesh():
     assert error <= test.mesh_error.band[-1] <= 4 * error
 
 
+@pytest.mark.campaign
 def test_bricks_that_meet_a_ball_with_few_nodes_say_so_at_small_depths():
     """The meridian plane is the reference: at a quarter of the depth the force of these bricks is 4 % off."""
     sample, ball = Sample(**{**LAYER, "diameter": 6.0}, base="bonded"), Indenter(shape="sphere", diameter=2.0, friction=0)

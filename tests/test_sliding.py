@@ -63,7 +63,7 @@ def test_small_depths_are_those_of_hankels_transform(shape, size, upper, top, lo
     assert made.run(press(top, low, depth, points=1)).force[-1] == pytest.approx(right, rel=0.005)
 
 
-@pytest.mark.parametrize("law", [GEL, FIBRES], ids=lambda law: law.__name__)
+@pytest.mark.parametrize("law", [pytest.param(GEL, marks=pytest.mark.campaign, id="gel"), pytest.param(FIBRES, id="fibres")])
 def test_parts_of_the_sample_give_the_same_force(law):
     piece, asked = sample(diameter=6.0), press(3.0, 1.0, points=1, law=law)
     quarter, half, whole = (

@@ -165,6 +165,7 @@ def test_a_worker_killed_at_work_changes_nothing(case, in_process):
         assert all(np.array_equal(x, y) for x, y in zip(a.forces, b.forces, strict=True))
 
 
+@pytest.mark.campaign
 def test_workers_killed_from_outside_change_nothing(case, in_process):
     points = [{"mu": 1.0, "zeta": 0.25 * n} for n in range(5)]
     with RunPool(case(), 2) as pool:
@@ -294,6 +295,7 @@ def alive(pid):
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc")
+@pytest.mark.campaign
 def test_memory_that_a_run_frees_is_there_for_the_next():
     """Each page that is given back and asked for again is a fault of the page table: 20,000 to 40,000 in a run otherwise."""
     white_matter = Path(__file__).parents[1] / "cases" / "white_matter_2017" / "case.toml"
