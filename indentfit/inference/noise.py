@@ -2,7 +2,8 @@
 
 Each test has noise of its own size and, where its residuals are correlated, an autocorrelation. The noise is AR(1). The coefficient
 that is told is that under which the residuals of such a fit would be as smooth as the residuals are. Errors go over all
-coefficients, by their probabilities (`Correlated`): few residuals seldom show whether they are correlated. Smooth residuals are
+coefficients, by their probabilities (`Correlated`), unless the residuals are surely smooth: few residuals seldom show whether they
+are correlated. Smooth residuals are
 mostly misfit of the model: the errors are then only an honest width for the part of the curves that the model cannot follow, and a
 note says so.
 """
@@ -22,6 +23,7 @@ LARGER = 0.95  # probability below which residuals are larger than a stated nois
 DRAWN = 999  # draws of independent noise, with which the smoothness of residuals is compared
 FEWEST = 4  # points of a test whose noise may be correlated
 WHITE, SLAB = 0.75, 6  # prior probability of white noise, and the number of equally probable correlations beside it
+UNLIKELY = 0.01  # probability of white noise below which residuals are surely smooth
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
 
@@ -86,7 +88,8 @@ def errors(
     R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
     variance, freedom = _known(variance, freedom, np.zeros(len(R)) if stated is None else np.square(stated))
-    R = [Correlated.of(s, r, told).mean for s, r, told in zip(slopes, residuals, rho, strict=True)]
+    known = [Correlated.of(s, r, told) for s, r, told in zip(slopes, residuals, rho, strict=True)]
+    R = [_wider(b, told, over_all) for b, told, over_all in zip(B, R, known, strict=True)]
     more = np.fmax(np.square(np.zeros(len(R)) if stated is None else stated) - np.nan_to_num(variance), 0.0)
     parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
     of_stated = np.array([m * np.sum(b**2, axis=1) for m, b in zip(more, B, strict=True)])
@@ -104,6 +107,15 @@ def errors(
         for k, (sigma, coefficient, r) in enumerate(zip(np.sqrt(variance).tolist(), rho, residuals, strict=True))
     )
     return noise, Errors(covar, plain, float(typical), welch, tuple(B), np.zeros_like(plain))
+
+
+def _wider(B: Array, told: Array, known: "Correlated") -> Array:
+    """Correlations (n, n) of a test's noise: over all coefficients, or, of residuals that are surely smooth, those of the told one
+    where the parameters, B (p, n) times the noise, are less certain under it. Misfit of the model is no AR(1) noise: its likelihood
+    takes it for a weaker correlation than its smoothness tells."""
+    first, second = (np.einsum("in,nm,im->i", B, R, B) for R in (told, known.mean))
+    less = np.sum(first / np.maximum(first + second, 1e-300)) > len(first) / 2
+    return told if less and known.shares[0] < UNLIKELY else known.mean
 
 
 @dataclass(frozen=True, eq=False)
