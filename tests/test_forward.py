@@ -255,3 +255,11 @@ def test_threads_of_the_libraries(n_dofs, everything):
     assert all(pool["num_threads"] == 1 for pool in (pools if everything else blas))
     own = {pool["filepath"]: pool["num_threads"] for pool in threadpool_info()}
     assert everything or all(pool["num_threads"] == own[pool["filepath"]] for pool in pools if pool not in blas)
+
+
+def test_stiff_fibres_across_the_bar_are_followed_without_cutbacks():
+    """At the search's bound of zeta the side of the sample comes to touch the bar; points anchored where they touch snapped there,
+    with 27 factorisations for 9."""
+    across = simulate(white_matter("material.parameters.zeta=20", "material.parameters.phi=0")).tests[1].facts
+    assert across.cutbacks == 0 and across.tries == 1
+    assert across.factorizations < 15

@@ -49,7 +49,7 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools
 from indentfit.case import Indenter
-from indentfit.fem.contact_points import ContactPoints
+from indentfit.fem.contact_points import ContactPoints, EdgePoints
 from indentfit.fem.contact_state import ContactChange, ContactState, History, Springs, dot
 from indentfit.indenters import UP, Distance, Rings, from_upright_punch, has_sharp_edge
 
@@ -102,6 +102,9 @@ class ContactFace:
     tied : array (n_f, 1) of bool
         Whether the points of a facet are tied to the indenter.
     shape : IndenterShape
+    ahead : bool
+        Whether a point that comes to touch within a step is anchored where it touches. On bricks a flat end's contact hardly grows,
+        and the few nodes of a side that comes to touch a bar snap with such anchors where fibres are stiff.
     friction : float
         Coefficient of friction.
     """
@@ -109,6 +112,7 @@ class ContactFace:
     def __init__(self, points: ContactPoints, indenter: Indenter, thickness: float) -> None:
         self.points, self.X, self.weights, self.under, self.surface = points, points.X, points.weights, points.under, points.surface
         self.thickness, self.shape = thickness, indenter.geometry
+        self.ahead = isinstance(points, EdgePoints) or self.shape.end != "flat"
         sticks = indenter.friction == "stick"
         self.tied = self.under[:, None] & (has_sharp_edge(self.shape) and sticks)
         upright = has_sharp_edge(self.shape) and isinstance(self.shape.partition(thickness), Rings)

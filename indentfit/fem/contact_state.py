@@ -35,10 +35,12 @@ class History:
 
 @dataclass(frozen=True)
 class Stride:
-    """A step of the depth and the one before it, mm, 0 where there is none."""
+    """A step of the depth and the one before it, mm, 0 where there is none; and whether a point that comes to touch within the step
+    is anchored where it touches, not where it was before."""
 
     step: float = 0.0
     last: float = 0.0
+    ahead: bool = True
 
 
 NO_STRIDE = Stride()
@@ -118,6 +120,8 @@ class ContactState:
 
     def motion(self, stride: Stride) -> Array:
         """Motion (n_f, n_q, 3) of points that do not touch yet: as in the step before; at rest the sample does not move."""
+        if not stride.ahead:
+            return np.zeros_like(self.place)
         if not stride.last:
             return np.broadcast_to(stride.step * UP, self.place.shape)
         return (stride.step / stride.last) * (self.place - self.history.start)
@@ -154,7 +158,7 @@ class ContactChange:
     def _anchor_ahead(self, state: ContactState, stride: Stride) -> Array:
         """Derivative (n_f, n_q, 3) of the anchor of a point that may touch within the next step."""
         share, motion = state.until_touch(stride), state.motion(stride)
-        longer = stride.step / stride.last if stride.last else 0.0
+        longer = stride.step / stride.last if stride.last and stride.ahead else 0.0
         further = longer * (self.place - self.history.start)
         nearer = -dot(motion, state.normal)
         later = dot(state.normal, self.place) + share * (dot(further, state.normal) + dot(motion, self.normal))

@@ -102,7 +102,7 @@ def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilib
 
 def _increment(equations: Equations, loading: Loading, here: Equilibrium, depth: float, leash: float) -> Increment:
     """The increment that leads from an equilibrium to a depth: its contact's multipliers follow their rates."""
-    stride = Stride(depth - here.depth, here.step)
+    stride = Stride(depth - here.depth, here.step, equations.face.ahead)
     history = here.contact.advanced(here.rate, stride)
     changes = None if here.derivatives is None else here.derivatives.advanced(here.contact, here.rate, stride)
     return Increment(equations, loading, depth, history, changes, leash)
