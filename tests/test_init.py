@@ -84,6 +84,24 @@ def test_what_only_the_user_knows_is_asked_for(curve, tmp_path):
     assert "radius, instead of the diameter, mm" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("shape", "told", "absent"),
+    [
+        ("cylinder", "indenter.radius=1", "indenter.diameter"),
+        ("sphere", "indenter.diameter=4", "indenter.radius"),
+        ("sphere", "material.bulk_ratio=20", "material.poisson_ratio"),
+        ("sphere", "material.kappa=20000", "material.poisson_ratio"),
+    ],
+)
+def test_another_form_of_a_key_stands_in_its_place(shape, told, absent, curve, tmp_path):
+    sizes = SIZES[shape] if told.startswith("material") else []
+    done = run("init", tmp_path / "own", f"--{shape}", "--curve", curve, *sets([told, *sizes, *SAMPLE]))
+    assert done.exit_code == 0 and absent not in done.stderr, done.output
+    table, key = absent.split(".")
+    assert key not in tomllib.loads((tmp_path / "own" / "case.toml").read_text())[table]
+    assert run("validate", tmp_path / "own" / "case.toml").exit_code == 0
+
+
 def test_the_search_starts_near_the_curve_s_stiffness(curve, tmp_path):
     run("init", tmp_path / "own", "--cylinder", "--curve", curve, *sets([*SIZES["cylinder"], *SAMPLE]))
     bounds = read_case(tmp_path / "own" / "case.toml").free["mu"]

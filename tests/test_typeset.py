@@ -62,6 +62,10 @@ def test_a_profile_is_drawn_through_the_runs_that_confirm_it():
     profile = Profile(tuple(values), tuple(4 * (values - 2) ** 2), 4.0, (1.0, 3.0), runs)
     drawn = corrected(profile, 2.0)
     assert drawn[0] == pytest.approx(5.0) and drawn[-1] == pytest.approx(3.5) and drawn[10] == pytest.approx(0.0)
+    near = Profile(profile.values, profile.chi2, 4.0, (1.0, 3.0), (ConfirmedPoint(2.6, 0.2, 4.0),))  # the surrogate: 1.44
+    low = corrected(near, 2.0)
+    assert low[16] == pytest.approx(0.2) and low[-1] == pytest.approx(4.0 - 1.24)
+    assert (np.diff(low[10:]) > 0).all() and np.allclose(low[:10], 4 * (values[:10] - 2) ** 2)
     bare = Profile(tuple(values), tuple(4 * (values - 2) ** 2), 4.0, (1.0, 3.0), ())
     assert np.allclose(corrected(bare, 2.0), 4 * (values - 2) ** 2)
 

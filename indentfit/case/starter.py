@@ -43,6 +43,10 @@ SHORT = {  # what a beginner needs to know of a key, in place of its whole meani
     "test.depth": 'mm: depth to simulate; for a fit put curve = "my.csv" in its place',
 }
 ROUNDED = ("edge_radius", "tip_radius")  # sharp, until the user says otherwise
+ONE_OF = (  # forms of one number, of which a case has one
+    ("indenter.radius", "indenter.diameter"),
+    ("material.poisson_ratio", "material.bulk_ratio", "material.kappa"),
+)
 
 
 @dataclass(frozen=True)
@@ -144,9 +148,7 @@ def _of_sample(own: OwnCase) -> dict[str, Any]:
 def _of_indenter(own: OwnCase) -> dict[str, Any]:
     """The keys that the shape needs, its edge's or tip's radius where it has one, and friction."""
     shape: Any = indenters.SHAPES.find(own.indenter)
-    sizes = {key: ASKED for key in keys_of(shape) if key in needed_by(shape)}
-    if shape.end == "sphere" and "indenter.diameter" not in own.told:
-        sizes = {"radius": ASKED}
+    sizes = {"radius": ASKED} if shape.end == "sphere" else {key: ASKED for key in keys_of(shape) if key in needed_by(shape)}
     rounded = {key: 0 for key in keys_of(shape) if key in ROUNDED}
     return {"shape": own.indenter, **sizes, **rounded, "friction": "unknown"}
 
@@ -160,10 +162,13 @@ def _of_test(test: OwnTest, own: OwnCase) -> dict[str, Any]:
 
 
 def _table(table: str, values: Mapping[str, Any], told: Mapping[str, Any], known: Mapping[str, KeyFacts]) -> Iterator[str]:
-    """The keys of a table with what the user has told, each with a comment."""
+    """The keys of a table with what the user has told, each with a comment; a key of which another form is told is left out."""
     further = {key.partition(".")[2]: value for key, value in told.items() if key.startswith(f"{table}.")}
     further = {key: value for key, value in further.items() if "." not in key and f"{table}.{key}" in known}
+    others = {key for forms in ONE_OF for key in forms if not {*forms}.isdisjoint({*told} - {key})}
     for key, value in {**values, **further}.items():
+        if f"{table}.{key}" in others and f"{table}.{key}" not in told:
+            continue
         facts = known[f"{table}.{key}"]
         unit = f"{facts.unit}: " if facts.unit else ""
         yield from row(f"{key} = {toml_value(value)}", SHORT.get(facts.key, f"{unit}{facts.meaning}"))

@@ -258,8 +258,7 @@ def _profiles(result: FitResult) -> list[Part]:
         figure = plots.profile(name, profile, best)
         interval = (profile.joint and best.interval) or profile.interval
         alt = f"Profile of {name}, least at {number(best.value)}, its 95 % interval {_between(interval)}"
-        through = ", which the surrogate follows within its error" if profile.joint else ", through which the curve is drawn"
-        circles = f"; circles: runs of the model{through}" if profile.confirmed else ""
+        circles = "; circles: runs of the model, through which the curve is drawn" if profile.confirmed else ""
         own = "the profile's own limit, which the interval need not meet: it is that of all alternatives, mostly by weighted draws"
         limit = f"; dashed: {own if profile.joint else 'its limit'}, {number(profile.limit, 3)}" if profile.limit else ""
         caption = f"Profile of {name}. Shaded: the 95 % interval{limit}; vertical line: the optimum{circles}."

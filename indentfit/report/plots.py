@@ -118,7 +118,7 @@ def profiles(result: FitResult, path: Place = None) -> Figure:
 
 
 def _profile(ax: Axes, name: str, profile: Profile, parameter: ParameterEstimate) -> None:
-    chi2 = np.array(profile.chi2, dtype=float) if profile.joint else corrected(profile, parameter.value)
+    chi2 = corrected(profile, parameter.value)
     top = 2 * profile.limit if profile.limit else max(float(np.nanmax(chi2)), 1e-12)
     ax.plot(profile.values, chi2, color=COLOURS[0])
     if profile.limit:
@@ -138,18 +138,30 @@ def _profile(ax: Axes, name: str, profile: Profile, parameter: ParameterEstimate
 
 
 def corrected(profile: Profile, best: float) -> Array:
-    """chi2 (n,) of a profile, by the surrogate, moved to the runs that confirm it: by their difference at these runs, which falls
-    linearly to nothing at the optimum, and stays beyond them."""
+    """chi2 (n,) of a profile, by the surrogate, moved to the runs that confirm it.
+
+    Between the optimum and the nearest run on its side it is multiplied by their ratio, so that it rises as before; farther out
+    it is moved by the runs' differences, linear between them, and by the last one's beyond it.
+    """
     values = np.array(profile.values, dtype=float)
     chi2 = np.array([np.nan if value is None else value for value in profile.chi2], dtype=float)
     known = np.isfinite(chi2)
-    runs = {point.value: point.chi2 for point in profile.confirmed if point.chi2 is not None and point.value != best}
-    if not runs or not known.any():
+    if not known.any():
         return chi2
-    places = np.array(sorted([*runs, best]))
-    by_surrogate = np.interp(places, values[known], chi2[known])
-    off = [0.0 if place == best else runs[float(place)] - guess for place, guess in zip(places, by_surrogate, strict=True)]
-    return np.maximum(chi2 + np.interp(values, places, off), 0.0)
+    drawn = chi2.copy()
+    for sign in (-1, 1):
+        side = sign * (values - best) > 0
+        confirmed = [(point.value, point.chi2) for point in profile.confirmed if point.chi2 is not None]
+        runs = sorted((sign * (value - best), value, height) for value, height in confirmed if sign * (value - best) > 0)
+        if not runs or not side.any():
+            continue
+        away, guesses = np.array([run[0] for run in runs]), np.interp([run[1] for run in runs], values[known], chi2[known])
+        off = np.array([run[2] for run in runs]) - guesses
+        distances = np.abs(values[side] - best)
+        share = np.minimum(chi2[side] / guesses[0], 1.0) if guesses[0] > 0 else np.minimum(distances / away[0], 1.0)
+        within = distances < away[0]
+        drawn[side] = chi2[side] + np.where(within, share * off[0], np.interp(distances, away, off))
+    return np.maximum(drawn, 0.0)
 
 
 def correlations(names: Sequence[str], matrix: Sequence[Sequence[float | None]], path: Place) -> Figure:
