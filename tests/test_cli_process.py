@@ -409,3 +409,29 @@ def test_a_set_of_a_gel_needs_no_directions(manifest, tmp_path):
     assert name == "S0" and case.curves[0].force[-1] == pytest.approx(60.0 * case.curves[0].displacement[-1], rel=0.05)
     with pytest.raises(CaseError, match=r"test\.press\.angle: missing; the material has fibres"):
         read_case("set/case.toml", ["material.model=transversely_isotropic", "material.parameters={mu=1,zeta=1,phi=1}"])
+
+
+def test_a_folder_stands_for_the_files_in_it(tmp_path):
+    folder = tmp_path / "rig" / "records"
+    folder.mkdir(parents=True)
+    for name in ("S1_parallel.csv", "S1_perpendicular.csv"):
+        shutil.copy(CASE / "records" / name, folder)
+    (folder / "README.md").write_text("notes")
+    (folder / "figures").mkdir()
+    shutil.copy(CASE / "record.toml", tmp_path / "rig")  # beside the folder, as in the shipped case
+    done = run(folder, "--no-figures", "-o", "out")
+    assert done.exit_code == 0 and "reading as" in done.stderr and "left out" not in done.stderr, done.output
+    assert [record["sample"] for record in json.loads(Path("out/summary.json").read_text())["records"]] == [
+        "S1_parallel",
+        "S1_perpendicular",
+    ]
+    listed = run(folder, "--list")
+    assert listed.exit_code == 0 and "S1_perpendicular.csv" in listed.stdout
+    none = run(folder / "figures")
+    assert none.exit_code == 2 and "a folder without files that may be records" in none.stderr
+    assert not Path("figures-processed").exists()
+
+
+def test_a_case_given_as_a_record_is_called_what_it_is():
+    done = run(CASE / "case.toml")
+    assert done.exit_code == 2 and "a file of settings, no record" in done.stderr and "`indentfit fit`" in done.stderr

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from indentfit.case.tables import Indenter
-from indentfit.inference.plain import by_error, span
+from indentfit.inference.plain import by_error, span, with_error
 from indentfit.inference.result import ConfirmedPoint, Profile
 from indentfit.report.indenter_outline import outline
 from indentfit.report.page import marked
@@ -29,6 +29,12 @@ def test_a_number_has_the_digits_that_its_error_leaves_it(value, error, text):
     assert by_error(value, error) == text
 
 
+def test_a_number_and_its_error_have_the_same_decimals():
+    assert with_error(212.0, 2.7) == "212.0 +- 2.7"
+    assert with_error(0.0609, 0.003) == "0.0609 +- 0.0030"
+    assert with_error(87.62, float("nan")) == "87.62 +- nan"
+
+
 def test_both_ends_of_an_interval_have_the_same_digits():
     assert span((1.196, 1.20752)) == "1.1960 to 1.2075"
     assert span((0.4475, 1.62)) == "0.45 to 1.62"
@@ -42,6 +48,7 @@ def test_both_ends_of_an_interval_have_the_same_digits():
         ("an order 0.5 <= p <= 2.1", "an order 0.5 ≤ p ≤ 2.1"),
         ("psi = mu/2 (I1 - 3)", "ψ = μ/2 (I1 - 3)"),
         ("-0.089 to -1", "−0.089 to −1"), ("+-0.47 %", "±0.47 %"), ("2 x 20 mm", "2 × 20 mm"),
+        ("0.1% of 5 %, below 3%.", "0.1 % of 5 %, below 3 %."), ("a%20b.csv", "a%20b.csv"),
         ("R2 0.99, 3 mN^2", "R² 0.99, 3 mN²"),
         ("1.5e-05", "1.5 × 10⁻⁵"), ("curves/mu-test.csv", "curves/mu-test.csv"), ("fit.uncertain.mu", "fit.uncertain.mu"),
         ("2026-11-28", "2026-11-28"), ("--phi=3", "--phi=3"), ("a7e1f-3", "a7e1f-3"), ("number", "number"),

@@ -75,11 +75,13 @@ def command(
 ) -> None:
     """Turn the raw records RAW, or those of a manifest, into curves, stiffnesses and statistics.
 
+    RAW are files; a folder stands for the files in it.
     A record that cannot be used is named on stderr and left out. The command ends with exit code 2 where no record can be used.
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import read_record_table
     from indentfit.experiment.file_case import FileCase
+    from indentfit.experiment.folders import record_files
     from indentfit.experiment.mean_case import MeanCase
     from indentfit.report.folder import json_text, refuse_existing, stamped
     from indentfit.report.record_folder import Listener, drawn_names, write_process
@@ -99,8 +101,9 @@ def command(
     first = Path(manifest or raw[0])
     output = output or f"{first.stem or 'records'}-processed"
     settings = read_record_table(_table_file(table, first), [text for text in overrides if text not in told])
+    files = tuple(map(str, record_files(raw)))
     if listed:
-        _list(raw, settings)
+        _list(files, settings)
         return
     case: MeanCase | FileCase | None = None
     if as_case and manifest:
@@ -109,7 +112,7 @@ def command(
         case = FileCase.of(told)
         settings = case.reading(settings)
     refuse_existing(output, overwrite)
-    result = _processed(raw, manifest, thickness, settings)
+    result = _processed(files, manifest, thickness, settings)
     drawn = len(drawn_names(result, figures))
     with progress("draw", total=drawn) as step:
         write_process(result, output, figures, overwrite, case, Listener(_warn, step))
@@ -122,11 +125,14 @@ def command(
 
 def _table_file(table: str | None, first: Path) -> str | Path | None:
     """The file with the table [record]: the one that is named, or the sidecar of the records, or none."""
-    beside = first.parent / SIDECAR
-    if table is None and beside.is_file():
-        click.echo(f"reading as {beside} says", err=True)
-        return beside
-    return table
+    if table is not None:
+        return table
+    for folder in (first, first.parent) if first.is_dir() else (first.parent,):
+        beside = folder / SIDECAR
+        if beside.is_file():
+            click.echo(f"reading as {beside} says", err=True)
+            return beside
+    return None
 
 
 def _list(raw: tuple[str, ...], settings: Record) -> None:

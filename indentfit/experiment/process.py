@@ -9,6 +9,7 @@ from pathlib import Path
 
 from indentfit.case import Record, read_record_table
 from indentfit.errors import RecordError
+from indentfit.experiment.folders import record_files
 from indentfit.experiment.manifest import Entry, once_each, read_manifest
 from indentfit.experiment.outcomes import AfterRecord, Outcome, process_all
 from indentfit.experiment.process_result import ProcessResult
@@ -32,8 +33,9 @@ def process(
 
     Parameters
     ----------
-    records : file, RawRecord, Entry, or a sequence of them
-        An Entry holds the sample and the direction too, so that its record counts in the statistics.
+    records : file, folder, RawRecord, Entry, or a sequence of them
+        A folder stands for the files in it. An Entry holds the sample and the direction too, so that its record counts in the
+        statistics.
     manifest : path
         In place of records: a CSV with the columns sample, direction, file, thickness, diameter.
     thickness : float, mm
@@ -59,7 +61,8 @@ def process(
     >>> result = process(RawRecord(time, displacement, force), thickness=3.3)
     >>> result.curves, result.summary()
     """
-    sources = [records] if isinstance(records, str | Path | RawRecord | Entry) else list(records)
+    given = [records] if isinstance(records, str | Path | RawRecord | Entry) else list(records)
+    sources = [file for source in given for file in (record_files([source]) if isinstance(source, str | Path) else [source])]
     if bool(sources) == (manifest is not None):
         raise RecordError("process needs either records or a manifest; give one of them")
     settings = settings if isinstance(settings, Record) else read_record_table(settings)

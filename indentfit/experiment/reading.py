@@ -178,6 +178,10 @@ def _require_file(path: Path) -> None:
         raise RecordError(f"{path}: no such file; check the path")
     if not is_file:
         raise RecordError(f"{path}: not a file; name a file of records")
+    if path.suffix.lower() == ".toml":
+        raise RecordError(
+            f"{path}: a file of settings, no record; name the instrument's files (`indentfit fit` reads those of a case)"
+        )
 
 
 def _unreadable(path: Path, error: OSError | ValueError) -> RecordError:

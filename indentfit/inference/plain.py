@@ -17,6 +17,11 @@ def by_error(value: float, error: float | None, digits: int = 5) -> str:
     return f"{value:.{min(decimals, MOST)}f}" if decimals >= 0 else f"{round(value, decimals):.0f}"
 
 
+def with_error(value: float, error: float) -> str:
+    """A number with its standard error: both with the decimals that the error has with two digits."""
+    return f"{by_error(value, error)} +- {by_error(error, error)}"
+
+
 def span(interval: Interval) -> str:
     """A 95 % interval with the digits that its width has."""
     low, high = interval

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from indentfit.arrays import Array
+from indentfit.inference.plain import by_error, span
 from indentfit.report.study_text import aligned
 from indentfit.study.compare import Comparison, LawFit, LawParameter
 
@@ -66,7 +67,7 @@ def probability(value: float) -> str:
 
 def share(value: float | None) -> str:
     """A share in percent."""
-    return "–" if value is None else f"{100 * value:.2g} %"
+    return "–" if value is None else f"{100 * value:#.2g}".rstrip(".") + " %"
 
 
 def mesh_words(result: Comparison) -> str:
@@ -84,7 +85,7 @@ def parameter_words(known: LawParameter) -> str:
         return f"< {high:.3g}{unit}"
     if known.at_bound == "upper":
         return f"> {low:.3g}{unit}"
-    return f"{known.value:.4g}{unit} ({low:.4g} to {high:.4g})"
+    return f"{by_error(known.value, (high - low) / 4, 4)}{unit} ({span(known.interval)})"
 
 
 def comparison_figure(result: Comparison, path: Any = None) -> Any:

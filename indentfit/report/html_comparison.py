@@ -69,7 +69,7 @@ def _alt(result: Comparison) -> str:
 
 def _parameters(result: Comparison) -> Section:
     rows = tuple(
-        (law.law, name, parameter_words(known), f"{number(known.min)} to {number(known.max)}")
+        (law.law, name, parameter_words(known), f"{number(known.min, 3)} to {number(known.max, 3)}")
         for law in result.laws
         for name, known in law.parameters.items()
     )

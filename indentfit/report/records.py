@@ -14,6 +14,7 @@ from indentfit.experiment.process_result import ProcessResult
 from indentfit.experiment.processed import ProcessedRecord
 from indentfit.experiment.relaxation import Prony
 from indentfit.experiment.replicates import Difference, MeanCurve, Spread, Statistics
+from indentfit.inference.plain import with_error
 from indentfit.report.vtu import file_names
 
 FORMAT = "indentfit.process/2"
@@ -228,7 +229,7 @@ def _record_lines(result: ProcessResult) -> Iterator[str]:
 
 def _cells(record: ProcessedRecord, depth: Scale, peak: Scale) -> list[str]:
     return [
-        f"{record.line.slope:.4g} +- {record.line.stderr:.2g}",
+        with_error(record.line.slope, record.line.stderr),
         f"{record.line.r_squared:.4f}",
         depth.text_with_error(record.contact.displacement, record.contact.uncertainty),
         f"{record.velocity * depth.factor:.3g}",
@@ -241,11 +242,11 @@ def relaxation_words(series: Prony) -> str:
     """A Prony series in words: the ratio of the moduli, and each share with its time."""
     columns = zip(series.shares, series.shares_stderr, series.times, series.times_stderr, strict=True)
     terms = ", ".join(
-        f"{share:.3g} +- {share_stderr:.1g} at {time:.3g} +- {time_stderr:.1g} s"
+        f"{with_error(share, share_stderr)} at {with_error(time, time_stderr)} s"
         for share, share_stderr, time, time_stderr in columns
     )
     others = ", ".join(f"{other:.3f} with {n}" for n, other in series.by_terms.items() if n != len(series.shares))
-    ratio, count = f"{series.ratio:.3f} +- {series.ratio_stderr:.1g}", len(series.shares)
+    ratio, count = with_error(series.ratio, series.ratio_stderr), len(series.shares)
     return f"Ginf/G0 = {ratio} with {count} Prony terms ({others}); shares {terms}"
 
 

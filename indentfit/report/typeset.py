@@ -15,6 +15,7 @@ MINUS = re.compile(r"(?<![\w./\\-])-(?=\d)")
 POWERS = re.compile(r"\b(mm|mN|kPa|R)\^?2\b")
 RELATIONS = {" <= ": " ≤ ", " >= ": " ≥ "}
 TIMES = re.compile(r"(?<=\d) x (?=\d|shear)")
+PERCENT = re.compile(r"(?<=\d)%(?!\w)")
 EXPONENT = re.compile(r"(?<=\d)e([+-])0?(\d+)\b")
 
 
@@ -24,10 +25,12 @@ def symbol(name: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """A sentence, or the cell of a table, with Greek letters of parameters, true minus signs, plus-minus signs and powers."""
+    """A sentence, or the cell of a table, with Greek letters of parameters, true minus signs, plus-minus signs, powers and
+    a space before a percent sign."""
     text = EXPONENT.sub(_power_of_ten, symbol(text).replace("+-", "±"))
     for written, shown in RELATIONS.items():
         text = text.replace(written, shown)
+    text = PERCENT.sub(" %", text)
     return TIMES.sub(" × ", POWERS.sub(r"\1²", MINUS.sub("−", text)))
 
 
