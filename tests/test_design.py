@@ -9,12 +9,16 @@ from click.testing import CliRunner
 from fixtures.cases import CASES, white_matter
 
 from indentfit.case import Fit
+from indentfit.case.measured_field import MeasuredField
 from indentfit.cli import main
+from indentfit.displacements import Displacements
 from indentfit.errors import CaseError, ConvergenceError, DesignError
 from indentfit.fem.simulate import Model
 from indentfit.runs.forward import Evaluation
-from indentfit.study import design as module
-from indentfit.study.design import POINTS, design
+from indentfit.study import design as asking
+from indentfit.study import further as module
+from indentfit.study.design import design
+from indentfit.study.further import POINTS
 
 STORED = Path(__file__).parent / "baseline" / "results-0.1"
 COARSE = ("mesh.elements=40", "solver.element=q1p0", "fit.workers=1")
@@ -22,8 +26,17 @@ MU = "material.parameters={mu={start=2,min=0,max=10},zeta=4,phi=1}"
 ZETA = "material.parameters={mu=1,zeta={start=3,min=0,max=20},phi=1}"
 
 
+def moved(seen, mu):
+    """Displacements of the sides of a spring."""
+    along = np.where(seen.directions[:, 1] > 0, -0.5, 1.0)
+    return along * seen.depths * seen.points[:, 1] * (0.3 + mu / 1000)
+
+
 class Springs:
-    """A pool whose sample is a spring of mu times the indenter's width, three times as stiff across the fibres."""
+    """A pool whose sample is a spring of mu times the indenter's width, three times as stiff across the fibres.
+
+    Its sides move outwards by (0.3 + mu / 1000) d y at depth d and height y, and their points move down by half of that.
+    """
 
     def __init__(self, case, *_):
         self.case, self.runs, self.failures = case, 0, []
@@ -42,12 +55,20 @@ class Springs:
 
     def forces(self, point):
         for test in self.case.tests:
-            yield point["mu"] * self.case.indenter.width * (3 if test.angle == 90 else 1) * self.case.outputs(test)
+            force = point["mu"] * self.case.indenter.width * (3 if test.angle == 90 else 1) * self.case.outputs(test)
+            seen = [moved(field.points, point["mu"]) for field in test.field]
+            yield np.concatenate([force, *seen])
+
+
+def put(monkeypatch, pool):
+    """A pool in the place of the finite elements, for the tests of the case and for further ones."""
+    for place in (asking, module):
+        monkeypatch.setattr(place, "RunPool", pool)
 
 
 @pytest.fixture
 def springs(monkeypatch):
-    monkeypatch.setattr(module, "RunPool", Springs)
+    put(monkeypatch, Springs)
     return white_matter(MU)
 
 
@@ -93,7 +114,7 @@ def test_what_does_not_converge_is_a_line_and_no_number(springs, monkeypatch):
                 return [Evaluation(point, None, "too wide", 0.0, ()) for point in points]
             return super().evaluate(points)
 
-    monkeypatch.setattr(module, "RunPool", Wide)
+    put(monkeypatch, Wide)
     found = design(springs)
     failed = [one for one in found.candidates if one.stderr is None]
     assert {one.change for one in failed} == {"width 4 mm"}
@@ -116,7 +137,7 @@ RELAXES = "material.relaxation={g=[{start=0.8,min=0,max=3}],tau=[2.0]}"
 
 def test_rates_and_holds_are_further_tests_of_a_material_that_relaxes(monkeypatch):
     """By hand, of a spring: F = mu k d for every depth, so a ramp and a hold follow from the exponential in closed form."""
-    monkeypatch.setattr(module, "RunPool", Springs)
+    put(monkeypatch, Springs)
     case = white_matter(MU, RELAXES, *IN_TIME)
     found = design(case, noise=0.5)
     assert set(found.stderr) == {"mu", "g1"}
@@ -168,6 +189,56 @@ def test_other_kinds_and_pairs_are_ranked(springs):
     assert shear.stderr["mu"] == pytest.approx((own + np.sum((2 * strains) ** 2) / sigma**2) ** -0.5, rel=1e-6)
     assert found.pairs[0].stderr["mu"] < found.candidates[0].stderr["mu"]
     assert len({(pair.first, pair.second) for pair in found.pairs}) == len(found.pairs)
+
+
+def test_side_views_are_ranked_by_the_information_of_their_points(springs):
+    """By hand: a point's variance is that of the view's noise in both directions; an outline has only the part along its normal,
+    which for a side that leans out by s = 0.302 d per height and is compressed by s / 2 is along (1 - s / 2, -s)."""
+    found = design(springs, noise=0.5, view_noise=2e-4)
+    assert found.view_noise == 2e-4
+    d, further = springs.outputs(springs.tests[0]), 0.33 * np.linspace(1, 4 * POINTS, POINTS).round() / (4 * POINTS)
+    own = np.sum((2 * d) ** 2 + (6 * d) ** 2) / 0.25 + 12 / 100 + np.sum((2 * further) ** 2) / 0.25
+    heights = 3.3 * np.linspace(0.02, 0.98, 50)
+    out, down, lean = 0.33e-3 * heights, -0.165e-3 * heights, 0.33 * 0.302
+    normal = np.array([1 - lean / 2, -lean]) / np.hypot(1 - lean / 2, lean)
+    seen = {"50 markers on the side facing x": (out, down), "outline of the side facing x": [normal[0] * out + normal[1] * down]}
+    for words, rows in seen.items():
+        (one,) = [
+            test for test in found.candidates if (test.change, test.angle) == (words, 0) and test.depth == pytest.approx(0.33)
+        ]
+        assert (one.kind, one.solves) == ("side view", 1) and "a camera" in one.effort
+        exact = (own + sum(np.sum(row**2) for row in rows) / 2e-4**2) ** -0.5
+        assert one.stderr["mu"] == pytest.approx(exact, rel=2e-3), words
+    assert {test.change[-8:] for test in found.candidates if test.kind == "side view"} == {"facing x", "facing z"}
+
+
+def test_displacements_that_the_case_has_count_in_a_design(springs):
+    """By hand, 20 points of 0.01 mm: information of a straight line adds up."""
+    height = 3.3 * np.arange(1, 21) / 20
+    points = np.column_stack([np.full(20, 7.0), height, np.zeros(20)])
+    seen = Displacements.of(points, np.column_stack([0.02 * height, np.full((20, 2), np.nan)]), 0.01, depth=0.33)
+    first = springs.tests[0].model_copy(update={"field": (MeasuredField(file=seen),)})
+    known = springs.model_copy(update={"tests": (first, *springs.tests[1:])})
+    plain, with_field = (design(case, noise=0.5).stderr["mu"] for case in (springs, known))
+    assert with_field**-2 - plain**-2 == pytest.approx(np.sum((0.33e-3 * height) ** 2) / 0.01**2, rel=1e-6)
+
+
+def test_discs_between_plates_are_further_tests_too(springs):
+    found = {test.change: test for test in design(springs, noise=0.5).candidates if test.kind == "compression"}
+    assert list(found) == [f"compression between sliding plates, fibres {way}, to a strain of 0.2" for way in ("along", "across")]
+    assert {test.solves for test in found.values()} == {0}
+    gel = white_matter("material.model=neo_hookean", "material.parameters={mu={start=2,min=0,max=10}}")
+    found = {test.change: test for test in design(gel, noise=0.5).candidates if test.kind == "compression"}
+    assert list(found) == [f"compression between {plates} plates, to a strain of 0.2" for plates in ("sliding", "bonded")]
+    assert found["compression between bonded plates, to a strain of 0.2"].solves == 1
+
+
+def test_a_pair_says_what_both_tests_need(springs):
+    found = design(springs, noise=0.5)
+    for pair in found.pairs:
+        tests = [test for test in found.candidates if test.whole_words in (pair.first, pair.second)]
+        assert pair.effort.split("; ") == list(dict.fromkeys(test.effort for test in (tests if len(tests) == 2 else 2 * tests)))
+        assert pair.solves == sum(test.solves for test in tests)
 
 
 # The command

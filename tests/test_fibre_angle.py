@@ -16,7 +16,7 @@ from indentfit.inference.verdicts import verdict
 from indentfit.material import load
 from indentfit.runs.forward import simulate
 from indentfit.study import design as designs
-from indentfit.study.design import angles_of
+from indentfit.study.further import angles_of
 
 PAPER = load("transversely_isotropic")(mu=1.49, zeta=4.68, phi=0.68)
 FIBRES = {"model": "transversely_isotropic", "parameters": PAPER.values}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from indentfit import Case, Curve, Test, design, fit
+from indentfit import Case, Curve, Test, fit
 from indentfit.case import Indenter, MaterialChoice, Mesh, Sample, Solver
 from indentfit.case.field_tests import with_field_tests
 from indentfit.case.measured_field import MeasuredField
@@ -243,11 +243,6 @@ def test_a_field_that_cannot_be_that_of_its_test_is_refused(points, said):
     with pytest.raises(CaseError) as caught:
         gel(MeasuredField(file=points))
     assert said in str(caught.value) and "test.press.field.oct" in str(caught.value)
-
-
-def test_a_design_beside_displacements_is_refused():
-    with pytest.raises(CaseError, match="take the fields out"):
-        design(gel(MeasuredField(file=surface(-np.linspace(0.2, 0.01, 20)))))
 
 
 def test_a_search_that_does_not_weigh_squares_is_refused():

@@ -126,7 +126,8 @@ def _of_design(case: Case) -> Iterator[Fault]:
     yield from _of_indentations(case, "design")
     yield from _of_motions(case, "design")
     yield from _of_discrepancy(case, "design knows no misfit of the law; remove the table for it")
-    yield from _of_fields(case, "design knows forces only; take the fields out of the case for it")
+    if case.relaxation is not None:
+        yield from _of_fields(case, "design knows displacements of elastic materials only; take the fields out of the case for it")
 
 
 def _of_discrepancy(case: Case, text: str) -> Iterator[Fault]:

@@ -13,6 +13,9 @@ from indentfit.cli.speech import warn
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--result", type=click.Path(), metavar="DIR", help="Take the parameters of this result folder.")
 @click.option("--noise", type=click.FloatRange(min=0, min_open=True), metavar="MN", help="Standard deviation of a force, mN.")
+@click.option(
+    "--view-noise", type=click.FloatRange(min=0, min_open=True), metavar="MM", help="That of a displacement in a side view."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder with a plot.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
@@ -21,14 +24,16 @@ def command(
     overrides: tuple[str, ...],
     result: str | None,
     noise: float | None,
+    view_noise: float | None,
     as_json: bool,
     output: str | None,
     overwrite: bool,
 ) -> None:
     """Rank further tests by how well they, together with those of CASE, would determine its worst parameter.
 
-    Each candidate changes one thing: depth, angle, indenter, friction. The parameters are the case's start values, or those
-    of --result. The noise is 1 % of the largest force unless --noise says otherwise.
+    Each candidate changes one thing: depth, angle, indenter, friction; or a camera sees a side of the sample; or it is a test of
+    another kind: shear, tension, compression. The parameters are the case's start values, or those of --result. The noise is 1 % of
+    the largest force, and 1.5 % of the largest depth in a side view, unless --noise and --view-noise say otherwise.
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import require_designable
@@ -49,7 +54,7 @@ def command(
     prepare_for(read, points=True)
     warn(read.warnings())
     with progress("design", total=1) as step:
-        designed = design(read, parameters, noise, Execution(progress=step))
+        designed = design(read, parameters, noise, Execution(progress=step), view_noise)
     if output is not None:
         designed.write(output, overwrite)
     click.echo(json_text(designed.as_json()) if as_json else designed.summary())

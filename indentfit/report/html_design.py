@@ -1,6 +1,7 @@
 """The page of a design: the next experiment."""
 
 from indentfit.case import Range
+from indentfit.digits import quantity
 from indentfit.report import plots
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
@@ -27,7 +28,8 @@ def _what(stored: Stored, design: Design) -> Section:
         parts += [Lines(case_words(stored.case)), tests_table(stored.case, "Tests of the case")]
     rows = tuple((name, number(value, 6), number(design.stderr.get(name), 3)) for name, value in design.parameters.items())
     header = ("Parameter", "Value", "Standard error by the tests of the case")
-    parts.append(Table(f"Where the information is taken; noise of a force {number(design.noise, 3)} mN", header, rows))
+    seen = "" if design.view_noise is None else f", of a displacement in a side view {quantity(design.view_noise, 'mm', 3)}"
+    parts.append(Table(f"Where the information is taken; noise of a force {number(design.noise, 3)} mN{seen}", header, rows))
     return Section("what", "What was asked", tuple(parts))
 
 
@@ -35,13 +37,14 @@ def _tests(design: Design) -> Section:
     names = list(design.stderr)
     failed = any(test.cause for test in design.candidates)
     errors = [f"Standard error of {name}" for name in names]
-    header = ("Change", "Angle (°)", "Depth (mm)", *errors, "Needs", *(["Cause"] if failed else []))
+    header = ("Change", "Angle (°)", "Depth (mm)", *errors, "Solves", "Needs", *(["Cause"] if failed else []))
     rows = tuple(
         (
             test.words,
             "–" if test.angle is None else str(test.angle),
             number(test.depth, 3),
             *(number(test.stderr[name] if test.stderr else None, 3) for name in names),
+            "–" if test.solves is None else str(test.solves),
             test.effort or "–",
             *([test.cause or "–"] if failed else []),
         )
@@ -53,8 +56,11 @@ def _tests(design: Design) -> Section:
         alt = f"Bars of the standard error of {design.worst}. The numbers are in the table."
         parts.insert(0, Figures((drawn(plots.designs(design), caption, alt),)))
     if design.pairs:
-        header = ("First", "Second", *errors)
-        pairs = tuple((pair.first, pair.second, *(number(pair.stderr[name], 3) for name in names)) for pair in design.pairs)
+        header = ("First", "Second", *errors, "Needs")
+        pairs = tuple(
+            (pair.first, pair.second, *(number(pair.stderr[name], 3) for name in names), pair.effort or "–")
+            for pair in design.pairs
+        )
         parts.append(Table(f"Pairs of further tests, the best for {design.worst} first", header, pairs))
     return Section("tests", "Further tests", tuple(parts))
 
@@ -65,4 +71,5 @@ def _command(stored: Stored, design: Design) -> str:
     start = {name: value.start for name, value in given.items() if isinstance(value, Range)}
     moved = {name: design.parameters[name] for name in start if design.parameters[name] != start[name]}
     options = "".join(f" --set material.{name}.start={value!r}" for name, value in moved.items())
-    return f"design --noise {design.noise!r}{options}"
+    seen = "" if design.view_noise is None else f" --view-noise {design.view_noise!r}"
+    return f"design --noise {design.noise!r}{seen}{options}"

@@ -3,7 +3,7 @@
 import html
 from collections.abc import Iterator, Sequence
 
-from indentfit.digits import Scale, fixed
+from indentfit.digits import Scale, fixed, sizes
 from indentfit.study.convergence import Approach, Index
 from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck, MeshResult
@@ -178,7 +178,8 @@ def design_lines(design: Design) -> Iterator[str]:
     """A Design in words, line by line."""
     values = ", ".join(f"{name} = {value:.4g}" for name, value in design.parameters.items())
     noise = Scale.of([design.noise], "mN", digits=3)
-    yield f"at {values}; noise {noise.text(design.noise)} {noise.unit}; {design.runs} runs"
+    seen = "" if design.view_noise is None else f", {sizes(design.view_noise)} in a side view"
+    yield f"at {values}; noise {noise.text(design.noise)} {noise.unit}{seen}; {design.runs} runs"
     yield f"the tests of the case leave {design.worst} worst: standard error {design.stderr[design.worst]:.3g}"
     yield ""
     yield from (f"  {line}" for line in aligned(design_rows(design)))
@@ -193,17 +194,21 @@ def design_lines(design: Design) -> Iterator[str]:
         yield f"needs     {best.effort}" if best.effort else "needs     one more test"
     for pair in design.pairs[:SHOWN_PAIRS]:
         gain = design.stderr[design.worst] / pair.stderr[design.worst]
-        yield f"pair      {pair.first}; and {pair.second}: falls {gain:.2g} times"
+        yield f"pair      {pair.first}; and {pair.second}: falls {gain:.2g} times" + (
+            f"; needs {pair.effort}" if pair.effort else ""
+        )
     yield from (f"note      {remark}" for remark in design.remarks)
 
 
 def design_rows(design: Design) -> list[Row]:
-    """A row for each of the best further tests: its change, angle, depth, and the standard errors with it."""
-    rows = [["further test", "angle", "depth mm", *(f"se {name}" for name in design.stderr)]]
+    """A row for each of the best further tests: its change, angle, depth, the standard errors with it, the finite-element solutions
+    that it adds to each step of a fit, and what it needs."""
+    rows = [["further test", "angle", "depth mm", *(f"se {name}" for name in design.stderr), "solves", "needs"]]
     for test in design.candidates[:SHOWN]:
         if test.stderr:
             where = ["", ""] if test.angle is None else [str(test.angle), f"{test.depth:.3g}"]
-            rows.append([test.words, *where, *(f"{test.stderr[name]:.3g}" for name in design.stderr)])
+            solves = "" if test.solves is None else str(test.solves)
+            rows.append([test.words, *where, *(f"{test.stderr[name]:.3g}" for name in design.stderr), solves, test.effort])
     return rows
 
 
