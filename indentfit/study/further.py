@@ -225,7 +225,7 @@ def _seen(case: Case, forces: Forces, depths: Sequence[float], known: Known) -> 
     for test, view in views.views_in(case, depths, [(rows.forces, rows.slopes) for rows in forces.fields]):
         force = curves[test.name].to(view.depth, POINTS).information(known.noise)
         for kind in (views.MARKERS, views.OUTLINE):
-            words, effort = views.words_of(view.axis, kind), f"{EFFORTS['as it is']}, {views.EFFORTS[kind]}"
+            words, effort = views.words_of(case, view.axis, kind), f"{EFFORTS['as it is']}, {views.EFFORTS[kind]}"
             further = FurtherTest(words, test.direction, view.depth, None, kind="side view", effort=effort, solves=1)
             yield Told(further, force + view.information(kind, known.view_noise))
 

@@ -130,6 +130,7 @@ def deviations_of_fields(case: Case) -> list[Array]:
     return deviations
 
 
-def words_of(axis: str, kind: str) -> str:
-    """A side view in words."""
-    return f"{SIDE_POINTS} markers on the side facing {axis}" if kind == MARKERS else f"outline of the side facing {axis}"
+def words_of(case: Case, axis: str, kind: str) -> str:
+    """A side view in words; a sample whose sides all move alike has no side of an axis."""
+    side = f"the side facing {axis}" if len(sides_of(case)) > 1 else "the side"
+    return f"{SIDE_POINTS} markers on {side}" if kind == MARKERS else f"outline of {side}"
