@@ -16,6 +16,7 @@ from indentfit.inference.verdicts import verdict
 from indentfit.material import load
 from indentfit.runs.forward import simulate
 from indentfit.study import design as designs
+from indentfit.study import further
 from indentfit.study.further import angles_of
 
 PAPER = load("transversely_isotropic")(mu=1.49, zeta=4.68, phi=0.68)
@@ -136,8 +137,8 @@ def test_a_range_of_the_angle_that_means_nothing_is_refused_in_one_line(tmp_path
 
 
 def test_design_does_not_take_the_angle_that_a_fit_finds_for_known(tmp_path, monkeypatch):
-    monkeypatch.setattr(designs, "_variants", lambda case: [("", case)])
-    monkeypatch.setattr(designs, "_specimens", lambda case: [])
+    monkeypatch.setattr(further, "_variants", lambda case: [("", case)])
+    monkeypatch.setattr(further, "_specimens", lambda case: [])
     fitting = {"uncertain": {"fibre_angle": RANGE, "mesh": 0.0}}
     turning = designs.design(read_case(angled(tmp_path, [0, 90], FREE, fit=fitting)), PAPER.values)
     known = designs.design(read_case(angled(tmp_path, [0, 90], FREE)), PAPER.values)

@@ -82,11 +82,11 @@ def _seen(axis: str, sample: tuple[tuple[float, float], float], depths: Sequence
     extent, thickness = sample
     height, nothing = _heights(thickness), np.zeros(SIDE_POINTS)
     out = np.full(SIDE_POINTS, extent[AXES.index(axis)] / 2)
-    one = np.column_stack([out, height, nothing] if axis == "x" else [nothing, height, out])
+    column = np.column_stack([out, height, nothing] if axis == "x" else [nothing, height, out])
     number = len(depths) * SIDE_POINTS
     moved = np.zeros((number, 3))
     moved[:, 2 - NUMBERS[axis]] = np.nan  # the axis across the picture
-    whole = Displacements.of(np.tile(one, (len(depths), 1)), moved, 1.0, name=f"side-{axis}.csv")
+    whole = Displacements.of(np.tile(column, (len(depths), 1)), moved, 1.0, name=f"side-{axis}.csv")
     return MeasuredField(file=_at(whole, np.repeat(depths, 2 * SIDE_POINTS)))
 
 
