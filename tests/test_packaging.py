@@ -8,6 +8,8 @@ import tomllib
 import zipfile
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -53,3 +55,13 @@ def test_the_release_has_one_version_and_the_conda_recipe_the_requirements_of_th
     listed = dict(re.findall(r"- ([\w-]+) (>=[\d.]+)", run[1] + run[2]))
     wanted = dict(re.match(r"([\w-]+)(>=[\d.]+)", line).groups() for line in project["dependencies"])
     assert listed == {ON_CONDA.get(name, name): least for name, least in wanted.items()}
+
+
+def test_rattler_build_renders_the_recipe():
+    """rattler-build is what conda-forge builds with: it refuses keys, selectors and requirements that it does not understand."""
+    rattler = pytest.importorskip("rattler_build", reason="pip install py-rattler-build")
+    recipe = rattler.Stage0Recipe.from_yaml((ROOT / ".ci" / "conda" / "recipe.yaml").read_text())
+    (variant,) = recipe.render(rattler.VariantConfig.from_yaml("python_min: ['3.11']\n"))
+    assert "indentfit" in str(variant)
+    with pytest.raises(rattler.RattlerBuildError):
+        rattler.Stage0Recipe.from_yaml("schema_version: 1\npackage: {name: x, version: '1'}\nrequirement: {run: [python]}\n")

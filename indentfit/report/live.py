@@ -147,9 +147,13 @@ def _state(fit: LiveFit) -> str:
     words = (
         "no set of parameters is complete yet"
         if best is None
-        else f"{len(fit.sets)} sets of parameters are complete; the best is off by {best.error:.2%} of the largest force"
+        else f"{_counted(len(fit.sets), 'set')} of parameters so far; the best is off by {best.error:.2%} of the largest force"
     )
-    return f"The fit runs. {fit.runs} runs so far{failed}; {words}. This page has watched for {minutes:.1f} min."
+    return f"The fit runs. {_counted(fit.runs, 'run')} so far{failed}; {words}. This page has watched for {minutes:.1f} min."
+
+
+def _counted(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
 def _curves(fit: LiveFit, best: SeenSet) -> str:
@@ -197,7 +201,7 @@ def _table(fit: LiveFit) -> str:
         "<tr>" + "".join(f'<td class="number">{value:.4g}</td>' for value in (*seen.values.values(), 100 * seen.error)) + "</tr>"
         for seen in known
     )
-    caption = f"The {len(known)} best of {len(fit.sets)} sets; the result is found with a surrogate of all runs."
+    caption = f"The {len(known)} best of {_counted(len(fit.sets), 'set')}; the result is found with a surrogate of all runs."
     return (
         '<section><h2>Runs</h2><div class="scroll" role="region" tabindex="0" aria-label="Table: best sets">'
         f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></section>"
