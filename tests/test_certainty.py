@@ -22,9 +22,9 @@ from indentfit.inference import certainty, inputs, profiles
 from indentfit.inference.alone import alone, scan_weights
 from indentfit.inference.bootstrap import bootstrap
 from indentfit.inference.fit import fit
-from indentfit.inference.identifiability import identifiability, widened
+from indentfit.inference.identifiability import identifiability, notes_of, widened
 from indentfit.inference.inputs import Solution
-from indentfit.inference.noise import SLAB, WHITE, Correlated, correlations, errors
+from indentfit.inference.noise import SLAB, WHITE, Correlated, correlations, effective, errors, fewest
 from indentfit.inference.result import FitResult
 from indentfit.inverse import genetic, methods
 from indentfit.inverse.exploration import Watched, explore
@@ -93,7 +93,7 @@ def test_intervals_hold_the_truth_under_correlated_noise_where_independent_ones_
 @pytest.mark.parametrize(("rho", "least"), [(0.0, 0.915), (0.5, 0.88)])
 def test_intervals_of_few_points_hold_the_truth_whether_the_noise_is_correlated_or_not(rho, least):
     """15 points decide seldom whether they are correlated: a test of that left 79 to 90 of 100 inside under 0.5. 300 draws; white
-    noise within the binomial 99 % band about 95 %. Under 0.5 some 90 % are inside, as white noise is the more probable before."""
+    noise within the binomial 99 % band about 95 %. Under 0.5 some 92 % are inside, as white noise is the more probable before."""
     rng, root = np.random.default_rng(0), np.linalg.cholesky(correlations(15, rho))
     depth = np.linspace(0.02, 0.3, 15)
     design, inside = np.column_stack([depth, depth**2]), []
@@ -104,6 +104,26 @@ def test_intervals_of_few_points_hold_the_truth_whether_the_noise_is_correlated_
         inside.append(np.abs(theta) <= np.sqrt(np.diag(known.covar)) * student.ppf(0.975, known.freedom))
     assert (np.mean(inside, axis=0) > least).all()
     assert (np.mean(inside, axis=0) < 0.982).all()
+
+
+def test_few_points_say_that_they_cannot_tell_their_correlation():
+    """12 points of white noise look like 12 independent ones; a mean of 12 points correlated by 0.8 is worth
+    1 / mean(0.8^|i - j|) = 2.0. Forty points tell."""
+    rng = np.random.default_rng(5)
+    told = {}
+    for n in (12, 40):
+        depth, noise = np.linspace(0, 1, n + 1)[1:], rng.standard_normal(n)
+        (known,), _ = errors([depth[:, None]], [depth * (depth @ noise) / (depth @ depth) - noise], [1.0])
+        told[n] = known
+    assert (told[12].effective_points, told[40].effective_points) == (12, 40)
+    assert 1 < told[12].fewest_points < 12 / 2
+    assert told[40].fewest_points > 40 / 2
+    (said,) = notes_of({"press": told[12], "pull": told[40]})
+    assert said.startswith(
+        "the 12 points of press cannot tell whether their noise is correlated: they look like 12 independent points"
+    )
+    assert effective(12, 0.8) == pytest.approx(1 / np.mean(0.8 ** np.abs(np.subtract.outer(np.arange(12), np.arange(12)))))
+    assert fewest(12, np.array([0.0, 0.8, 0.9]), np.array([0.5, 0.46, 0.04])) == pytest.approx(effective(12, 0.8))
 
 
 def test_the_probabilities_of_correlations_are_those_of_bayes_rule_for_a_line():

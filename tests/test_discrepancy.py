@@ -82,7 +82,7 @@ def exact(force, roots, scales):
     design, most = DEPTH**1.5, np.abs(force).max()
     steps = np.abs(np.subtract.outer(np.arange(20), np.arange(20)))
     parts = []
-    for n, rho in enumerate([0.0, *(np.exp(-1 / 20) * (np.arange(SLAB) + 0.5) / SLAB)]):
+    for n, rho in enumerate([0.0, *(1 - (1 - np.exp(-1 / 20)) ** ((np.arange(SLAB) + 0.5) / SLAB))]):
         for sigma in most * np.exp(np.linspace(np.log(FINEST), 0, 60)):
             for scale in scales:
                 L = np.linalg.cholesky(sigma**2 * rho**steps + scale**2 * roots @ roots.T)

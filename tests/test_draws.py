@@ -120,10 +120,10 @@ def test_the_same_seed_gives_the_same_draws(line):
 def test_the_evidence_is_that_of_linear_regression_under_every_correlation(line):
     """Under each correlation of the noise the curve and the design are whitened, the integral over a and b is that of a normal
     density, and that over log sigma is done here on a grid. White noise has the prior probability WHITE; the others, SLAB steps to
-    exp(-1 / 25), share the rest. The bounds of the ranges are many standard errors away."""
+    exp(-1 / 25), even in the logarithm of 1 - rho, share the rest. The bounds of the ranges are many standard errors away."""
     most, u = measured().max(), np.linspace(0, 1, 20001)
     sigma, logs = np.exp(np.log(FINEST * most) + u * -np.log(FINEST)), []
-    for n, rho in enumerate([0.0, *(np.exp(-1 / 25) * (np.arange(SLAB) + 0.5) / SLAB)]):
+    for n, rho in enumerate([0.0, *(1 - (1 - np.exp(-1 / 25)) ** ((np.arange(SLAB) + 0.5) / SLAB))]):
         L = np.linalg.cholesky(rho ** np.abs(np.subtract.outer(np.arange(25), np.arange(25))))
         design, force = np.linalg.solve(L, DESIGN), np.linalg.solve(L, measured())
         squares = np.linalg.lstsq(design, force, rcond=None)[1][0]
@@ -161,10 +161,10 @@ def test_the_density_with_errors_of_the_model_is_that_of_their_covariance(line):
     smooth = 0.01**2 * np.exp(-(np.subtract.outer(DEPTH, DEPTH) ** 2) / 0.02) * np.outer(measured(), measured())
     noise = replace(fit.posterior.noise, model=smooth)
     density = Density(replace(fit, posterior=replace(fit.posterior, noise=noise)))
-    most, step = np.exp(-1 / 25) / SLAB, (1 - WHITE) / SLAB
+    least, step = 1 - np.exp(-1 / 25), (1 - WHITE) / SLAB
     places = np.array([[0.45, 0.3, 0.6, 0.1], [0.44, 0.31, 0.8, 0.1], [0.4, 0.5, 0.5, WHITE + 2.4 * step], [0.4, 0.5, 0.5, 0.999]])
     logs = []
-    for place, rho in zip(places, [0.0, 0.0, 2.5 * most, (SLAB - 0.5) * most], strict=True):
+    for place, rho in zip(places, [0.0, 0.0, 1 - least ** (2.5 / SLAB), 1 - least ** (1 - 0.5 / SLAB)], strict=True):
         sigma = density.sigma(place)[0]
         covar = smooth + sigma**2 * rho ** np.abs(np.subtract.outer(np.arange(25), np.arange(25)))
         left = DESIGN @ (200 * place[:2]) - measured()

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from fixtures.cases import coarse_case
 from fixtures.formulas import FREE, TRUTH, Formula, bent, formula, problem
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
+from scipy.stats import t as student
 
 from indentfit.case import Case, Range, Test
 from indentfit.curve import Curve
@@ -186,7 +187,8 @@ def test_only_the_scale_free_needs_one_run():
 
 
 def under_every_correlation(design, force):
-    """Covariance of the coefficients of ordinary least squares under AR(1) noise, over its correlations by Bayes' rule."""
+    """The coefficients of ordinary least squares under AR(1) noise, over its correlations by Bayes' rule: half of each central
+    interval of 95 %, by the mixture of Student's t, and the mean covariance."""
     n, p = design.shape
     inverse, logs, covars = np.linalg.inv(design.T @ design), [], []
     for number, rho in enumerate(possible(n)):
@@ -198,29 +200,30 @@ def under_every_correlation(design, force):
         logs.append(np.log((1 - WHITE) / SLAB if number else WHITE) - volume / 2 - (n - p) / 2 * np.log(squares))
         covars.append(squares / (n - p) * inverse @ design.T @ R @ design @ inverse)
     shares = np.exp(np.array(logs) - max(logs))
-    return np.tensordot(shares / shares.sum(), covars, axes=1)
+    shares, sd = shares / shares.sum(), np.sqrt([np.diag(covar) for covar in covars])
+    half = [brentq(lambda h, i=i: shares @ student.cdf(h / sd[:, i], n - p) - 0.975, 0.0, 100 * sd.max()) for i in range(p)]
+    return np.array(half), np.tensordot(shares, covars, axes=1)
 
 
 def test_errors_and_correlation_are_those_of_linear_regression():
     """One test, F = a d + b d^2 + noise: NumPy's polynomial fit is the oracle, bounds far away. White noise shows as such, but a
-    correlation stays possible: variances are by 5 % above those of white noise."""
+    correlation stays possible: the interval is by some 5 % wider than that of white noise."""
     rng = np.random.default_rng(4)
     d = np.linspace(0.1, 1, 20)
     force = 3 * d + 2 * d**2 + 0.1 * rng.standard_normal(20)
     design = np.column_stack([d, d**2])
     theta, squares = np.linalg.lstsq(design, force, rcond=None)[:2]
-    covar = under_every_correlation(design, force)
-    white = np.linalg.inv(design.T @ design) * squares[0] / 18
+    half, covar = under_every_correlation(design, force)
+    white = np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * squares[0] / 18)
     free = {"a": Range(start=1, min=-50, max=50), "b": Range(start=1, min=-50, max=50)}
     whole = InverseProblem((Target("t", Curve(d, force), 0.3),), {"a": 1, "b": 1}, free, None)
     best = whole.judge(dict(zip("ab", theta.tolist(), strict=True)), (design @ theta,))
     known = identifiability(whole, best, (design * 100,))
-    np.testing.assert_allclose(known.covar, covar, rtol=1e-9)
-    np.testing.assert_allclose(known.covar, white, rtol=0.06)
-    np.testing.assert_allclose(known.stderr, np.sqrt(np.diag(covar)), rtol=1e-9)
+    np.testing.assert_allclose(known.interval[:, 1] - theta, half, rtol=1e-5)
+    np.testing.assert_allclose(known.stderr, half / 2.10092, rtol=1e-5)  # t, 18 of freedom
+    np.testing.assert_allclose(known.stderr, white, rtol=0.06)
     assert known.correlation[0, 1] == pytest.approx(covar[0, 1] / np.sqrt(covar[0, 0] * covar[1, 1]), rel=1e-9)
     assert known.redchi == pytest.approx(squares[0] / 18, rel=1e-9)
-    np.testing.assert_allclose(known.interval[:, 1] - theta, 2.10092 * known.stderr, rtol=1e-5)  # t, 18 of freedom
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say():

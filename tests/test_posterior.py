@@ -67,7 +67,7 @@ def regression(force, n=20_000):
     """Draws (n, 2) of a and b with a flat prior of a, b and log sigma: under each correlation of the noise Student's t of 23
     degrees of freedom about generalised least squares, and these in proportion to their evidence and prior probability."""
     rng, logs, draws = np.random.default_rng(0), [], []
-    for k, rho in enumerate([0.0, *(np.exp(-1 / 25) * (np.arange(SLAB) + 0.5) / SLAB)]):
+    for k, rho in enumerate([0.0, *(1 - (1 - np.exp(-1 / 25)) ** ((np.arange(SLAB) + 0.5) / SLAB))]):
         L = np.linalg.cholesky(rho ** np.abs(np.subtract.outer(np.arange(25), np.arange(25))))
         design = np.linalg.solve(L, DESIGN)
         theta, squares, *_ = np.linalg.lstsq(design, np.linalg.solve(L, force), rcond=None)

@@ -15,7 +15,7 @@ from indentfit.inference.alone import alone, scan_weights
 from indentfit.inference.bootstrap import bootstrap
 from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
-from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, noise_of, widened
+from indentfit.inference.identifiability import NOTE, Identifiability, identifiability, noise_of, notes_of, widened
 from indentfit.inference.inputs import CORRECTED, MOVES, NOT_CORRECTED, Solution, input_derivatives, shares
 from indentfit.inference.law_misfit import LawMisfit
 from indentfit.inference.limits import MeshSize, limits
@@ -131,7 +131,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         return Certainty()
     alone_known = identifiability(problem, optimum.best, optimum.derivatives, exploration.equation_one)
     solution = Solution(case, problem, model, optimum.best, alone_known)
-    notes, uncertain = [*_notes(alone_known), *_of_mesh(model)], UncertainInputs()
+    notes, uncertain = [NOTE, *notes_of(noise_of(problem, alone_known)), *_of_mesh(model)], UncertainInputs()
     if case.fit.uncertain.given:
         progress(0.0, "uncertain inputs")
         solution, uncertain, missing = with_inputs(solution)
@@ -333,10 +333,6 @@ def _right(point: ConfirmedPoint, limit: float) -> bool:
     if point.chi2 is None or point.predicted is None or not np.isfinite(point.predicted):
         return False
     return bool(abs(np.sqrt(point.chi2) - np.sqrt(point.predicted)) <= RIGHT * np.sqrt(limit))
-
-
-def _notes(known: Identifiability) -> list[str]:
-    return [NOTE, *([MISFIT] if any(noise.systematic for noise in known.noise) else [])]
 
 
 def _of_mesh(model: ForwardModel) -> list[str]:

@@ -4,8 +4,9 @@ A place holds the coordinates of the fit in units of their ranges, then two coor
 those of all tests for the logarithm of the standard deviation of the noise, in units of its range, then those for the correlation
 of neighbouring points. The last one is the logarithm of the scale of the law's misfit, where the curves are to tell it. All
 coordinates lie between 0 and 1, and are uniform there before the curves and the normal priors speak.
-Below WHITE the noise is white, above that the correlation grows in SLAB steps to the largest under which a test still decorrelates:
-residuals that are smooth by what the model cannot follow may look white at the optimum, and no other place could then compete.
+Below WHITE the noise is white, above that the correlation grows in SLAB steps (`noise.possible`) to the largest under which a
+test still decorrelates: residuals that are smooth by what the model cannot follow may look white at the optimum, and no other place
+could then compete.
 """
 
 from dataclasses import dataclass, replace
@@ -93,6 +94,14 @@ class Density:
         """Standard deviations of the noises at places (..., n + 2 tests), (..., tests) mN."""
         first = self.curves.size
         return np.asarray(np.exp(self.lowest + places[..., first : first + len(self.used)] * (self.highest - self.lowest)))
+
+    def rho(self, places: Array) -> Array:
+        """Correlations of neighbouring points at places (m, n + 2 tests), (m, tests)."""
+        first = self.curves.size + len(self.used)
+        of_test = [
+            np.array([kind.rho for kind in noise.known])[noise.kinds(places[:, first + k])] for k, noise in enumerate(self.noises)
+        ]
+        return np.array(of_test).T
 
     def place(self, z: Array) -> Array:
         """The place of coordinates z (n,) with the noise of the fit, (n + 2 tests,)."""

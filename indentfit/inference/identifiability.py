@@ -5,7 +5,7 @@ its own in each test. Where the model cannot follow the curves, the residuals ar
 far the parameters may move before the misfit doubles approximately, not where the truth lies.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +22,10 @@ from indentfit.inverse.objective import Target, rmse, sum_of_squares
 from indentfit.inverse.problem import Candidate, InverseProblem
 
 NOTE = "errors and intervals take the residuals for noise; where the model cannot follow the curves, the residuals are no noise"
+UNTOLD = (
+    "the {points} points of {test} cannot tell whether their noise is correlated: they look like {most} independent points, but "
+    "may be worth only {least} (5 %); intervals count both, and more points would tell"
+)
 MISFIT = "the residuals are smooth: mostly misfit of the model and not noise; few points count as independent, intervals are wide"
 CONFIDENCE = 0.95
 AT_BOUND = 1e-3  # of the range: scipy's method comes near a bound without reaching it
@@ -187,6 +191,16 @@ def noise_of(problem: InverseProblem, known: Identifiability) -> dict[str, Curve
     """The noise of each test that has a weight, by the test's name."""
     heavy = [test.name for test, weight in zip(problem.tests, known.weights, strict=True) if weight]
     return dict(zip(heavy, known.noise, strict=True))
+
+
+def notes_of(noise: Mapping[str, CurveNoise]) -> Iterator[str]:
+    """What a result says of the residuals of its tests (test -> CurveNoise): misfit, or a correlation that points leave open."""
+    if any(known.systematic for known in noise.values()):
+        yield MISFIT
+    for name, known in noise.items():
+        if known.untold and not known.systematic and known.fewest_points is not None:
+            most, least = f"{known.effective_points:.0f}", f"{known.fewest_points:.1f}"
+            yield UNTOLD.format(points=known.points, test=name, most=most, least=least)
 
 
 def _redchi(problem: InverseProblem, candidate: Candidate) -> float:

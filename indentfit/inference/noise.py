@@ -3,9 +3,9 @@
 Each test has noise of its own size and, where its residuals are correlated, an autocorrelation. The noise is AR(1). The coefficient
 that is told is that under which the residuals of such a fit would be as smooth as the residuals are. Errors go over all
 coefficients, by their probabilities (`Correlated`), unless the residuals are surely smooth: few residuals seldom show whether they
-are correlated. Smooth residuals are
-mostly misfit of the model: the errors are then only an honest width for the part of the curves that the model cannot follow, and a
-note says so.
+are correlated. Before the residuals speak, noise is white with the probability WHITE; otherwise the logarithm of the length over
+which it decorrelates is uniform, from none to the whole test. Smooth residuals are mostly misfit of the model: the errors are then
+only an honest width for the part of the curves that the model cannot follow, and a note says so.
 """
 
 from collections.abc import Sequence
@@ -14,18 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from indentfit.arrays import Array
 from indentfit.inference.result import CurveNoise
 
 SIGNIFICANT = 1.645  # an autocorrelation within so many standard errors of zero counts as zero
-LARGER = 0.95  # probability below which residuals are larger than a stated noise by chance
+LARGER = 0.95  # probability below which residuals are larger than a stated noise by chance, or more correlated than they look
 DRAWN = 999  # draws of independent noise, with which the smoothness of residuals is compared
 FEWEST = 4  # points of a test whose noise may be correlated
 WHITE, SLAB = 0.75, 6  # prior probability of white noise, and the number of equally probable correlations beside it
 UNLIKELY = 0.01  # probability of white noise below which residuals are surely smooth
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
+CONFIDENCE = 0.975  # quantile at which errors are those of the mixture of all correlations
+HALVED = 30  # times: the interval in which that quantile is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +92,11 @@ def errors(
     variance, freedom = _variances(M, R, residuals)
     variance, freedom = _known(variance, freedom, np.zeros(len(R)) if stated is None else np.square(stated))
     known = [Correlated.of(s, r, told) for s, r, told in zip(slopes, residuals, rho, strict=True)]
-    R = [_wider(b, told, over_all) for b, told, over_all in zip(B, R, known, strict=True)]
+    made = [_made(b, told, over_all, degrees) for b, told, over_all, degrees in zip(B, R, known, freedom, strict=True)]
     more = np.fmax(np.square(np.zeros(len(R)) if stated is None else stated) - np.nan_to_num(variance), 0.0)
-    parts = np.array([v * np.einsum("in,nm,im->i", b, r, b) for v, b, r in zip(variance, B, R, strict=True)])  # (tests, p)
+    parts = np.array([v * np.diag(C) for v, C in zip(variance, made, strict=True)])  # (tests, p)
     of_stated = np.array([m * np.sum(b**2, axis=1) for m, b in zip(more, B, strict=True)])
-    covar = sum((v * b @ r @ b.T + m * b @ b.T for v, m, b, r in zip(variance, more, B, R, strict=True)), np.zeros_like(plain))
+    covar = sum((v * C + m * b @ b.T for v, m, b, C in zip(variance, more, B, made, strict=True)), np.zeros_like(plain))
     typical = np.linalg.matrix_rank(A) / max(np.trace(J.T @ J @ covar), 1e-300)
     covar = np.where(np.isfinite(plain), covar, plain)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -102,20 +105,47 @@ def errors(
     welch = np.where(np.isfinite(welch), np.minimum(welch, total), total)
     noise = tuple(
         CurveNoise(
-            sigma, coefficient, len(r) / _inflation(len(r), coefficient), len(r), whiteness(M[k][k], r), float(np.sqrt(more[k]))
+            sigma,
+            coefficient,
+            effective(len(r), coefficient),
+            len(r),
+            whiteness(M[k][k], r),
+            float(np.sqrt(more[k])),
+            fewest(len(r), known[k].rhos, known[k].shares),
         )
         for k, (sigma, coefficient, r) in enumerate(zip(np.sqrt(variance).tolist(), rho, residuals, strict=True))
     )
     return noise, Errors(covar, plain, float(typical), welch, tuple(B), np.zeros_like(plain))
 
 
-def _wider(B: Array, told: Array, known: "Correlated") -> Array:
-    """Correlations (n, n) of a test's noise: over all coefficients, or, of residuals that are surely smooth, those of the told one
-    where the parameters, B (p, n) times the noise, are less certain under it. Misfit of the model is no AR(1) noise: its likelihood
-    takes it for a weaker correlation than its smoothness tells."""
-    first, second = (np.einsum("in,nm,im->i", B, R, B) for R in (told, known.mean))
+def _made(B: Array, told: Array, known: "Correlated", freedom: float) -> Array:
+    """Covariance (p, p) of what the noise of a test, whose variance under the told correlation is 1, makes of the parameters:
+    B (p, n) times the noise.
+
+    It goes over all correlations, each with its probability, so that the 97.5 % quantile of Student's t times the standard
+    deviation is the 97.5 % quantile of their mixture, whose tails are longer. Of residuals that are surely smooth it is that of the
+    told correlation, where parameters are less certain under that: misfit of the model is no AR(1) noise, and its likelihood takes
+    it for a weaker correlation than its smoothness tells.
+    """
+    of_told, of_all = B @ told @ B.T, B @ known.mean @ B.T
+    sizes = np.sqrt(known.sizes[:, None] * np.array([np.einsum("in,nm,im->i", B, R, B) for R in known.correlations]))
+    degrees = max(freedom, 1.0)
+    factor = _quantiles(known.shares, sizes, degrees) / student.ppf(CONFIDENCE, degrees)
+    factor = factor / np.sqrt(np.maximum(np.diag(of_all), 1e-300))
+    of_all = of_all * np.outer(factor, factor)
+    first, second = np.diag(of_told), np.diag(of_all)
     less = np.sum(first / np.maximum(first + second, 1e-300)) > len(first) / 2
-    return told if less and known.shares[0] < UNLIKELY else known.mean
+    return of_told if less and known.shares[0] < UNLIKELY else of_all
+
+
+def _quantiles(shares: Array, sizes: Array, freedom: float) -> Array:
+    """The 97.5 % quantiles (p,) of mixtures of Student's t about zero, with scales sizes (k, p) and shares (k,)."""
+    low, high = (student.ppf(CONFIDENCE, freedom) * end for end in (sizes.min(axis=0), sizes.max(axis=0)))
+    for _ in range(HALVED):
+        middle = (low + high) / 2
+        held = shares @ student.cdf(middle / np.maximum(sizes, 1e-300), freedom)
+        low, high = np.where(held < CONFIDENCE, middle, low), np.where(held < CONFIDENCE, high, middle)
+    return np.asarray((low + high) / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +189,14 @@ class Correlated:
         return cls(rhos, shares / shares.sum(), pairs[:-1, 1] / pairs[-1, 1], n)
 
     @property
+    def correlations(self) -> Array:
+        """The correlations of the points under each, (k, n, n)."""
+        return np.array([correlations(self.points, rho) for rho in self.rhos])
+
+    @property
     def mean(self) -> Array:
         """The mean covariance of noise whose variance under the told correlation is 1, (n, n)."""
-        parts = [p * size * correlations(self.points, rho) for rho, p, size in zip(self.rhos, self.shares, self.sizes, strict=True)]
-        return np.asarray(sum(parts, np.zeros((self.points, self.points))))
+        return np.asarray(np.tensordot(self.shares * self.sizes, self.correlations, axes=1))
 
 
 def _likelihood(made: Array, left: Array, rho: float) -> tuple[float, float]:
@@ -183,8 +217,9 @@ def _white(rows: Array, rho: float) -> Array:
 
 
 def possible(n: int) -> Array:
-    """The correlations that the noise of n points may have: none, then SLAB steps to the largest."""
-    slab = most_correlated(n) * (np.arange(SLAB) + 0.5) / SLAB if n >= FEWEST else np.zeros(0)
+    """The correlations rho that the noise of n points may have: none, then SLAB steps to the largest, evenly in the logarithm of
+    1 - rho, and so in that of the length over which the noise decorrelates."""
+    slab = 1 - (1 - most_correlated(n)) ** ((np.arange(SLAB) + 0.5) / SLAB) if n >= FEWEST else np.zeros(0)
     return np.array([0.0, *slab])
 
 
@@ -291,6 +326,14 @@ def _variances(M: list[list[Array]], R: list[Array], residuals: Sequence[Array])
     return (together if (together >= 0).all() and np.isfinite(alone).all() else alone), freedom
 
 
-def _inflation(n: int, rho: float) -> float:
-    """Factor by which the points' correlation raises the variance of the mean of n points."""
-    return float(correlations(n, rho).sum() / n)
+def effective(n: int, rho: float) -> float:
+    """The number of independent points whose mean has the variance of that of n points with this correlation."""
+    return n / float(correlations(n, rho).sum() / n)
+
+
+def fewest(n: int, rhos: Array, shares: Array) -> float:
+    """The least effective number of n points that is not improbable: under the correlation that is exceeded with a probability of
+    5 %, where correlations rhos (k,) have the probabilities shares (k,)."""
+    order = np.argsort(rhos)
+    held = np.cumsum(shares[order])
+    return effective(n, float(rhos[order][min(int(np.searchsorted(held, LARGER * held[-1])), held.size - 1)]))

@@ -25,6 +25,7 @@ from indentfit.runs.closed_form import ClosedForm
 
 Numbers = tuple[float | None, ...]
 SMOOTH = 0.5  # autocorrelation of neighbouring points from which residuals may be misfit
+UNTOLD = 0.5  # of the effective number of points: where fewer are not improbable, a note says so
 UNLIKELY = 0.01  # probability below which smooth residuals are no independent noise
 UNKNOWN = "not known: the fit stopped before its errors were found"
 
@@ -108,6 +109,9 @@ class CurveNoise:
         Probability that residuals of independent noise are as smooth as these.
     stated : float, mN
         Independent noise beside it, by which the standard deviations that the curve states exceed `sigma`.
+    fewest_points : float or None
+        The least number of independent points that is not improbable (5 %): few points seldom show how correlated they are. None in
+        results that do not state it.
     """
 
     sigma: float | None
@@ -116,6 +120,12 @@ class CurveNoise:
     points: int
     white: float = 1.0
     stated: float = 0.0
+    fewest_points: float | None = None
+
+    @property
+    def untold(self) -> bool:
+        """Whether the residuals leave open how correlated they are."""
+        return self.fewest_points is not None and self.fewest_points < UNTOLD * self.effective_points
 
     @property
     def systematic(self) -> bool:

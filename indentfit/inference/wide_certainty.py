@@ -8,8 +8,9 @@ import numpy as np
 from indentfit.case import Case
 from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
 from indentfit.inference.curve_bands import law_misfit
+from indentfit.inference.density import Density
 from indentfit.inference.draws import drawn
-from indentfit.inference.identifiability import MISFIT, NOTE, Identifiability, identifiability, limit_of
+from indentfit.inference.identifiability import NOTE, Identifiability, identifiability, limit_of, notes_of
 from indentfit.inference.inputs import CORRECTED, Solution
 from indentfit.inference.joint import JointFit, fitted
 from indentfit.inference.joint_consistency import joint_predictions
@@ -17,7 +18,7 @@ from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.limits import Limit, limits
 from indentfit.inference.misfit import recording
 from indentfit.inference.mixture import CERTAIN
-from indentfit.inference.noise import whiteness
+from indentfit.inference.noise import effective, fewest, whiteness
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
 from indentfit.inference.seen import seen_sentences, with_seen
@@ -144,13 +145,14 @@ def _noise(fit: WideFit) -> dict[str, CurveNoise]:
     joint = fit.best.fit
     curves, noises = joint.posterior.curves, {}
     left = curves.at(joint.mode.z)[0] - curves.measured() + joint.posterior.law_at(joint.mode.z)
+    draws, rhos = fit.best.draws, iter(Density(joint).rho(fit.best.draws.places).T)
     for n, test in enumerate(fit.problem.tests):
         size, rho = test.curve.force.size, float(joint.posterior.noise.rho[n])
         if joint.posterior.used[n]:
             sigma = float(joint.posterior.noise.sigma[n])
-            noises[test.name] = CurveNoise(
-                sigma, rho, size * (1 - rho) / (1 + rho), size, whiteness(np.eye(size), left[curves.slices[n]])
-            )
+            white = whiteness(np.eye(size), left[curves.slices[n]])
+            least = fewest(size, next(rhos), draws.shares)
+            noises[test.name] = CurveNoise(sigma, rho, effective(size, rho), size, white, fewest_points=least)
     return noises
 
 
@@ -203,8 +205,7 @@ def _notes(case: Case, fit: WideFit) -> Iterator[str]:
     yield OVERLAP
     if not fit.reached:
         yield UNPROVED
-    if any(known.systematic for known in _noise(fit).values()):
-        yield MISFIT
+    yield from notes_of(_noise(fit))
     best: WideAlternative = fit.best
     if best.changes:
         yield f"the values are those under {best.name}, the most probable alternative, and not those of the case"
