@@ -51,13 +51,13 @@ def test_without_noise_every_method_finds_contact_within_its_reach(method, sampl
 
 
 def test_under_a_sphere_the_force_rises_by_hertz():
-    """40 records: the exponents of Hertz find contact within 5 um (median), those of a flat punch are 10 to 30 um off (mean)."""
+    """40 records: the exponents of Hertz find contact within 5 um (median), those of a flat punch are 10 to 30 um off."""
     sphere = study.trials(study.sample_curve("sphere"), Rig(), "piecewise", 40, indenter="sphere")
     error, stated = 1e3 * sphere.T
     assert np.median(np.abs(error)) < 5
     assert np.mean(np.abs(error) <= stated) > 0.8
     flat = study.trials(study.sample_curve("sphere"), Rig(), "piecewise", 10)
-    assert 0.010 < np.mean(np.abs(flat[:, 0])) < 0.030
+    assert 0.010 < np.median(np.abs(flat[:, 0])) < 0.030
 
 
 def test_contact_does_not_depend_on_the_zeros_of_the_sensors():
@@ -183,3 +183,29 @@ def test_samples_far_apart_before_contact_are_no_slow_noise():
         held += abs(contact.displacement) <= contact.uncertainty
     assert np.median(widths) < 0.0075  # 0.0065 without the laws of more powers; interpolated values gave 0.0087 then
     assert held >= 21  # 99 % of binomial draws at 95 %
+
+
+def test_a_sharp_cone_on_a_sample_that_stiffens_or_relaxes_has_its_contact_within_the_interval():
+    """Forces d^2 exp(d) and d^2 (1 + exp(-d / 0.15)), neither of which is fitted: half of such contacts were outside, by up to
+    three half-widths, while the laws began with the power 1.5 of the ball at a cone's end. A 95 % interval holds 17 of 20 and more
+    in 98 of 100 draws."""
+    rng, held, wide = np.random.default_rng(41), 0, 0
+    for law in (lambda d: d**2 * np.exp(d), lambda d: d**2 * (1 + np.exp(-d / 0.15))) * 10:
+        d = np.linspace(-1.0, 1.0, 600)
+        force = law(np.maximum(d, 0)) / law(1.0) + 0.005 * rng.standard_normal(d.size)
+        contact = process_record(RawRecord(np.arange(d.size) / 100, d, force, "r"), settings=Record(indenter="cone")).contact
+        held += abs(contact.displacement) <= contact.uncertainty
+        wide += contact.uncertainty > 0.1
+    assert held >= 17 and not wide
+
+
+def test_the_interval_of_a_peak_holds_drifts_that_noise_hides():
+    """A drift of half a per cent of the peak, either way, under 0.8 % of noise and an approach of half of the depth."""
+    rng, held, widths = np.random.default_rng(43), 0, []
+    for sign in (-1, 1) * 8:
+        d = np.linspace(-0.5, 1.0, 600)
+        force = np.maximum(d, 0) ** 1.5 + 0.005 * sign * d + 0.008 * rng.standard_normal(d.size)
+        record = process_record(RawRecord(np.arange(d.size) / 100, d, force, "r"), settings=Record(indenter="sphere"))
+        held += abs(record.peak - 1) <= record.peak_uncertainty
+        widths.append(record.peak_uncertainty)
+    assert held >= 14 and np.median(widths) < 0.02

@@ -42,6 +42,8 @@ DYING = (0.35, 0.05)  # of the duration of the stretch: time constants from whic
 # Kinds of drifts before the record is seen: standard deviation, of the rise in contact, during the loading; and probability
 HIDDEN_DRIFTS = ((0.002, 0.2), (0.01, 0.05))
 LARGEST_RATIO = 200.0  # an F ratio above it is as sure
+# A tip may be so sharp that the ball at its end does not show; the first power is then that of a cone from the first sample on.
+SHARP = {"cone": ((2.0, 3.0), (2.0, 3.0, 4.0), (2.0, 2.5, 3.0))}
 TELLING = 0.15  # of the depth: the travel before contact that tells a drift
 SIZES = 400  # of a drift that are tried
 SURELY = 3.0  # standard errors
@@ -54,9 +56,19 @@ class HiddenDrift:
 
     kinds: for each kind of drift its probability, and mean and standard deviation, mN, of how much it would change the force
     without contact at the end of loading. There is no drift with the probability that is left.
+    fitted: that change by a drift of any size, mN, as fitted to the force, and its standard error.
     """
 
     kinds: tuple[tuple[float, float, float], ...]
+    fitted: tuple[float, float] = (0.0, 0.0)
+
+    def reach(self, error: float, errors: float = CERTAIN) -> float:
+        """How far, mN, the force may be off at the end of loading, whatever the size of the drift.
+
+        error: mN, standard error of that force without a drift; errors: standard errors in half of the interval.
+        """
+        change, stderr = self.fitted
+        return abs(change) + errors * float(np.hypot(stderr, error))
 
     def beyond(self, size: float, error: float) -> float:
         """Probability that drift and a normal error with a standard deviation, mN, together exceed a size, mN, either way."""
@@ -97,22 +109,25 @@ def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
     fit = _chosen(stretch, base.powers, base.baseline)
     if len(ends) > 1:
         doubt = replace(doubt, contact=max(doubt.contact, _beyond(fit, coarse, ends, best)))
-    return _weighed(fit, POWERS[best], doubt) if fit.baseline.kind != "waves" else (fit, doubt)  # which would follow any law
+    return _weighed(fit, best, doubt)
 
 
-def _weighed(fit: Piecewise, powers: tuple[float, ...], doubt: Doubt) -> tuple[Piecewise, Doubt]:
-    """The best of the fits of an end's two powers and of more, and the doubt with the spread of all of them under Akaike's weights.
+def _weighed(fit: Piecewise, end: str, doubt: Doubt) -> tuple[Piecewise, Doubt]:
+    """The best of the fits of an end's two powers and of more, and the doubt with the spread of all of them under their weights.
 
-    Powers that rise by halves are those of a layer under a sphere; one above the last is that of a law that stiffens or softens.
-    Where the force shows none of these, each has a share of the weight still: a law may differ by less than the noise shows.
+    Powers that rise by halves are those of a layer under a sphere; one above the last is that of a law that stiffens or softens; a
+    law has them all. Where the force shows none of these, each has a share of the weight still: a law may differ by less than the
+    noise shows.
     """
-    laws = dict.fromkeys([powers, _richer(powers), (powers[0], powers[0] + 0.5, powers[0] + 1.0)])
-    fits = [fit if law == fit.powers else fit_of(fit.stretch, law, fit.baseline) for law in laws]
+    powers = POWERS[end]
+    halves = (powers[0], powers[0] + 0.5, powers[0] + 1.0)
+    nested = dict.fromkeys([powers, _richer(powers), halves, tuple(sorted({*halves, *_richer(powers)}))])
+    fits = [fit if law == fit.powers else fit_of(fit.stretch, law, fit.baseline) for law in (*nested, *SHARP.get(end, ()))]
     # more powers that fit worse are a search that went astray
-    fits = [fits[0], *(rival for rival in fits[1:] if _ratio(fits[0], rival) >= 0 and _after_a_baseline(rival))]
-    gains = np.array(
-        [0.5 * min(_ratio(fits[0], rival), LARGEST_RATIO) - _price(rival, independent(fits[0].noise)) for rival in fits]
-    )
+    astray = [rival.powers in nested and _ratio(fits[0], rival) < 0 for rival in fits]
+    fits = [rival for rival, lost in zip(fits, astray, strict=True) if rival is fits[0] or (not lost and _after_a_baseline(rival))]
+    closest = min(fits, key=lambda rival: _square(rival.residual))
+    gains = np.array([-0.5 * _ratio(rival, closest) - _price(rival, independent(closest.noise)) for rival in fits])
     if not np.isfinite(gains).any():
         return fit, doubt
     weights = np.exp(gains - gains.max())
@@ -270,7 +285,8 @@ def _hidden_drift(fit: Piecewise) -> Doubt:
     zero = float(fit.spread[0, 1]) / variance + float(stretch.time[-1])
     kinds = _posterior([(probability, size * rise / touching) for size, probability in HIDDEN_DRIFTS], rate, variance)
     square = sum(probability * (mean**2 + scatter**2) for probability, mean, scatter in kinds)
-    hidden = HiddenDrift(tuple((probability, mean * zero, scatter * abs(zero)) for probability, mean, scatter in kinds))
+    changes = tuple((probability, mean * zero, scatter * abs(zero)) for probability, mean, scatter in kinds)
+    hidden = HiddenDrift(changes, fitted=(rate * zero, sqrt(variance) * abs(zero)))
     return Doubt(CERTAIN * float(np.sqrt(square)) * abs(place), hidden=hidden)
 
 

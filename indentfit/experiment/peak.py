@@ -10,6 +10,7 @@ from scipy.ndimage import median_filter
 
 from indentfit.arrays import Array
 from indentfit.digits import quantity
+from indentfit.experiment.baselines import HiddenDrift
 from indentfit.experiment.contact_point import ContactPoint
 from indentfit.experiment.loading import Ramp, filtered, noise_of
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
@@ -39,6 +40,7 @@ AGREE = 2.5  # standard errors within which the law and that with a power more a
 FAR = 3.0  # standard errors within which the law and the parabola agree
 IN_DOUBT = 0.3  # share of the difference of the law from that with a power more that stays in doubt
 SIGMA_95 = 1.96
+SURE_98 = 2.326  # standard errors in half of a 98 % interval
 
 
 @dataclass(frozen=True)
@@ -280,10 +282,26 @@ def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> I
     if largest > (1 + OTHER) * peak.force + 4 * scatter:
         sizes = quantity(largest, "mN"), quantity(peak.force, "mN")
         yield f"the largest force of the record, {sizes[0]}, is above the peak of the loading, {sizes[1]}"
-    error = float(np.hypot(peak.stderr, contact.zero_error / SIGMA_95))
+    error = _error(peak, contact)
     if SURE * error > OTHER * peak.force:
         cause = "the baseline" if contact.zero_error / SIGMA_95 > peak.stderr else "the noise"
         yield f"the peak is uncertain by {SIGMA_95 * error / peak.force:.1%} (95 %) because of {cause}"
-    elif contact.hidden and contact.hidden.beyond(OTHER * peak.force, error) > RARELY:
-        most = contact.hidden.largest(RARELY, error) / peak.force
+    elif contact.hidden and _may_drift(contact.hidden, OTHER * peak.force, error):
+        most = max(contact.hidden.largest(RARELY, error), contact.hidden.reach(error, SURE_98)) / peak.force
         yield f"the peak may be off by {most:.1%}: the baseline is too short, or too noisy, to rule out a drift of this size"
+
+
+def _may_drift(hidden: HiddenDrift, size: float, error: float) -> bool:
+    """Whether a drift may change the peak by more than a size, mN: as drifts are, or as the approach alone tells."""
+    return hidden.beyond(size, error) > RARELY or hidden.reach(error, SURE_98) > size
+
+
+def peak_uncertainty(peak: Peak, contact: ContactPoint) -> float:
+    """Half of the 95 % interval of the peak, mN: of its noise, of the zero, and of a drift that the approach does not show."""
+    error = _error(peak, contact)
+    return max(SIGMA_95 * error, contact.hidden.reach(error) if contact.hidden else 0.0)
+
+
+def _error(peak: Peak, contact: ContactPoint) -> float:
+    """Standard error of the peak with that of its zero, mN."""
+    return float(np.hypot(peak.stderr, contact.zero_error / SIGMA_95))

@@ -17,7 +17,7 @@ from indentfit.experiment.contact_point import METHODS, ContactPoint
 from indentfit.experiment.hertz import Hertz, hertz_modulus
 from indentfit.experiment.judgement import Judgement, judged
 from indentfit.experiment.loading import Ramp, constant_velocity, find_ramp
-from indentfit.experiment.peak import peak_notes, peak_of
+from indentfit.experiment.peak import peak_notes, peak_of, peak_uncertainty
 from indentfit.experiment.record import RawRecord
 from indentfit.experiment.relaxation import Prony, fit_prony
 from indentfit.experiment.selection import selected
@@ -45,6 +45,8 @@ class ProcessedRecord:
         Largest displacement until the end of loading.
     peak : float, mN
         Largest force.
+    peak_uncertainty : float, mN
+        Half of the 95 % interval of the largest force: noise, zero, and a drift that the approach does not show.
     displacement, force : array (n,), mm and mN
         Filtered samples from contact to the end of loading.
     curve : Curve
@@ -70,6 +72,7 @@ class ProcessedRecord:
     velocity: float
     depth: float
     peak: float
+    peak_uncertainty: float
     displacement: Array
     force: Array
     curve: Curve
@@ -133,6 +136,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
         velocity=velocity,
         depth=depth,
         peak=peak.force,
+        peak_uncertainty=peak_uncertainty(peak, contact),
         displacement=displacement,
         force=force,
         curve=replace(_curve(displacement, force, settings.points, contact), contact=_deviation(contact)),

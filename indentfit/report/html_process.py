@@ -22,8 +22,9 @@ HERTZ = "E/(1-ν²) by Hertz (kPa)"
 SPREADS = ("Of", "Records", "Mean", "Standard deviation", "95 % interval of the mean", "Median", "Outliers")
 DIFFERENCES = ("Test", "Number", "p", "95 % interval of the difference (mN/mm)")
 ERRORS = (
-    "The uncertainty of a contact point is half of its 95 % interval, that of a stiffness one standard error, that of a Hertz "
-    "modulus half of the 95 % interval by the scatter of the samples alone. Outliers are shown, and every number counts them."
+    "The uncertainty of a contact point and of a peak is half of its 95 % interval, that of a stiffness one standard error, that "
+    "of a Hertz modulus half of the 95 % interval by the scatter of the samples alone. Outliers are shown, and every number counts "
+    "them."
 )
 LARGEST = 400_000  # bytes of an SVG that is put into the page; a larger one is shown as PNG
 DRAWN = (
@@ -90,10 +91,16 @@ def _row(name: str, record: StoredRecord, outlying: bool, depth: Scale, peak: Sc
         number(record.velocity * depth.factor, 3),
         number(record.strain_rate, 3),
         depth.text(record.depth),
-        number(record.peak * peak.factor),
+        _peak(record, peak),
         "–" if record.relaxation is None else f"{record.relaxation.ratio:.3f}",
         "; ".join(remarks) or "–",
     )
+
+
+def _peak(record: StoredRecord, scale: Scale) -> str:
+    if record.peak_uncertainty is None:
+        return number(record.peak * scale.factor)
+    return scale.text_with_error(record.peak, record.peak_uncertainty).replace("+-", "±")
 
 
 def _statistics(folder: Path, result: StoredProcess) -> Iterator[Section]:

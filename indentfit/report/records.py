@@ -32,6 +32,7 @@ COLUMNS: dict[str, Callable[[ProcessedRecord], Cell]] = {
     "strain_rate_per_s": lambda record: record.strain_rate,
     "depth_mm": lambda record: record.depth,
     "peak_mN": lambda record: record.peak,
+    "peak_uncertainty_mN": lambda record: record.peak_uncertainty,
     "modulus_ratio": lambda record: record.relaxation.ratio if record.relaxation else None,
 }
 SAMPLE = ("sample", "direction", "file", "status", "thickness_mm", "diameter_mm")
@@ -143,6 +144,7 @@ def _record_facts(record: ProcessedRecord) -> dict[str, Any]:
         "strain_rate_per_s": record.strain_rate,
         "depth_mm": record.depth,
         "peak_mN": record.peak,
+        "peak_uncertainty_mN": record.peak_uncertainty,
         "filter_s": record.ramp.length * record.record.interval,
         "linear": asdict(record.line),
         "quadratic": asdict(record.parabola),
@@ -234,7 +236,7 @@ def _cells(record: ProcessedRecord, depth: Scale, peak: Scale) -> list[str]:
         depth.text_with_error(record.contact.displacement, record.contact.uncertainty),
         f"{record.velocity * depth.factor:.3g}",
         depth.text(record.depth),
-        f"{record.peak * peak.factor:.4g}",
+        peak.text_with_error(record.peak, record.peak_uncertainty),
     ]
 
 

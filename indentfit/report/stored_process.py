@@ -36,6 +36,8 @@ class StoredRecord:
         Of the contact point.
     hertz : (modulus, half of its 95 % interval) or None, kPa
         E / (1 - nu^2) by Hertz, where the radius of a sphere is known.
+    peak_uncertainty : float or None, mN
+        Half of the 95 % interval of the peak; None where the folder is of an older version.
     """
 
     slope: float
@@ -54,6 +56,7 @@ class StoredRecord:
     taken: str = ""
     method: str = ""
     hertz: tuple[float, float] | None = None
+    peak_uncertainty: float | None = None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "StoredRecord":
@@ -76,6 +79,7 @@ class StoredRecord:
             taken=value.get("taken", ""),
             method=contact.get("method", ""),
             hertz=None if (hertz := value.get("hertz")) is None else (hertz["modulus"], hertz["interval"]),
+            peak_uncertainty=value.get("peak_uncertainty_mN"),
         )
 
 
