@@ -54,6 +54,16 @@ def test_a_shallow_sphere_meets_the_exact_elastic_layer_within_half_a_percent(ba
     assert 100 * result.force[-1] == pytest.approx(force, rel=5e-3)
 
 
+@pytest.mark.parametrize(("nu", "a"), [(0.49, 1.5), (0.4999, 2.0), (0.4999, 4.0)])
+def test_a_contact_wider_than_its_bonded_layer_meets_the_exact_layer_at_every_depth(nu, a):
+    """A thin layer that keeps its volume rises beside the sphere and touches it farther out: elements that were wide there, as wide
+    as the layer is thick, erred by up to 0.9 %, at depths where the contact ended within one of them."""
+    radius, depths = 2e3, np.linspace(0.3, 1.0, 15) * a**2 / 2e3
+    sample = {"shape": "disc", "diameter": 48 * a, "thickness": 1.0, "base": "bonded"}
+    result = pressed(sample, {"shape": "sphere", "diameter": 2 * radius, "friction": 0}, depths, bulk_ratio(nu))
+    np.testing.assert_allclose(result.force, Layer(True, nu).sphere_force(radius, depths), rtol=3e-3)
+
+
 @pytest.mark.parametrize(("base", "nu", "a", "force"), PUNCHES)
 def test_a_shallow_flat_punch_meets_the_exact_elastic_layer_within_half_a_percent(base, nu, a, force):
     sample = {"shape": "disc", "diameter": 2 * max(12 * a, 10.0), "thickness": 1.0, "base": base}

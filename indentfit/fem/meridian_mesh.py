@@ -1,10 +1,10 @@
 """Meshes of the meridian plane of a round sample, sized by the contact: fine where the contact's end passes, and at a sharp edge.
 
 Under an indenter whose contact grows, the contact's end passes every radius up to that at the largest depth: elements are there a
-CONTACT-th of that radius wide, so that the force is right along the whole path, and grow away from it. At the sharp edge of a flat
-punch the stress is singular: elements lie in rings about the corner (`corner`), the innermost of EDGE times the punch's radius (or
-the thickness, where that is less). The constants were chosen by comparison with exact elastic layers and with another code's large
-strains (tests/test_axisymmetric.py).
+CONTACT-th of that radius wide, and no wider than OF_THICKNESS of the sample's thickness, so that the force is right along the whole
+path, and grow away from it. At the sharp edge of a flat punch the stress is singular: elements lie in rings about the corner
+(`corner`), the innermost of EDGE times the punch's radius (or the thickness, where that is less). The constants were chosen by
+comparison with exact elastic layers and with another code's large strains (tests/test_axisymmetric.py).
 
 All widths are in proportion to the mesh's scale. SCALE is that of the usual error of the force, 1 %, and keeps 0.3 % on most exact
 elastic layers; the scale falls with the wanted error as its power SHRINK (measured by tests/campaigns/mesh_error.py).
@@ -26,8 +26,12 @@ from indentfit.fem.sliding import cut
 from indentfit.indenters import IndenterShape, has_sharp_edge
 
 SCALE, SHRINK = 1.0, 0.6
-CONTACT = 8.0  # elements along the contact's radius at the largest depth
-BEYOND = 1.2  # of that radius, which elements of this width reach to: the sample's surface sinks in before it touches
+CONTACT = 10.0  # elements along the contact's radius at the largest depth
+OF_THICKNESS = 0.2  # width at the contact's end, of the sample's thickness, at most: the pressure falls off over a thickness there
+# Elements of this width reach to BEYOND times the radius at which the indenter's surface lies at the sample's height, and to
+# BEYOND_THIN times it where that radius is two thicknesses or more. A thin layer whose volume is kept rises beside the indenter and
+# touches it beyond that radius (at 1.23 of it where it is 6 thicknesses; the surface just beyond decides where).
+BEYOND, BEYOND_THIN = 1.2, 1.45
 # Width at a sharp edge, of the punch's radius or of the thickness, the less: where the sample slips under it, and where it sticks.
 EDGE = {"free": 0.02, "stick": 0.005}
 ROUND = 4.0  # elements along a rounded edge
@@ -163,7 +167,7 @@ def _finest(task: _Task) -> float:
     """Width at the contact's end of the mesh of scale 1, mm."""
     if has_sharp_edge(task.shape):
         return EDGE[task.edge] * min(task.contact, task.top)
-    finest = task.contact / CONTACT
+    finest = min(task.contact / CONTACT, OF_THICKNESS * task.thickness)
     if task.interfaces:
         finest = min(finest, max(OF_LAYER * task.top, finest / WIDE))
     return min(finest, task.shape.edge_radius / ROUND) if task.shape.edge_radius else finest
@@ -215,7 +219,8 @@ def _lines(task: _Task, scale: float) -> tuple[Array, Array]:
     a, R, h, edge = task.contact, task.radius, task.thickness, scale * _finest(task)
     widest = functools.partial(_widest, task, scale)
     if task.shape.edge_radius is None:
-        radii = _spaced(0, R, lambda r: np.minimum(edge + SLOPE * np.maximum(r - BEYOND * a, 0), widest(r)))
+        reach = a * (BEYOND + (BEYOND_THIN - BEYOND) * min(max(a / h - 1, 0.0), 1.0))
+        radii = _spaced(0, R, lambda r: np.minimum(edge + SLOPE * np.maximum(r - reach, 0), widest(r)))
     else:
         begin = a - task.shape.edge_radius  # of the rounded edge, over which the contact's end moves
         inner = _spaced(0, a, lambda r: np.minimum(edge + SLOPE * np.maximum(begin - r, 0), widest(r)))

@@ -11,7 +11,7 @@ Each line states the error, the band, and the processor time of the case. The la
 the band (plus the reference's own error) holds the error, and give the median of band over error. Exit code 1 where fewer than 95 %
 hold or the median is above 4.
 
-Measured, layer: 96 of 96 solved, the band holds 99.0 %, median of band over error 2.0, largest error 0.37 %, median 0.05 %. Strain:
+Measured, layer: 96 of 96 solved, the band holds 99.0 %, median of band over error 2.0, largest error 0.30 %, median 0.05 %. Strain:
 40 of 40 solved, the band holds all, median of band over error 2.0, largest error 0.15 %, median 0.03 %; 15 of those with friction
 again with 12 steps against 96, after points are anchored where they touch: all hold, median 2.0, largest error 0.13 %. Bricks: 8 of
 8 hold, median of band over error 2.1, largest error 0.69 %.
