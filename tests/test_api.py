@@ -54,3 +54,20 @@ def test_the_example_of_the_guide_finds_the_modulus_of_the_elastic_layer(tmp_pat
     assert {"result.json", "report.html", "case.toml", "fit.png"} <= {path.name for path in (tmp_path / "gel-result").iterdir()}
     again = indentfit.read_case(tmp_path / "gel-result" / "case.toml")
     assert again.curves[0].force[-1] == 21.4 * 0.3
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        indentfit.fit,
+        indentfit.simulate,
+        indentfit.mesh_check,
+        indentfit.design,
+        lambda case: indentfit.sweep(case, {"material.mu": [1, 2]}),
+        lambda case: indentfit.compare(case, ["ogden", "yeoh"]),
+    ],
+)
+@pytest.mark.parametrize(("given", "shown"), [("case.toml", "'case.toml'"), ({"sample": {}}, "a dict")])
+def test_what_is_no_case_is_told_how_to_make_one(call, given, shown):
+    with pytest.raises(indentfit.IndentfitError, match=rf"^{shown} is no Case; indentfit.read_case\(PATH\) reads a case file"):
+        call(given)

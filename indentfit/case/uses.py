@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
+from pathlib import Path
 
 from indentfit.case.faults import faults_of_fit, faults_of_freedom
 from indentfit.case.messages import MISSING, Fault, line
@@ -19,6 +20,14 @@ IN_TIME = (
     "laws are compared on loading curves, with a relaxation that is known; give g and tau as numbers, and curves without times "
     "with test.rate; or remove the table"
 )
+
+
+def require_case(case: object) -> None:
+    """Raise CaseError where a Python caller gives something else in place of a Case, such as the path of its file."""
+    if isinstance(case, Case):
+        return
+    shown = repr(case) if isinstance(case, str | Path) else f"a {type(case).__name__}"
+    raise CaseError([f"{shown[:200]} is no Case; indentfit.read_case(PATH) reads a case file, indentfit.Case(...) makes one"])
 
 
 def require_fittable(case: Case) -> None:

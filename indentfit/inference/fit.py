@@ -13,6 +13,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.case.draining import draining
 from indentfit.case.laws import shear_parameter
+from indentfit.case.uses import require_case
 from indentfit.curve import Curve
 from indentfit.digits import quantity
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_tries
@@ -95,6 +96,7 @@ def fit(
     Stopped, WorkerError, LedgerError
         As `RunPool.evaluate` raises them.
     """
+    require_case(case)
     return fit_with_runs(case, progress, ledger, cluster, stop).result
 
 

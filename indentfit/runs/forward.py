@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.case.in_time import load_of, ramps_of
+from indentfit.case.uses import require_case
 from indentfit.errors import IndentfitError, OutOfTime
 from indentfit.fem.creep import points_of, with_creep
 from indentfit.fem.deadline import Deadline
@@ -147,6 +148,7 @@ def simulate(
         Its `part`, and that of what `progress` raises, is the SimulatedCase as far as it goes, or None. A force over time that is
         not solved is recorded with its cause.
     """
+    require_case(case)
     given = dict(parameters or case.start_values())
     if case.relaxation is not None:
         case = case_at(case, given)

@@ -17,6 +17,7 @@ from pydantic import InstanceOf, TypeAdapter
 from scipy.special import logsumexp
 
 from indentfit.case import Case, Range, require_comparable, require_fittable
+from indentfit.case.uses import require_case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError, ConvergenceError, IndentfitError, LedgerError, Stopped, WorkerError
 from indentfit.experiment.measured import changed_case
@@ -218,6 +219,7 @@ def compare(
     ConvergenceError
         No law could be fitted.
     """
+    require_case(case)
     return run_comparison(plan_comparison(case, materials, ranges or {}, nested), execution or Execution())
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from indentfit.case import Case, require_designable
 from indentfit.case.prior_tests import with_prior_tests
+from indentfit.case.uses import require_case
 from indentfit.inference.seen import seen_sentences
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import elastic_case
@@ -170,6 +171,7 @@ def design(
     DesignError
         The case's own tests have no derivatives.
     """
+    require_case(case)
     require_designable(case)
     case = with_prior_tests(case)
     deepest = max(float(case.outputs(test)[-1]) for test in case.indentations)

@@ -14,6 +14,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.case.uses import require_case
 from indentfit.curve import Curve
 from indentfit.inverse.objective import Target, equation_one, rmse
 from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
@@ -257,6 +258,7 @@ def mesh_check(
     MeshError
         A mesh cannot be made, or does not fit into memory.
     """
+    require_case(case)
     plan = plan_mesh_check(case, family or own_family(case), own_checks(case) if checks is None else checks)
     return run_mesh_check(plan, wanted, refit, execution or Execution())
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
+from indentfit.case.uses import require_case
 from indentfit.curve import Curve
 from indentfit.runs.forward import Evaluation
 from indentfit.study.refit import Refit, refits
@@ -259,6 +260,7 @@ def sweep(case: Case, vary: Vary, grid: bool = False, refit: bool = False, execu
     CaseError
         The case does not have a key, or cannot have a value.
     """
+    require_case(case)
     return run_sweep(plan_sweep(case, vary, grid), refit, execution or Execution())
 
 
