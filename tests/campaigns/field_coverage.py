@@ -1,44 +1,48 @@
 """Campaign of force curves with 50 points of the sample's side: width and coverage of phi, and how often a wrong base is noticed.
 
-    python tests/campaigns/field_coverage.py [--truths 10] [--draws 40] [--base 40]
+    python tests/campaigns/field_coverage.py [--truths 400] [--base 0]
 
 The case is cases/quickstart (strip, two tests, 0.5 % noise of the forces) with 50 points on the side that faces x in the test
-across the fibres, at their deepest, ux and uy with 5 um noise. At each of the truths (a Latin hypercube) runs make a surrogate, on
-which profile intervals of least-squares fits are counted. With --base the curves and displacements are those of a bonded base, and
-the fit believes in a sliding one: how many fits say that a test contradicts the others, or that displacements cannot be followed?
+across the fibres, at their deepest, ux and uy with 5 um noise. At each of the truths (a Latin hypercube) profile intervals of a
+least-squares fit are counted. With --base the curves and displacements are those of a bonded base at that many truths, and the fit
+believes in a sliding one: how many fits say that a test contradicts the others, or that displacements cannot be followed? Shared
+runs (tests/fixtures/shared_runs.py) stand in the place of the mechanics, for the truths and for the fits.
 
-Seen, 10 truths with 40 draws each: mu 372, zeta 374 and phi 383 of 400 (368 to 390 are allowed); base: 20 of 20 noticed.
+SEEN
 
-Exit code 1 where a parameter's coverage is outside of the binomial 99 % band.
+Exit code 1 where a parameter's coverage is outside of the binomial 99 % band, or phi wider than 10 % at mu 1.2, zeta 3, phi 0.8, or
+where a wrong base is noticed in less than 95 %.
 """
 
 import argparse
 import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import numpy as np
+from fixtures.shared_runs import Basis, Exact, SharedRuns, learned
 from scipy.stats import binom, qmc
 
 from indentfit.case.field_tests import with_field_tests
 from indentfit.case.measured_field import MeasuredField
 from indentfit.displacements import Displacements
 from indentfit.experiment.measured import read_case
+from indentfit.inference import profiles
 from indentfit.inference.certainty import coverage
 from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
+from indentfit.inference.identifiability import identifiability
 from indentfit.inference.misfit import no_fit
-from indentfit.inverse import genetic
-from indentfit.inverse.derivatives import evaluate_at_reference
-from indentfit.inverse.exploration import Watched, explore
+from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
 from indentfit.inverse.problem import inverse_problem
-from indentfit.inverse.surrogate import learn
 from indentfit.runs.parted import Parted
-from indentfit.runs.pool import RunPool
 
 QUICKSTART = Path(__file__).parents[2] / "cases" / "quickstart" / "case.toml"
 POINTS, SD, NOISE = 50, 0.005, 0.005
 TRUTH = {"mu": 1.2, "zeta": 3.0, "phi": 0.8}
 TRUTHS = {"mu": (0.5, 3.0), "zeta": (1.0, 8.0), "phi": (0.2, 3.0)}
+BASIS = Basis({"zeta": (0.0, 20.0), "phi": (0.0, 5.0)}, {"zeta": 7, "phi": 5}, "mu")
 
 
 def with_side(case, moved=None):
@@ -52,10 +56,11 @@ def with_side(case, moved=None):
     return case.model_copy(update={"tests": (case.tests[0], across)})
 
 
-def curves_at(case, truth):
-    """Forces of both tests and the displacements of the side at a truth."""
-    with RunPool(case, 1) as pool:
-        return Parted.of(pool, case).evaluate([truth])[0].forces
+def shared(case):
+    """A model of a case from shared runs, in the place of its mechanics."""
+    known = learned(case, BASIS)
+    rows = [(known[test.name], case.outputs(test).size) for test in case.tests]
+    return SharedRuns(BASIS, rows)
 
 
 def problem_with(case, forces):
@@ -66,60 +71,77 @@ def problem_with(case, forces):
     return own, inverse_problem(with_field_tests(own))
 
 
-def learned(own, problem):
-    with RunPool(own, 1) as workers:
-        pool = Watched(Parted.of(workers, own))
-        explore(problem, pool, own.fit, genetic.search)
-    return pool, learn(problem, pool.known)
-
-
-def noticed(problem, surrogate, pool, seed):
-    """Whether a fit on the surrogate says that its curves cannot be those of its base, and by which word."""
-    x = estimate(problem, surrogate, problem.weights, problem.units(TRUTH))[0]
-    best = problem.judge(problem.parameters(x), evaluate_at_reference(problem, surrogate, [problem.parameters(x)])[0].forces)
-    if no_fit(problem, best, pool.known):
+def noticed(problem, model, seed):
+    """Whether a fit says that its curves cannot be those of its base, and by which word."""
+    starts = [problem.units({"mu": 1.0, "zeta": zeta, "phi": 1.0}) for zeta in (2.0, 8.0)]
+    x = min((estimate(problem, model, problem.weights, start) for start in starts), key=lambda end: end[1])[0]
+    parameters = problem.parameters(x)
+    best = problem.judge(parameters, evaluate_at_reference(problem, model, [parameters])[0].forces)
+    if no_fit(problem, best, []):
         return "no fit"
-    known = predictions(problem, surrogate, x, [[] for _ in problem.tests], seed)
+    known = predictions(problem, model, x, [[] for _ in problem.tests], seed)
     return "contradicts" if any(each.contradicts for each in known.values()) else ""
+
+
+def wrong_base(case, truths):
+    """How many fits of a sliding base to curves of a bonded one say so."""
+    bonded, sliding = shared(case.model_copy(update={"sample": case.sample.with_key("base", "bonded")})), shared(case)
+    said = []
+    for seed, truth in enumerate(truths):
+        forces, rng = Parted.of(bonded, case).evaluate([truth])[0].forces, np.random.default_rng(seed)
+        _, problem = problem_with(case, forces)
+        noise = [f + sd * rng.standard_normal(f.size) for f, sd in zip(forces, deviations(forces), strict=True)]
+        said.append(noticed(problem.measured(noise), Exact(problem, sliding), seed))
+    print({word: said.count(word) for word in set(said)}, f"noticed {sum(map(bool, said))} of {len(said)}")
+    return sum(map(bool, said)) >= 0.95 * len(said)
+
+
+def deviations(forces):
+    """Standard deviations of the noise of each row."""
+    return [NOISE * forces[0][-1], NOISE * forces[1][-1], SD]
+
+
+def widths(case, model, draws=20):
+    """Half widths (draws, 3) of the intervals at one truth, over the values."""
+    forces, rows = Parted.of(model, case).evaluate([TRUTH])[0].forces, []
+    _, exact = problem_with(case, forces)
+    for draw in range(draws):
+        rng = np.random.default_rng([7, draw])
+        problem = exact.measured([f + sd * rng.standard_normal(f.size) for f, sd in zip(forces, deviations(forces), strict=True)])
+        at = Exact(problem, model)
+        parameters = problem.parameters(estimate(problem, at, problem.weights, problem.units(TRUTH))[0])
+        best = problem.judge(parameters, evaluate_at_reference(problem, at, [parameters])[0].forces)
+        known = identifiability(problem, best, curve_derivatives(problem, at, problem.units(parameters)))
+        paths = profiles.profiles(problem, at, best, known)
+        rows.append([(paths[name].interval[1] - paths[name].interval[0]) / 2 / TRUTH[name] for name in TRUTH])
+    return np.array(rows)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--truths", type=int, default=10)
-    parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--base", type=int, default=0, help="draws of curves of another base, in place of the coverage")
+    parser.add_argument("--truths", type=int, default=400)
+    parser.add_argument(
+        "--base", type=int, default=0, help="truths whose curves are those of another base, in place of the coverage"
+    )
     asked = parser.parse_args()
     case = with_side(read_case(QUICKSTART))
-    if asked.base:
-        bonded = case.model_copy(update={"sample": case.sample.with_key("base", "bonded")})
-        forces, rng = curves_at(bonded, TRUTH), np.random.default_rng(0)
-        own, problem = problem_with(case, forces)
-        pool, surrogate = learned(own, problem)
-        sds = [NOISE * forces[0][-1], NOISE * forces[1][-1], SD]
-        said = [
-            noticed(
-                problem.measured([f + sd * rng.standard_normal(f.size) for f, sd in zip(forces, sds, strict=True)]),
-                surrogate, pool, seed,
-            )
-            for seed in range(asked.base)
-        ]  # fmt: skip
-        print({word: said.count(word) for word in set(said)}, f"noticed {sum(map(bool, said))} of {asked.base}")
-        return 0 if sum(map(bool, said)) >= 0.95 * asked.base else 1
     low, high = np.array(list(TRUTHS.values())).T
-    rows, held = low + qmc.LatinHypercube(len(TRUTHS), seed=0).random(asked.truths) * (high - low), []
-    for seed, row in enumerate(rows.tolist()):
-        truth = dict(zip(TRUTHS, row, strict=True))
-        forces = curves_at(case, truth)
-        own, problem = problem_with(case, forces)
-        pool, surrogate = learned(own, problem)
-        sds = [NOISE * forces[0][-1], NOISE * forces[1][-1], SD]
-        held.append(coverage(problem, surrogate, truth, sds, asked.draws, seed))
-        print(truth, held[-1].sum(axis=0), pool.evaluations, flush=True)
-    counts, fits = np.sum(np.concatenate(held), axis=0), asked.truths * asked.draws
-    least, most = binom.interval(0.99, fits, 0.95)
+    rows = low + qmc.LatinHypercube(len(TRUTHS), seed=0).random(asked.base or asked.truths) * (high - low)
+    truths = [dict(zip(TRUTHS, row, strict=True)) for row in rows.tolist()]
+    if asked.base:
+        return 0 if wrong_base(case, truths) else 1
+    model, held = shared(case), []
+    wide = np.median(widths(case, model), axis=0)
+    print("half widths at", TRUTH, dict(zip(TRUTH, np.round(wide, 4).tolist(), strict=True)), flush=True)
+    for seed, truth in enumerate(truths):
+        forces = Parted.of(model, case).evaluate([truth])[0].forces
+        _, problem = problem_with(case, forces)
+        held.append(coverage(problem, Exact(problem, model), truth, deviations(forces), 1, seed))
+    counts = np.sum(np.concatenate(held), axis=0)
+    least, most = binom.interval(0.99, asked.truths, 0.95)
     for name, count in zip(TRUTHS, counts.tolist(), strict=True):
-        print(f"{name}: {count} of {fits} inside; allowed {least:.0f} to {most:.0f}")
-    return 0 if all(least <= count <= most for count in counts) else 1
+        print(f"{name}: {count} of {asked.truths} inside; allowed {least:.0f} to {most:.0f}")
+    return 0 if all(least <= count <= most for count in counts) and wide[2] <= 0.1 else 1
 
 
 if __name__ == "__main__":
