@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fixtures.two_layers import Layers
+from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from indentfit.case.tables import Indenter, Layer, Mesh, Sample, Solver
@@ -52,15 +53,62 @@ def test_a_soft_layer_sliding_on_a_rigid_one_is_one_on_a_sliding_base(friction):
     assert abs(1 - forces[0] / rigid) > 5 * abs(1 - forces[1] / rigid)
 
 
-@pytest.mark.parametrize(("top", "low"), [(1.0, 1.0), (100.0, 1.0)], ids=lambda mu: f"{mu:g}")
-@pytest.mark.parametrize(("shape", "size", "upper"), [("cylinder", 1.0, 1.0), ("sphere", 8.0, 0.5)])
+def cases():
+    """(shape, size, upper, top, low): 15 contacts on layers that slide, four of them in the suite."""
+    for shape, size, upper in (
+        ("cylinder", 1.0, 1.0), ("sphere", 8.0, 0.5), ("sphere", 4.0, 1.0), ("cylinder", 1.0, 0.4), ("cylinder", 2.0, 1.0),
+    ):  # fmt: skip
+        for top, low in ((1.0, 1.0), (100.0, 1.0), (1.0, 100.0)):
+            in_suite = (size, upper) in ((1.0, 1.0), (8.0, 0.5)) and low == 1.0
+            marks = () if in_suite else pytest.mark.campaign
+            yield pytest.param(shape, size, upper, top, low, marks=marks, id=f"{shape}-{size:g}-{upper:g}-{top:g}-{low:g}")
+
+
+@pytest.mark.parametrize(("shape", "size", "upper", "top", "low"), list(cases()))
 def test_small_depths_are_those_of_hankels_transform(shape, size, upper, top, low):
-    """Within 0.5 % on the default mesh; the ball's finite depth is 0.3 % of it."""
+    """Within 0.5 % on the default mesh; the ball's finite depth is 0.3 % of it. Seen: -0.37 to +0.03 % where the punch presses
+    everywhere. Where Hankel's punch would have to pull at a stiff skin, the skin lifts off and the force is less."""
     depth = 2e-4 if shape == "cylinder" else 0.003 * size
     made = model(sample(upper, diameter=80.0), Indenter(shape=shape, radius=size, friction=0.0), depth)
     exact = Layers((upper, 2.0), (top, low), (NU, NU), sliding=True)
-    right = exact.punch(size) * depth if shape == "cylinder" else exact.sphere(size, depth)
-    assert made.run(press(top, low, depth, points=1)).force[-1] == pytest.approx(right, rel=0.005)
+    force = made.run(press(top, low, depth, points=1)).force[-1]
+    if shape == "sphere":
+        assert force == pytest.approx(exact.sphere(size, depth), rel=0.005)
+        return
+    right = exact.punch(size) * depth
+    if exact.pressure(size, np.linspace(0.0, 0.9, 10) * size).min() < 0:
+        assert force < right
+        force = pulled(made, press(top, low, depth, points=1), size, depth)
+    assert force == pytest.approx(right, rel=0.005)
+
+
+@pytest.mark.parametrize("interface", ["sliding", "bonded"])
+def test_a_stiff_skin_lifts_off_the_middle_of_a_flat_punch(interface):
+    """Hankel's solution is that of a punch that may pull, to which the same mesh comes within 0.2 %; a punch that only presses has
+    5 % less force."""
+    depth, exact = 2e-4, Layers((0.4, 2.0), (100.0, 1.0), (NU, NU), sliding=interface == "sliding")
+    piece = sample(0.4, diameter=80.0, interfaces=(interface, "bonded"))
+    made, asked = model(piece, Indenter(shape="cylinder", radius=1.0, friction=0.0), depth), press(100.0, 1.0, depth, points=1)
+    right = exact.punch(1.0) * depth
+    assert exact.pressure(1.0, np.array([0.0, 0.5])).max() < 0 < exact.pressure(1.0, np.array([0.9])).min()
+    assert pulled(made, asked, 1.0, depth) == pytest.approx(right, rel=0.002)
+    assert 0.94 * right < made.run(asked).force[-1] < 0.96 * right
+
+
+def pulled(made, asked, radius, depth):
+    """The force of the linearised model whose surface is moved down under a punch that holds it, without friction."""
+    body, loading = made.body, made._loading(asked, made._springs(asked.material, asked.fibre))
+    u = np.zeros(body.n_dofs)
+    state = body.state(u, asked.fibre)
+    pressure = body.pressure(state, loading.volumetric)
+    _, values = body.tangent(u, state, loading.material, pressure, loading.volumetric, asked.fibre)
+    K, (r, y) = body.matrix(values).tocsc(), body.points()
+    base, top = np.flatnonzero(y < 1e-9 * y.max()), np.flatnonzero(y > (1 - 1e-9) * y.max())
+    moved = 2 * top[r[top] <= radius * (1 + 1e-9)] + 1
+    free = np.setdiff1d(np.arange(u.size), np.concatenate([2 * base, 2 * base + 1, 2 * np.flatnonzero(r < 1e-9), moved]))
+    u[moved] = -depth
+    u[free] = spsolve(K[free][:, free], -(K @ u)[free])
+    return -float((K @ u)[moved].sum())
 
 
 @pytest.mark.parametrize("law", [pytest.param(GEL, marks=pytest.mark.campaign, id="gel"), pytest.param(FIBRES, id="fibres")])
