@@ -103,13 +103,20 @@ class Doubt:
 def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
     """The fit of the end that fits best, and the `Doubt` because of other ends, waves and drifts that fit as well."""
     coarse = stretch.thinned(SEARCHED)
-    bases = {end: _with_baseline(coarse, POWERS[end]) for end in ends}
-    best = min(ends, key=lambda end: _square(bases[end][0].residual))
-    base, doubt = bases[best]
+    best = _closest(coarse, ends)
+    base, doubt = _with_baseline(coarse, POWERS[best])
     fit = _chosen(stretch, base.powers, base.baseline)
     if len(ends) > 1:
         doubt = replace(doubt, contact=max(doubt.contact, _beyond(fit, coarse, ends, best)))
     return _weighed(fit, best, doubt)
+
+
+def _closest(stretch: Stretch, ends: tuple[str, ...]) -> str:
+    """The end whose two powers fit best, beside a drift where the baseline is long enough to tell one."""
+    if len(ends) == 1:
+        return ends[0]
+    baseline = Baseline("drift" if stretch.drifts else "constant")
+    return min(ends, key=lambda end: _square(fit_of(stretch, POWERS[end], baseline).residual))
 
 
 def _weighed(fit: Piecewise, end: str, doubt: Doubt) -> tuple[Piecewise, Doubt]:

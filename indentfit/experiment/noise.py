@@ -89,7 +89,7 @@ def covariance(jacobian: Array, noise: CorrelatedNoise) -> Array:
     unknown = lengths == 0
     lengths[unknown] = 1.0
     columns = jacobian / lengths  # of one length: units do not matter
-    bread = np.linalg.pinv(columns.T @ columns)
+    bread = np.linalg.pinv(columns.T @ columns, hermitian=True)
     sized = columns * noise.scale[:, None]
     white = not noise.weights.size
     meat = sized.T @ (sized if white else matmul_toeplitz((noise.correlation, noise.correlation), sized))
