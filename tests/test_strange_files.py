@@ -8,6 +8,7 @@ import pytest
 
 from indentfit.case import Record
 from indentfit.errors import RecordError
+from indentfit.experiment.process import entries_of
 from indentfit.experiment.reading import read_record, read_records
 
 N = 200
@@ -145,3 +146,56 @@ def test_units_in_words(tmp_path):
 def test_a_table_of_few_points_is_told_so_before_it_is_asked_for_times(tmp_path):
     with pytest.raises(RecordError, match=r"5 rows of numbers; a record needs at least 50 \(a curve of fewer points"):
         read(tmp_path, "displacement_mm,force_mN", *lines(D[:5], F[:5]))
+
+
+@pytest.mark.parametrize(
+    ("head", "separator", "row"),
+    [
+        (["Test 1", "Ts\tDisp\tLoad", "s\tnm\tuN"], "\t", lambda t, d, f: (t, 1e6 * d, 1e3 * f)),  # Agilent
+        (["Thời gian (s),Chuyển vị (mm),Lực (mN)"], ",", lambda t, d, f: (t, d, f)),
+        (["Zaman (sn);Yer değiştirme (mm);Kuvvet (mN)"], ";", lambda t, d, f: (t, d, f)),
+        (["% exported", "% time [s]  disp [um]  force [uN]"], "  ", lambda t, d, f: (t, 1e3 * d, 1e3 * f)),
+        (["Time (s),Stage position (mm),Balance (mg)"], ",", lambda t, d, f: (t, d, f / 9.80665e-3)),
+        (["IGOR", "WAVES/D\tTime_s\tZ_um\tForce_uN", "BEGIN"], "\t", lambda t, d, f: (t, 1e3 * d, 1e3 * f)),
+    ],
+)
+def test_headers_of_more_programs_and_languages(head, separator, row, tmp_path):
+    rows = [separator.join(f"{value:.12g}" for value in row(*each)) for each in zip(T, D, F, strict=True)]
+    end = ["END"] if head[0] == "IGOR" else []
+    as_written(read(tmp_path, *head, *rows, *end, encoding="utf-8"))
+
+
+def test_of_base_and_tip_of_a_probe_the_tip_is_the_indenter(tmp_path):
+    record = read(tmp_path, "Time_s,Base_Position_mm,Tip_Position_mm,Force_mN", *lines(T, D + F / 5, D, F))
+    as_written(record)
+    assert any("'Base_Position_mm' moves otherwise" in note for note in record.notes)
+
+
+PRESSED = np.maximum(np.linspace(-0.2, 0.2, N), 0) ** 1.5  # an approach and a loading
+
+
+@pytest.mark.parametrize("preload", [0.0, 1.0])
+def test_a_tester_that_counts_compression_as_negative_is_turned_and_said(preload, tmp_path):
+    """Extension and load both fall, with an approach or from a preload on."""
+    force = 10 * PRESSED if not preload else preload + F
+    record = read(tmp_path, "Time (s),Extension (mm),Load (mN)", *lines(T, -D, -force))
+    np.testing.assert_allclose([record.displacement, record.force], [D, force], atol=1e-9)
+    assert any("both signs were turned" in note for note in record.notes)
+
+
+def test_a_stage_that_counts_upwards_is_turned_where_the_force_first_stays(tmp_path):
+    """A force that falls from the first row, while the stage goes up, may be a retraction that counts the other way: not turned."""
+    header = "Time (s),z (mm),Force (mN)"
+    record = read(tmp_path, header, *lines(T, 5 - D, PRESSED))
+    np.testing.assert_allclose(record.displacement, D - 5, atol=1e-9)
+    assert any("its sign was turned" in note for note in record.notes)
+    away = read(tmp_path, header, *lines(T, D[::-1], -PRESSED[::-1]))
+    np.testing.assert_allclose([away.displacement, away.force], [D[::-1], -PRESSED[::-1]], atol=1e-9)
+
+
+def test_a_file_of_two_tests_is_two_entries_before_it_is_processed(tmp_path):
+    """What the command's progress counts."""
+    path = tmp_path / "two.txt"
+    rows = ["Time (s),Position (mm),Force (mN)", *lines(T, D, PRESSED), ""]
+    path.write_text("\n".join(["Test 1", *rows, "Test 2", *rows]))
+    assert [entry.sample for entry in entries_of(path, None, None, Record())] == ["two Test 1", "two Test 2"]

@@ -156,13 +156,12 @@ def _target(text: str) -> tuple[int, str]:
 
 def _processed(raw: tuple[str, ...], manifest: str | None, thickness: float | None, settings: Record) -> ProcessResult:
     """The processed records. The function says on stderr which records are left out, and which deserve a look."""
-    from indentfit.experiment.manifest import read_manifest
-    from indentfit.experiment.process import process
+    from indentfit.experiment.process import entries_of, process
 
-    total = len(raw) if manifest is None else len(read_manifest(manifest))
     try:
-        with progress("process", total=total) as step:
-            result = process(raw, manifest, thickness, settings, step)
+        entries = entries_of(raw, manifest, thickness, settings)  # a file may hold many records
+        with progress("process", total=len(entries)) as step:
+            result = process(entries, settings=settings, progress=step)
     except RecordError as error:
         *others, last = str(error).splitlines()
         for line in others:

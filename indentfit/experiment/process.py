@@ -61,15 +61,21 @@ def process(
     >>> result = process(RawRecord(time, displacement, force), thickness=3.3)
     >>> result.curves, result.summary()
     """
+    settings = settings if isinstance(settings, Record) else read_record_table(settings)
+    outcomes = process_all(entries_of(records, manifest, thickness, settings), settings, progress)
+    _require_a_usable_record(outcomes)
+    return ProcessResult(tuple(outcomes), settings, statistics(outcomes), mean_curves(outcomes, settings.points))
+
+
+def entries_of(
+    records: Source | Sequence[Source], manifest: str | Path | None, thickness: float | None, settings: Record
+) -> list[Entry]:
+    """The entries of `process`: one for each record of each source, or of a manifest; files of several records are read."""
     given = [records] if isinstance(records, str | Path | RawRecord | Entry) else list(records)
     sources = [file for source in given for file in (record_files([source]) if isinstance(source, str | Path) else [source])]
     if bool(sources) == (manifest is not None):
         raise RecordError("process needs either records or a manifest; give one of them")
-    settings = settings if isinstance(settings, Record) else read_record_table(settings)
-    entries = read_manifest(manifest) if manifest is not None else once_each(_entries(sources, thickness, settings))
-    outcomes = process_all(entries, settings, progress)
-    _require_a_usable_record(outcomes)
-    return ProcessResult(tuple(outcomes), settings, statistics(outcomes), mean_curves(outcomes, settings.points))
+    return read_manifest(manifest) if manifest is not None else once_each(_entries(sources, thickness, settings))
 
 
 def _entries(sources: Sequence[Source], thickness: float | None, settings: Record) -> Iterator[Entry]:

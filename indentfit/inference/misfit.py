@@ -144,7 +144,10 @@ def _units(problem: InverseProblem, runs: Sequence[Evaluation]) -> Iterator[str]
         unit = fitting[0][1]
         value = f" at {problem.scale} = {factor * unit * problem.reference:.3g}" if problem.scale else ""
         times = f"multiplied by {unit:.4g}" if unit >= 1 else f"divided by {1 / unit:.4g}"
-        yield f"the forces {times} would be followed{value}: they may be in {UNITS[unit]}; check the units in the curve's header"
+        yield (
+            f"the forces {times} would be followed{value}: they may be in {UNITS[unit]}; check the units in the curve's header "
+            f"(where it says {UNITS[unit]} already, the numbers are off by this factor)"
+        )
     elif problem.scale:
         yield f"{problem.scale} = {factor * problem.reference:.3g} would follow, outside its bounds; check the units, or the bounds"
     else:

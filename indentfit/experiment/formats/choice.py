@@ -13,6 +13,7 @@ from indentfit.experiment.formats.table import Table
 from indentfit.experiment.formats.words import (
     ELECTRIC,
     KIND,
+    is_at_the_tip,
     is_axial,
     is_backwards,
     is_corrected,
@@ -61,7 +62,7 @@ def chosen_column(path: Path, table: Table, quantity: str, channel: RecordChanne
         best = [n for n in best if suits(n)] or best
     if len(best) > 1 and _alike(table, best):
         best = best[:1]
-    for is_kind in (is_axial, is_measured, is_corrected):
+    for is_kind in (is_axial, is_measured, is_corrected, is_at_the_tip):
         named = [n for n in best if any(map(is_kind, table.labels(n)))] if len(best) > 1 else []
         best = named if len(named) == 1 else best
     if len(best) == 1:

@@ -31,6 +31,7 @@ from indentfit.units import unit_factor
 FEWEST_READ = 20  # rows of numbers that are read at all; a record needs FEWEST
 ALIKE = 0.9  # correlation of a deflection with the force that it measures
 OF_CANTILEVERS = ("nN", "pN")  # units of forces that only the bending of a cantilever measures
+FLAT = 0.05  # share of the rise of a force that stays at first
 TRAVEL = 2  # rank of the first words (`words.WORDS`) that name the travel of a stage, and not an indentation
 
 
@@ -166,12 +167,28 @@ def _signed(settings: Record, displacement: Array, force: Array) -> tuple[Array,
     given = {"sign", "gain"} & (settings.displacement.model_fields_set | settings.force.model_fields_set)
     rest = float(np.median(force[: max(3, force.size // 50)]))
     down, up = rest - float(force.min()), float(force.max()) - rest
+    if not given and _rises_against_the_travel(displacement, force - rest, up, down):
+        return -displacement, force, ("the displacement falls while the force rises: its sign was turned",)
     if given or down < 4 * max(up, 0.0) or down < 4 * max(rest, 0.0):
         return displacement, force, ()
     deepest = int(np.argmin(force))
     if displacement[deepest] >= displacement[0] - 0.25 * np.ptp(displacement):
         return displacement, force, ()
     return -displacement, -force, ("force and displacement fall under load, as testers count compression: both signs were turned",)
+
+
+def _rises_against_the_travel(displacement: Array, force: Array, up: float, down: float) -> bool:
+    """Whether a force that stays at first, and then rises, does so while the displacement falls: that counts away from the sample.
+
+    A retraction whose force counts the other way round begins with its largest changes, and is none of these.
+    """
+    deepest, travel = int(np.argmax(force)), float(np.ptp(displacement))
+    if up < 4 * max(down, 0.0) or deepest < FEWEST_READ or displacement[deepest] > displacement.min() + 0.1 * travel:
+        return False
+    approach = displacement[0] - displacement[: deepest + 1]
+    early = approach < 0.2 * approach[-1]
+    stays = float(np.median(np.abs(force[: deepest + 1][early])))
+    return bool(displacement[0] >= displacement.max() - 0.1 * travel and stays < FLAT * up and approach[-1] > 0.5 * travel)
 
 
 # Which column, and which unit

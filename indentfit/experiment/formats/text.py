@@ -37,7 +37,10 @@ END = re.compile(r"\s*(?:<[^<>]*>|\[[^\[\]]*\]|end\b.*)\s*$", re.I)  # the end o
 LISTED = re.compile(r"\W*(?:sig(?:nal)?|col(?:umn)?|ch(?:annel)?)[ .#]*(\d{1,2})\s*[:=\t;,]\s*(.*\w.*)", re.IGNORECASE)
 TOLD = re.compile(r"#\s*(columns|fancyNames|units):\s*(.*)$", re.IGNORECASE)
 NAMED = re.compile(r'"([^"]*)"|(\S+)')
+COMMENT = re.compile(r"^\s*(?:#+|%+|!+|//+)(?!\w*\d*$)")  # before a header, as programs write it
+BEFORE_UNIT = re.compile(r"[^\[\](){}]*[\[({][^\[\](){}]*[\])}]")
 GLUED = re.compile(r"^([^\W\d_][^\t;]*?)([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)$")
+WAVES = re.compile(r"^WAVES(?:\s*/\w(?:=\S+)?)*\s+")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.ASCII | re.IGNORECASE)
 COMMA_NUMBER = re.compile(r"[-+]?(\d+(,\d+)?|,\d+)([eE][-+]?\d+)?", re.ASCII)
 Form = tuple[str | None, re.Pattern[str]]  # the separator (None: blanks), and how a number is written
@@ -107,7 +110,7 @@ def text_tables(path: Path, text: str, skip_rows: int) -> list[Table]:
         The text holds no table. The error's text is one line with the file and the remedy.
     """
     text, clock = plain_times(plain_numbers(text))
-    lines = text.splitlines()
+    lines = _plain_waves(text.splitlines())
     while lines and not lines[-1].strip():
         lines.pop()
     if not lines:
@@ -122,6 +125,13 @@ def text_tables(path: Path, text: str, skip_rows: int) -> list[Table]:
         )
     tables = [replace(table, clock=clock) for table in _tables(_Lines(path, lines, form), skip_rows, first)]
     return long_tables([part for table in joined_tables(tables) for part in table.side_by_side()])
+
+
+def _plain_waves(lines: list[str]) -> list[str]:
+    """The lines of an Igor text without its commands: WAVES and flags stand before the names, tabs before the numbers."""
+    if not lines or lines[0].strip() != "IGOR":
+        return lines
+    return [WAVES.sub("", line.strip()) for line in lines if not line.startswith("X ")]
 
 
 def _begin(lines: list[str], skip_rows: int) -> tuple[int | None, Form]:
@@ -261,7 +271,7 @@ def _table(file: _Lines, above: tuple[str, ...], first: int, stop: int, context:
 
 def _header(above: tuple[str, ...], separator: str | None, width: int) -> tuple[list[list[str]], Array | None]:
     """The rows of text above a table, and the values of its first row where these are glued to the last row of text."""
-    rows = [_cells(row.lstrip("#").strip(" ") if row.startswith("#") else row, separator) for row in above if row.strip()]
+    rows = [_names(COMMENT.sub("", row).strip(" "), separator, width) for row in above if row.strip()]
     if rows and len(rows[-1]) == 2 * width - 1 and (match := GLUED.match(rows[-1][width - 1])):
         names, values = [*rows[-1][: width - 1], match[1]], [match[2], *rows[-1][width:]]
         return [*rows[:-1], names], np.array([[float(cell) if NUMBER.fullmatch(cell) else np.nan for cell in values]])
@@ -269,6 +279,16 @@ def _header(above: tuple[str, ...], separator: str | None, width: int) -> tuple[
         return [*rows, *told], None
     listed = _listed(above)
     return (rows if len(listed) != width or any(len(row) == width for row in rows[-2:]) else [*rows, listed]), None
+
+
+def _names(row: str, separator: str | None, width: int) -> list[str]:
+    """The cells of a row of text; names of several words between blanks are parted by two blanks, or by their units."""
+    cells = _cells(row, separator)
+    if separator is None and len(cells) != width:
+        for parted in (re.split(r"\s{2,}", row.strip()), BEFORE_UNIT.findall(row)):
+            if len(parted) == width:
+                return [cell.strip() for cell in parted]
+    return cells
 
 
 def _told(above: tuple[str, ...], width: int) -> list[list[str]]:

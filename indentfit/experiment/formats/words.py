@@ -8,19 +8,23 @@ import re
 TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
 # Words of each quantity in ranks: where a header has several columns of a quantity, the first rank is taken.
 WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 tid aika čas zaman t",),
+    "time": (
+        "time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 tid aika čas zaman thời t",
+        "ts",
+    ),
     "displacement": (
         "indentation indent depth penetration separation eindringtiefe eindringweg enfoncement profondeur "
         "压入深度 深さ 押込み深さ pd",
         "displacement disp extension compression weg standardweg verformung allongement déplacement deplacement desplazamiento "
         "spostamento verplaatsing przemieszczenie перемещение 位移 変位 변위 travel distance deformation deslocamento förskjutning "
+        "chuyển yer "
         "forskydning forskyvning siirtymä posunutí",
         "crosshead traverse traversenweg stroke ストローク hub course position stage step steps",
         "piezo height lvdt tip z d x s h",
     ),
     "force": (
         "force load kraft standardkraft prüfkraft normalkraft charge effort fuerza carga forza kracht siła сила нагрузка "
-        "力 载荷 荷重 試験力 负荷 试验力 하중 fn fz gram grams força síla voima kuvvet",
+        "力 载荷 荷重 試験力 负荷 试验力 하중 fn fz gram grams força síla voima kuvvet lực",
         "f p l",
     ),
 }
@@ -35,7 +39,7 @@ FALLING = ("height", "höhe", "separation", "gap", "spalt", "entrefer", "隙間"
 DEFLECTIONS = ("cantilever", "defl")  # what a piezo's travel exceeds the indentation by
 STAGES = ("segment", "segmentid", "stage", "phase", "seg", "abschnitt")
 LENGTHS = ("pm", "nm", "um", "mm", "cm", "m", "in", "step")
-FORCES = ("pN", "nN", "uN", "mN", "cN", "N", "kN", "gf", "kgf", "lbf", "ozf")
+FORCES = ("pN", "nN", "uN", "mN", "cN", "N", "kN", "mgf", "gf", "kgf", "lbf", "ozf")
 TIMES = ("us", "ms", "s", "min", "h")
 ELECTRIC = ("V", "mV", "count")  # what a sensor gives before its calibration
 BACKWARDS = ("rt", "retract", "retrace", "unload", "unloading")  # ends of the names of columns beside those of the approach
@@ -43,8 +47,8 @@ UNITS = (*LENGTHS, *FORCES, *TIMES, *ELECTRIC)
 CAPITALS = ("um", "mm", "cm", "s")  # that some programs write in capitals, and that are no other unit then
 KIND = {unit: kind for kind, units in (("displacement", LENGTHS), ("force", FORCES), ("time", TIMES)) for unit in units}
 ALIASES = {
-    "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s",
-    "msec": "ms",
+    "g": "gf", "mg": "mgf", "kg": "kgf", "lb": "lbf", "lbs": "lbf", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
+    "sek": "s", "sn": "s", "сек": "s", "msec": "ms",
     "micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "newton": "N", "newtons": "N", "grams": "gf",
     "gram": "gf", "inch": "in", "inches": "in", "volt": "V", "volts": "V", "counts": "count",
     "cts": "count", "n": "N", "mn": "mN", "steps": "step", "秒": "s",
@@ -134,6 +138,11 @@ def is_backwards(label: str) -> bool:
 def is_measured(label: str) -> bool:
     """Whether a header's text says that its quantity was measured, beside one that was only asked for."""
     return bool(re.search("measured|sensor", label, re.I))
+
+
+def is_at_the_tip(label: str) -> bool:
+    """Whether a header's text names the tip of a probe, beside the base that a motor moves."""
+    return "tip" in words_of(label)
 
 
 def is_corrected(label: str) -> bool:
