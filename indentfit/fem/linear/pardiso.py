@@ -20,7 +20,7 @@ import scipy.linalg as dense
 import scipy.sparse as sp
 
 from indentfit.arrays import Array, Ints
-from indentfit.fem.linear.direct import DirectFactor, DirectFactoriser
+from indentfit.fem.linear.direct import STIFFEST, DirectFactor, DirectFactoriser
 from indentfit.fem.linear.factor import Apply, OnSurface
 from indentfit.fem.linear.tangent import Tangent
 
@@ -31,6 +31,9 @@ CHEAP_FILL = 80
 # Up to here each equilibrium has a factor of its own: it serves the derivatives, and saves the next step iterations. A factor of
 # 4,000 dofs costs as much as 15 uses of it, one of 28,000 dofs (fill 650) as much as 45.
 LIGHT_FILL = 500
+# Bulk over shear modulus that a factor in double precision holds: a sample that keeps its volume exactly has 2e5. One that holds a
+# part of it, in single precision, took four times as many iterations in the meridian plane, which cannot solve the contact first.
+STIFFEST_SMALL = 1e6
 ANALYSIS, FACTOR, SOLVE, FORWARD, BACKWARD, RELEASE = 11, 22, 33, 331, 333, -1
 SYMMETRIC_INDEFINITE = -2
 FILL = 17  # place of the number of non-zeros in the factors among PARDISO's settings
@@ -55,25 +58,31 @@ def load() -> Any:
 class Pardiso(DirectFactoriser):
     """Factors of bodies with one sparsity pattern: one symbolic analysis, then numerical factorisations only.
 
-    surface: dofs (n_s,) that the contact acts on; kind: precision of the factors, np.float32 or np.float64.
+    surface: dofs (n_s,) that the contact acts on; kind: precision of the factors, np.float32 or np.float64; small: whether factors
+    are so small that those of stiff tangents are made in double precision.
     """
 
     name = "pardiso"
 
-    def __init__(self, surface: Ints, kind: type = np.float32) -> None:
+    def __init__(self, surface: Ints, kind: type = np.float32, small: bool = False) -> None:
         os.getcwd()  # raises where the working folder is gone: MKL, which loads its parts late, ends the process there
-        self._surface, self._kind = surface, kind
+        self._surface, self._kind, self._small = surface, kind, small
         self._library: _Library | None = None
+
+    def bulk(self, kappa: float, mu: float) -> float:
+        """kappa, but at most STIFFEST times mu; small factors hold STIFFEST_SMALL times mu."""
+        return min(kappa, STIFFEST_SMALL * mu) if self._small else super().bulk(kappa, mu)
 
     def sharper(self) -> "Pardiso | None":
         """Double precision instead of single."""
-        return Pardiso(self._surface, np.float64) if self._kind is np.float32 else None
+        return Pardiso(self._surface, np.float64, self._small) if self._kind is np.float32 else None
 
     def factorize(self, tangent: Tangent) -> DirectFactor:
         """Raises RuntimeError where the matrix is singular."""
-        if self._library is None:
-            self._library = _Library(_Pattern.of(tangent.factorised, self._surface), self._kind)
-        library, interface = self._library, _Interface(self._library.factorize(tangent.factorised), self._kind)
+        kind = np.float64 if np.any(tangent.bulk > STIFFEST * np.asarray(tangent.mu)) else self._kind
+        if self._library is None or self._library.kind is not kind:
+            self._library = _Library(_Pattern.of(tangent.factorised, self._surface), kind)
+        library, interface = self._library, _Interface(self._library.factorize(tangent.factorised), kind)
         around = functools.partial(library.inverse_around, interface) if interface.S.size else None
         light = library.fill < LIGHT_FILL
         only_for = tangent if library.fill < CHEAP_FILL else None
@@ -113,7 +122,7 @@ class _Library:
     """
 
     def __init__(self, pattern: _Pattern, kind: type) -> None:
-        self._pattern, self._kind, self._analysed = pattern, kind, False
+        self._pattern, self.kind, self._analysed = pattern, kind, False
         self._values: Any = np.empty(0, dtype=kind)
         self._routine = load().PyPardisoSolver()._mkl_pardiso
         self._handle = np.zeros(64, dtype=np.int64)
@@ -133,7 +142,7 @@ class _Library:
     def factorize(self, matrix: sp.csr_matrix) -> Array:
         """The Schur complement (n_s, n_s) of a matrix, whose factor is held from now on."""
         n_s = self._pattern.surface.size
-        self._values = matrix.data[self._pattern.upper].astype(self._kind)
+        self._values = matrix.data[self._pattern.upper].astype(self.kind)
         if not self._analysed:
             self.call(ANALYSIS)
             self._analysed = True
@@ -164,8 +173,8 @@ class _Library:
         numbers (size,). Raises RuntimeError."""
         pattern = self._pattern
         n = pattern.marks.size
-        x = np.zeros(max(n, size) if b is None else b.shape, dtype=self._kind)
-        b = np.zeros(n, dtype=self._kind) if b is None else np.ascontiguousarray(b, dtype=self._kind)
+        x = np.zeros(max(n, size) if b is None else b.shape, dtype=self.kind)
+        b = np.zeros(n, dtype=self.kind) if b is None else np.ascontiguousarray(b, dtype=self.kind)
         error = ctypes.c_int32(0)
         self._routine(
             _place(self._handle, ctypes.c_int64), _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n),

@@ -56,6 +56,8 @@ class LinearSolver:
         Those that the contact acts on.
     n_dofs : int
         Size of the system, for the choice of "auto".
+    small : bool
+        Whether factors are small, as those of a plane are: they may be in double precision.
 
     Raises
     ------
@@ -64,10 +66,15 @@ class LinearSolver:
     """
 
     def __init__(
-        self, kind: str = "auto", near_null: Array | None = None, surface: Ints | Sequence[int] = (), n_dofs: int = 0
+        self,
+        kind: str = "auto",
+        near_null: Array | None = None,
+        surface: Ints | Sequence[int] = (),
+        n_dofs: int = 0,
+        small: bool = False,
     ) -> None:
         self.work = LinearWork()
-        self._factoriser = _factoriser(choice(kind, n_dofs), near_null, np.asarray(surface, dtype=int))
+        self._factoriser = _factoriser(choice(kind, n_dofs), near_null, np.asarray(surface, dtype=int), small)
         self._factor: Factor | None = None
         self._steps_when_new = 0
 
@@ -233,12 +240,12 @@ class LinearSolver:
         )
 
 
-def _factoriser(name: str, near_null: Array | None, surface: Ints) -> Factoriser:
+def _factoriser(name: str, near_null: Array | None, surface: Ints, small: bool) -> Factoriser:
     """The library of a name; each is loaded where it is used only."""
     if name == "pardiso":
         from indentfit.fem.linear.pardiso import Pardiso
 
-        return Pardiso(surface)
+        return Pardiso(surface, small=small)
     if name == "pyamg":
         from indentfit.fem.linear.multigrid import Multigrid
 
