@@ -183,7 +183,7 @@ def test_other_kinds_and_pairs_are_ranked(springs):
     found = design(springs, noise=0.5)
     shear = next(test for test in found.candidates if test.change == "simple shear, fibres along, to a strain of 0.2")
     assert (shear.kind, shear.angle, shear.depth) == ("shear", None, None)
-    d, strains = springs.outputs(springs.tests[0]), 0.2 * np.arange(1, 13) / 12
+    d, strains = springs.outputs(springs.tests[0]), 0.2 * np.arange(1, POINTS + 1) / POINTS
     sigma = 0.5 / (2 * 6 * 0.33) * (2 * 2 * 0.2)  # the same share of the largest stress as of the largest force
     own = np.sum((2 * d) ** 2 + (6 * d) ** 2) / 0.25 + 12 / 100
     assert shear.stderr["mu"] == pytest.approx((own + np.sum((2 * strains) ** 2) / sigma**2) ** -0.5, rel=1e-6)

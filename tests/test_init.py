@@ -185,3 +185,46 @@ def test_values_of_a_test_are_written_and_what_has_no_place_is_refused(tmp_path)
         done = run("init", tmp_path / "other", "--sphere", "--set", f"{key}=1")
         assert done.exit_code == 2 and f"--set {key}: it has no place here" in done.stderr
         assert not (tmp_path / "other").exists()
+
+
+# Layers
+
+
+def test_layers_have_their_own_laws_and_values(curve, tmp_path):
+    told = [
+        "indenter.radius=2",
+        "sample.diameter=14",
+        "sample.thickness=6",
+        "sample.base=bonded",
+        "skin.thickness=1",
+        "fat.thickness=5",
+    ]
+    more = ["skin.interface=sliding", "skin.mu=20", "fat.bulk_ratio=500"]
+    done = run("init", tmp_path / "own", "--sphere", "--curve", curve, "--layer", "skin", "--layer", "fat=yeoh", *sets(told + more))
+    assert done.exit_code == 0, done.output
+    case = read_case(tmp_path / "own" / "case.toml")
+    assert [(layer.name, layer.thickness, layer.model) for layer in case.sample.layer] == [
+        ("skin", 1, "neo_hookean"),
+        ("fat", 5, "yeoh"),
+    ]
+    skin, fat = case.sample.layer
+    assert (skin.interface, skin.parameters["mu"], fat.bulk_ratio, fat.poisson_ratio) == ("sliding", 20, 500, None)
+    assert set(case.free) == {"fat.c10", "fat.c20", "fat.c30"}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--set", "sample.layer=[{name='a', thickness=1}]"], "name the layers by --layer NAME"),
+        (["--layer", "a", "--layer", "a"], "--layer a: twice"),
+        (["--layer", "sample"], "a table of a case has that name"),
+        (["--layer", "1a"], "a layer's name is a letter"),
+        (["--layer", "a", "--layer", "b=nothing"], "nothing"),
+        (["--layer", "a", "--set", "a.mi=2"], "it has no place here"),
+        (["--layer", "a", "--set", "material.mu=2"], "it has no place here"),
+    ],
+)
+def test_layers_that_no_case_can_have_are_refused_in_one_line(words, said, tmp_path):
+    done = run("init", tmp_path / "own", "--sphere", *words)
+    assert done.exit_code == 2 and len(done.stderr.splitlines()) == 1 and said in done.stderr, done.output
+    assert not (tmp_path / "own").exists()

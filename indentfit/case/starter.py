@@ -46,6 +46,7 @@ ROUNDED = ("edge_radius", "tip_radius")  # sharp, until the user says otherwise
 ONE_OF = (  # forms of one number, of which a case has one
     ("indenter.radius", "indenter.diameter"),
     ("material.poisson_ratio", "material.bulk_ratio", "material.kappa"),
+    ("sample.layer.poisson_ratio", "sample.layer.bulk_ratio"),
 )
 
 
@@ -56,6 +57,16 @@ class OwnTest:
     name: str
     curve: str | None = None
     record: str | None = None
+
+
+@dataclass(frozen=True)
+class OwnLayer:
+    """A layer of the sample: its name and its law, with parameters as those of an `OwnCase`."""
+
+    name: str
+    model: str
+    parameters: Mapping[str, tuple[str, str]]
+    fibres: bool
 
 
 @dataclass(frozen=True)
@@ -73,6 +84,9 @@ class OwnCase:
         Whether the law has fibres, so that tests need an angle.
     tests : sequence of OwnTest
     told : mapping of keys, such as "sample.thickness", to values
+        Keys of a layer begin with its name: "skin.thickness".
+    layers : sequence of OwnLayer
+        From the top one; none where the sample is one material, which is then `model`.
     """
 
     indenter: str
@@ -81,6 +95,7 @@ class OwnCase:
     fibres: bool
     tests: Sequence[OwnTest]
     told: Mapping[str, Any] = field(default_factory=dict)
+    layers: Sequence[OwnLayer] = ()
 
 
 def starter(own: OwnCase) -> str:
@@ -92,11 +107,15 @@ def starter(own: OwnCase) -> str:
         A key that is told does not exist, or has no place in the text.
     """
     known = {facts.key: facts for facts in keys()}
+    layers = tuple(f"{layer.name}." for layer in own.layers)
     for key in own.told:
-        if key not in known and not key.startswith(("material.parameters.", "fit.uncertain.", "record.")):
+        if key.startswith("sample.layer"):
+            raise InputError(f"--set {key}: name the layers by --layer NAME, from the top one, and set theirs as NAME.thickness")
+        if key not in known and not key.startswith(("material.parameters.", "fit.uncertain.", "record.", *layers)):
             raise InputError(f"--set {key}: no key of a case{suggestion(key, known)}; `indentfit guide` lists them")
     text = HEAD.format(schema=SCHEMA) + "\n" + "\n".join(_rows(own, known)) + "\n"
     written = tomllib.loads(text)
+    written |= {layer["name"]: layer | layer["parameters"] for layer in written["sample"].get("layer", ())}
     for key in own.told:
         if not (_has(written, key) or _has(written, key.replace("material.", "material.parameters.", 1))):
             raise InputError(f"--set {key}: it has no place here; write it into the new case.toml (`indentfit guide` shows it)")
@@ -125,19 +144,34 @@ def unanswered(text: str) -> list[str]:
 def _rows(own: OwnCase, known: Mapping[str, KeyFacts]) -> Iterator[str]:
     title = ", ".join([own.indenter, *(test.curve or test.record or "" for test in own.tests)]).strip(", ")
     yield f"title = {toml_value(own.told.get('title', title[:200]))}"
-    for table, keys_of_table in (
-        ("sample", _of_sample(own)),
-        ("indenter", _of_indenter(own)),
-        ("material", {"model": own.model, **({"bulk_ratio": 1000} if own.fibres else {"poisson_ratio": 0.499})}),
-    ):
-        yield from ("", f"[{table}]", *_table(table, keys_of_table, own.told, known))
-    yield from ("", *row("[material.parameters]", "a number is fixed; start, min and max make a parameter free"))
-    for name, (value, comment) in own.parameters.items():
-        told = own.told.get(f"material.parameters.{name}", own.told.get(f"material.{name}"))
-        yield from row(f"{name} = {value if told is None else toml_value(told)}", comment)
+    yield from ("", "[sample]", *_table("sample", _of_sample(own), own.told, known))
+    for n, layer in enumerate(own.layers):
+        yield from _of_layer(layer, n == len(own.layers) - 1, own.told, known)
+    yield from ("", "[indenter]", *_table("indenter", _of_indenter(own), own.told, known))
+    if not own.layers:
+        yield from ("", "[material]", *_table("material", {"model": own.model, **_bulk(own.fibres)}, own.told, known))
+        yield from ("", *row("[material.parameters]", "a number is fixed; start, min and max make a parameter free"))
+        for name, (value, comment) in own.parameters.items():
+            told = own.told.get(f"material.parameters.{name}", own.told.get(f"material.{name}"))
+            yield from row(f"{name} = {value if told is None else toml_value(told)}", comment)
     for test in own.tests:
         yield from ("", "[[test]]", *_table("test", _of_test(test, own), own.told, known))
     yield from _further_tables(own, known)
+
+
+def _bulk(fibres: bool) -> dict[str, Any]:
+    return {"bulk_ratio": 1000} if fibres else {"poisson_ratio": 0.499}
+
+
+def _of_layer(layer: OwnLayer, last: bool, told: Mapping[str, Any], known: Mapping[str, KeyFacts]) -> Iterator[str]:
+    """The table of a layer, with its parameters."""
+    own = {f"sample.layer{key.removeprefix(layer.name)}": value for key, value in told.items() if key.startswith(f"{layer.name}.")}
+    values = {"name": layer.name, "thickness": ASKED, **({} if last else {"interface": "bonded"}), "model": layer.model}
+    yield from ("", "[[sample.layer]]", *_table("sample.layer", {**values, **_bulk(layer.fibres)}, own, known))
+    yield from row("[sample.layer.parameters]", f"called {layer.name}.{next(iter(layer.parameters))} by commands and results")
+    for name, (value, comment) in layer.parameters.items():
+        asked = own.get(f"sample.layer.parameters.{name}", own.get(f"sample.layer.{name}"))
+        yield from row(f"{name} = {value if asked is None else toml_value(asked)}", comment)
 
 
 def _of_sample(own: OwnCase) -> dict[str, Any]:
@@ -163,7 +197,7 @@ def _of_test(test: OwnTest, own: OwnCase) -> dict[str, Any]:
 
 def _table(table: str, values: Mapping[str, Any], told: Mapping[str, Any], known: Mapping[str, KeyFacts]) -> Iterator[str]:
     """The keys of a table with what the user has told, each with a comment; a key of which another form is told is left out."""
-    further = {key.partition(".")[2]: value for key, value in told.items() if key.startswith(f"{table}.")}
+    further = {key.removeprefix(f"{table}."): value for key, value in told.items() if key.startswith(f"{table}.")}
     further = {key: value for key, value in further.items() if "." not in key and f"{table}.{key}" in known}
     others = {key for forms in ONE_OF for key in forms if not {*forms}.isdisjoint({*told} - {key})}
     for key, value in {**values, **further}.items():

@@ -41,6 +41,13 @@ def _options_of_shapes(command: Any) -> Any:
 )
 @click.option("--material", metavar="NAME", shell_complete=laws, help="A law, as `indentfit materials` lists them.")
 @click.option(
+    "--layer",
+    "layers",
+    multiple=True,
+    metavar="NAME[=LAW]",
+    help="A layer of the sample, with a law of its own; from the top one, twice or more.",
+)
+@click.option(
     "--set",
     "told",
     multiple=True,
@@ -54,6 +61,7 @@ def command(
     curves: tuple[str, ...],
     records: tuple[str, ...],
     material: str | None,
+    layers: tuple[str, ...],
     told: tuple[str, ...],
 ) -> None:
     """Write case.toml into DIR, which must be new or empty.
@@ -61,9 +69,10 @@ def command(
     With an indenter (--sphere, ...) the case has the keys that this test needs, and "?" where only you know the value. Your files
     are copied into DIR. Without an indenter the case has every key, and example curves.
 
-    Example: indentfit init gel --sphere --curve my.csv --set indenter.radius=2
+    Examples: indentfit init gel --sphere --curve my.csv --set indenter.radius=2;
+    indentfit init arm --sphere --layer skin --layer fat --set skin.thickness=1.5
     """
-    if indenter is None and (curves or records or material or told):
+    if indenter is None and (curves or records or material or layers or told):
         raise click.UsageError(f"name the indenter too: {', '.join(f'--{shape}' for shape in SHAPES)}")
     # imported when the command runs: --help and completion are quick without
     from indentfit.report.template_folder import Asked, write_own_case, write_template
@@ -72,7 +81,8 @@ def command(
         click.echo(write_template(folder))
         say("the curves are straight lines, an example only: put yours in their place")
         return
-    asked = Asked(indenter, tuple(map(Path, curves)), tuple(map(Path, records)), material, _told(told))
+    laws_of_layers = [(name.strip(), law.strip() or None) for name, _, law in (text.partition("=") for text in layers)]
+    asked = Asked(indenter, tuple(map(Path, curves)), tuple(map(Path, records)), material, _told(told), laws_of_layers)
     path, unanswered = write_own_case(folder, asked)
     click.echo(path)
     if unanswered:

@@ -1,6 +1,7 @@
 """The folder that `indentfit init` writes: a commented case with example curves, or one for an indenter and a user's files."""
 
 import json
+import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from indentfit import indenters
 from indentfit.case.keys import keys
 from indentfit.case.laws import YOUNG, has_fibres, open_law, shear_parameter
 from indentfit.case.reference import json_schema
-from indentfit.case.starter import SCHEMA, OwnCase, OwnTest, starter, unanswered
+from indentfit.case.starter import SCHEMA, OwnCase, OwnLayer, OwnTest, starter, unanswered
 from indentfit.case.template import template, toml_value
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.errors import InputError, OutputError
@@ -23,6 +24,8 @@ from indentfit.study.law_ranges import usual_range
 
 STIFFNESS = {"parallel": 72.9, "perpendicular": 170.5}  # mN/mm, means of Feng et al. 2017
 WITH_FIBRES, WITHOUT = "transversely_isotropic", "neo_hookean"
+LAYER_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
+TABLES = ("sample", "indenter", "material", "mesh", "solver", "test", "fit", "record")
 USUAL_MODULUS = 10.0  # kPa, shear modulus of soft tissue where nothing is known
 DECADES = 1000.0  # by which a modulus may be larger or smaller than where a search of unknown stiffness starts
 NEAR = 30.0  # the same, where the curve and the sizes tell the stiffness roughly
@@ -40,6 +43,8 @@ class Asked:
     material : str or None
         None for the usual law: with fibres under an indenter with a long side.
     told : mapping of keys, such as "sample.thickness", to values
+    layers : sequence of (name, law or None)
+        Layers of the sample, from the top one; None for the usual law.
     """
 
     indenter: str
@@ -47,6 +52,7 @@ class Asked:
     records: Sequence[Path] = ()
     material: str | None = None
     told: Mapping[str, Any] | None = None
+    layers: Sequence[tuple[str, str | None]] = ()
 
 
 def write_template(folder: str | Path) -> Path:
@@ -130,9 +136,31 @@ def _text(asked: Asked) -> str:
     law = open_law(model, None, (), Path())
     tests = [OwnTest(name, curve=file.name) for name, file in _names(asked.curves)]
     tests += [OwnTest(name, record=file.name) for name, file in _names(asked.records)]
-    parameters = dict(_parameters(law, _modulus(asked.indenter, told, curves)))
+    modulus = _modulus(asked.indenter, told, curves)
+    layers = [_layer(name, own or model, modulus) for name, own in asked.layers]
+    _require_layers(asked)
+    parameters = dict(_parameters(law, modulus))
     told = {key: value for key, value in told.items() if key != "material.model"}
-    return starter(OwnCase(asked.indenter, model, parameters, has_fibres(law), tests or [OwnTest("press")], told))
+    fibres = any(layer.fibres for layer in layers) if layers else has_fibres(law)
+    return starter(OwnCase(asked.indenter, model, parameters, fibres, tests or [OwnTest("press")], told, layers))
+
+
+def _layer(name: str, model: str, modulus: float | None) -> OwnLayer:
+    """A layer of a law; by the laws of its own shear modulus, since no table of layers takes Young's."""
+    law = open_law(model, None, (), Path())
+    return OwnLayer(name, model, dict(_parameters(law, modulus, young=False)), has_fibres(law))
+
+
+def _require_layers(asked: Asked) -> None:
+    """Refuse layers that no case can have, before anything is written."""
+    names = [name for name, _ in asked.layers]
+    for n, name in enumerate(names):
+        if not LAYER_NAME.fullmatch(name):
+            raise InputError(f"--layer {name}: a layer's name is a letter, then letters, digits or _; at most 40")
+        if name in names[:n] or name in TABLES:
+            raise InputError(
+                f"--layer {name}: {'twice' if name in names[:n] else 'a table of a case has that name'}; choose another"
+            )
 
 
 def _require_files(asked: Asked) -> None:
@@ -149,9 +177,9 @@ def _names(files: Sequence[Path]) -> list[tuple[str, Path]]:
     return [(file.stem[:60].strip() or "press", file) for file in files]
 
 
-def _parameters(law: type[Material], modulus: float | None) -> Iterator[tuple[str, tuple[str, str]]]:
+def _parameters(law: type[Material], modulus: float | None, young: bool = True) -> Iterator[tuple[str, tuple[str, str]]]:
     """Each parameter of a law with its range in TOML and a comment; Young's modulus where it is the only one."""
-    if list(law.parameters) == [shear_parameter(law)]:
+    if young and list(law.parameters) == [shear_parameter(law)]:
         start = 3 * (modulus or USUAL_MODULUS)
         yield YOUNG, (_range(*_about(start, NEAR if modulus else DECADES)), "kPa: Young's modulus")
         return

@@ -38,7 +38,7 @@ DEEPEST = 0.2  # of the thickness: equilibria at larger depths may not be found
 POINTS = 24  # points of each further test
 ANGLES, OBLIQUE = (0, 90), 45  # degrees
 TURN = "fibre_angle"
-STRAIN, SPECIMEN_POINTS = 0.2, 12  # of tests of other kinds
+STRAIN = 0.2  # of tests of other kinds
 FLAT = 0.5  # height of a disc between plates, in diameters
 WORDS = {"shear": "simple shear", "uniaxial": "tension"}
 EFFORTS = {  # what a further test needs
@@ -244,7 +244,7 @@ def _specimens(case: Case) -> Iterator[Test]:
     """Tests of other kinds: shear, tension and compression, in each direction that a law with fibres can tell."""
     fibrous = has_fibres(case.law)
     along = ("along", "across", "normal") if fibrous else ("along",)
-    keys: dict[str, Any] = {"points": SPECIMEN_POINTS, "strain": STRAIN}
+    keys: dict[str, Any] = {"points": POINTS, "strain": STRAIN}
     if case.law.two_families:
         yield from _specimens_of_two(case, keys)
         return

@@ -1,6 +1,6 @@
 """Campaign of designs: does a further test bring the interval that `design` promises, and is the pair ranked first among the best?
 
-    python tests/campaigns/design.py [--truths 50] [--draws 5] [--noise 0.01] [--kept design_runs.npz]
+    python tests/campaigns/design.py [--truths 50] [--draws 3] [--estimate] [--kept design_runs.npz] [--output design.jsonl]
 
 The case is cases/quickstart (strip, forces along and across the fibres). At each truth of a Latin hypercube `design` ranks further
 tests by the case's own tests at the truth, with noise of 1 % of the largest force and 5 um in side views. Synthetic curves of the
@@ -14,6 +14,7 @@ is ranked first is among the best two in less than 80 % of them.
 """
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
@@ -39,6 +40,7 @@ from indentfit.study import design as asking
 from indentfit.study import further, views
 
 QUICKSTART = Path(__file__).parents[2] / "cases" / "quickstart" / "case.toml"
+SEEN, PAIRS = 0.005, 6  # mm, of a displacement in a view; pairs that are fitted, without outlines
 BASIS = Basis({"zeta": (0.0, 20.0), "phi": (0.0, 5.0)}, {"zeta": 7, "phi": 5}, "mu")
 TRUTHS = {"mu": (0.5, 3.0), "zeta": (1.0, 8.0), "phi": (0.2, 3.0)}
 
@@ -149,9 +151,6 @@ def field_of(case, words, depth, rng, moved=None):
     return MeasuredField(file=Displacements(points.points, points.directions, values, sd, points.depths, points.file))
 
 
-SEEN = 0.005
-
-
 def achieved(shared, case, told, truth, noise, draws, seed, worst):
     """Half widths (draws,) of the 95 % intervals of a parameter, by fits to the case's tests and further ones."""
     whole, widths = own_case(case, told), []
@@ -233,10 +232,10 @@ def told_by(case):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--truths", type=int, default=50)
-    parser.add_argument("--first", type=int, default=0, help="number of the first truth")
-    parser.add_argument("--draws", type=int, default=5)
+    parser.add_argument("--draws", type=int, default=3)
     parser.add_argument("--noise", type=float, default=0.01)
-    parser.add_argument("--kept", type=Path)
+    parser.add_argument("--kept", type=Path, help="file in which shared runs are kept")
+    parser.add_argument("--output", type=Path, help="file of JSON lines; the campaign goes on where it was stopped")
     parser.add_argument("--estimate", action="store_true", help="design at the estimate of the case's own curves")
     asked = parser.parse_args()
     case = read_case(QUICKSTART)
@@ -246,32 +245,58 @@ def main():
         place.RunPool = shared.pool
     low, high = np.array(list(TRUTHS.values())).T
     rows = low + qmc.LatinHypercube(len(TRUTHS), seed=0).random(50) * (high - low)
-    made, ratios, singles, ranks, losses = told_by(case), [], [], [], []
-    for number in range(asked.first, min(asked.first + asked.truths, 50)):
-        truth = dict(zip(TRUTHS, rows[number].tolist(), strict=True))
-        at = own_estimate(shared, case, truth, asked.noise, number) if asked.estimate else truth
-        designed = asking.design(case, at, None, None, SEEN)
-        by_words = {test.whole_words: test for test in designed.candidates}
-        worst = designed.worst
-        best = next(test for test in designed.candidates if not test.change.startswith("outline"))
-        pairs = [pair for pair in designed.pairs if "outline" not in pair.first + pair.second]
-        single = achieved(shared, case, [made(best)], truth, asked.noise, asked.draws, number, worst)
-        singles.append(float(np.median(single)) / (1.96 * best.stderr[worst]))
-        widths = []
-        for pair in pairs:
-            told = [made(by_words[words]) for words in (pair.first, pair.second)]
-            widths.append(float(np.median(achieved(shared, case, told, truth, asked.noise, asked.draws, number, worst))))
-        ratios.append(widths[0] / (1.96 * pairs[0].stderr[worst]))
-        ranks.append(int(np.argsort(np.argsort(widths))[0]) + 1)
-        losses.append(widths[0] / min(widths))
-        print(
-            number, {name: round(value, 2) for name, value in truth.items()}, worst, best.whole_words, f"{singles[-1]:.2f}", "|",
-            pairs[0].first, "+", pairs[0].second, f"{ratios[-1]:.2f} rank {ranks[-1]} of {len(pairs)}: {losses[-1]:.3f} of best",
-            flush=True,
-        )  # fmt: skip
-    near = float(np.median(np.abs(np.array(singles) - 1))), float(np.median(np.abs(np.array(ratios) - 1)))
-    share = float(np.mean(np.array(ranks) <= 2))
-    print(f"achieved over promised: first test {np.median(singles):.3f}, first pair {np.median(ratios):.3f} in the median")
+    made, records = told_by(case), kept_records(asked.output)
+    for number in range(min(asked.truths, 50)):
+        key = f"{number} {'estimate' if asked.estimate else 'truth'}"
+        if key not in records:
+            truth = dict(zip(TRUTHS, rows[number].tolist(), strict=True))
+            records[key] = {"key": key} | record_of(shared, case, made, truth, number, asked)
+            if asked.output:
+                with asked.output.open("a") as output:
+                    output.write(json.dumps(records[key]) + "\n")
+            print(key, json.dumps(records[key]), flush=True)
+    return summary([record for key, record in records.items() if key.endswith("estimate") == asked.estimate])
+
+
+def kept_records(path):
+    lines = path.read_text().splitlines() if path and path.exists() else []
+    return {record["key"]: record for record in map(json.loads, lines)}
+
+
+def record_of(shared, case, made, truth, number, asked):
+    """Of one truth: the achieved half width over the promised one of the first test and of the first pair, and its rank."""
+    at = own_estimate(shared, case, truth, asked.noise, number) if asked.estimate else truth
+    designed = asking.design(case, at, None, None, SEEN)
+    by_words, worst = {test.whole_words: test for test in designed.candidates}, designed.worst
+    best = next(test for test in designed.candidates if not test.change.startswith("outline"))
+    pairs = [pair for pair in designed.pairs if "outline" not in pair.first + pair.second][:PAIRS]
+    common = truth, asked.noise, asked.draws, number, worst
+    single = float(np.median(achieved(shared, case, [made(best)], *common)))
+    widths = []
+    for pair in pairs:
+        told = [made(by_words[words]) for words in (pair.first, pair.second)]
+        widths.append(float(np.median(achieved(shared, case, told, *common))))
+    return {
+        "truth": truth,
+        "worst": worst,
+        "test": best.whole_words,
+        "pair": [pairs[0].first, pairs[0].second],
+        "of_test": single / (1.96 * best.stderr[worst]),
+        "of_pair": widths[0] / (1.96 * pairs[0].stderr[worst]),
+        "rank": int(np.argsort(np.argsort(widths))[0]) + 1,
+        "over_best": widths[0] / min(widths),
+    }
+
+
+def summary(records):
+    """Print what the campaign shows; 0 where it holds what the issue asks."""
+    of_test, of_pair, ranks, losses = (
+        np.array([record[key] for record in records]) for key in ("of_test", "of_pair", "rank", "over_best")
+    )
+    near, share = [float(np.median(np.abs(ratios - 1))) for ratios in (of_test, of_pair)], float(np.mean(ranks <= 2))
+    print(
+        f"{len(records)} truths; achieved over promised: first test {np.median(of_test):.3f}, first pair {np.median(of_pair):.3f}"
+    )
     print(f"|achieved / promised - 1|, median: {near[0]:.3f} and {near[1]:.3f}; first pair among the best two in {share:.0%}")
     print(f"its interval over the best: median {np.median(losses):.3f}, largest {max(losses):.3f}")
     return 0 if max(near) <= 0.25 and share >= 0.8 else 1
