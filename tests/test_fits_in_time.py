@@ -19,7 +19,9 @@ from indentfit.experiment.record import RawRecord
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, prony
+from indentfit.inference.certainty import Certainty
 from indentfit.inference.density import Density
+from indentfit.inference.fit import _judged
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointFit, ModelError, first_runs, joint_fit
 from indentfit.inference.joint_profiles import joint_profiles
@@ -29,6 +31,7 @@ from indentfit.inference.posterior import Curves, Mode, NoiseModel, Posterior
 from indentfit.inference.result import ParameterEstimate
 from indentfit.inference.seen import far_from_model, seen_sentences, unseen, with_seen
 from indentfit.inference.to_model import unless_far
+from indentfit.inference.verdicts import conclusions
 from indentfit.inference.what_if import _moved
 from indentfit.inference.wide_fit import widens
 from indentfit.inference.wide_shares import values_of
@@ -181,27 +184,40 @@ def test_no_parameter_is_determined_by_forces_that_are_far_from_the_viscoelastic
     assert far["mu"].verdict.startswith("not determined: the forces of the fit are up to 3.0% from") and far["g1"] == known["g1"]
 
 
+def test_sentences_on_what_curves_determine_follow_the_verdicts():
+    estimate = ParameterEstimate(1.0, "kPa", verdict="determined (+-3 %)", interval=(0.97, 1.03))
+    said = ("the tests contradict each other", *conclusions({"mu": estimate}, 1, None), "the material relaxes")
+    assert said[1].startswith("determined by this curve: mu")
+    known = Certainty(estimates={"mu": estimate}, conclusions=said)
+    far = _judged(known, unless_far(known.estimates, {"press": 0.03}), 1)
+    assert far.conclusions == (said[0], "not determined by this curve: mu (0.970 to 1.030)", said[2])
+    assert _judged(known, known.estimates, 1).conclusions == said
+
+
 @pytest.mark.campaign
-@pytest.mark.parametrize(("shape", "ratio"), [("punch", 2.2), ("sphere", 5.0)])
-def test_a_fit_to_a_compressible_sample_holds_the_truth(shape, ratio):
+@pytest.mark.parametrize(
+    ("shape", "ratio", "friction"),
+    [("punch", 2.2, 0.3), ("sphere", 5.0, 0.3), ("punch", 2.2, "unknown"), ("sphere", 2.2, "unknown")],
+)
+def test_a_fit_to_a_compressible_sample_holds_the_truth(shape, ratio, friction):
     """The pressure does not relax: hereditary integrals of the whole force were 1.4 to 5.9 % off, g1 and mu outside."""
     time = np.concatenate([np.linspace(0, 0.5, 26)[1:], 0.5 + np.geomspace(0.05, 20, 40)])
     depth = Ramp(0.3, 0.5, 20.0).depth_at(time)
     shapes = {"punch": {"shape": "cylinder", "diameter": 2.0, "edge_radius": 0.1}, "sphere": {"shape": "sphere", "diameter": 2.0}}
 
-    def of(relaxation, mu, **keys):
+    def of(relaxation, mu, friction, **keys):
         material = {"model": "neo_hookean", "parameters": {"mu": mu}, "bulk_ratio": ratio, "relaxation": relaxation}
         return indentfit.Case(
             sample={"shape": "disc", "diameter": 9.0, "thickness": 3.0, "base": "bonded"},
-            indenter={"friction": 0.3, **shapes[shape]}, material=material,
+            indenter={"friction": friction, **shapes[shape]}, material=material,
             tests=[indentfit.Test("press", **keys)], fit={"workers": 1},
         )  # fmt: skip
 
-    true = of({"g": [0.8, 0.5], "tau": [0.5, 5.0]}, 1.5, depth=0.3, points=25, ramp=0.5, hold=20.0)
+    true = of({"g": [0.8, 0.5], "tau": [0.5, 5.0]}, 1.5, 0.3, depth=0.3, points=25, ramp=0.5, hold=20.0)
     there = indentfit.simulate(true, mesh_error=False).tests[0].in_time
     force = np.interp(time, there.time, there.force)
     noisy = force + 2e-3 * force.max() * np.random.default_rng(1).standard_normal(force.size)
-    result = indentfit.fit(of(RANGES, FREE, curve=Curve(depth, noisy, time=time)))
+    result = indentfit.fit(of(RANGES, FREE, friction, curve=Curve(depth, noisy, time=time)))
     for name, value in TRUTH.items():
         low, high = result.parameters[name].interval
         assert low < value < high, name

@@ -27,6 +27,7 @@ from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver
 from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, samples_of
 from indentfit.inference.seen import far_from_model
 from indentfit.inference.to_model import Beside, Models, unless_far
+from indentfit.inference.verdicts import conclusions
 from indentfit.inference.wide_certainty import wide_certainty
 from indentfit.inference.wide_fit import WideFit, wide_fit
 from indentfit.inverse.exploration import Watched
@@ -146,14 +147,16 @@ def fit_with_runs(
         part = whole.part(0, SHARE_OF_FIT)
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
         models = Models(case)
-        changes: list[Change] = [partial(_with_other_bulk, case, pool), *[models.corrected] * CORRECTIONS]
-        for changed in changes if wide is None else ():
+        # a wide fit knows how the share of the bulk modulus depends on its inputs
+        changes: list[Change] = [partial(_with_other_bulk, case, pool)] if wide is None else []
+        for changed in changes + [models.corrected] * CORRECTIONS:
             best = solved.optimum.best
             there = changed(problem, best.parameters) if best is not None else None
             if there is not None and there.kernel is not None:
                 problem, model = there, Relaxing(pool, there.kernel)
                 watched, correction = Watched(model), MeshCorrection(correction.case)
-                solved = solve(problem, watched, case.fit, part, correction)
+                wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if wide is not None else None
+                solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
         samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
         watched, finer = solved.model or watched, Refined(solved)
         gross = _no_fit(problem, solved.optimum.best, watched)
@@ -294,12 +297,13 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
     optimum, findings = solved.optimum, known.findings
     best, of_noise = optimum.best, known.known
     beside = models.beside(problem, best.parameters) if best else Beside()
+    known = _judged(known, unless_far(known.estimates, beside.differences), len({test.test for test in problem.tests}))
     result = FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
         success=optimum.success,
         message=f"{solved.said}; {optimum.message}",
-        parameters=_parameters(case, best.parameters if best else problem.start, unless_far(known.estimates, beside.differences)),
+        parameters=_parameters(case, best.parameters if best else problem.start, known.estimates),
         free=tuple(problem.free),
         objective=best.objective if best else None,
         sum_of_squares=best.sum_of_squares if best else None,
@@ -340,6 +344,16 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         case=case,
     )
     return _with_moduli(case, result if of_noise is None else _with_covariance(result, of_noise))
+
+
+def _judged(known: Certainty, estimates: dict[str, ParameterEstimate], curves: int) -> Certainty:
+    """A Certainty with other verdicts, and the sentences on what so many curves determine with them."""
+    before, after = (conclusions(each, curves, known.published) for each in (known.estimates, estimates))
+    if before == after:
+        return replace(known, estimates=estimates)
+    place = known.conclusions.index(before[0])
+    rest = tuple(sentence for sentence in known.conclusions if sentence not in before)
+    return replace(known, estimates=estimates, conclusions=(*rest[:place], *after, *rest[place:]))
 
 
 def _at_least_bulk(models: Models, problem: InverseProblem, best: Candidate | None, known: Certainty) -> Iterator[str]:
