@@ -17,6 +17,9 @@ FILTER = 0.1  # length of the filter, as a share of the ramp's duration
 VELOCITY_FILTER = 0.2
 SAME_VELOCITY = 0.15  # relative change of velocity that still counts as constant
 PLATEAU = 0.005  # share of the force within which a controlled force is held
+PAUSED = 0.05  # share of the samples between 20 and 80 % of the force from which a stage that stays pauses
+STAYS = 0.005  # share of the travel between them within which it stays
+RISES = 0.1  # share of the rise of the force from which it rises in a part
 CREEP = 0.015  # share of the travel that the displacement then creeps
 SLOW = 0.5  # of the velocity before, at which the displacement creeps
 SHORTEST_FILTER = 5  # samples
@@ -48,6 +51,8 @@ class Ramp:
         Largest filtered force until `stop`, above `rest` and the slope of the baseline.
     slope : float, mN/mm
         Slope of a baseline that rises or falls clearly over the travel before contact; 0 where none does.
+    pauses : tuple of (begin, end)
+        Samples between `low` and `high` during which the stage stays, as in a test of steps and holds.
     """
 
     record: RawRecord
@@ -61,6 +66,7 @@ class Ramp:
     rest: float
     peak: float
     slope: float = 0.0
+    pauses: tuple[tuple[int, int], ...] = ()
 
     @property
     def raised(self) -> Array:
@@ -74,8 +80,18 @@ class Ramp:
 
     @property
     def duration(self) -> float:
-        """Duration of the whole ramp, s, estimated from the time in which the force rises from 20 % to 80 %."""
-        return float(self.record.time[self.high] - self.record.time[self.low]) / 0.6
+        """Duration of the whole ramp without pauses, s, by the time in which the force rises from 20 % to 80 %."""
+        paused = sum(end - begin for begin, end in self.pauses) * self.record.interval if self.pauses else 0.0
+        return float(self.record.time[self.high] - self.record.time[self.low] - paused) / 0.6
+
+    @property
+    def last(self) -> Ramp:
+        """The last stage of a ramp with pauses; the ramp itself where it has none."""
+        if not self.pauses:
+            return self
+        begin = self.pauses[-1][1]
+        low, high = (begin + round(share * (self.stop - begin)) for share in (0.2, 0.8))
+        return self if high - low < SHORTEST_FILTER else replace(self, low=low, high=high, pauses=())
 
 
 def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
@@ -103,19 +119,42 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
         force = force - slope * (travel - travel[0])
     rest = float(np.median(force[: max(10, min(50, force.size // 20))]))
     low, high = _rise(record, force - rest)
-    samples = (high - low) / 0.6
+    high = _in_last_stage(record.displacement, force, low, high)
+    pauses = pauses_between(record.displacement, force, low, high)
+    samples = (high - low - sum(end - begin for begin, end in pauses)) / 0.6
     if samples < FEWEST:
         raise RecordError(f"{record.name}: the ramp has about {samples:.0f} samples; it needs {FEWEST}, record at a higher rate")
     displacement, smooth = (filtered(channel, filter_share * samples) for channel in (record.displacement, record.force))
-    velocity = float((displacement[high] - displacement[low]) / (record.time[high] - record.time[low]))
+    paused = sum(end - begin for begin, end in pauses) * record.interval if pauses else 0.0
+    velocity = float((displacement[high] - displacement[low]) / (record.time[high] - record.time[low] - paused))
     if velocity <= 0:
         raise RecordError(
             f"{record.name}: the displacement goes backwards ({quantity(velocity, 'mm', 3)}/s) while the force rises; "
             "it must rise into the sample, change record.displacement.sign"
         )
     stop = _before_creep(displacement, smooth, high, _end(record, displacement, velocity, high, samples))
-    ramp = Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, 0.0, slope)
+    ramp = Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, 0.0, slope, pauses)
     return replace(ramp, peak=float(ramp.raised[low:stop].max()))
+
+
+def pauses_between(displacement: Array, force: Array, low: int, high: int) -> tuple[tuple[int, int], ...]:
+    """Begin and end of the parts between two samples during which the stage stays; none where noise hides them.
+
+    The force (n,), mN, does not rise in them: it would where the displacement (n,), mm, is at the end of its range.
+    """
+    part = displacement[low : high + 1]
+    window = max(SHORTEST_FILTER, round(PAUSED * part.size))
+    if part.size < 4 * window:
+        return ()
+    travel, noise = float(np.ptp(part)), noise_of(part)
+    within = max(STAYS * travel, 6 * noise)
+    if within > 0.25 * PAUSED * travel:
+        return ()
+    still = np.abs(part[window:] - part[:-window]) < within
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    found = [(low + int(begin), low + int(end) - 1 + window) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+    rise = RISES * float(np.ptp(force[low : high + 1]))
+    return tuple((begin, end) for begin, end in found if force[end] - force[begin] < rise)
 
 
 def baseline_slope(record: RawRecord) -> float:
@@ -160,7 +199,10 @@ def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
     record = ramp.record
     length = min(odd(VELOCITY_FILTER * ramp.samples), len(record.time))
     velocity = savgol_filter(record.displacement, length, 1, deriv=1, delta=record.interval)
-    usual = float(np.median(velocity[ramp.low : ramp.high]))
+    moves = np.ones(velocity.size, dtype=bool)
+    for begin, end in ramp.pauses:
+        moves[begin:end] = False
+    usual = float(np.median(velocity[ramp.low : ramp.high][moves[ramp.low : ramp.high]]))
     steady = np.abs(velocity[start : ramp.stop] - usual) <= SAME_VELOCITY * abs(usual)
     begin, end = longest_run(steady)
     if end - begin < max(FEWEST / 2, 0.2 * ramp.samples):
@@ -211,6 +253,19 @@ def _rise(record: RawRecord, force: Array) -> tuple[int, int]:
             f"{record.name}: no baseline: the indenter is in contact from the first sample on; start recording before contact"
         )
     return int(below[-1]), high
+
+
+def _in_last_stage(displacement: Array, force: Array, low: int, high: int) -> int:
+    """The sample `high`, or one in the last step of a test in steps and holds, where the stage goes on from a pause after it."""
+    deepest = float(displacement.max())
+    travel = deepest - float(displacement[low])
+    top = int(np.argmax(displacement >= deepest - STAYS * travel))
+    if top <= high or displacement[high:top].min(initial=deepest) < displacement[high] - 4 * STAYS * travel:
+        return high
+    later = [end for _, end in pauses_between(displacement, force, low, top) if high < end < top - SHORTEST_FILTER]
+    if not later or force[top] < force[high : later[-1]].max():
+        return high
+    return later[-1] + round(0.8 * (top - later[-1]))
 
 
 def _require_contact(record: RawRecord, force: Array) -> None:

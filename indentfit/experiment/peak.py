@@ -71,13 +71,15 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
     -------
     Peak
     """
-    start = contact.index
+    staged, ramp = bool(ramp.pauses), ramp.last
+    start = ramp.low if staged else contact.index
     stop = ramp.stop + round(0.5 * ramp.samples)
     longest = LONGEST * ramp.samples
     smooth = filtered(force[:stop], longest)
     length = float(SHORTEST)
     loading = _Loading(ramp, contact, force, _slow_noise(_before(ramp, contact, force)))
-    fit, record_end = _surer(_fitted(loading), loading, indenter), ramp.record.time.size
+    fit, record_end = _fitted(loading, start), ramp.record.time.size
+    fit = fit if staged else _surer(fit, loading, indenter)  # no law of the indenter follows a force that relaxes in pauses
     if longest < CLEARLY_SHORTER * SHORTEST:
         rough = float(np.std((force[:stop] - filtered(force[:stop], CORNER))[ramp.low : ramp.high]))
         if 2 * rough < STEADY * smooth[start:].max():  # hardly any noise, and a corner of few samples that no filter would keep
@@ -171,9 +173,9 @@ class _End:
         return float(np.hypot(self.stderr, self.turning))
 
 
-def _fitted(loading: _Loading) -> _End:
-    """The force at the end of loading by a parabola over time."""
-    ramp, force, start = loading.ramp, loading.force, loading.contact.index
+def _fitted(loading: _Loading, start: int) -> _End:
+    """The force at the end of loading, which begins at the sample `start`, by a parabola over time."""
+    ramp, force = loading.ramp, loading.force
     stop = max(ramp.stop - round(ROUNDED * ramp.length), start + FEWEST)
     begin = max(start, stop - max(15, round(FITTED * ramp.samples)))
     turn = _turn(ramp, begin, stop)

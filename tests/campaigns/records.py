@@ -8,19 +8,29 @@ where it cannot be used. A kind passes where the held share of the records witho
 95 %, the stated interval of the peak holds it as often at least, and no peak without a flag is off by more than 1 %.
 tests/test_instruments.py reruns it in short.
 
-Half of the laws are outside of what is fitted (`law`). On commit b99db5b, seed 9009, 100 records of each kind that was run (plain:
-records without a flag, held of them, binomial 99 % band); laws of more powers were chosen on seeds 79 and 8008:
+Half of the laws are outside of what is fitted (`law`). On commit 72dee14, seed 9009, 100 records of each kind (plain: records
+without a flag, held of them, binomial 99 % band; kinds that are flagged always: held of all that are not refused):
 
-    approach*         77   71   68-77          cycles             71   68   62-71
-    hold              82   78   72-82          uneven             73   69   64-73
-    coarse_approach   81   76   71-81          short_approach     43   40   36-43
-    curved_drift*     21   19   17-21          drift*              6    5    4-6
-    slight_drift      45   43   38-45          preload             6    5    4-6
-    stages             5    3    3-5
+    approach           75   73   66-75          cycles             63   60   55-63
+    end_not_known      72   70   63-72          uneven             67   66   58-67
+    hold               72   68   63-72          short_approach     41   40   35-41
+    coarse_approach    78   75   68-78          curved_drift       19   19   15-19
+    rest_first         71   70   62-71          drift               6    6    4-6
+    two_speeds         74   73   65-74          slight_drift       41   41   35-41
+    retract            73   65   64-73          slow_noise          8    8    5-8
+    ringing            63   63   55-63          preload             4    4    2-4
+    noisy_travel       70   67   61-70          stages              3    2    1-3
+    steps              61   58   53-61          slope               3    3    1-3
+    blocks             64   59   56-64          wavy             (83)  78
+    in_contact       (93)   87                  small_waves      (99)  98
+    retract_chosen  (100)   96                  reversed_rows   (100)   95
 
-(* before contact had to lie after a baseline.) One peak without a flag is off: +1.19 % in slight_drift, whose noise hides the
-drift. Without the laws of more powers the interval held the truth in 65 of 88 such records of approach, and in
-71 of 215 with a law outside alone; with them in 60 of 74 of approach on seed 8008. The other 20 kinds were not run on this code.
+No peak without a flag is off by over 1 %, and its 95 % interval holds it within the band: 4004, 150 records each, approach 115 of
+117, hold 119 of 119, uneven 114 of 119, ringing 92 of 93, slight_drift 58 of 59. Of the contacts without a flag the interval
+holds 542 of 553 where the law is inside, 381 of 401 where it is outside (cones: 130 of 135). Ordinary records (approach) whose
+law is inside are flagged in one of six, most because of a drift that may hide. Peaks of relaxing_stages (seed 31): 82 of 92
+within 1 %, the largest 2.8 % off, all flagged because of the pause, and those ten because of noise or baseline too; their
+contacts are held in 79 of 92, peaks in 85.
 
 Before, with all laws inside of what is fitted, seeds 3003, 5005 and 8008 had every kind that was run within its band (25 of 31 on
 8008), and one or two peaks of some 2,800 off by 1.06 to 1.63 %, all in slight_drift.
@@ -209,6 +219,23 @@ def stages(rng):
     )
 
 
+def relaxing_stages(rng):
+    """Steps of one height, with holds in which the sample relaxes toward a part of its force: the peak is that of the last step."""
+    steps, hold = int(rng.integers(2, 6)), rng.uniform(0.3, 2.0)
+    corners = [(0.0, -0.8)]
+    for height in np.arange(1, steps + 1) / steps:
+        corners.append((corners[-1][0] + height - corners[-1][1], height))
+        corners.append((corners[-1][0] + hold, height))
+    record = drawn(rng, path=corners, samples=int(rng.uniform(300, 1500)))
+    relaxed, left = rng.uniform(0.2, 0.6), np.exp(-np.diff(record.time, prepend=0.0) / (record.time[-1] * 10 ** rng.uniform(-2, 0)))
+    excess = np.zeros(record.time.size)
+    for n in range(1, excess.size):
+        excess[n] = left[n] * excess[n - 1] + relaxed * (record.elastic[n] - record.elastic[n - 1])
+    elastic = (1 - relaxed) * record.elastic + excess
+    force = record.force + elastic - record.elastic
+    return replace(record, force=force, elastic=elastic, truth=replace(record.truth, peak=float(elastic.max())))
+
+
 def cycles(rng):
     path = [(0, -0.8), (1.7, 0.9), (3.4, -0.8), (5.1, 0.95), (6.8, -0.8), (8.6, 1.0), (10.4, -0.8)]
     record = drawn(rng, path=path, samples=int(rng.uniform(200, 1000)))
@@ -378,7 +405,8 @@ KINDS: dict[str, Callable] = {
     kind.__name__: kind
     for kind in (
         approach, end_not_known, short_approach, in_contact, hold, rest_first, two_speeds, retract, retract_chosen, reversed_rows,
-        preload, stages, cycles, drift, slight_drift, slope, curved_drift, wavy, small_waves, slow_noise, ringing, adhesion, uneven,
+        preload, stages, relaxing_stages, cycles, drift, slight_drift, slope, curved_drift, wavy, small_waves, slow_noise, ringing,
+        adhesion, uneven,
         coarse_approach, doubled_times, blocks, clipped, clipped_hold, clipped_travel, noisy_travel, steps,
     )
 }  # fmt: skip
