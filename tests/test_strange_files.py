@@ -165,6 +165,14 @@ def test_headers_of_more_programs_and_languages(head, separator, row, tmp_path):
     as_written(read(tmp_path, *head, *rows, *end, encoding="utf-8"))
 
 
+def test_a_column_of_seconds_that_rises_is_the_time_whatever_its_name(tmp_path):
+    """One that does not rise is none: such a file is asked for its sampling rate."""
+    text = ["Χρόνος (s);Μετατόπιση (mm);Δύναμη (mN)", *lines(T, D, F, separator=";")]
+    as_written(read(tmp_path, *text, encoding="utf-8"))
+    with pytest.raises(RecordError, match="no column of time"):
+        read(tmp_path, "Dwell (s);Weg (mm);Kraft (mN)", *lines(T[::-1], D, F, separator=";"))
+
+
 def test_of_base_and_tip_of_a_probe_the_tip_is_the_indenter(tmp_path):
     record = read(tmp_path, "Time_s,Base_Position_mm,Tip_Position_mm,Force_mN", *lines(T, D + F / 5, D, F))
     as_written(record)

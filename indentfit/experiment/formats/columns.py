@@ -24,7 +24,7 @@ from indentfit.experiment.formats.choice import (
 )  # fmt: skip
 from indentfit.experiment.formats.stated import stated
 from indentfit.experiment.formats.table import Table
-from indentfit.experiment.formats.words import ALIASES, ELECTRIC, TARGETS, is_height, rank_of
+from indentfit.experiment.formats.words import ALIASES, ELECTRIC, KIND, TARGETS, is_height, rank_of
 from indentfit.experiment.record import CUT_OFF, FEWEST, RawRecord, Stated
 from indentfit.units import unit_factor
 
@@ -368,6 +368,7 @@ def _time(source: _Source) -> _Taken:
     if isinstance(settings.rate, float):
         return _Taken(rows / settings.rate, f"by {settings.rate:g} Hz")
     told = any(rank_of(label, "time") for place in range(table.width) for label in table.labels(place))
+    told = told or any(_is_clock(table, place) for place in range(table.width))
     if settings.rate == "unknown" or (settings.time.column is None and not told and stage_column(table) is not None):
         note = "the file has no times: rows are counted in place of seconds, so that velocities and relaxation times mean nothing"
         return _Taken(rows, "of rows, counted", (note,))
@@ -380,6 +381,14 @@ def _time(source: _Source) -> _Taken:
     if not np.isfinite(time).any():
         raise RecordError(f"{path}: the column of time holds no numbers; give record.rate in Hz, or record.time.column")
     return _Taken(time - time[np.isfinite(time)][0], f"{source.label(place)!r}{_in(source, place, unit)}")
+
+
+def _is_clock(table: Table, place: int) -> bool:
+    """Whether a column that no known word names has a unit of time and rises from row to row."""
+    values = table.values[:, place]
+    values = values[np.isfinite(values)]
+    rises = values.size > FEWEST_READ and bool((np.diff(values) >= 0).all()) and values[-1] > values[0]
+    return rises and KIND.get(column_unit(table, place) or "") == "time"
 
 
 def _stages(source: _Source) -> list[str] | None:
