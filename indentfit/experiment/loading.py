@@ -152,9 +152,9 @@ def pauses_between(displacement: Array, force: Array, low: int, high: int) -> tu
         return ()
     still = np.abs(part[window:] - part[:-window]) < within
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    found = [(low + int(begin), low + int(end) - 1 + window) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+    parts = [(low + int(begin), low + int(end) - 1 + window) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
     rise = RISES * float(np.ptp(force[low : high + 1]))
-    return tuple((begin, end) for begin, end in found if force[end] - force[begin] < rise)
+    return tuple((begin, end) for begin, end in parts if force[end] - force[begin] < rise)
 
 
 def baseline_slope(record: RawRecord) -> float:
