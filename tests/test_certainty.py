@@ -16,7 +16,7 @@ from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.mesh import quarter
-from indentfit.fem.mesh_error import second
+from indentfit.fem.mesh_error import second, smooth
 from indentfit.fem.meshing import count
 from indentfit.inference import certainty, inputs, profiles
 from indentfit.inference.alone import alone, scan_weights
@@ -29,7 +29,6 @@ from indentfit.inference.result import FitResult
 from indentfit.inverse import genetic, methods
 from indentfit.inverse.exploration import Watched, explore
 from indentfit.inverse.least_squares import least_squares
-from indentfit.inverse.mesh_correction import smooth
 from indentfit.inverse.objective import Target
 from indentfit.inverse.polish import polish
 from indentfit.inverse.problem import InverseProblem, inverse_problem

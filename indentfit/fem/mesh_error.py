@@ -64,6 +64,8 @@ FOLDS = {  # factor, power, and largest share of the force
     # of 0.36 radii on (radius 0.5 thicknesses, bonded).
     "stick on bricks": (0.06, 1.0, 0.025),
 }
+POWERS = (-1, 0, 1)  # of the depth: what a correction, relative to the force, is made of
+DEEPER = 1 + 1e-9  # round-off
 STEPS = 0.12  # measured on spheres of 1 to 10 thicknesses, friction 0.3 and 1 (tests/test_mesh_error.py holds one)
 COARSER_STEPS = 3.0
 FOLDING = (
@@ -90,15 +92,15 @@ def with_mesh_errors(
         A test whose second solution fails has the cause in place of its error.
     """
     tests: list[TestResult] = []
-    models: dict[int, tuple[Setup, Model, float]] = {}  # by the number of elements: a test may have needed a coarser mesh
+    models: dict[int, tuple[Setup, Model, SecondMesh]] = {}  # by the number of elements: a test may have needed a coarser mesh
     for press, test in zip(presses, simulation.tests, strict=True):
         if test.facts.elements not in models:
             own = _as_solved(setup, test.facts.elements)
             other = second(own)
-            models[test.facts.elements] = own, Model(other.setup), other.factor
-        own, model, factor = models[test.facts.elements]
+            models[test.facts.elements] = own, Model(other.setup), other
+        own, model, mesh = models[test.facts.elements]
         report = functools.partial(progress, press.name) if progress else None
-        tests.append(replace(test, mesh_error=_error_by(model, factor, press, test, own, report)))
+        tests.append(replace(test, mesh_error=_error_by(model, mesh, press, test, own, report)))
     return replace(simulation, tests=tuple(tests))
 
 
@@ -110,7 +112,7 @@ def _as_solved(setup: Setup, elements: int) -> Setup:
 
 
 def _error_by(
-    model: Model, factor: float, press: Press, test: TestResult, setup: Setup, progress: Report | None
+    model: Model, mesh: "SecondMesh", press: Press, test: TestResult, setup: Setup, progress: Report | None
 ) -> ForceError | str:
     """The stated error of a test by the model of a second mesh, or why it cannot be stated."""
     try:
@@ -119,7 +121,7 @@ def _error_by(
         return f"the second mesh for its estimate was not solved: {error}"
     if other.facts.tries > 1 and FEWER < other.facts.elements / test.facts.elements < 1 / FEWER:
         return f"the second mesh for its estimate was solved with {other.facts.elements} elements only, which is no other mesh"
-    return force_error(test, other, factor, setup)
+    return force_error(test, other, mesh, setup)
 
 
 @dataclass(frozen=True)
@@ -183,15 +185,36 @@ def _with_longer_steps(setup: Setup) -> Setup:
     return replace(setup, solver=setup.solver.model_copy(update={"max_step": longest}))
 
 
-def force_error(test: TestResult, other: TestResult, factor: float, setup: Setup) -> ForceError:
+def force_error(test: TestResult, other: TestResult, mesh: SecondMesh, setup: Setup) -> ForceError:
     """The stated error of a test's forces, from those of the second mesh."""
-    change = factor * np.maximum.accumulate(np.abs(other.force - test.force))
+    change = mesh.factor * np.maximum.accumulate(np.abs(other.force - test.force))
     shape = setup.block[1].effect if setup.block else 0.0
     floor = FLOOR[setup.grown_from, setup.solver.element] + shape
     least = floor + _few_nodes(setup, test.displacement) + _long_steps(setup, test)
     folds = _folds(setup, test.displacement)
     band = np.maximum.accumulate(np.maximum(change, np.maximum(least, folds) * np.abs(test.force)))
-    return ForceError(band, other.facts.elements, FOLDING if folded(setup, test.displacement) else "")
+    remark = FOLDING if folded(setup, test.displacement) else ""
+    relative = np.divide(other.force - test.force, test.force, out=np.zeros_like(test.force), where=test.force != 0)
+    correction = corrected(test.displacement, relative, test.force, mesh)
+    left = np.sqrt(np.diag(left_by_correction([test.displacement], [relative], mesh)[0]))
+    return ForceError(band, other.facts.elements, remark, correction, left)
+
+
+def corrected(depth: Array, change: Array, force: Array, other: SecondMesh) -> Array:
+    """The relative correction (n,) of a curve whose forces (n,) change by shares (n,) on another mesh; none where it goes deeper
+    than meshes say enough."""
+    if depth.max() > unfolded_depth(other.setup) * DEEPER:
+        return 0.0 * change
+    return other.gain * smooth(depth, change, force)
+
+
+def smooth(depth: Array, change: Array, force: Array) -> Array:
+    """The part of relative changes of forces that is made of POWERS of the depth, all (n,); all of it where points are few, or the
+    depth does not only grow."""
+    if depth.size < 2 * len(POWERS) or depth[0] <= 0 or np.any(np.diff(depth) <= 0):
+        return change
+    powers = (depth[:, None] / depth[-1]) ** np.array(POWERS, dtype=float)
+    return np.asarray(powers @ np.linalg.lstsq(powers * force[:, None], change * force, rcond=None)[0])
 
 
 def folded(setup: Setup, depths: Array) -> bool:

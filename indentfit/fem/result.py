@@ -30,11 +30,17 @@ class ForceError:
         Number of elements of the second mesh, from which the band was estimated.
     remark : str
         Why meshes say little about the error, and what would help; mostly empty.
+    correction : array (n,)
+        The force times 1 + correction is the best estimate of the force without an error of the mesh.
+    left : array (n,)
+        Standard deviation of what the correction leaves, relative to the force.
     """
 
     band: Array
     elements: int
-    remark: str = ""
+    remark: str
+    correction: Array
+    left: Array
 
     def share(self, force: Array) -> float:
         """The band at the last displacement, as a share of the force (n,) there."""

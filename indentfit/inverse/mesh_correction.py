@@ -17,7 +17,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.fem.mesh_error import FOLDING, SecondMesh, compared, left_by_correction, second, unfolded_depth
+from indentfit.fem.mesh_error import DEEPER, FOLDING, SecondMesh, compared, corrected, left_by_correction, second, unfolded_depth
 from indentfit.fem.meshing import count, resized, size
 from indentfit.inverse.derivatives import Underivable, last_cause
 from indentfit.inverse.exploration import Watched
@@ -26,8 +26,6 @@ from indentfit.runs.forward import Evaluation, ForwardModel, Report
 from indentfit.runs.mechanics import WIDER
 from indentfit.runs.points import setup_of
 
-POWERS = (-1, 0, 1)  # of the depth: what a correction, relative to the force, is made of
-DEEPER = 1 + 1e-9  # round-off
 ANOTHER_MESH = "a run for the error of the mesh was solved at a second try only, on a mesh of another kind"
 
 
@@ -135,17 +133,7 @@ def _left(
     changes = [_relative(there[n] - own[n], own[n]) for n in tests]
     depths = [problem.tests[n].curve.displacement for n in tests]
     for n, change, depth, covar in zip(tests, changes, depths, left_by_correction(depths, changes, other), strict=True):
-        deep = depth.max() > unfolded_depth(other.setup) * DEEPER
-        yield 0.0 * change if deep else other.gain * smooth(depth, change, own[n]), covar
-
-
-def smooth(depth: Array, change: Array, force: Array) -> Array:
-    """The part of relative changes of forces that is made of POWERS of the depth, all (n,); all of it where points are few, or the
-    depth does not only grow."""
-    if depth.size < 2 * len(POWERS) or depth[0] <= 0 or np.any(np.diff(depth) <= 0):
-        return change
-    powers = (depth[:, None] / depth[-1]) ** np.array(POWERS, dtype=float)
-    return np.asarray(powers @ np.linalg.lstsq(powers * force[:, None], change * force, rcond=None)[0])
+        yield corrected(depth, change, own[n], other), covar
 
 
 def _without_mesh(n: int) -> tuple[Array, Array]:

@@ -2,9 +2,15 @@
 
 The model is run in the middle of the fit's draws, and at both ends of each direction in which they spread (their principal
 components). A polynomial of second order in each direction goes through these runs, and gives the force F of the law at every draw;
-two further runs, at draws, state what it errs. The force of a draw is F / (1 - e), where e is the law's misfit. Where a test of the
+two further runs, at draws, state what it errs. These forces are corrected for the mesh where those of the fit were. The force of a
+draw is F / (1 - e), where e is the law's misfit. Where a test of the
 same name was fitted with the same indenter and sample, e goes on from the misfit of the draw there; otherwise it is another draw of
-the process (`inference.discrepancy`), as much larger or smaller as the strains are than those of the fitted tests.
+the process (`inference.discrepancy`), as much larger or smaller as the strains are than those of the fitted tests. Bands are
+quantiles of all draws.
+
+Beyond the fitted depth no force tells how the misfit goes on. Under the process it bends back towards the law, but the laws of
+tissues mostly part further as strains grow. So it bends back in one half of the draws; in the other it goes on as it ends, straight
+in its size relative to the strains. What the process leaves open grows there with the square of the depth.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,12 +19,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Ints
 from indentfit.case import Case, Test
 from indentfit.errors import CaseError
-from indentfit.fem.result import ForceError
+from indentfit.fem.result import ForceError, TestResult
 from indentfit.inference.discrepancy import covariances, growth
 from indentfit.inference.law_misfit import LawMisfit, PosteriorDraws
+from indentfit.inference.mixtures import quantiles
 from indentfit.inference.result import FitResult
 from indentfit.inverse.problem import scale_of
 from indentfit.runs.forward import simulate
@@ -28,7 +35,10 @@ ENDS = 1.5  # standard deviations of the draws, at which the model is run
 SPREAD = 1e-6  # of the values: directions in which draws spread less need no run
 PROVING = 2  # further runs, at single draws
 MOST = 0.9  # share of the force that the misfit of the law can be
-BAND = 1.96  # standard deviations of a 95 % band
+BAND = 1.96  # standard deviations of the stated error of a mesh
+TIMES = 10  # misfits that go with each draw
+GOES_ON, GROWS = 0.5, 2.0  # share of draws whose misfit goes on as it ends; power of the depth with which the others' errors grow
+STEP = 1e-3  # of the largest fitted depth: where the slope at the end is taken
 NEEDS = (
     "the fit has no term for the misfit of its law, without which a band would be too narrow; fit again with --set "
     "fit.discrepancy.scale=unknown, and predict from that"
@@ -43,15 +53,19 @@ class PredictedTest:
     ----------
     displacement
     force, low, high
-        Mean of the sample's force, and its 95 % band by parameters, inputs, the law's misfit and the mesh.
+        Median of the sample's force, and its 95 % band by parameters, inputs, the law's misfit and the mesh.
     measured_low, measured_high
         The 95 % band of a measured force: with the noise of the fitted tests.
     law
-        The law's own force, mean.
+        The law's own force, median.
     continued : bool
         Whether the misfit goes on from that of the fitted test of the same name.
     known_to : float or None
-        Largest displacement of that fitted test, mm or strain; None where the misfit does not go on from one.
+        Largest displacement of that fitted test, mm or strain; None where the misfit does not go on from one. Farther on, the band
+        presumes how the misfit goes on, and no curve tells whether it holds 95 %.
+    strained : float or None
+        Largest strain over that of the fitted tests, of which the least counts, where the misfit does not go on from one. Above 1,
+        the band presumes that the misfit grows in proportion.
     """
 
     displacement: tuple[float, ...]
@@ -63,6 +77,7 @@ class PredictedTest:
     law: tuple[float, ...]
     continued: bool
     known_to: float | None = None
+    strained: float | None = None
 
 
 @dataclass(frozen=True)
@@ -127,17 +142,19 @@ def predict(result: FitResult, case: Case, progress: Callable[[float, str], obje
     rng, draws = np.random.default_rng(result.seed), known.draws
     points = [dict(zip(draws.names, row, strict=True)) for row in draws.values]
     forces: dict[str, Array] = {test.name: np.zeros((len(points), case.outputs(test).size)) for test in case.tests}
-    errors: dict[str, Array] = {}
+    errors = {name: np.zeros(rows.shape) for name, rows in forces.items()}
     runs, off = 0, 0.0
     for number, changes in enumerate(draws.changes):
         own = [n for n, alternative in enumerate(draws.alternative) if alternative == number]
         if own:
-            laws = _Laws(case_at(case, changes), [points[n] for n in own], progress)
+            laws = _Laws(case_at(case, changes), [points[n] for n in own], bool(fitted.fit.uncertain.mesh), progress)
             rows, difference = laws.forces()
-            runs, off, errors = runs + laws.runs, max(off, difference), errors or laws.errors
+            runs, off = runs + laws.runs, max(off, difference)
             for name, part in rows.items():
-                forces[name][own] = part
-    tests = {test.name: _band(test, forces[test.name], _Beside(known, fitted, case, errors, off), rng) for test in case.tests}
+                forces[name][own], errors[name][own] = part, laws.errors[name] * np.abs(part)
+    tests = {
+        test.name: _band(test, forces[test.name], errors[test.name], _Beside(known, fitted, case, off), rng) for test in case.tests
+    }
     return Prediction(case.title, tests, runs, off)
 
 
@@ -156,13 +173,17 @@ def _require_same_law(fitted: Case, case: Case) -> None:
 class _Laws:
     """The law's forces at draws of one alternative, from a few runs."""
 
-    def __init__(self, case: Case, points: Sequence[dict[str, float]], progress: Callable[[float, str], object] | None) -> None:
-        self.case, self.progress = case, progress
+    def __init__(
+        self, case: Case, points: Sequence[dict[str, float]], corrects: bool, progress: Callable[[float, str], object] | None
+    ) -> None:
+        self.case, self.corrects, self.progress = case, corrects, progress
         self.names = list(points[0])
         self.scale = scale_of(case)[0]
         self.values = np.array([[point[name] for name in self.names] for point in points])
         self.middle = self.values.mean(axis=0)
-        self.runs, self.errors, self.places, self.rows = 0, {}, [], []  # type: ignore[var-annotated]
+        self.runs, self.places, self.rows = 0, [], []  # type: ignore[var-annotated]
+        self.errors: dict[str, Array] = {}  # standard deviations of the forces by the mesh, relative
+        self.corrections: dict[str, Array] = {}  # relative
         moving = [n for n, name in enumerate(self.names) if name != self.scale]
         spread = self.values.std(axis=0)
         self.moving = [n for n in moving if spread[n] > SPREAD * max(abs(self.middle[n]), SPREAD)]
@@ -220,11 +241,19 @@ class _Laws:
         own = {name: point.get(name, start) for name, start in there.start_values().items()}
         made = simulate(there, own, mesh_error=not self.runs)
         self.runs += 1
-        self.errors = self.errors or {
-            test.name: test.mesh_error.band / BAND if isinstance(test.mesh_error, ForceError) else np.zeros(test.force.size)
-            for test in made.tests
-        }
-        return {test.name: test.force for test in made.tests}
+        if not self.errors:
+            for test in made.tests:
+                self.corrections[test.name], self.errors[test.name] = self._mesh(test)
+        return {test.name: test.force * (1 + self.corrections[test.name]) for test in made.tests}
+
+    def _mesh(self, test: TestResult) -> tuple[Array, Array]:
+        """The correction for the mesh, and the standard deviation of what is left, both relative to the force, (n,)."""
+        none, error = np.zeros(test.force.size), test.mesh_error
+        if not isinstance(error, ForceError):
+            return none, none
+        if self.corrects:
+            return error.correction, error.left
+        return none, error.band / BAND / np.maximum(np.abs(test.force), 1e-300)
 
 
 def _largest(predicted: Array, force: Array) -> float:
@@ -233,12 +262,11 @@ def _largest(predicted: Array, force: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Beside:
-    """What a prediction needs beside the law's forces: the fitted misfit and case, and errors of the mesh and the polynomial."""
+    """What a prediction needs beside the law's forces: the fitted misfit and case, and the error of the polynomial."""
 
     known: LawMisfit
     fitted: Case
     case: Case
-    errors: dict[str, Array]
     off: float
 
     def continued(self, test: Test) -> Test | None:
@@ -257,29 +285,33 @@ def _alike(fitted: Case, other: Test, case: Case, test: Test) -> bool:
     return (fitted.sample_of(other), fitted.indenter_of(other), fitted.fibres_of(other)) == mine
 
 
-def _band(test: Test, law: Array, beside: _Beside, rng: np.random.Generator) -> PredictedTest:
+def _band(test: Test, law: Array, error: Array, beside: _Beside, rng: np.random.Generator) -> PredictedTest:
+    """The band of forces law (draws, n), whose errors by the mesh have standard deviations (draws, n)."""
     depth, draws = np.abs(beside.case.outputs(test)), beside.known.draws
-    other = beside.continued(test)
+    which = np.repeat(np.arange(len(law)), TIMES)
+    other, strained = beside.continued(test), None
     if other is not None:
-        misfit = _continued(test, other, depth, beside, rng)
+        misfit = _continued(test, other, depth, beside, which, rng)
     else:
-        misfit = _of_its_own(test, depth, beside, rng)
-    force = law / (1 - np.clip(misfit, -MOST, MOST))
-    mesh = beside.errors.get(test.name, np.zeros(depth.size))
-    middle = force.mean(axis=0)
-    sd = np.sqrt(force.var(axis=0) + mesh**2 + (beside.off * middle) ** 2)
-    noise = draws.noise.get(test.name) or tuple(value for row in draws.noise.values() for value in row)
-    measured = np.sqrt(sd**2 + float(np.mean(np.square(noise))))
+        strained = _strained(test, float(depth.max()), beside)
+        covar = strained**2 * covariances(depth / depth.max(), depth / depth.max(), growth(beside.case, test), beside.known.length)
+        misfit = _drawn(covar, draws, which, rng)
+    force = law[which] / (1 - np.clip(misfit, -MOST, MOST))
+    sd = np.hypot(error[which], beside.off * np.abs(force))
+    of_point = np.array(draws.noise.get(test.name) or np.sqrt(np.mean(np.square(list(draws.noise.values())), axis=0)))
+    low, middle, high = quantiles(force, sd)
+    measured_low, _, measured_high = quantiles(force, np.hypot(sd, of_point[which][:, None]))
     return PredictedTest(
         displacement=_row(beside.case.outputs(test)),
         force=_row(middle),
-        low=_row(middle - BAND * sd),
-        high=_row(middle + BAND * sd),
-        measured_low=_row(middle - BAND * measured),
-        measured_high=_row(middle + BAND * measured),
-        law=_row(law.mean(axis=0)),
+        low=_row(low),
+        high=_row(high),
+        measured_low=_row(measured_low),
+        measured_high=_row(measured_high),
+        law=_row(np.median(law, axis=0)),
         continued=other is not None,
         known_to=None if other is None else float(np.abs(beside.fitted.outputs(other)).max()),
+        strained=strained,
     )
 
 
@@ -287,30 +319,33 @@ def _row(values: Array) -> tuple[float, ...]:
     return tuple(values.tolist())
 
 
-def _continued(test: Test, other: Test, depth: Array, beside: _Beside, rng: np.random.Generator) -> Array:
-    """The misfit of each draw, relative, (draws, n), given that of the fitted test at some of its depths."""
+def _continued(test: Test, other: Test, depth: Array, beside: _Beside, which: Ints, rng: np.random.Generator) -> Array:
+    """The relative misfit (m, n) that goes with draws of the numbers which (m,), given that of the fitted test at some depths."""
     draws, length = beside.known.draws, beside.known.length
     deepest = float(np.abs(beside.fitted.outputs(other)).max())
     there, q = np.array(draws.places[other.name]), growth(beside.case, test)
-    x = depth / deepest
-    own = covariances(there, there, q, length)
-    across = covariances(x, there, q, length) @ np.linalg.pinv(own, rcond=1e-8, hermitian=True)
+    x, known = depth / deepest, np.array(draws.errors[other.name])[which]
+    inverse = np.linalg.pinv(covariances(there, there, q, length), rcond=1e-8, hermitian=True)
+    across = covariances(x, there, q, length) @ inverse
     left = covariances(x, x, q, length) - across @ covariances(there, x, q, length)
-    return np.asarray(np.array(draws.errors[other.name]) @ across.T + _drawn(left, draws, rng))
+    mean, beyond = known @ across.T, x > 1
+    ends = np.array([1 - STEP, 1.0])
+    before, last = (known @ (covariances(ends, there, q, length) @ inverse).T / ends**q).T
+    straight = (last[:, None] + (last - before)[:, None] / STEP * (x - 1)) * x**q
+    goes_on = rng.random(len(which)) < GOES_ON
+    mean = np.where(goes_on[:, None] & beyond, straight, mean)
+    return np.asarray(mean + _drawn(left, draws, which, rng) * np.maximum(x, 1.0) ** GROWS)
 
 
-def _of_its_own(test: Test, depth: Array, beside: _Beside, rng: np.random.Generator) -> Array:
-    """A misfit of its own for each draw, relative, (draws, n): in proportion to the strains, over the least of the fitted tests."""
+def _strained(test: Test, deepest: float, beside: _Beside) -> float:
+    """The largest strain of a test over the least one of the fitted tests of its kind."""
     fitted, known = beside.fitted, beside.known
     least = min(
         strain_of(fitted, other, float(np.abs(fitted.outputs(other)).max()))
         for other in fitted.tests
         if other.kind == test.kind and other.name in known.draws.errors
     )
-    deepest = float(depth.max())
-    larger = strain_of(beside.case, test, deepest) / least
-    covar = larger**2 * covariances(depth / deepest, depth / deepest, growth(beside.case, test), known.length)
-    return _drawn(covar, known.draws, rng)
+    return strain_of(beside.case, test, deepest) / least
 
 
 def strain_of(case: Case, test: Test, depth: float) -> float:
@@ -321,9 +356,9 @@ def strain_of(case: Case, test: Test, depth: float) -> float:
     return depth / min(width, case.sample_of(test).thickness or width)
 
 
-def _drawn(covar: Array, draws: PosteriorDraws, rng: np.random.Generator) -> Array:
-    """A draw of a process of this covariance (n, n) at scale 1 for each draw, times the draw's scale, (draws, n)."""
+def _drawn(covar: Array, draws: PosteriorDraws, which: Ints, rng: np.random.Generator) -> Array:
+    """Draws of a process of this covariance (n, n) at scale 1, times the scale of the draws of the numbers which (m,), (m, n)."""
     values, vectors = np.linalg.eigh(covar)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    scales = np.array(draws.scale)[:, None]
-    return np.asarray(scales * (rng.standard_normal((len(draws.scale), len(covar))) @ root.T))
+    scales = np.array(draws.scale)[which][:, None]
+    return np.asarray(scales * (rng.standard_normal((len(which), len(covar))) @ root.T))
