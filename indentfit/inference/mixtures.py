@@ -23,12 +23,12 @@ def quantiles(means: Array, sds: Array, shares: tuple[float, ...] = (0.025, 0.5,
     tuple of arrays (n,), one for each share
     """
     sds = np.maximum(sds, 1e-12 * np.abs(means).max() + 1e-300)
-    found = []
+    ends: list[Array] = []
     for share in shares:
         low, high = (means - FAR * sds).min(axis=0), (means + FAR * sds).max(axis=0)
         for _ in range(HALVED):
             middle = (low + high) / 2
             below = ndtr((middle - means) / sds).mean(axis=0) < share
             low, high = np.where(below, middle, low), np.where(below, high, middle)
-        found.append(np.asarray((low + high) / 2))
-    return tuple(found)
+        ends.append(np.asarray((low + high) / 2))
+    return tuple(ends)
