@@ -152,7 +152,8 @@ def _noise(fit: WideFit) -> dict[str, CurveNoise]:
             sigma = float(joint.posterior.noise.sigma[n])
             white = whiteness(np.eye(size), left[curves.slices[n]])
             least = fewest(size, next(rhos), draws.shares)
-            noises[test.name] = CurveNoise(sigma, rho, effective(size, rho), size, white, fewest_points=least)
+            beside = max(float(joint.posterior.noise.stated[n]) ** 2 - sigma**2, 0.0) ** 0.5
+            noises[test.name] = CurveNoise(sigma, rho, effective(size, rho), size, white, beside, least)
     return noises
 
 
