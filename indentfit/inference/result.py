@@ -129,8 +129,8 @@ class CurveNoise:
 
     @property
     def systematic(self) -> bool:
-        """Whether the residuals are mostly misfit of the model, and not noise; smooth residuals below the noise that the curve states
-        are no misfit that matters."""
+        """Whether the residuals are mostly misfit of the model, and not noise; smooth residuals below the noise that the curve
+        states are no misfit that matters."""
         below = self.sigma is not None and self.stated > self.sigma
         return self.autocorrelation > SMOOTH and self.white < UNLIKELY and not below
 
