@@ -25,6 +25,8 @@ SLOW = 0.5  # of the velocity before, at which the displacement creeps
 SHORTEST_FILTER = 5  # samples
 FEWEST = 20  # samples of a ramp that can be filtered at all
 HINGE_SAMPLES = 200  # of the two straight lines that show the slope of the baseline
+HINGES = 35  # places where the two lines may meet
+HINGE_RIDGE = 1e-13  # keeps the equations solvable where hardly a sample lies behind
 SLOPED = 0.04  # share of the rise in contact by which the force changes before contact where the baseline slopes
 CONTACT_SLOPE = 0.35  # of the slope in contact: a steeper beginning may be contact itself
 HINGED = 0.25  # share of the variance that two straight lines may leave
@@ -167,18 +169,22 @@ def baseline_slope(record: RawRecord) -> float:
     if x.size < FEWEST or span == 0:
         return 0.0
     x = (x - x.min()) / span
-    fits = [_hinge(x, force, place) for place in np.linspace(0.1, 0.95, 35)]
-    square, slope, more, place = min(fits)
+    places = np.linspace(0.1, 0.95, HINGES)
+    squares, slopes, added = _hinges(x, force, places)
+    best = int(np.argmin(squares))
+    square, slope, more, place = (float(values[best]) for values in (squares, slopes, added, places))
     slight = abs(slope) * place < SLOPED * more * (1 - place) or abs(slope) > CONTACT_SLOPE * more
     return 0.0 if slight or square > HINGED * float(np.sum((force - force.mean()) ** 2)) else slope / span
 
 
-def _hinge(x: Array, force: Array, place: float) -> tuple[float, float, float, float]:
-    """Two straight lines that meet at a place: sum of squares, slope of the first, what the second adds, and the place."""
-    terms = np.column_stack([np.ones_like(x), x, np.maximum(x - place, 0.0)])
-    values = np.linalg.lstsq(terms, force, rcond=None)[0]
-    residual = force - terms @ values
-    return float(residual @ residual), float(values[1]), float(values[2]), place
+def _hinges(x: Array, force: Array, places: Array) -> tuple[Array, Array, Array]:
+    """Two straight lines that meet at each of the places (m,): sums of squares, slopes of the first, and what the second adds."""
+    beyond = np.maximum(x - places[:, None], 0.0)
+    terms = np.stack([np.ones_like(beyond), np.broadcast_to(x, beyond.shape), beyond], axis=1)
+    square = terms @ terms.transpose(0, 2, 1) + HINGE_RIDGE * x.size * np.eye(3)
+    values = np.linalg.solve(square, (terms @ force)[:, :, None])[:, :, 0]
+    residual = force - (values[:, None, :] @ terms)[:, 0]
+    return np.einsum("ij,ij->i", residual, residual), values[:, 1], values[:, 2]
 
 
 def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:
