@@ -105,6 +105,8 @@ def test_the_brain_under_a_punch(tmp_path):
     assert form.beside(0.53, 0.4) == ""
     mu, model = 1.0085 * form.layer, Curve(d, 0.985 * 1.0085 * 3.79 * d)  # a law that resists 1.5 % less at the end
     assert form.outside("press", mu, (0.52, 0.56), model, 0.003) == form.outside("press", mu, (0.5285, 0.5608), model, 0.0) == ""
+    beside = form.layer * (1 + form.scatter)  # a stranger's cartilage was warned of 199.9 beside an interval from 199.92
+    assert form.outside("press", mu, (max(beside, form.layer * 1.0005), 0.56), model, 0.003) == ""
     said = form.outside("press", mu, (0.5285, 0.5608), model, 0.003)
     assert "mu 0.5266 kPa by the layer" in said and "0.5285 to 0.5608 kPa by the fit, 0.30% off" in said
     assert "the law softens by 1.5% to 0.4 mm, and these forces do not" in said

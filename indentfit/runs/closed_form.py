@@ -27,6 +27,7 @@ APART, SCATTERS = 0.02, 2.0  # of the modulus, and of its scatter: a fit that di
 NEAR = 0.01  # of the force: the model's and the layer's agree at the deepest point
 FEWEST = 5  # points that count, where fewer lie above that depth
 OUTSIDE = "the elastic layer's modulus lies outside of the interval: "
+SOLVED = 1e-3  # relative error of the layer's own solution: a modulus outside by less is not outside
 WORSE = 2.0  # a fit is so many times farther from the forces than the layer, before the layer speaks against the fit
 EXPLAINED = 1.5  # a fit that differs by at most so many times what finite strain does to the last force is explained by it
 SUFFICES = 0.05  # relative half-width of the modulus's 95 % interval, by the scatter of the forces
@@ -130,7 +131,8 @@ class ClosedForm:
             RMSE of the fit over the largest force.
         """
         low, high = interval
-        inside = low <= self.layer * (1 + self.scatter) and self.layer * (1 - self.scatter) <= high
+        error = max(self.scatter, SOLVED)
+        inside = low <= self.layer * (1 + error) and self.layer * (1 - error) <= high
         if inside or self.end is None or self.misfit is None or misfit <= WORSE * self.misfit:
             return ""
         return (
