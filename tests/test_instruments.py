@@ -427,6 +427,18 @@ def test_the_height_of_an_afm_less_the_cantilever_is_the_indentation(afmformats,
     assert "minus force / 0.05 mN/mm" in done.record.taken and done.record.stated.stiffness == 0.05
 
 
+def test_curves_of_a_map_have_the_instrument_s_order(afmformats, tmp_path):
+    """Groups of HDF5 are sorted as texts: 0, 1, 10, 2; curve 3 was the eleventh of the map."""
+    rng = np.random.default_rng(2)
+    curves = [force_curve(rng)[0] for _ in range(4)]
+    for curve, number in zip(curves, (0, 1, 10, 2), strict=True):
+        curve.metadata["enum"] = number
+    afmformats.load_data = lambda path, **told: curves
+    (tmp_path / "r.h5").write_bytes(b"binary")
+    records = read_records(tmp_path / "r.h5")
+    assert [float(record.force[0]) for record in records] == pytest.approx([1e3 * curves[n]["force"][0] for n in (0, 1, 3, 2)])
+
+
 def test_what_afmformats_cannot_read_is_one_line(afmformats, tmp_path):
     class MissingMetaDataError(BaseException):
         """As in afmformats: no Exception."""

@@ -51,7 +51,7 @@ class AfmFormat:
             ) from None
         logging.getLogger("afmformats").addHandler(logging.NullHandler())  # what it cannot read is said in one line, here
         try:
-            curves = afmformats.load_data(path, **_told(settings))
+            curves = sorted(afmformats.load_data(path, **_told(settings)), key=_place_in_map)
             return [_table(path, curve, n, len(curves)) for n, curve in enumerate(curves, start=1)]
         except (KeyboardInterrupt, SystemExit, GeneratorExit, RecordError):
             raise
@@ -59,6 +59,12 @@ class AfmFormat:
             reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
             hint = "give record.stiffness, or export it as text" if "spring constant" in reason else "export it as text"
             raise RecordError(f"{path}: afmformats cannot read it ({reason}); {hint}") from None
+
+
+def _place_in_map(curve: ForceCurve) -> int:
+    """The number that the instrument gave to a curve of a map: some files list curve 10 before curve 2. 0 where it gave none."""
+    number = curve.metadata.get("enum") if hasattr(curve.metadata, "get") else None
+    return int(number) if number is not None else 0
 
 
 def _told(settings: Record) -> dict[str, Any]:
