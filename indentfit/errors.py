@@ -115,16 +115,18 @@ class OutOfTime(IndentfitError):
     ----------
     limit : float, s
         Processor time that the run was given.
+    cause : str
+        How far the run came, or why its first try had failed; empty where nothing is known.
     """
 
     exit_code = 3
 
-    def __init__(self, limit: float) -> None:
-        self.limit = limit
-        super().__init__(f"not solved within {limit:g} s of processor time")
+    def __init__(self, limit: float, cause: str = "") -> None:
+        self.limit, self.cause = limit, cause
+        super().__init__(f"not solved within {limit:g} s of processor time" + (f": {cause}" if cause else ""))
 
-    def __reduce__(self) -> tuple[type["OutOfTime"], tuple[float]]:
-        return type(self), (self.limit,)
+    def __reduce__(self) -> tuple[type["OutOfTime"], tuple[float, str]]:
+        return type(self), (self.limit, self.cause)
 
 
 class FitError(IndentfitError):

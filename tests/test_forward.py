@@ -1,5 +1,6 @@
 """What the paper says about friction and parameters, and that the forward model stands what a search will ask of it."""
 
+import pickle
 import sys
 from pathlib import Path
 
@@ -139,6 +140,32 @@ def test_a_run_beyond_its_deadline_ends_at_once_and_is_not_tried_again(runs_from
     with pytest.raises(OutOfTime, match=r"not solved within 1\.5 s of processor time"):
         model.run(press, deadline=Deadline(1.5))
     assert len(tried) == 1 and clock.looks == runs_from + 2  # 1 s is within the limit, 2 s are not
+
+
+def test_a_run_out_of_time_says_how_far_it_came_or_why_its_first_try_failed(monkeypatch):
+    case = white_matter("mesh.elements=20")
+    model, usual = Model(setup_of(case)), path._step
+    (press, _) = presses_of(case, case.law(mu=1.49, zeta=4.68, phi=0.68))
+
+    def late(newton, increment, here, relax):
+        if here.depth > 0:
+            raise OutOfTime(9.0)
+        return usual(newton, increment, here, relax)
+
+    monkeypatch.setattr(path, "_step", late)
+    with pytest.raises(OutOfTime, match=r"within 9 s of processor time: the curve was known to 0\.0825 mm of 0\.33 mm") as caught:
+        model.run(press)
+    assert pickle.loads(pickle.dumps(caught.value)).cause == caught.value.cause
+
+    def folds(self, *of_run):
+        clock.looks = 10**9
+        raise ConvergenceError("the rim folds", 0.2, 3, 4)
+
+    clock = Clock(10)
+    monkeypatch.setattr(deadline.time, "process_time", clock)
+    monkeypatch.setattr(Model, "_run", folds)
+    with pytest.raises(OutOfTime, match=r"processor time: the first try failed, and others took too long: .*the rim folds"):
+        model.run(press, deadline=Deadline(1.5))
 
 
 def test_relaxation_looks_at_the_deadline(monkeypatch):

@@ -47,6 +47,8 @@ from indentfit.fem.tries import (
     SECOND_TRIES_ROUND,
     USUAL,
     Try,
+    known_to,
+    require_time,
 )
 from indentfit.fem.viscous import InTime, Moment
 from indentfit.fibre_map import FibreMap
@@ -245,7 +247,7 @@ class Model:
                 result = self._coarser(attempt)._run(attempt, press, within)
                 return replace(result, facts=replace(result.facts, tries=number, first_failure=str(first)))
             except (ConvergenceError, OutOfTime) as error:
-                controls.deadline.check()
+                require_time(controls.deadline, first)
                 if _reach(error.part) > MUCH_DEEPER * _reach(first.part):
                     facts = replace(error.part.facts, tries=number, first_failure=str(first))
                     first.part = replace(error.part, facts=facts, unfinished=str(first))
@@ -289,7 +291,7 @@ class Model:
             path = indent(self.equations, loading, newton, press.depths)
             require_together(self.body, path)
         except IndentfitError as error:
-            said = _explained(error, press) if isinstance(error, ConvergenceError) else error
+            said = _explained(error, press) if isinstance(error, ConvergenceError) else known_to(error, float(press.depths[-1]))
             short = _as_far_as(error.part, press)
             said.part = replace(result(error.part, short), unfinished=str(said)) if short is not None else None
             raise said from (error if said is not error else None)

@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 
+from indentfit.digits import quantity
+from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
+from indentfit.fem.deadline import Deadline
+
 
 @dataclass(frozen=True)
 class Try:
@@ -26,3 +30,22 @@ FINE, FINE_ITERATIONS = 15_000, 150
 SECOND_TRIES_FINE = (Try(rim=4.0, steps=3), *SECOND_TRIES)
 SECOND_TRIES_ROUND = (Try(springs=5.0), Try(elements=0.5), Try(springs=0.2))
 SECOND_TRIES_IN_PLANE = (Try(elements=0.5), Try(springs=3.0), Try(springs=0.3), Try(elements=0.25))
+
+
+def require_time(deadline: Deadline, first: ConvergenceError) -> None:
+    """Raise OutOfTime where no time is left for further tries: with the first try's cause, and its curve."""
+    try:
+        deadline.check()
+    except OutOfTime as error:
+        late = OutOfTime(error.limit, f"the first try failed, and others took too long: {first}")
+        late.part = first.part
+        raise late from first
+
+
+def known_to(error: IndentfitError, last: float) -> IndentfitError:
+    """An error that says how far the curve came where time ran out."""
+    if not isinstance(error, OutOfTime) or not error.part:
+        return error
+    late = OutOfTime(error.limit, f"the curve was known to {quantity(error.part[-1].depth, 'mm', 3)} of {quantity(last, 'mm', 3)}")
+    late.part = error.part
+    return late
