@@ -42,6 +42,7 @@ from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import uncertain_inputs, widened_problem
 from indentfit.layer import Layer
 from indentfit.motion import Load, Motion
+from indentfit.report.schema import case_json
 from indentfit.runs.forward import Evaluation
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import BulkShares, Relaxing, elastic_case, kernel_of
@@ -182,6 +183,13 @@ def test_no_parameter_is_determined_by_forces_that_are_far_from_the_viscoelastic
     assert unless_far(known, {"press": 0.009}) == known
     far = unless_far(known, {"press": 0.03, "plug": 0.001})
     assert far["mu"].verdict.startswith("not determined: the forces of the fit are up to 3.0% from") and far["g1"] == known["g1"]
+
+
+def test_a_result_counts_the_points_of_the_hold():
+    time, depth = held()
+    case = case_of(Curve(depth, depth, time=time))
+    assert case.points(case.tests[0]) == time.size != len(case.outputs(case.tests[0]))
+    assert case_json(case)["tests"][0]["n"] == time.size
 
 
 def test_sentences_on_what_curves_determine_follow_the_verdicts():

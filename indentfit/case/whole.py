@@ -316,6 +316,11 @@ class Case(BaseModel):
         assert test.largest is not None  # a test without a curve has a depth or a strain
         return test.largest * np.arange(1, test.points + 1) / test.points
 
+    def points(self, test: Test) -> int:
+        """Number of points of a test's measured curve, its hold among them, or of the one that is asked for."""
+        curve = self.curves[self.tests.index(test)]
+        return len(self.outputs(test)) if curve is None else int(curve.force.size)
+
     @property
     def hash(self) -> str:
         """SHA-256 of everything that a result depends on; titles, comments, paths and the number of workers do not change it."""

@@ -19,7 +19,7 @@ SAYS_POISSON = 50.0  # bulk over shear modulus up to which Poisson's ratio, 0.49
 def case_facts(case: Case) -> dict[str, Any]:
     """The case as JSON holds it."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests"})
-    tests = [{**test.model_dump(mode="json"), "n": len(case.outputs(test))} for test in case.tests]
+    tests = [{**test.model_dump(mode="json"), "n": case.points(test)} for test in case.tests]
     free = [*case.free, *(case.relaxation.free if case.relaxation else {})]
     return {
         "hash": case.hash,
@@ -62,7 +62,7 @@ def case_lines(case: Case) -> Iterator[str]:
         if (curve := case.curves[case.tests.index(test)]) is not None and curve.sd is not None:
             source = f"{source}, points weighed by their standard deviations"
         yield (
-            f"  test      {test.name}: {angle}{_points(case, test)} points to "
+            f"  test      {test.name}: {angle}{case.points(test)} points to "
             f"{_end(case, test, displacements[-1])}, weight {test.weight:g}, {source}"
         )
         for field in test.field if test.kind == "indentation" else ():
@@ -105,12 +105,6 @@ def _doubt(name: str, stated: Any) -> str:
     if isinstance(stated, Mapping):
         return ", ".join(f"{test}: {_doubt(name, own)}" for test, own in stated.items())
     return f"the other one with probability {float(stated):g}" if name == "base" else f"standard deviation {stated:g}"
-
-
-def _points(case: Case, test: Test) -> int:
-    """Number of measured points, or of those that are simulated."""
-    curve = case.curves[case.tests.index(test)]
-    return len(case.outputs(test)) if curve is None else curve.force.size
 
 
 def _end(case: Case, test: Test, last: float) -> str:

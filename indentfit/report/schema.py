@@ -323,7 +323,7 @@ def case_json(case: Case) -> dict[str, Any]:
     """The facts about a case in the JSON file of a result: its tables, its tests with their number of points and depth,
     the energy of its material, whether that has fibres, and the units of its parameters."""
     sections = case.model_dump(mode="json", exclude={"path", "overrides", "curves", "tests", "title"})
-    tests = [{**_test_json(test), "n": len(case.outputs(test)), **_end_json(case, test)} for test in case.tests]
+    tests = [{**_test_json(test), "n": case.points(test), **_end_json(case, test)} for test in case.tests]
     units = {name: parameter.unit for name, parameter in case.law.parameters.items()}
     return {
         **sections,
