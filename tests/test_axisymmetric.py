@@ -101,8 +101,8 @@ def test_the_meridian_and_the_quarter_of_the_same_sample_agree(indenter, base, d
 
 @pytest.mark.parametrize("steps", [24, 48])
 def test_a_sphere_that_sticks_has_one_force_whatever_its_steps(steps):
-    """Points at the contact's end chattered: 100 to 160 iterations, and retries. The force is near that of a friction coefficient of
-    1, and on this mesh follows the place of the contact's end within its elements by 0.3 %."""
+    """Points at the contact's end chattered: 100 to 160 iterations, and retries. The force is near that of a friction of 1, and on
+    this mesh follows the place of the contact's end within its elements by 0.3 %."""
     sticks, few = {**SPHERE, "friction": "stick"}, {"elements": 60}
     usual = pressed(DISC, {**SPHERE, "friction": 1.0}, [0.1, 0.2], **few)
     short = pressed(DISC, sticks, [0.1, 0.2], solver=Solver(max_step=0.2 / steps), **few)
