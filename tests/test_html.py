@@ -168,7 +168,7 @@ def test_optional_parts_of_a_fit_are_shown_where_a_result_has_them(pages, tmp_pa
     text = write_report(tmp_path).read_text()
     for words in ("Profile of μ", "weakly determined (±40 %)", "Determined by this curve", "25.0 %", "Other optima"):
         assert words in text
-    for words in ("mesh (forces ± 1.20%", "30.0%", "30% that it is bonded", "On a bonded base", "μ −0.3", "Weight of b"):
+    for words in ("mesh (forces ± 1.20 %", "30.0 %", "30 % that it is bonded", "On a bonded base", "μ −0.3", "Weight of b"):
         assert words in text
     assert EVIL not in text
     del result["case"]  # a result of before the page
