@@ -21,7 +21,7 @@ from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, prony
 from indentfit.inference.certainty import Certainty
 from indentfit.inference.density import Density
-from indentfit.inference.fit import _judged
+from indentfit.inference.fit import _judged, _worse
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointFit, ModelError, first_runs, joint_fit
 from indentfit.inference.joint_profiles import joint_profiles
@@ -37,7 +37,7 @@ from indentfit.inference.wide_fit import widens
 from indentfit.inference.wide_shares import values_of
 from indentfit.inverse.derivatives import curve_derivatives
 from indentfit.inverse.exploration import Watched
-from indentfit.inverse.problem import inverse_problem
+from indentfit.inverse.problem import Candidate, inverse_problem
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import uncertain_inputs, widened_problem
 from indentfit.layer import Layer
@@ -185,6 +185,14 @@ def test_no_parameter_is_determined_by_forces_that_are_far_from_the_viscoelastic
     assert far["mu"].verdict.startswith("not determined: the forces of the fit are up to 3.0% from") and far["g1"] == known["g1"]
 
 
+def test_a_correction_that_misses_the_curves_is_taken_back():
+    def there(objective):
+        return Candidate({"mu": 1.0}, (), objective, objective**2)
+
+    assert _worse(there(1.3), there(1.0)) and _worse(None, there(1.0))
+    assert not _worse(there(1.1), there(1.0)) and not _worse(None, None)
+
+
 def test_a_result_counts_the_points_of_the_hold():
     time, depth = held()
     case = case_of(Curve(depth, depth, time=time))
@@ -208,7 +216,11 @@ def test_sentences_on_what_curves_determine_follow_the_verdicts():
     [("punch", 2.2, 0.3), ("sphere", 5.0, 0.3), ("punch", 2.2, "unknown"), ("sphere", 2.2, "unknown")],
 )
 def test_a_fit_to_a_compressible_sample_holds_the_truth(shape, ratio, friction):
-    """The pressure does not relax: hereditary integrals of the whole force were 1.4 to 5.9 % off, g1 and mu outside."""
+    """The pressure does not relax: hereditary integrals of the whole force were 1.4 to 5.9 % off, g1 and mu outside.
+
+    Under a rounded punch without friction, which is possible where friction is unknown, the viscoelastic model on the default mesh
+    errs by 3 % where its contact passes the edge. A fit that follows it misses the curve, and then nothing is determined.
+    """
     time = np.concatenate([np.linspace(0, 0.5, 26)[1:], 0.5 + np.geomspace(0.05, 20, 40)])
     depth = Ramp(0.3, 0.5, 20.0).depth_at(time)
     shapes = {"punch": {"shape": "cylinder", "diameter": 2.0, "edge_radius": 0.1}, "sphere": {"shape": "sphere", "diameter": 2.0}}
@@ -226,6 +238,10 @@ def test_a_fit_to_a_compressible_sample_holds_the_truth(shape, ratio, friction):
     force = np.interp(time, there.time, there.force)
     noisy = force + 2e-3 * force.max() * np.random.default_rng(1).standard_normal(force.size)
     result = indentfit.fit(of(RANGES, FREE, friction, curve=Curve(depth, noisy, time=time)))
+    if friction == "unknown" and shape == "punch":
+        assert not [name for name in TRUTH if result.parameters[name].verdict.startswith("determined")]
+        assert any("from the viscoelastic model" in said for said in result.conclusions)
+        return
     for name, value in TRUTH.items():
         low, high = result.parameters[name].interval
         assert low < value < high, name

@@ -60,6 +60,7 @@ CONTACT = (
 NO_FIT = "not determined: the model cannot follow the curves"
 OF_UNKNOWN_BULK = 50.0  # bulk ratio at which the share of the bulk modulus in the force is known, where the ratio is unknown
 LESS = 0.9  # of the bulk ratio at the optimum: where the low end of its interval is below that, the viscoelastic model is run there
+WORSE = 1.2  # times the objective: the viscoelastic model on a coarse mesh errs, mostly at a rounded edge without friction
 CORRECTIONS = 3  # fits that are made again, at most, with forces that come nearer to those of the viscoelastic model
 SHARE_OF_FIT = 0.75  # share of the search in the progress; the rest is that of `certainty`
 
@@ -149,6 +150,7 @@ def fit_with_runs(
         models = Models(case)
         # a wide fit knows how the share of the bulk modulus depends on its inputs
         changes: list[Change] = [partial(_with_other_bulk, case, pool)] if wide is None else []
+        first = problem, model, watched, correction, wide, solved
         for changed in changes + [models.corrected] * CORRECTIONS:
             best = solved.optimum.best
             there = changed(problem, best.parameters) if best is not None else None
@@ -157,6 +159,8 @@ def fit_with_runs(
                 watched, correction = Watched(model), MeshCorrection(correction.case)
                 wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if wide is not None else None
                 solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
+        if _worse(solved.optimum.best, first[-1].optimum.best):  # the model's ratio is not that of the sample
+            problem, model, watched, correction, wide, solved = first
         samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
         watched, finer = solved.model or watched, Refined(solved)
         gross = _no_fit(problem, solved.optimum.best, watched)
@@ -193,6 +197,11 @@ def _with_other_bulk(case: Case, pool: RunPool, problem: InverseProblem, paramet
     """The problem of `_with_bulk`; None where that is nearly the same."""
     there = _with_bulk(case, problem, pool, parameters)
     return there if there.kernel is not None and problem.kernel is not None and there.kernel.differs(problem.kernel) else None
+
+
+def _worse(best: Candidate | None, before: Candidate | None) -> bool:
+    """Whether an optimum misses the curves by clearly more than one before it did."""
+    return before is not None and (best is None or best.objective > WORSE * before.objective)
 
 
 def _with_samples(result: FitResult, samples: PosteriorSamples | None) -> FitResult:
