@@ -21,9 +21,9 @@ from indentfit.inference.draws import drawn
 from indentfit.inference.fit import fit
 from indentfit.inference.joint import ModelError
 from indentfit.inference.law_misfit import LawMisfit, PosteriorDraws
-from indentfit.inference.mixtures import quantiles
 from indentfit.inference.noise import SLAB, WHITE
 from indentfit.inference.posterior import FINEST
+from indentfit.inference.quantiles import normal_quantiles
 from indentfit.inference.result import FitResult
 from indentfit.inference.sampling import _starts
 from indentfit.inverse.exploration import Watched
@@ -250,13 +250,13 @@ def test_a_prediction_goes_on_from_the_fitted_curve(by_another_law):
 def test_bands_are_quantiles_of_all_draws():
     """Of two normal densities, and of one that is skewed: by SciPy's root of their distribution function, and the lognormal's."""
     means, sds = np.array([[0.0], [3.0]]), np.array([[1.0], [0.2]])
-    low, middle, high = (float(end[0]) for end in quantiles(means, sds))
+    low, middle, high = (float(end[0]) for end in normal_quantiles(means, sds))
     for share, found in ((0.025, low), (0.5, middle), (0.975, high)):
         assert found == pytest.approx(
             brentq(lambda f, share=share: np.mean(norm.cdf(f, [0, 3], [1, 0.2])) - share, -9, 9), abs=1e-6
         )
     skewed = np.exp(0.5 * norm.ppf((np.arange(2000) + 0.5) / 2000))[:, None]
-    low, middle, high = (float(end[0]) for end in quantiles(skewed, 1e-3 * np.ones_like(skewed)))
+    low, middle, high = (float(end[0]) for end in normal_quantiles(skewed, 1e-3 * np.ones_like(skewed)))
     assert (low, middle, high) == pytest.approx(np.exp(0.5 * norm.ppf([0.025, 0.5, 0.975])), rel=5e-3)
 
 

@@ -15,8 +15,8 @@ from indentfit.case import Case
 from indentfit.inference.density import Density
 from indentfit.inference.discrepancy import smooth
 from indentfit.inference.law_misfit import CurveBand, LawMisfit, PosteriorDraws
-from indentfit.inference.mixtures import quantiles
 from indentfit.inference.posterior import NoiseModel
+from indentfit.inference.quantiles import normal_quantiles
 from indentfit.inference.wide_fit import WideAlternative, WideFit
 
 DRAWN = 400  # draws: a standard deviation is known to 4 % then
@@ -104,7 +104,7 @@ def _band(displacement: Array, drawn: Sequence[_Drawn], rows: slice, sigma: Sequ
 
 
 def _between(means: Array, sds: Array) -> tuple[Array, ...]:
-    return quantiles(means, sds, (0.025, 0.975))
+    return normal_quantiles(means, sds, (0.025, 0.975))
 
 
 def _draws(fit: WideFit, drawn: Sequence[_Drawn], parts: dict[str, slice], rng: np.random.Generator) -> PosteriorDraws:

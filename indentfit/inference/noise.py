@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from indentfit.arrays import Array
+from indentfit.inference.quantiles import quantile
 from indentfit.inference.result import CurveNoise
 
 SIGNIFICANT = 1.645  # an autocorrelation within so many standard errors of zero counts as zero
@@ -28,7 +29,6 @@ UNLIKELY = 0.01  # probability of white noise below which residuals are surely s
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
 CONFIDENCE = 0.975  # quantile at which errors are those of the mixture of all correlations
-HALVED = 30  # times: the interval in which that quantile is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +141,8 @@ def _made(B: Array, told: Array, known: "Correlated", freedom: float) -> Array:
 def _quantiles(shares: Array, sizes: Array, freedom: float) -> Array:
     """The 97.5 % quantiles (p,) of mixtures of Student's t about zero, with scales sizes (k, p) and shares (k,)."""
     low, high = (student.ppf(CONFIDENCE, freedom) * end for end in (sizes.min(axis=0), sizes.max(axis=0)))
-    for _ in range(HALVED):
-        middle = (low + high) / 2
-        held = shares @ student.cdf(middle / np.maximum(sizes, 1e-300), freedom)
-        low, high = np.where(held < CONFIDENCE, middle, low), np.where(held < CONFIDENCE, high, middle)
-    return np.asarray((low + high) / 2)
+    scales = np.maximum(sizes, 1e-300)
+    return quantile(lambda at: shares @ student.cdf(at / scales, freedom), low, high, CONFIDENCE)
 
 
 @dataclass(frozen=True, eq=False)

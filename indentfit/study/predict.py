@@ -25,7 +25,7 @@ from indentfit.errors import CaseError
 from indentfit.fem.result import ForceError, TestResult
 from indentfit.inference.discrepancy import covariances, growth
 from indentfit.inference.law_misfit import LawMisfit, PosteriorDraws
-from indentfit.inference.mixtures import quantiles
+from indentfit.inference.quantiles import normal_quantiles
 from indentfit.inference.result import FitResult
 from indentfit.inverse.problem import scale_of
 from indentfit.runs.forward import simulate
@@ -299,8 +299,8 @@ def _band(test: Test, law: Array, error: Array, beside: _Beside, rng: np.random.
     force = law[which] / (1 - np.clip(misfit, -MOST, MOST))
     sd = np.hypot(error[which], beside.off * np.abs(force))
     of_point = np.array(draws.noise.get(test.name) or np.sqrt(np.mean(np.square(list(draws.noise.values())), axis=0)))
-    low, middle, high = quantiles(force, sd)
-    measured_low, _, measured_high = quantiles(force, np.hypot(sd, of_point[which][:, None]))
+    low, middle, high = normal_quantiles(force, sd)
+    measured_low, _, measured_high = normal_quantiles(force, np.hypot(sd, of_point[which][:, None]))
     return PredictedTest(
         displacement=_row(beside.case.outputs(test)),
         force=_row(middle),
