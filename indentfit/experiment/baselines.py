@@ -16,7 +16,18 @@ from scipy.special import ndtr
 
 from indentfit.arrays import Array
 from indentfit.experiment.loading import filtered
-from indentfit.experiment.piecewise import POWERS, SEARCHED, Baseline, Piecewise, Stretch, fit_of, independent, solution, solved
+from indentfit.experiment.piecewise import (
+    GRID,
+    POWERS,
+    SEARCHED,
+    Baseline,
+    Piecewise,
+    Stretch,
+    fit_of,
+    independent,
+    solution,
+    solved,
+)
 
 SHARES = (0.5, 0.25)  # of the largest force: the shorter stretches
 AGREE = 3.0  # standard errors within which the contact points of two stretches agree
@@ -44,6 +55,7 @@ HIDDEN_DRIFTS = ((0.002, 0.2), (0.01, 0.05))
 LARGEST_RATIO = 200.0  # an F ratio above it is as sure
 # A tip may be so sharp that the ball at its end does not show; the first power is then that of a cone from the first sample on.
 SHARP = {"cone": ((2.0, 3.0), (2.0, 3.0, 4.0), (2.0, 2.5, 3.0))}
+FALLS = 0.002  # share of the largest force by which that of a fit may fall on its way
 TELLING = 0.15  # of the depth: the travel before contact that tells a drift
 SIZES = 400  # of a drift that are tried
 SURELY = 3.0  # standard errors
@@ -132,7 +144,8 @@ def _weighed(fit: Piecewise, end: str, doubt: Doubt) -> tuple[Piecewise, Doubt]:
     fits = [fit if law == fit.powers else fit_of(fit.stretch, law, fit.baseline) for law in (*nested, *SHARP.get(end, ()))]
     # more powers that fit worse are a search that went astray
     astray = [rival.powers in nested and _ratio(fits[0], rival) < 0 for rival in fits]
-    fits = [rival for rival, lost in zip(fits, astray, strict=True) if rival is fits[0] or (not lost and _after_a_baseline(rival))]
+    kept = [not lost and _after_a_baseline(rival) and _rises(rival) for rival, lost in zip(fits, astray, strict=True)]
+    fits = [rival for rival, sound in zip(fits, kept, strict=True) if sound or rival is fits[0]]
     closest = min(fits, key=lambda rival: _square(rival.residual))
     gains = np.array([-0.5 * _ratio(rival, closest) - _price(rival, independent(closest.noise)) for rival in fits])
     if not np.isfinite(gains).any():
@@ -148,6 +161,14 @@ def _weighed(fit: Piecewise, end: str, doubt: Doubt) -> tuple[Piecewise, Doubt]:
 def _after_a_baseline(fit: Piecewise) -> bool:
     """Whether contact is surely later than the first sample: a law of many powers may take the whole record for contact."""
     return fit.contact - float(fit.stretch.displacement.min()) > SURELY * fit.stderr
+
+
+def _rises(fit: Piecewise) -> bool:
+    """Whether the force rises from contact on: powers of both signs may fall first, and no sample does that under an indenter."""
+    depth = float(fit.stretch.displacement.max()) - fit.contact
+    beyond = np.linspace(0.0, max(depth, 0.0), GRID)
+    force = sum(c * beyond**power for power, c in zip(fit.powers, fit.coefficients[-len(fit.powers) :], strict=True))
+    return bool(np.max(np.maximum.accumulate(force) - force) <= FALLS * abs(float(force[-1])))
 
 
 def _price(fit: Piecewise, samples: float) -> float:
@@ -262,7 +283,8 @@ def _straight(stretch: Stretch, powers: tuple[float, ...]) -> tuple[Piecewise, D
         return still, Doubt()
     fit, freer = fit_of(stretch, powers, Baseline("drift")), fit_of(stretch, _richer(powers), still.baseline)
     # a law that stiffens would be taken for a drift
-    if _ratio(still, freer) > max(SURE["law"], _ratio(still, fit)) and _after_a_baseline(freer):
+    surely = _ratio(still, freer) > max(SURE["law"], _ratio(still, fit))
+    if surely and _after_a_baseline(freer) and _rises(freer):
         still, fit = freer, fit_of(stretch, freer.powers, Baseline("drift"))
     ratio = _ratio(still, fit)
     last = (stretch.time[-1:], stretch.displacement[-1:])

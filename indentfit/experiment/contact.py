@@ -16,14 +16,13 @@ from indentfit.digits import quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.contact_point import ContactPoint, fitted_approach
 from indentfit.experiment.extrapolation import extrapolated_contact
-from indentfit.experiment.loading import Ramp, find_ramp, longest_run, noise_of
+from indentfit.experiment.loading import Ramp, noise_of
+from indentfit.experiment.stages import RELAXES, FirstStage, first_stage, relaxed
 
-PAUSE = 0.05  # share of the loading's samples during which the stage stays, in a pause
-STAYS = 0.005  # share of the travel within which the stage stays
-PROGRESS = 0.05  # share of the travel before and after a pause
 FIRST = 5  # samples whose median is the force at which a record begins
 PRELOAD = 0.01  # share of the peak at the first sample from which a missing approach is worth a note
 FEWEST_INDEPENDENT = 40  # samples; with fewer the noise itself is hardly known
+SIGMA_95 = 1.96
 PULLED = 0.01  # share of the peak from which a pull at contact is worth a note
 
 
@@ -67,8 +66,8 @@ def locate_contact(ramp: Ramp, settings: Record) -> Located:
 
 def _searched(ramp: Ramp, settings: Record) -> Located:
     """The contact point by a method that searches for it, in the first stage of a staged loading."""
-    first = _first_stage(ramp, settings)
-    approach = fitted_approach(first or ramp, settings.indenter)
+    first = first_stage(ramp, settings.filter, settings.indenter)
+    approach = first.approach if first else fitted_approach(ramp, settings.indenter)
     notes: tuple[str, ...] = ()
     if approach.is_missing() and settings.zero != "approach":
         if settings.zero != "auto" or not _rests(ramp) or PRELOAD * ramp.peak < ramp.rest < ramp.peak:
@@ -79,13 +78,16 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
             )
     contact = _zeroed(ramp, settings, approach.point(str(settings.contact)))
     if first is not None:
-        time = ramp.record.time[first.record.time.size - 1]
+        time = ramp.record.time[first.stop - 1]
         unit = f"{time:.4g} s" if ramp.record.timed else f"row {time + 1:.0f}"
         notes = (
             *notes,
             f"the loading has a pause at {unit}: contact was sought before it",
         )
-        contact = _frozen(ramp, contact)
+        contact = _frozen(ramp, contact, first)
+        share = relaxed(ramp, contact.index, contact.baseline)
+        if share > RELAXES:
+            notes = (*notes, f"the force falls by up to {share:.0%} in pauses of the loading: its curve depends on their duration")
     if approach.independent() < FEWEST_INDEPENDENT:
         notes = (
             *notes,
@@ -101,11 +103,16 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
     return Located(contact, notes)
 
 
-def _frozen(ramp: Ramp, contact: ContactPoint) -> ContactPoint:
-    """A contact point whose force without contact stays what it is at contact: a drift is not known through a long hold."""
-    here = slice(contact.index, contact.index + 1)
+def _frozen(ramp: Ramp, contact: ContactPoint, first: FirstStage) -> ContactPoint:
+    """A contact point of a first stage whose force without contact stays what it is at contact: a drift is not known through a long
+    hold."""
+    behind = np.flatnonzero(ramp.displacement[: ramp.high] < contact.displacement)
+    index = int(behind[-1]) + 1 if behind.size else 0
+    here = slice(index, index + 1)
     baseline = float(contact.free(ramp.record.time[here], ramp.displacement[here])[0])
-    return replace(contact, baseline=baseline, drift=0.0, form="constant", scale=0.0, amplitudes=())
+    uncertainty = float(np.hypot(contact.uncertainty, SIGMA_95 * first.doubt))
+    frozen = replace(contact, baseline=baseline, drift=0.0, form="constant", scale=0.0, amplitudes=())
+    return replace(frozen, index=index, uncertainty=uncertainty)
 
 
 def _without_approach(ramp: Ramp, settings: Record) -> Located:
@@ -194,29 +201,3 @@ def _pulled_over(ramp: Ramp, contact: ContactPoint) -> float:
     before = np.flatnonzero(above[:lowest] > -2 * noise)
     places = [int(rises[-1]) if rises.size else lowest, int(before[-1]) if before.size else 0]
     return float(np.max(np.abs(ramp.displacement[places] - contact.displacement)))
-
-
-def _first_stage(ramp: Ramp, settings: Record) -> Ramp | None:
-    """The ramp of the first stage of a staged loading; None where the loading has no pause, or no contact before it."""
-    pause = _pause(ramp)
-    if pause is None:
-        return None
-    try:
-        return find_ramp(ramp.record.part(slice(0, pause)), settings.filter)
-    except RecordError:
-        return None
-
-
-def _pause(ramp: Ramp) -> int | None:
-    """First sample of a pause of the stage between two parts of the loading, None where there is none."""
-    d = ramp.displacement[: ramp.stop]
-    window = max(5, round(PAUSE * d.size))
-    if d.size < 4 * window:
-        return None
-    travel = float(np.ptp(d))
-    still = np.abs(d[window:] - d[:-window]) < max(STAYS * travel, 3 * noise_of(ramp.record.displacement) / np.sqrt(ramp.length))
-    inner = np.flatnonzero((d[: still.size] - d[0] > PROGRESS * travel) & (d[-1] - d[: still.size] > PROGRESS * travel))
-    if not inner.size:
-        return None
-    begin, end = longest_run(still[inner[0] : inner[-1] + 1])
-    return int(inner[0]) + begin if end > begin else None
