@@ -113,4 +113,6 @@ def judged(
 ) -> list[Candidate | None]:
     """The Candidate of each point with its best scale, None where the mechanics failed."""
     evaluations = evaluate_at_reference(problem, model, points, report)
-    return [problem.judge_best_scale(known.parameters, known.forces) if known.forces else None for known in evaluations]
+    solved = [known for known in evaluations if known.forces]
+    candidates = iter(problem.judge_best_scales([known.parameters for known in solved], [known.forces or () for known in solved]))
+    return [next(candidates) if known.forces else None for known in evaluations]

@@ -9,14 +9,14 @@ square errors; least squares minimises the weighted sum of their squares. Both a
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot
 
 import numpy as np
-from scipy.optimize import brentq
 
 from indentfit.arrays import Array
 from indentfit.axes import MOTION
 from indentfit.curve import Curve
+
+HALVINGS = 100  # of the interval in which a best factor lies: more than the digits of a number need
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,12 @@ def rmse(test: Target, force: Array) -> float:
     -------
     float, mN
     """
-    return float(np.sqrt(np.mean((test.curve.trust * (force - test.curve.force)) ** 2)))
+    return float(_rmses(test, force))
+
+
+def _rmses(test: Target, forces: Array) -> Array:
+    """`rmse` of curves (..., n), mN, (...)."""
+    return np.asarray(np.sqrt(np.mean((test.curve.trust * (forces - test.curve.force)) ** 2, axis=-1)))
 
 
 def equation_one(tests: Sequence[Target], forces: Sequence[Array]) -> float:
@@ -96,16 +101,30 @@ def equation_one(tests: Sequence[Target], forces: Sequence[Array]) -> float:
     -------
     float, mN
     """
-    return sum(test.of_rmse * rmse(test, force) for test, force in zip(tests, forces, strict=True))
+    return float(objectives(tests, forces)[0])
 
 
 def sum_of_squares(tests: Sequence[Target], forces: Sequence[Array]) -> float:
     """The weighted sum of the tests' squared RMSEs, mN^2."""
-    return sum(test.of_square * rmse(test, force) ** 2 for test, force in zip(tests, forces, strict=True))
+    return float(objectives(tests, forces)[1])
+
+
+def objectives(tests: Sequence[Target], forces: Sequence[Array]) -> tuple[Array, Array]:
+    """Equation (1), mN, and the sum of squares, mN^2, each (...), of simulated forces (..., n), mN, of each test."""
+    sizes = [_rmses(test, force) for test, force in zip(tests, forces, strict=True)]
+    return (
+        np.asarray(sum(test.of_rmse * size for test, size in zip(tests, sizes, strict=True))),
+        np.asarray(sum(test.of_square * size**2 for test, size in zip(tests, sizes, strict=True))),
+    )
 
 
 def best_scale(tests: Sequence[Target], forces: Sequence[Array], low: float = 0.0, high: float = np.inf) -> float:
-    """The factor with which factor * forces minimises equation (1).
+    """`best_scales` of one curve (n,), mN, of each test."""
+    return float(best_scales(tests, [force[None] for force in forces], low, high)[0])
+
+
+def best_scales(tests: Sequence[Target], forces: Sequence[Array], low: float = 0.0, high: float = np.inf) -> Array:
+    """The factors with which factor * forces minimises equation (1), of many curves at once.
 
     Equation (1) is convex in the factor. Its minimum lies between the best factors of the single tests, where its slope changes
     sign; it may also lie at the best factor of a test whose curve is then reproduced exactly.
@@ -113,47 +132,56 @@ def best_scale(tests: Sequence[Target], forces: Sequence[Array], low: float = 0.
     Parameters
     ----------
     tests : sequence of Target
-    forces : sequence of arrays (n,), mN
+    forces : sequence of arrays (m, n), mN
+        m simulated curves of each test.
     low, high : float
-        Bounds of the factor.
+        Bounds of the factors.
 
     Returns
     -------
-    float
+    array (m,)
     """
     parts = [_part(test, force) for test, force in zip(tests, forces, strict=True) if test.weight]
-    alone = [part.best for part in parts]
+    alone = np.array([part.best for part in parts])  # (tests, m)
+    below, above = alone.min(axis=0), alone.max(axis=0)
+    for _ in range(HALVINGS):
+        middle = (below + above) / 2
+        rises = np.asarray(sum(part.slope(middle) for part in parts)) > 0
+        below, above = np.where(rises, below, middle), np.where(rises, middle, above)
+        if np.all(above - below <= np.spacing(np.abs(middle))):
+            break
+    candidates = np.concatenate([alone, [(below + above) / 2]])
+    values = np.asarray(sum(part.value(candidates) for part in parts))
+    return np.clip(candidates[values.argmin(axis=0), np.arange(candidates.shape[1])], low, high)
 
-    def value(factor: float) -> float:
-        return sum(part.weight * hypot(part.size * (factor - part.best), part.left) for part in parts)
 
-    def slope(factor: float) -> float:
-        return sum(part.slope(factor) for part in parts)
-
-    candidates, ends = list(alone), (min(alone), max(alone))
-    if slope(ends[0]) < 0 < slope(ends[1]):
-        candidates.append(brentq(slope, *ends, xtol=1e-300, rtol=1e-14))
-    return float(np.clip(min(candidates, key=value), low, high))
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Part:
-    """One test in equation (1) as a function of the factor s: |s f - target|^2 is (size (s - best))^2 + left^2.
+    """One test in equation (1) as a function of the factor s: |s f - target|^2 is (size (s - best))^2 + left^2, of m curves f.
 
-    weight: weight of the norm; size: norm of the curve; best: best factor of the test alone; left: remaining norm at that factor.
+    weight: weight of the norm; size (m,): norms of the curves; best (m,): best factors of the test alone; left (m,): remaining
+    norms at those factors.
     """
 
     weight: float
-    size: float
-    best: float
-    left: float
+    size: Array
+    best: Array
+    left: Array
 
-    def slope(self, factor: float) -> float:
-        return self.weight * self.size**2 * (factor - self.best) / (hypot(self.size * (factor - self.best), self.left) or 1.0)
+    def value(self, factor: Array) -> Array:
+        """The test's term of equation (1) at factors (..., m)."""
+        return np.asarray(self.weight * np.hypot(self.size * (factor - self.best), self.left))
+
+    def slope(self, factor: Array) -> Array:
+        """The derivatives of the term at factors (m,)."""
+        away = self.size * (factor - self.best)
+        norm = np.hypot(away, self.left)
+        return np.asarray(self.weight * self.size * away / np.where(norm > 0, norm, 1.0))
 
 
-def _part(test: Target, force: Array) -> _Part:
-    force, target = test.curve.trust * force, test.curve.trust * test.curve.force
-    size = float(np.linalg.norm(force))
-    best = float(force @ target) / size**2 if size else 0.0
-    return _Part(test.of_rmse / np.sqrt(len(force)), size, best, float(np.linalg.norm(best * force - target)))
+def _part(test: Target, forces: Array) -> _Part:
+    forces, target = test.curve.trust * forces, test.curve.trust * test.curve.force
+    size = np.linalg.norm(forces, axis=1)
+    best = (forces @ target) / np.where(size > 0, size, 1.0) ** 2
+    left = np.linalg.norm(best[:, None] * forces - target, axis=1)
+    return _Part(test.of_rmse / np.sqrt(forces.shape[1]), size, best, left)

@@ -10,7 +10,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case, Range, Test
 from indentfit.case.in_time import motion_of, segments_of
 from indentfit.curve import Curve
-from indentfit.inverse.objective import Target, best_scale, equation_one, sum_of_squares
+from indentfit.inverse.objective import Target, best_scales, objectives
 from indentfit.inverse.polynomials import USUAL_BETA
 from indentfit.runs.relaxing import Kernel, kernel_of
 
@@ -210,17 +210,30 @@ class InverseProblem:
 
     def judge(self, parameters: Values, forces: Sequence[Array]) -> Candidate:
         """The Candidate of `parameters`, given the curves of their `at_reference`."""
-        scaled = self.scaled(parameters, forces)
-        return Candidate(dict(parameters), scaled, equation_one(self.tests, scaled), sum_of_squares(self.tests, scaled))
+        return self._judged([parameters], [np.asarray(force)[None] for force in forces])[0]
 
     def judge_best_scale(self, parameters: Values, forces: Sequence[Array]) -> Candidate:
         """The Candidate with the best scale for the other parameters, given the curves of their `at_reference`."""
+        return self.judge_best_scales([parameters], [forces])[0]
+
+    def judge_best_scales(self, points: Sequence[Values], forces: Sequence[Sequence[Array]]) -> list[Candidate]:
+        """`judge_best_scale` of many points, given the curves of each."""
+        if not points:
+            return []
+        curves = [np.array(of_test) for of_test in zip(*forces, strict=True)]
         if self.scale:
             bounds = self.free[self.scale]
-            factor = best_scale(self.tests, forces, *self.factor_bounds())
-            value = float(np.clip(factor * self.reference, bounds.min, bounds.max))
-            parameters = {**parameters, self.scale: value}
-        return self.judge(parameters, forces)
+            factors = best_scales(self.tests, curves, *self.factor_bounds())
+            values = np.clip(factors * self.reference, bounds.min, bounds.max)
+            points = [{**point, self.scale: float(value)} for point, value in zip(points, values, strict=True)]
+        return self._judged(points, curves)
+
+    def _judged(self, points: Sequence[Values], curves: Sequence[Array]) -> list[Candidate]:
+        """The Candidates of m points, given the curves (m, n) of each test at their `at_reference`."""
+        factors = np.array([self.factor(point) for point in points])[:, None]
+        scaled = [factors * curve for curve in curves]
+        rows = zip(points, zip(*scaled, strict=True), *objectives(self.tests, scaled), strict=True)
+        return [Candidate(dict(point), forces, float(objective), float(squares)) for point, forces, objective, squares in rows]
 
 
 def inverse_problem(case: Case) -> InverseProblem:

@@ -21,7 +21,7 @@ from indentfit.axes import INDENTATION, MOTION
 from indentfit.curve import Curve
 from indentfit.inference.result import FitResult, ParameterEstimate, Profile
 from indentfit.report.digits import CurveScale
-from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, STYLE
+from indentfit.report.style import COLOURS, COLUMN, DASHES, MARKERS, PNG, STYLE
 from indentfit.report.typeset import symbol, typeset
 
 if TYPE_CHECKING:  # a drawing process need not load the search
@@ -216,7 +216,7 @@ def save(figure: Figure, path: Place) -> None:
     figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
     engine = figure.get_layout_engine()
     figure.set_layout_engine("none")  # the places of everything are those of the SVG
-    figure.savefig(path.with_suffix(".png"), metadata={"Software": None})
+    figure.savefig(path.with_suffix(".png"), metadata={"Software": None}, pil_kwargs=PNG)
     figure.set_layout_engine(engine)
 
 

@@ -6,6 +6,7 @@ symmetry, so that the material under the indenter is visible. Deformation is to 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from indentfit.fibres import Families, Fibre, words
 from indentfit.indenters.shape import IndenterShape
 from indentfit.report.indenter_outline import Outline, outline
 from indentfit.report.plots import TICKS, _label
-from indentfit.report.style import COLUMN, DOTS, STYLE
+from indentfit.report.style import COLUMN, DOTS, PNG, STYLE
 
 Peak = dict[str, Any]
 SIDES = {"quarter": (), "half": (0,), "mirror_x": (2,), "mirror_z": (0,), "whole": (0,)}  # axes of which pictures show both sides
@@ -81,10 +82,40 @@ class Shown:
         """The test's name, with the direction of its fibres where it has any."""
         return self.name if self.fibre is None else f"{self.name} ({words(self.angle, self.dip, self.families)})"
 
-    @property
+    @cached_property
     def drawn(self) -> Fields:
         """The fields that are drawn."""
         return self.fields.pictured if self.cut else self.fields
+
+    @cached_property
+    def view(self) -> "View":
+        """The sample as the eye sees it, the same for the pictures of all components."""
+        return _view(self)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The visible surface of a deformed sample, the far parts first.
+
+    Parameters
+    ----------
+    flat : array (n, 2), mm
+        Nodes in the plane of the picture.
+    triangles : array (t, 3) of nodes
+    edges : array (q, 5, 2), mm
+        Outlines of the faces of the elements.
+    fibres : list of arrays (m, 2), mm
+    indenter : Outline or None
+    seen_as : array (3, 2)
+        What the picture shows of x, y and z: to the right and up.
+    """
+
+    flat: Array
+    triangles: Ints
+    edges: Array
+    fibres: list[Array]
+    indenter: Outline | None
+    seen_as: Array
 
 
 def displacement_picture(tests: Sequence[Shown], path: Path) -> None:
@@ -144,14 +175,14 @@ def _picture(tests: Sequence[Shown], values: Sequence[Array], scale: Scale, path
         for test, value, name, title in zip(tests, values, names, titles, strict=True):
             top -= title + panel
             axes = figure.add_axes((SIDE, top / height, 1 - 2 * SIDE, panel / height))
-            colours = _draw(axes, test, value, scale)
+            colours = _draw(axes, test.view, value, scale)
             figure.text(SIDE, (top + panel + TITLE / 3) / height, name, va="bottom")
         place = figure.add_axes(((1 - BAR) / 2, (BELOW - 2 * THICK) / height, BAR, THICK / height))
         bar = figure.colorbar(colours, cax=place, orientation="horizontal", extend=scale.extend)
         bar.set_label(scale.label)
         bar.locator = MaxNLocator(6, steps=TICKS)
         bar.update_ticks()
-        figure.savefig(path, dpi=DOTS, facecolor="white", metadata={"Software": None})
+        figure.savefig(path, dpi=DOTS, facecolor="white", metadata={"Software": None}, pil_kwargs=PNG)
 
 
 def peaks(fields: Fields) -> list[Peak]:
@@ -214,9 +245,7 @@ def _edge(a: int, b: int) -> int:
     return next(n for n, edge in enumerate(EDGES) if set(edge) == {a, b})
 
 
-def _draw(axes: Axes, test: Shown, value: Array, scale: Scale) -> Any:
-    """The visible surface in the colours of nodal values, the far parts first, with fibres and the indenter. Returns what a bar of
-    colours needs."""
+def _view(test: Shown) -> View:
     fields = test.drawn
     x = fields.nodes + fields.displacement
     quads = surface(fields.elements)
@@ -230,17 +259,24 @@ def _draw(axes: Axes, test: Shown, value: Array, scale: Scale) -> Any:
     quads = quads[seen][np.argsort(middle[seen] @ towards)]
     flat = x @ seen_as
     triangles = np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+    fibres = [] if test.fibre is None or isinstance(test.fibre, FibreMap) else list(np.atleast_2d(test.fibre))
+    lines = [line @ seen_as for fibre in fibres for line in _fibres(fields, fibre)]
+    indenter = None if test.indenter is None else outline(test.indenter, test.depth, fields.nodes, SIDES[fields.part])
+    return View(flat, triangles, flat[quads[:, [0, 1, 2, 3, 0]]], lines, indenter, seen_as)
+
+
+def _draw(axes: Axes, view: View, value: Array, scale: Scale) -> Any:
+    """The visible surface in the colours of nodal values, with fibres and the indenter. Returns what a bar of colours needs."""
     colours = axes.tripcolor(
-        flat[:, 0], flat[:, 1], np.clip(value, scale.low, scale.high), triangles=triangles, shading="gouraud", cmap=scale.ramp,
-        vmin=scale.low, vmax=scale.high,
+        view.flat[:, 0], view.flat[:, 1], np.clip(value, scale.low, scale.high), triangles=view.triangles, shading="gouraud",
+        cmap=scale.ramp, vmin=scale.low, vmax=scale.high,
     )  # fmt: skip
-    axes.add_collection(LineCollection(flat[quads[:, [0, 1, 2, 3, 0]]], colors="black", linewidths=0.15, alpha=0.2))
-    if test.fibre is not None and not isinstance(test.fibre, FibreMap):
-        lines = [line @ seen_as for fibre in np.atleast_2d(test.fibre) for line in _fibres(fields, fibre)]
-        axes.add_collection(LineCollection(lines, colors=INK, linewidths=0.6))
-    if test.indenter is not None:
-        _draw_indenter(axes, outline(test.indenter, test.depth, fields.nodes, SIDES[fields.part]), seen_as)
-    _axes_of_space(axes, flat, *seen_as.T)
+    axes.add_collection(LineCollection(list(view.edges), colors="black", linewidths=0.15, alpha=0.2))
+    if view.fibres:
+        axes.add_collection(LineCollection(view.fibres, colors=INK, linewidths=0.6))
+    if view.indenter is not None:
+        _draw_indenter(axes, view.indenter, view.seen_as)
+    _axes_of_space(axes, view.flat, *view.seen_as.T)
     axes.set_aspect("equal")
     axes.set_axis_off()
     return colours
