@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from fixtures.cases import tiny_case
+from scipy.linalg import null_space
+from scipy.stats import binom, multivariate_normal
 
 from indentfit import fit
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.errors import CaseError, CurveError
 from indentfit.experiment.measured import read_case
-from indentfit.inference.noise import errors
+from indentfit.inference.noise import SLAB, STATED_WHITE, Correlated, correlations, errors, possible
 from indentfit.inverse.objective import Target, best_scale, rmse
 from indentfit.runs.forward import simulate
 
@@ -85,6 +87,48 @@ def test_the_scale_and_its_error_are_those_of_weighted_least_squares():
     assert doubled.covar[0, 0] == pytest.approx(9 * variance, rel=0.3)  # residuals louder than stated count
     assert loud.sigma > 2 * noise[0].sigma
     assert rmse(Target("a", curve, 1.0), x * exact) == pytest.approx(curve.stated_noise, rel=0.1)
+
+
+def test_a_stated_size_tells_of_the_correlation_by_the_normal_density_of_what_the_slopes_cannot_make():
+    """The density of contrasts, combinations of the points that no parameter moves, under each correlation (Harville 1974)."""
+    rng, slopes, sd = np.random.default_rng(6), np.column_stack([DEPTH, DEPTH**2]), 0.3
+    residuals = sd * rng.standard_normal(10)
+    known = Correlated.of(slopes, residuals, 0.0, sd**2)
+    contrasts = null_space(slopes.T).T
+    densities = [
+        multivariate_normal.pdf(contrasts @ residuals, cov=sd**2 * contrasts @ correlations(10, rho) @ contrasts.T)
+        for rho in possible(10)
+    ]
+    shares = np.array([STATED_WHITE, *np.full(SLAB, (1 - STATED_WHITE) / SLAB)]) * densities
+    assert known.shares == pytest.approx(shares / shares.sum(), rel=1e-9)
+    assert known.sizes == pytest.approx(np.ones(1 + SLAB))  # the size is known, whatever the correlation
+
+
+def slopes_with_errors(noise, sd):
+    """(slopes, standard errors, quantiles) of lines y = 2 x through noise (m, n), of curves that state sd."""
+    x, rows = np.linspace(0.2, 1, noise.shape[1]), []
+    for row in noise:
+        slope = float(x @ (2 * x + row) / (x @ x))
+        _, known = errors([x[:, None]], [(slope - 2) * x - row], [1.0], [sd])
+        rows.append((slope, known.covar[0, 0] ** 0.5))
+    return np.array(rows).T
+
+
+def test_a_stiffness_of_five_points_that_state_5_percent_is_known_to_5_percent():
+    """Independent noise: sd^2 / sum(x^2) (Gauss) within 5 % in the median; coverage within the binomial 99 % band."""
+    sd, x = 0.2, np.linspace(0.2, 1, 5)
+    slope, error = slopes_with_errors(sd * np.random.default_rng(7).standard_normal((300, 5)), sd)
+    assert np.median(error) == pytest.approx(sd / np.linalg.norm(x), rel=0.05)
+    low, high = binom.interval(0.99, 300, 0.95)
+    assert low <= np.count_nonzero(abs(slope - 2) < 1.96 * error) <= high
+
+
+def test_residuals_that_are_surely_smooth_widen_stated_deviations():
+    """40 points under a correlation of 0.8, whose slope has 2.2 times the error of independent ones: intervals say so."""
+    noise = 0.2 * np.random.default_rng(8).standard_normal((60, 40)) @ np.linalg.cholesky(correlations(40, 0.8)).T
+    slope, error = slopes_with_errors(noise, 0.2)
+    assert np.median(error) > 1.7 * 0.2 / np.linalg.norm(np.linspace(0.2, 1, 40))
+    assert np.count_nonzero(abs(slope - 2) < 2 * error) >= 50
 
 
 @pytest.mark.parametrize("uncertain", [{}, {"friction": {"uniform": [0.0, 0.5]}}], ids=["known", "unknown friction"])

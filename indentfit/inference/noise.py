@@ -4,8 +4,10 @@ Each test has noise of its own size and, where its residuals are correlated, an 
 that is told is that under which the residuals of such a fit would be as smooth as the residuals are. Errors go over all
 coefficients, by their probabilities (`Correlated`), unless the residuals are surely smooth: few residuals seldom show whether they
 are correlated. Before the residuals speak, noise is white with the probability WHITE; otherwise the logarithm of the length over
-which it decorrelates is uniform, from none to the whole test. Smooth residuals are mostly misfit of the model: the errors are then
-only an honest width for the part of the curves that the model cannot follow, and a note says so.
+which it decorrelates is uniform, from none to the whole test. A curve that states standard deviations states independent points:
+its noise is white with the probability STATED_WHITE, unless residuals are too large, or too small, for that. Smooth residuals are
+mostly misfit of the model: the errors are then only an honest width for the part of the curves that the model cannot follow, and a
+note says so.
 """
 
 from collections.abc import Sequence
@@ -25,6 +27,7 @@ LARGER = 0.95  # probability below which residuals are larger than a stated nois
 DRAWN = 999  # draws of independent noise, with which the smoothness of residuals is compared
 FEWEST = 4  # points of a test whose noise may be correlated
 WHITE, SLAB = 0.75, 6  # prior probability of white noise, and the number of equally probable correlations beside it
+STATED_WHITE = 0.95  # the same where the curve states standard deviations, which are those of independent points
 UNLIKELY = 0.01  # probability of white noise below which residuals are surely smooth
 SMALLEST = 1e-12  # of the forces: smaller residuals count as zero
 SINGULAR = 1e-8  # of the largest singular value: smaller singular values count as zero
@@ -90,8 +93,9 @@ def errors(
     rho = [autocorrelation(M[k][k], r) for k, r in enumerate(residuals)]
     R = [correlations(len(r), coefficient) for r, coefficient in zip(residuals, rho, strict=True)]
     variance, freedom = _variances(M, R, residuals)
+    sizes = _as_stated(variance, freedom, np.zeros(len(R)) if stated is None else np.square(stated))
     variance, freedom = _known(variance, freedom, np.zeros(len(R)) if stated is None else np.square(stated))
-    known = [Correlated.of(s, r, told) for s, r, told in zip(slopes, residuals, rho, strict=True)]
+    known = [Correlated.of(s, r, told, size) for s, r, told, size in zip(slopes, residuals, rho, sizes, strict=True)]
     made = [_made(b, told, over_all, degrees) for b, told, over_all, degrees in zip(B, R, known, freedom, strict=True)]
     more = np.fmax(np.square(np.zeros(len(R)) if stated is None else stated) - np.nan_to_num(variance), 0.0)
     parts = np.array([v * np.diag(C) for v, C in zip(variance, made, strict=True)])  # (tests, p)
@@ -165,9 +169,9 @@ class Correlated:
     points: int
 
     @classmethod
-    def of(cls, slopes: Array, residuals: Array, told: float) -> "Correlated":
+    def of(cls, slopes: Array, residuals: Array, told: float, variance: float = 0.0) -> "Correlated":
         """The correlations of residuals (n,) by their restricted likelihood, with the size of the noise integrated out, uniform in
-        its logarithm (Harville 1974, Biometrika 61:383).
+        its logarithm (Harville 1974, Biometrika 61:383), or with the variance of a point that is known, where it is above 0.
 
         Only what slopes (n, p) cannot make is looked at: there the residuals are the test's own noise, whatever other tests do to
         the parameters.
@@ -179,8 +183,9 @@ class Correlated:
         if n < FEWEST or n - made.shape[1] < 2 or not np.any(np.abs(left) > SINGULAR * np.abs(residuals).max()):
             return cls(np.array([told]), np.ones(1), np.ones(1), n)
         rhos = possible(n)
-        pairs = np.array([_likelihood(made, left, rho) for rho in (*rhos, told)])
-        prior = np.array([WHITE, *np.full(SLAB, (1 - WHITE) / SLAB)])
+        pairs = np.array([_likelihood(made, left, rho, variance) for rho in (*rhos, told)])
+        white = STATED_WHITE if variance else WHITE
+        prior = np.array([white, *np.full(SLAB, (1 - white) / SLAB)])
         logs = np.log(prior) + pairs[:-1, 0]
         shares = np.exp(logs - logs.max())
         return cls(rhos, shares / shares.sum(), pairs[:-1, 1] / pairs[-1, 1], n)
@@ -196,15 +201,17 @@ class Correlated:
         return np.asarray(np.tensordot(self.shares * self.sizes, self.correlations, axes=1))
 
 
-def _likelihood(made: Array, left: Array, rho: float) -> tuple[float, float]:
+def _likelihood(made: Array, left: Array, rho: float, known: float = 0.0) -> tuple[float, float]:
     """Logarithm of the restricted likelihood of residuals left (n,) beside independent shapes made (n, p), and the variance of the
-    AR(1) noise."""
+    AR(1) noise: that which is known, where it is above 0."""
     Q, R = np.linalg.qr(_white(made, rho))
     white = _white(left[:, None], rho)[:, 0]
     white = white - Q @ (Q.T @ white)
     n, freedom = left.size, left.size - made.shape[1]
     squares = float(white @ white)
     volume = (n - 1) * np.log1p(-(rho**2)) / 2 + np.log(np.abs(np.diag(R))).sum()
+    if known:
+        return float(-volume - squares / known / 2), known
     return float(-volume - freedom / 2 * np.log(squares)), squares / freedom
 
 
@@ -228,6 +235,16 @@ def _known(variance: Array, freedom: Sequence[float], stated: Array) -> tuple[Ar
     known = (stated > 0) & ~(variance > most)
     degrees = [np.inf if as_stated else own for as_stated, own in zip(known, freedom, strict=True)]
     return np.where(known, np.minimum(variance, stated), variance), degrees
+
+
+def _as_stated(variance: Array, freedom: Sequence[float], stated: Array) -> Array:
+    """The variances that curves state, where residuals are neither larger nor smaller by more than chance; 0 for other curves.
+
+    A stated size tells more of the correlation than residuals alone: correlated noise of that size would leave smaller ones.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        least, most = (stated * chi2.ppf(share, freedom) / freedom for share in (1 - LARGER, LARGER))
+    return np.where((variance >= least) & (variance <= most), stated, 0.0)
 
 
 def whiteness(M: Array, residuals: Array) -> float:

@@ -10,8 +10,8 @@ stiffnesses known to 5 %, with the standard deviations of the case's points, fit
 (tests/fixtures/shared_runs.py) stand in the place of the mechanics, for the truths and for the fits.
 
 Seen: mu 380, zeta 384 and phi 381 of 400 (368 to 390 are allowed), 3 minutes.
-With --forces (29 November 2026, 73 s of CPU): mu 396, zeta 399 and phi 393 of 400 (368 to 390 are allowed): all too wide, because
-the misfit that the shears' noise leaves in the force curves is taken for smooth noise of these, and noise has to be learned.
+With --forces (29 November 2026, 73 s of CPU): mu 384, zeta 381 and phi 373 of 400; with other noise 385, 384 and 389. They were
+396, 399 and 393 while the 5 stated points of a shear counted as perhaps correlated: its intervals were 1.3 times too wide.
 
 Exit code 1 where a parameter's coverage is outside of the binomial 99 % band.
 """
