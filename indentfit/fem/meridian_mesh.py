@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from skfem import MeshQuad
 
-from indentfit.arrays import Array
+from indentfit.arrays import Array, Bools
 from indentfit.case.tables import USUAL_MESH_ERROR, Indenter, Mesh, Sample
 from indentfit.fem.bricks import merge
 from indentfit.fem.corner import Corner
@@ -88,8 +88,10 @@ class _Task:
 
     @property
     def beside(self) -> float:
-        """Width of the ring beside a sharp edge whose surface may come to lie against the punch's wall, mm."""
-        return self.depth if self.sticks and has_sharp_edge(self.shape) else 0.0
+        """Width of the ring beside a flat face whose surface may come to lie against the punch's wall, mm: none beside a sharp
+        edge under which the sample slips, and none where there is no wall."""
+        walled = self.shape.edge_radius is not None and (self.sticks or not has_sharp_edge(self.shape))
+        return self.depth if walled else 0.0
 
 
 def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) -> MeshQuad:
@@ -105,7 +107,7 @@ def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) 
     -------
     MeshQuad
         Points (r, y), mm, with the boundaries top, base, axis, footprint (the edges of the top that may touch the face) and beside
-        (those that may touch the wall above a sharp edge).
+        (those that may touch the wall above the edge).
     """
     task = _Task.of(sample, indenter, depth)
     plane, top = cut(_plane(task, _scale(task, mesh)), task.slides), task.thickness * (1 - 1e-9)
@@ -115,9 +117,14 @@ def meridian_mesh(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) 
             "base": lambda x: x[1] < task.thickness - top,
             "axis": lambda x: x[0] < 1e-9 * task.radius,
             "footprint": lambda x: (x[1] > top) & task.shape.may_touch(x[0], np.zeros_like(x[0])),
-            "beside": lambda x: (x[1] > top) & (x[0] > task.contact) & (x[0] < task.contact + task.beside),
+            "beside": lambda x: (x[1] > top) & _beside(task, x[0]),
         }
     )
+
+
+def _beside(task: _Task, r: Array) -> Bools:
+    """Whether points of the top at radii r (n,), mm, lie in the ring beside the footprint."""
+    return ~task.shape.may_touch(r, np.zeros_like(r)) & (r < task.contact + task.beside)
 
 
 def count_meridian(sample: Sample, indenter: Indenter, mesh: Mesh, depth: float) -> int:

@@ -335,7 +335,8 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
 def _ends_proved(
     known: WideAlternative, ends: Sequence[tuple[int, Array]], model: Watched, seed: int, progress: Progress
 ) -> WideAlternative:
-    """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles."""
+    """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles. Where
+    these runs move the optimum, it is proved again."""
     fit = known.fit
     curves = fit.posterior.curves
     if not ends:
@@ -348,6 +349,8 @@ def _ends_proved(
     telling = [n for n, end in enumerate(pairs) if end.chi2 is not None and end.chi2 <= CONCERNS]
     errors = prediction_errors(fit, [points[n] for n in telling], [ran[n] for n in telling])
     last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=len(fit.proofs)), seed)
+    if fit.reached and not last.reached:  # the runs moved the optimum away from the place that was proved
+        last = joint_fit(curves.problem, curves.inputs, model, last.error, seed, progress.part(0.9, 1), LIMIT, last) or last
     return replace(known, fit=last, paths=joint_profiles(last), draws=drawn(last, seed), confirmed=confirmed)
 
 
