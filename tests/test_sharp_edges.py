@@ -5,7 +5,7 @@ import pytest
 
 from indentfit import Case, Curve, Indenter, MaterialChoice, Mesh, Sample, Test, fit
 from indentfit.case.measured_field import MeasuredField
-from indentfit.case.search import Fit
+from indentfit.case.search import Discrepancy, Fit
 from indentfit.displacements import Displacements
 from indentfit.errors import CaseError
 from indentfit.inverse.sharp_edges import FOLDED, LEFT_OUT, without_folds
@@ -17,14 +17,18 @@ DEPTHS = 0.02 * np.arange(1, 21)
 STIFFNESS, RADIUS, THICKNESS = 3.79, 0.75, 5.0
 
 
-def slice_of_brain(depths=DEPTHS, mesh=Mesh(error=0.03), preload=0.0, field=(), **indenter):  # noqa: B008
+def slice_of_brain(depths=DEPTHS, mesh=Mesh(error=0.03), preload=0.0, field=(), misfit=None, **indenter):  # noqa: B008
     return Case(
         sample=Sample(shape="disc", diameter=30.0, thickness=THICKNESS, base="bonded"),
         indenter=Indenter(shape="cylinder", diameter=2 * RADIUS, **{"friction": 0, **indenter}),
         material=MaterialChoice(model="neo_hookean", parameters={"mu": {"start": 0.6, "min": 0.05, "max": 10}}, bulk_ratio=1000.0),
         mesh=mesh,
         tests=[Test("white", curve=Curve(depths, preload + STIFFNESS * depths), field=list(field))],
-        fit=Fit(workers=1, method="least_squares" if field else "ga"),
+        fit=Fit(
+            workers=1,
+            method="least_squares" if field else "ga",
+            discrepancy=Discrepancy(scale=misfit),
+        ),
     )
 
 
@@ -84,6 +88,11 @@ def test_a_stiffness_at_small_strain_gives_the_modulus_of_the_exact_layer_and_a_
         assert result.parameters["mu"].verdict.startswith("determined")
     assert any(said.startswith(LEFT_OUT) for said in deep.conclusions)
     assert not any(said.startswith(LEFT_OUT) for said in shallow.conclusions)
+    # the line is not the law's curve: its interval leaves out the layer's modulus, which the result says, with what holds it
+    assert not deep.parameters["mu"].interval[0] < exact and "fit.discrepancy" in next_step(deep)
+    wide = fit(slice_of_brain(mesh=Mesh(), misfit="unknown"))
+    low, high = wide.parameters["mu"].interval
+    assert low < exact < high and "fit.discrepancy" not in next_step(wide)
 
 
 def test_a_punch_whose_curve_begins_with_a_preload_determines_nothing():

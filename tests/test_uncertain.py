@@ -3,6 +3,7 @@
 import html
 import json
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +18,8 @@ from indentfit.case.priors import Prior
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
-from indentfit.inference import joint, mixture
+from indentfit.inference import joint, mixture, wide_fit
+from indentfit.inference.draws import drawn
 from indentfit.inference.fit import fit
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import ModelError
@@ -27,9 +29,11 @@ from indentfit.inference.posterior import Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.inference.what_if import warnings_of, what_ifs
 from indentfit.inverse import polynomials
+from indentfit.inverse.course import Proof
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.progress import SILENT
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import UncertainInput, alternatives, uncertain_inputs, widened_problem
 from indentfit.report.fit_folder import write_fit
@@ -257,6 +261,21 @@ def test_a_friction_that_nobody_knows_is_inside_and_so_are_the_parameters(fricti
         assert JointWalk(found, n).chi2(unit) < 10.83
     low, high = 20 * np.array(JointWalk(found, 1).profile().interval)
     assert high - low < 9  # not merely the whole range of 20
+
+
+def test_an_optimum_that_the_runs_at_ends_move_is_proved_where_it_is_now(monkeypatch):
+    """A typed Fung law ended as "not proved": the runs at the ends of its profiles moved the optimum, and no run followed."""
+    model = Watched(Press())
+    whole = widened_problem(problem(noisy(Press.forces(**TRUTH), 0.01, 0)), ())
+    found = joint.joint_fit(whole, (), model, ModelError.none(2 * 15), 0)
+    elsewhere = replace(found, proofs=(Proof({**found.proofs[-1].parameters, "zeta": 15.0}, 0.0, 1.0),))
+    assert found.reached and not elsewhere.reached
+    monkeypatch.setattr(wide_fit, "_again", lambda *_: elsewhere)
+    paths = joint_profiles(found)
+    known = wide_fit.WideAlternative("", {}, 1.0, found, paths, drawn(found, 0))
+    fit = wide_fit._ends_proved(known, [(1, paths[1].ends()[0])], model, 0, SILENT).fit
+    assert fit.reached and len(fit.proofs) > 1
+    assert fit.proofs[-1].parameters["zeta"] == pytest.approx(20 * fit.mode.z[1], rel=0.1)
 
 
 # Tests against each other

@@ -37,7 +37,7 @@ from indentfit.inverse.objective import Target, rmse
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import Progress
 from indentfit.inverse.wide import of_records, uncertain_inputs, with_offset_of_records
-from indentfit.runs.closed_form import closed_forms, left_out
+from indentfit.runs.closed_form import OF_LAW, OF_MISFIT, closed_forms, left_out
 from indentfit.runs.forward import Evaluation, ForwardModel
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.parted import Parted
@@ -399,7 +399,7 @@ def _beside_layers(case: Case, result: FitResult, shear_modulus: float) -> Itera
         if test not in result.curves or test not in result.misfit:
             continue
         if said := form.outside(test, shear_modulus, known.interval, result.curves[test], result.misfit[test].relative):
-            yield said
+            yield said + (OF_MISFIT if said.endswith(OF_LAW) and case.fit.discrepancy.stated is None else "")
 
 
 def _with_covariance(result: FitResult, known: Identifiability) -> FitResult:

@@ -146,7 +146,7 @@ def _units(problem: InverseProblem, runs: Sequence[Evaluation]) -> Iterator[str]
         times = f"multiplied by {unit:.4g}" if unit >= 1 else f"divided by {1 / unit:.4g}"
         yield (
             f"the forces {times} would be followed{value}: they may be in {UNITS[unit]}; check the units in the curve's header "
-            f"(where it says {UNITS[unit]} already, the numbers are off by this factor)"
+            f"({_said_already(unit)})"
         )
     elif problem.scale:
         yield f"{problem.scale} = {factor * problem.reference:.3g} would follow, outside its bounds; check the units, or the bounds"
@@ -173,8 +173,12 @@ def _units_of_one_test(problem: InverseProblem, runs: Sequence[Evaluation]) -> I
         others_words = ", ".join(other for other in factors if other != name)
         yield (
             f"the forces of {name} {times} would be near those that {others_words} asks for: they may be in {UNITS[unit]}; check "
-            f"the units in the header of the curve of {name}"
+            f"the units in the header of the curve of {name} ({_said_already(unit)})"
         )
+
+
+def _said_already(unit: float) -> str:
+    return f"where it says {UNITS[unit]} already, the numbers are off by this factor"
 
 
 def _factors_of_tests(problem: InverseProblem, runs: Sequence[Evaluation]) -> dict[str, float]:

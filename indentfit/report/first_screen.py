@@ -12,7 +12,7 @@ from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
 from indentfit.inference.what_if import warnings_of
 from indentfit.inverse.sharp_edges import FOLDED, LEFT_OUT
-from indentfit.runs.closed_form import OUTSIDE
+from indentfit.runs.closed_form import OF_MISFIT, OUTSIDE
 
 SYSTEMATIC = 0.02  # RMSE over the largest force from which systematic residuals are worth another law
 CURE = re.compile(r"about ([\d,]+) elements")
@@ -189,6 +189,8 @@ def _next_of_parameters(result: FitResult) -> str:
     if weak:
         without = " (without [fit.discrepancy] in the case)" if result.law_misfit is not None else ""
         return f"do another test: `indentfit design CASE --result DIR`{without} says which one determines {_and(weak)} best"
+    if any(said.endswith(OF_MISFIT) for said in result.conclusions):
+        return 'fit again with the law\'s own misfit as a term: [fit.discrepancy] with scale = "unknown" widens the intervals by it'
     return "nothing is missing for these parameters; check the inputs that are taken as known, on which the intervals rest"
 
 
