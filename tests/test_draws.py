@@ -155,8 +155,10 @@ def test_a_parameter_at_its_bound_has_an_interval_that_begins_there():
 
 
 def test_the_density_with_errors_of_the_model_is_that_of_their_covariance(line):
-    """A smooth error of 1 % of the forces, against the logarithm of a normal density of 25 forces by SciPy's formula, at places
-    where sigma and the correlation differ; only differences between places count."""
+    """A smooth error of 1 % of the forces, against the logarithm of a normal density of 25 forces, at places where sigma and the
+    correlation differ; only differences between places count. Correlated noise keeps 1 / sqrt(1 + s^2) of its correlations between
+    what is at right angles to the design and a direction of the design that is known s times as well by the curve as by the range
+    (`inference.explained`), whose variance is 1/12, as that of an even density."""
     fit, _ = line
     smooth = 0.01**2 * np.exp(-(np.subtract.outer(DEPTH, DEPTH) ** 2) / 0.02) * np.outer(measured(), measured())
     noise = replace(fit.posterior.noise, model=smooth)
@@ -166,7 +168,11 @@ def test_the_density_with_errors_of_the_model_is_that_of_their_covariance(line):
     logs = []
     for place, rho in zip(places, [0.0, 0.0, 1 - least ** (2.5 / SLAB), 1 - least ** (1 - 0.5 / SLAB)], strict=True):
         sigma = density.sigma(place)[0]
-        covar = smooth + sigma**2 * rho ** np.abs(np.subtract.outer(np.arange(25), np.arange(25)))
+        turn, known, _ = np.linalg.svd(DESIGN * 200 / np.sqrt(12) / fit.posterior.noise.sigma[0])
+        angles = np.append(np.arctan(known), np.zeros(23))
+        turned = turn.T @ rho ** np.abs(np.subtract.outer(np.arange(25), np.arange(25))) @ turn
+        turned *= np.cos(np.subtract.outer(angles, angles))
+        covar = smooth + sigma**2 * turn @ turned @ turn.T
         left = DESIGN @ (200 * place[:2]) - measured()
         logs.append(-0.5 * (left @ np.linalg.solve(covar, left) + np.linalg.slogdet(covar)[1]))
     assert density(places) - density(places)[0] == pytest.approx(np.array(logs) - logs[0], rel=1e-3, abs=1e-3)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from indentfit.arrays import Array, Bools, Ints
+from indentfit.inference.explained import Explained
 from indentfit.inference.joint import JointFit
 from indentfit.inference.noise import SLAB, WHITE, correlations, possible
 from indentfit.inference.posterior import FINEST, NoiseModel, Shift, basis
@@ -46,13 +47,15 @@ class Density:
         for n in self.used:
             trust = self.posterior.noise.trust[n]
             here, done = slice(done, done + trust.size), done + trust.size
-            noises.append(_Noise.of(here, trust, float(self.posterior.noise.stated[n]), B[here]))
+            known = self.posterior.noise.explained
+            apart = known[n] if known else Explained.none(trust.size)
+            noises.append(_Noise.of(here, trust, float(self.posterior.noise.stated[n]), B[here], apart))
         return noises
 
     def _directions(self) -> Array:
         """Errors of the model, and the law's misfit of a known scale: columns (N, r) whose squares add up to their covariance."""
         noise = self.posterior.noise
-        model = (noise.model if self.law is not None else noise.errors)[np.ix_(self.rows, self.rows)]
+        model = (noise.known if self.law is not None else noise.errors)[np.ix_(self.rows, self.rows)]
         return self._counted(model, 1.0)
 
     def _of_law(self) -> Array:
@@ -200,8 +203,8 @@ class _Kind:
     products: Array
 
     @classmethod
-    def of(cls, rho: float, trust: Array, errors: Array) -> "_Kind":
-        sizes, vectors = eigh(correlations(trust.size, rho))
+    def of(cls, rho: float, trust: Array, errors: Array, explained: Explained) -> "_Kind":
+        sizes, vectors = eigh(explained.apart(correlations(trust.size, rho)))
         turn = vectors.T * trust
         turned = turn @ errors
         return cls(rho, turn, sizes, turned, (turned[:, :, None] * turned[:, None, :]).reshape(trust.size, -1))
@@ -218,8 +221,9 @@ class _Noise:
     known: tuple[_Kind, ...]
 
     @classmethod
-    def of(cls, rows: slice, trust: Array, stated: float, errors: Array) -> "_Noise":
-        return cls(rows, stated, errors, tuple(_Kind.of(float(rho), trust, errors) for rho in possible(trust.size)))
+    def of(cls, rows: slice, trust: Array, stated: float, errors: Array, explained: Explained) -> "_Noise":
+        known = tuple(_Kind.of(float(rho), trust, errors, explained) for rho in possible(trust.size))
+        return cls(rows, stated, errors, known)
 
     def kinds(self, coordinate: Array) -> Ints:
         """Numbers of the correlations at values of their coordinate, (m,)."""

@@ -16,7 +16,8 @@ from scipy.stats import t as student
 
 from indentfit.arrays import Array
 from indentfit.inference.discrepancy import LawError
-from indentfit.inference.posterior import FINEST, Climber, Curves, Mode, NoiseModel, Posterior, noise_at
+from indentfit.inference.posterior import FINEST, Climber, Curves, Mode, NoiseModel, Posterior
+from indentfit.inference.smooth_misfit import under_noise_at
 from indentfit.inverse.course import HistoryStep, Proof
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.exploration import Watched
@@ -113,17 +114,24 @@ class JointFit:
         """97.5 % quantiles of Student's t, one for each coordinate: the degrees of freedom are those of Welch and Satterthwaite,
         because only the part of a variance that is noise has a size which few points tell; priors and errors of the mesh are
         stated."""
-        return np.asarray(student.ppf((1 + CONFIDENCE) / 2, max(self.freedom, 1.0) / np.maximum(self.of_noise, 1e-6) ** 2))
+        noise = self.posterior.noise
+        of_noise = self._part(noise.covar(self.posterior.curves.slices) - noise.errors)
+        return np.asarray(student.ppf((1 + CONFIDENCE) / 2, max(self.freedom, 1.0) / np.maximum(of_noise, 1e-6) ** 2))
 
     @property
     def of_noise(self) -> Array:
-        """The part of each coordinate's variance that is noise, by linear theory, (n,)."""
+        """The part of each coordinate's variance that the residuals make, noise or smooth, by linear theory, (n,)."""
+        noise = self.posterior.noise
+        smooth = np.zeros_like(noise.model) if noise.smooth is None else noise.smooth
+        return self._part(noise.covar(self.posterior.curves.slices) - noise.errors + smooth)
+
+    def _part(self, covariance: Array) -> Array:
+        """The part of each coordinate's variance that a part of the covariance of the curves (N, N) makes, (n,)."""
         climber, covar = Climber(self.posterior), self.mode.covar
         J = climber.residuals(self.mode.z)[1][: climber.rows.size]
-        rows = np.ix_(climber.rows, climber.rows)
-        noise = self.posterior.noise.covar(self.posterior.curves.slices)[rows] - self.posterior.noise.errors[rows]
         effect = covar @ J.T @ climber.W
-        return np.asarray(np.clip(np.einsum("ni,ij,nj->n", effect, noise, effect) / np.diag(covar), 0.0, 1.0))
+        made = np.einsum("ni,ij,nj->n", effect, covariance[np.ix_(climber.rows, climber.rows)], effect)
+        return np.asarray(np.clip(made / np.diag(covar), 0.0, 1.0))
 
     @property
     def doubt(self) -> Array:
@@ -249,11 +257,9 @@ def fitted(
     stated = np.array([test.curve.stated_noise for test in problem.tests])
     posterior = Posterior(curves, NoiseModel(FIRST_NOISE * sizes, np.zeros(len(sizes)), model, trust, stated, error.law), counted)
     modes = _modes(posterior, seed)
-    for _ in range(2):
-        posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))
+    for _ in range(3):
+        posterior = under_noise_at(posterior, modes[0].z)
         modes = _climbed(posterior, [mode.z for mode in modes])
-    posterior = replace(posterior, noise=noise_at(posterior, modes[0].z))
-    modes = _climbed(posterior, [mode.z for mode in modes])
     return JointFit(posterior, modes[0], tuple(modes[1:]), freedom_of(posterior, modes[0]), surrogate, error)
 
 

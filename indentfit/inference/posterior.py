@@ -19,6 +19,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from indentfit.arrays import Array, Ints
 from indentfit.inference.discrepancy import LawError
+from indentfit.inference.explained import Explained
 from indentfit.inference.noise import autocorrelation, correlations
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Surrogate
@@ -211,8 +212,13 @@ class Curves:
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
     """What makes the residuals: white or correlated noise of each test, errors of the model (N, N), mN^2, and the law's misfit,
-    where the case states it; `trust` holds the factors (n,) of each test that make points equally noisy (`Curve.trust`), `stated`
-    the standard deviation of a point that its curve states: what exceeds sigma is independent noise."""
+    where the case states it.
+
+    `trust` holds the factors (n,) of each test that make points equally noisy (`Curve.trust`), `stated` the standard deviation of
+    a point that its curve states: what exceeds sigma is independent noise. `explained` is what the coordinates can explain of each
+    test's noise, none before there is an optimum, and `smooth` what smooth residuals may have made of that beyond the noise, (N, N)
+    (`smooth_misfit`).
+    """
 
     sigma: Array
     rho: Array
@@ -220,16 +226,28 @@ class NoiseModel:
     trust: tuple[Array, ...]
     stated: Array
     law: LawError | None = None
+    explained: tuple[Explained, ...] = ()
+    smooth: Array | None = None
 
     @property
     def errors(self) -> Array:
-        """Covariance of all that is no noise: errors of the model, and the law's misfit, (N, N)."""
-        return self.model if self.law is None else self.model + self.law.covar
+        """Covariance of all that is no noise: errors of the model, smooth residuals, and the law's misfit, (N, N)."""
+        return self.known if self.law is None else self.known + self.law.covar
+
+    @property
+    def known(self) -> Array:
+        """The same without the law's misfit."""
+        return self.model if self.smooth is None else self.model + self.smooth
 
     def shape(self, test: int) -> Array:
         """Covariance of the noise of a test whose sigma is 1, (n, n)."""
         trust = self.trust[test]
-        return correlations(trust.size, self.rho[test]) / np.outer(trust, trust)
+        return self.correlations(test) / np.outer(trust, trust)
+
+    def correlations(self, test: int) -> Array:
+        """Correlations of the noise of a test at points that its trust makes equally noisy, (n, n)."""
+        known = correlations(self.trust[test].size, self.rho[test])
+        return self.explained[test].apart(known) if self.explained else known
 
     def covar(self, slices: Sequence[slice]) -> Array:
         """Covariance of the residuals, (N, N)."""
@@ -422,7 +440,7 @@ def _correlated(posterior: Posterior, noise: NoiseModel, r: Array, J: Array, P: 
         n = part.stop - part.start
         if used:
             here = slice(done, done + n)
-            R, trust = noise.sigma[k] ** 2 * correlations(n, noise.rho[k]), noise.trust[k]
+            R, trust = noise.sigma[k] ** 2 * noise.correlations(k), noise.trust[k]
             rho[k] = autocorrelation(R @ (left[here, here] / np.outer(trust, trust)), R @ (weighted[here] / trust))
             done += n
     return rho

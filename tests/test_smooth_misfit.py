@@ -1,0 +1,93 @@
+"""Joint fits of curves that the law does not follow: they keep to the points, as fits whose inputs are known do."""
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from indentfit.case import Range
+from indentfit.curve import Curve
+from indentfit.inference import joint
+from indentfit.inference.draws import drawn
+from indentfit.inference.explained import Explained, explained
+from indentfit.inference.joint import ModelError
+from indentfit.inference.noise import errors
+from indentfit.inverse.exploration import Watched
+from indentfit.inverse.objective import Target
+from indentfit.inverse.problem import InverseProblem
+from indentfit.inverse.wide import widened_problem
+from indentfit.runs.forward import Evaluation
+
+DEPTH = np.linspace(0.0132, 0.33, 25)
+DESIGN = np.column_stack([DEPTH, DEPTH**2])
+APART = np.abs(np.subtract.outer(np.arange(25), np.arange(25)))
+
+
+class Line:
+    """A forward model in closed form: a d + b d^2."""
+
+    runs, failures = 0, ()
+
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        return [Evaluation(dict(p), (DESIGN @ [p["a"], p["b"]],), None, 0.0, ({},)) for p in points]
+
+
+def fitted(force, free=("a", "b")):
+    ranges = {name: Range(start=50, min=0, max=200) for name in free}
+    problem = InverseProblem((Target("t", Curve(DEPTH, force), 1.0),), {"a": 50.0, "b": 0.0}, ranges, None)
+    return joint.joint_fit(widened_problem(problem, ()), (), Watched(Line()), ModelError.none(25), 0)
+
+
+def wave(ends):
+    """A smooth misfit of some 1 % of the largest force, as low at the first point as at the last one or not."""
+    u = DEPTH / DEPTH[-1]
+    return 0.4 * (np.sin(np.pi * u) if ends else u**3) + 0.003 * np.random.default_rng(2).standard_normal(25)
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_smooth_misfit_leaves_the_fit_at_the_least_squares_and_its_interval_as_wide_as_a_plain_one(ends):
+    """A record whose misfit was a hump was fitted through both ends of it, with twice the RMSE of the best fit, and the interval
+    left out the plain fit at a stated friction: likelihood of AR(1) noise hears the steps between points, and not their level. The
+    plain errors are those of least squares under the noise that the residuals show."""
+    force = 90 * DEPTH + wave(ends)
+    slopes = DESIGN[:, :1]
+    best = float(np.linalg.lstsq(slopes, force, rcond=None)[0][0])
+    _, plain = errors([slopes], [slopes[:, 0] * best - force], [1.0])
+    half = student.ppf(0.975, plain.freedom[0]) * np.sqrt(plain.covar[0, 0])
+    fit = fitted(force, ("a",))
+    assert 200 * fit.mode.z[0] == pytest.approx(best, abs=0.02 * half)
+    low, high = (200 * end for end in drawn(fit, 0).interval(0))
+    assert (low + high) / 2 == pytest.approx(best, abs=0.15 * half)
+    assert high - low == pytest.approx(2 * half, rel=0.15)
+
+
+def test_white_residuals_add_nothing():
+    force = DESIGN @ [90, 60] + 0.3 * np.random.default_rng(3).standard_normal(25)
+    assert fitted(force).posterior.noise.smooth is None
+
+
+def test_noise_that_coordinates_explain_is_independent_of_all_other_noise():
+    """Of correlated noise the variances stay in both parts, and generalised least squares is least squares; white noise stays."""
+    known = explained(DESIGN * 1e9, np.eye(2))
+    noise = known.apart(0.9**APART)
+    plane = np.linalg.qr(DESIGN)[0]
+    beside = np.linalg.qr(plane, mode="complete")[0][:, 2:]
+    np.testing.assert_allclose(plane.T @ noise @ beside, 0, atol=1e-7)
+    for part in (plane, beside):
+        np.testing.assert_allclose(part.T @ noise @ part, part.T @ 0.9**APART @ part, atol=1e-7)
+    general = np.linalg.solve(DESIGN.T @ np.linalg.solve(noise, DESIGN), DESIGN.T @ np.linalg.inv(noise))
+    np.testing.assert_allclose(general, np.linalg.pinv(DESIGN), atol=1e-6 * np.abs(general).max())
+    np.testing.assert_allclose(known.apart(np.eye(25)), np.eye(25), atol=1e-9)
+
+
+def test_what_is_known_without_the_test_stays_correlated_with_the_rest():
+    """Directions of which the test tells half, or nothing: the covariance stays one, with the same variance in each direction."""
+    known = explained(DESIGN * [3.0, 1e-9], np.eye(2))
+    assert known.shares[1] == pytest.approx(0, abs=1e-9)
+    noise = known.apart(0.9**APART)
+    assert np.linalg.eigvalsh(noise).min() > 0
+    for direction in known.directions.T:
+        assert direction @ noise @ direction == pytest.approx(direction @ 0.9**APART @ direction)
+    np.testing.assert_array_equal(Explained.none(25).apart(0.9**APART), 0.9**APART)
