@@ -74,11 +74,11 @@ def test_the_misfit_grows_as_the_strains_under_the_indenter_do(shape, power):
     assert relative == pytest.approx(0.1 * (DEPTH / 0.4) ** power, rel=1e-3)
 
 
-def test_points_half_a_length_apart_are_correlated_by_a_gaussian():
-    """Depths in um state the same as in mm: lengths are shares of the largest depth."""
+def test_half_of_the_misfit_goes_on_and_half_is_correlated_by_a_gaussian():
+    """Points half of the largest depth apart; depths in um state the same as in mm: lengths are shares of the largest depth."""
     for depth in (DEPTH, DEPTH * 1e-3):
         covar = law_error(*pressed("cylinder", depth, length=0.5)).covar
-        assert covar[-1, 9] / np.sqrt(covar[-1, -1] * covar[9, 9]) == pytest.approx(np.exp(-0.5), rel=1e-3)
+        assert covar[-1, 9] / np.sqrt(covar[-1, -1] * covar[9, 9]) == pytest.approx(0.5 + 0.5 * np.exp(-0.5), rel=1e-3)
 
 
 def exact(force, roots, scales):
@@ -116,7 +116,7 @@ def test_the_posterior_is_that_of_generalised_least_squares(scale):
     assert np.isfinite(density(_starts(density, 40, np.random.default_rng(0)))).all()  # walkers of emcee begin there
     values = 200 * draws.places[:, 0]
     mean = draws.shares @ values
-    middle, sd = exact(force, roots, [scale] if scale else np.exp(np.linspace(*np.log(SCALES), 16)))
+    middle, sd = exact(force, roots, [scale] if scale else np.linspace(*SCALES, 40))
     assert draws.enough
     assert mean == pytest.approx(middle, abs=0.1 * sd)
     assert np.sqrt(draws.shares @ (values - mean) ** 2) == pytest.approx(sd, rel=0.1)
@@ -164,7 +164,7 @@ def test_where_few_points_tell_the_noise_the_interval_is_still_that_of_the_misfi
     few = Curve(strain, stress + 1e-3 * stress.max() * np.random.default_rng(0).standard_normal(7), axes=case.curves[0].axes)
     result = fit(case.model_copy(update={"curves": (few,)}))
     known = result.parameters["mu"]
-    assert known.total > 0.01 * known.value
+    assert known.total > 0.005 * known.value
     assert result.uncertain.noise.share["mu"] < 0.05
     assert result.uncertain.inputs["discrepancy"].share["mu"] > 0.9
 
@@ -261,7 +261,8 @@ def test_bands_are_quantiles_of_all_draws():
 
 
 def test_beyond_the_fitted_depth_half_of_the_misfits_go_on_and_none_is_called_95_percent():
-    """A misfit that is known exactly and in proportion to the strain, 0.2 x: at twice the depth it is 0.4 where it goes on."""
+    """A misfit that is known exactly and in proportion to the strain, 0.2 x: at twice the depth it is 0.4 where it goes on, and
+    less where the half that changes bends back."""
     case, tests = pressed("cylinder")
     fitted = case.model_copy(update={"curves": (tests[0].curve,)})
     x = np.linspace(0.05, 1, 20)
@@ -276,7 +277,7 @@ def test_beyond_the_fitted_depth_half_of_the_misfits_go_on_and_none_is_called_95
     )
     on = np.isclose(misfit[:, 3], 0.4, atol=2e-3)
     assert 0.4 < on.mean() < 0.6
-    assert np.all(misfit[~on, 3] < 0.3)
+    assert np.all(misfit[~on, 3] < 0.36)
     np.testing.assert_allclose(misfit[:, :2], np.tile([0.1, 0.2], (400, 1)), atol=1e-4)
 
 

@@ -164,7 +164,7 @@ class KnownModuli(Section):
 
 
 LENGTH = 0.5  # of the law's misfit, over the largest depth, where the case gives none
-SCALES = (1e-3, 0.3)  # between which an unknown scale of the law's misfit is looked for, uniform in the logarithm
+SCALES = (1e-3, 0.3)  # between which an unknown scale of the law's misfit is looked for, uniformly
 
 
 def _scale(value: Any) -> float | str:
@@ -188,7 +188,7 @@ class Discrepancy(Section):
         default=None,
         examples=[0.02],
         description="standard deviation of the law's misfit at the largest depth of a test, over the force there; where it is "
-        "'unknown', or the table has a length only, the curves tell it, with a prior from 0.001 to 0.3, uniform in the logarithm",
+        "'unknown', or the table has a length only, the curves tell it, with a uniform prior from 0.001 to 0.3",
     )
     length: Annotated[float, Field(ge=0.05, le=10, allow_inf_nan=False)] | None = Field(
         default=None,

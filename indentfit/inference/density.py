@@ -2,7 +2,7 @@
 
 A place holds the coordinates of the fit in units of their ranges, then two coordinates for each test whose forces count: first
 those of all tests for the logarithm of the standard deviation of the noise, in units of its range, then those for the correlation
-of neighbouring points. The last one is the logarithm of the scale of the law's misfit, where the curves are to tell it. All
+of neighbouring points. The last one is the scale of the law's misfit, where the curves are to tell it. All
 coordinates lie between 0 and 1, and are uniform there before the curves and the normal priors speak.
 Below WHITE the noise is white, above that the correlation grows in SLAB steps (`noise.possible`) to the largest under which a
 test still decorrelates: residuals that are smooth by what the model cannot follow may look white at the optimum, and no other place
@@ -73,9 +73,8 @@ class Density:
 
     def scale(self, places: Array) -> Array:
         """The scale of the law's misfit at places (..., n + 2 tests + 1), (...)."""
-        assert self.law is not None and self.law.ends is not None
-        low, high = np.log(self.law.ends)
-        return np.asarray(np.exp(low + places[..., -1] * (high - low)))
+        assert self.law is not None
+        return self.law.at(places[..., -1])
 
     def noise_at(self, place: Array, sigma: Array) -> NoiseModel:
         """The noise at a place (n + 2 tests,) whose standard deviations are sigma (tests,)."""
@@ -110,8 +109,7 @@ class Density:
         """The place of coordinates z (n,) with the noise of the fit, (n + 2 tests,)."""
         sigma = np.log(self.posterior.noise.sigma[self.used])
         kinds = [noise.coordinate(rho) for noise, rho in zip(self.noises, self.posterior.noise.rho[self.used], strict=True)]
-        law = self.law
-        scale = [] if law is None or law.ends is None else [np.log(law.scale / law.ends[0]) / np.log(law.ends[1] / law.ends[0])]
+        scale = [] if self.law is None else [self.law.unit]
         return np.clip(np.concatenate([z, (sigma - self.lowest) / (self.highest - self.lowest), kinds, scale]), 0, 1)
 
     def __call__(self, places: Array) -> Array:

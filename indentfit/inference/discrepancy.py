@@ -5,11 +5,15 @@ The error of a force F at the depth d, of at most D in the test, is
     scale F (d / D)^q g(d / D),
 
 where F is a smooth curve through the measured forces, and g is a Gaussian process of standard deviation 1 and correlation
-exp(-(x - x')^2 / 2 length^2) (Kennedy and O'Hagan 2001, J R Stat Soc B 63:425). Elastic laws of one small-strain modulus differ the
-less, the smaller the strains, and strains grow as the depth over the half-width of the contact: q = 1 under a flat face and without
-an indenter, 1/2 under a sphere, and 0 under a cone, whose strains are as large at every depth. By this, parameters keep their
-meaning at small strains, where a misfit of any form would take its part of them (Brynjarsdottir and O'Hagan 2014, Inverse Probl
-30:114007). The errors of different tests are independent.
+1/2 + 1/2 exp(-(x - x')^2 / 2 length^2) (Kennedy and O'Hagan 2001, J R Stat Soc B 63:425). The half that does not depend on the
+distance is a misfit that goes on as it begins: laws mostly part further as strains grow, and under a sphere such a misfit is nearly
+a factor, which no curve tells from the modulus. The density of an unknown scale is uniform (Gelman 2006, Bayesian Anal 1:515): one
+that is uniform in the logarithm makes a large misfit that looks like a factor improbable beside a small one.
+
+Elastic laws of one small-strain modulus differ the less, the smaller the strains, and strains grow as the depth over the half-width
+of the contact: q = 1 under a flat face and without an indenter, 1/2 under a sphere, and 0 under a cone, whose strains are as large
+at every depth. By this, parameters keep their meaning at small strains, where a misfit of any form would take its part of them
+(Brynjarsdottir and O'Hagan 2014, Inverse Probl 30:114007). The errors of different tests are independent.
 """
 
 from collections.abc import Sequence
@@ -28,6 +32,7 @@ from indentfit.inverse.objective import Target
 GROWTH = {"flat": 1.0, "sphere": 0.5, "cone": 0.0}  # power of the depth with which strains grow under an indenter's end
 SMALL_STRAIN = 0.01  # of a test without an indenter: the law is exact below
 POWERS = (1.0, 1.5, 2.0, 3.0, 4.0)  # of the depth, of which a smooth force curve is made
+KEPT = 0.5  # of the variance: a misfit that goes on as it begins
 LEFT = 1e-8  # of the largest variance: directions of less are left out
 
 
@@ -41,7 +46,7 @@ class LawError:
         Errors at scale 1, independent of each other, whose squares add up to the covariance.
     scale : float
     ends : (low, high) or None
-        Between which an unknown scale lies, uniform in the logarithm; None where the case states the scale.
+        Between which an unknown scale lies, uniformly; None where the case states the scale.
     """
 
     roots: Array
@@ -52,6 +57,19 @@ class LawError:
     def covar(self) -> Array:
         """Covariance of the errors, (N, N)."""
         return np.asarray(self.scale**2 * self.roots @ self.roots.T)
+
+    def at(self, units: Array) -> Array:
+        """Unknown scales at their coordinates, which are uniform between 0 and 1 before the curves speak."""
+        assert self.ends is not None
+        low, high = self.ends
+        return np.asarray(low + units * (high - low))
+
+    @property
+    def unit(self) -> float:
+        """The coordinate of an unknown scale."""
+        assert self.ends is not None
+        low, high = self.ends
+        return (self.scale - low) / (high - low)
 
     def scaled(self, factor: float) -> "LawError":
         """The errors with another scale, within its ends."""
@@ -102,7 +120,7 @@ def growth(case: Case, test: Test) -> float:
 
 def covariances(x: Array, other: Array, q: float, length: float) -> Array:
     """Covariance at scale 1 of the relative errors at depths x (n,) and others (m,), over the largest depth, (n, m)."""
-    near = np.exp(-0.5 * (np.subtract.outer(x, other) / length) ** 2)
+    near = KEPT + (1 - KEPT) * np.exp(-0.5 * (np.subtract.outer(x, other) / length) ** 2)
     return np.asarray(near * np.outer(_size(x, q), _size(other, q)))
 
 

@@ -109,7 +109,7 @@ def _of_law(fit: WideFit, whole: Sequence[JointPath]) -> dict[str, InputShare]:
     effect, share = _of_errors(fit, _without_law(fit.best.fit), whole)
     if law.ends is None:
         return {DISCREPANCY: InputShare(0.0, law.scale, effect, share, prior=f"{law.scale:.2g} of the largest force")}
-    prior = f"{law.ends[0]:g} to {law.ends[1]:g} of the largest force, in the logarithm"
+    prior = f"{law.ends[0]:g} to {law.ends[1]:g} of the largest force"
     return {DISCREPANCY: InputShare(0.0, law.scale, effect, share, None, None, prior, law.scale, scale_interval(fit.best))}
 
 
