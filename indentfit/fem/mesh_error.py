@@ -74,8 +74,15 @@ FOLDING = (
 )
 
 
+InTime = Callable[[TestResult, Press], TestResult]  # a solved press to the same with its force over time
+
+
 def with_mesh_errors(
-    simulation: Simulation, setup: Setup, presses: Sequence[Press], progress: Callable[..., None] | None = None
+    simulation: Simulation,
+    setup: Setup,
+    presses: Sequence[Press],
+    progress: Callable[..., None] | None = None,
+    in_time: InTime | None = None,
 ) -> Simulation:
     """A simulation whose tests state the error of their forces by the mesh.
 
@@ -85,6 +92,8 @@ def with_mesh_errors(
     setup, presses
         Those of the simulation.
     progress : called with (name of a test, share of the second solution that is done), and `tries` as `Model.simulate` does
+    in_time : function, or None
+        How forces over time are solved, where the material relaxes.
 
     Returns
     -------
@@ -100,7 +109,7 @@ def with_mesh_errors(
             models[test.facts.elements] = own, Model(other.setup), other
         own, model, mesh = models[test.facts.elements]
         report = functools.partial(progress, press.name) if progress else None
-        tests.append(replace(test, mesh_error=_error_by(model, mesh, press, test, own, report)))
+        tests.append(_with_error(test, _solved_again(model, press, test, report), mesh, press, own, in_time))
     return replace(simulation, tests=tuple(tests))
 
 
@@ -111,17 +120,27 @@ def _as_solved(setup: Setup, elements: int) -> Setup:
     return replace(setup, mesh=Mesh(symmetry=setup.mesh.symmetry, elements=round(elements / setup.quarters)))
 
 
-def _error_by(
-    model: Model, mesh: "SecondMesh", press: Press, test: TestResult, setup: Setup, progress: Report | None
-) -> ForceError | str:
-    """The stated error of a test by the model of a second mesh, or why it cannot be stated."""
+def _solved_again(model: Model, press: Press, test: TestResult, progress: Report | None) -> TestResult | str:
+    """A test by the model of a second mesh, or why that tells nothing."""
     try:
         other = model.run(replace(press, sensitivities=(), observed=None), progress)
     except ConvergenceError as error:
         return f"the second mesh for its estimate was not solved: {error}"
     if other.facts.tries > 1 and FEWER < other.facts.elements / test.facts.elements < 1 / FEWER:
         return f"the second mesh for its estimate was solved with {other.facts.elements} elements only, which is no other mesh"
-    return force_error(test, other, mesh, setup)
+    return other
+
+
+def _with_error(
+    test: TestResult, other: TestResult | str, mesh: "SecondMesh", press: Press, setup: Setup, in_time: InTime | None
+) -> TestResult:
+    """A test with the errors of its force, and of its force over time, that the same test on a second mesh tells."""
+    curve = test.in_time
+    if isinstance(other, str):
+        return replace(test, mesh_error=other, in_time=curve and replace(curve, by_mesh=other))
+    if in_time is not None and curve is not None and curve.ratio is not None:
+        curve = curve.with_second(in_time(other, press), mesh.factor)
+    return replace(test, mesh_error=force_error(test, other, mesh, setup), in_time=curve)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Results of a simulation: each test's curve with the facts of its solution, and all tests of a case together."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,6 +74,9 @@ class TimeCurve:
     ratio : function, or None
         Times (n,), s -> force of the viscoelastic model over the hereditary integral; None where it is not known, and under a held
         force.
+    by_mesh : float, str, or None
+        What the mesh adds to the relative error of the viscoelastic model: the largest change of `ratio` on a second mesh. Or why
+        that is not known; None where it was not asked for.
     """
 
     time: Array
@@ -84,6 +87,7 @@ class TimeCurve:
     control: str = "displacement"
     ends: str = ""
     ratio: Callable[[Array], Array] | None = field(default=None, repr=False, compare=False)
+    by_mesh: float | str | None = None
 
     @property
     def creeps(self) -> bool:
@@ -98,7 +102,31 @@ class TimeCurve:
             )
         if self.difference is None:
             return f"hereditary integral of the elastic force; the viscoelastic model was not solved: {self.cause}"
-        return f"viscoelastic model; the hereditary integral of the elastic force differs by at most {self.difference:.2%}"
+        said = f"viscoelastic model; the hereditary integral of the elastic force differs by at most {self.difference:.2%}"
+        return said + self._by_mesh()
+
+    @property
+    def error_by_mesh(self) -> float:
+        """`by_mesh`; 0 where it is not known."""
+        return self.by_mesh if isinstance(self.by_mesh, float) else 0.0
+
+    def _by_mesh(self) -> str:
+        """What the mesh adds to the error of the model, in words."""
+        if self.by_mesh is None:
+            return ""
+        if isinstance(self.by_mesh, str):
+            return f"; what the mesh adds to this difference is not known ({self.by_mesh})"
+        return f", {self.by_mesh:.2%} more or less on the second mesh"
+
+    def with_second(self, second: "TestResult", factor: float) -> "TimeCurve":
+        """This curve with what its second mesh tells of it: the largest change of `ratio`, times a factor."""
+        if self.ratio is None:
+            return self
+        other = second.in_time
+        if other is None or other.ratio is None:
+            return replace(self, by_mesh="the viscoelastic model was not solved on the second mesh")
+        change = other.ratio(self.time) / self.ratio(self.time) - 1
+        return replace(self, by_mesh=float(factor * np.abs(change).max()))
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of a test's force over time."""
@@ -107,6 +135,7 @@ class TimeCurve:
             "displacement_mm": self.displacement.tolist(),
             "force_mN": self.force.tolist(),
             "hereditary_integral_differs_by": self.difference,
+            **({} if self.by_mesh is None else {"difference_by_mesh": self.by_mesh}),
             **({"not_solved": self.cause} if self.cause else {}),
             **({"control": self.control} if self.creeps else {}),
             **({"ends": self.ends} if self.ends else {}),
@@ -117,7 +146,7 @@ class TimeCurve:
         """The TimeCurve of these keys."""
         time, displacement, force = (np.array(value[key]) for key in ("time_s", "displacement_mm", "force_mN"))
         told = value["hereditary_integral_differs_by"], value.get("not_solved", ""), value.get("control", "displacement")
-        return cls(time, displacement, force, *told, value.get("ends", ""))
+        return cls(time, displacement, force, *told, value.get("ends", ""), by_mesh=value.get("difference_by_mesh"))
 
 
 @dataclass(frozen=True, eq=False)

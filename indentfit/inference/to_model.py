@@ -33,7 +33,7 @@ class Beside:
     words : tuple of str
         How the material relaxes, and how far the model is from the hereditary integrals.
     differences : dict of test -> largest relative difference from the forces of the fit
-        Without tests of which the model was not solved.
+        With what the mesh adds to it, and without tests of which the model was not solved.
     kernel : Kernel or None
         That of the fit with the model's ratios at this point; None where the material does not relax.
     """
@@ -68,7 +68,7 @@ class Models:
         known = kernel.to_model([curves[test.name].ratio if test.name in curves else None for test in case.tests])
         off = known.off(kernel)
         sizes = {
-            test.name: off[n] if kernel.factors else float(curves[test.name].difference or 0.0)
+            test.name: (off[n] if kernel.factors else float(curves[test.name].difference or 0.0)) + curves[test.name].error_by_mesh
             for n, test in enumerate(case.tests)
             if test.name in curves
         }

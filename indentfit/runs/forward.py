@@ -162,9 +162,10 @@ def simulate(
         specimens.extend(simulated_specimens(case, material, parts.curve))
         for piece in pieces:
             piece.solve(material, parts.curve, time_limit)
-            piece.simulation = _in_time(piece, material, parts, time_limit, shares or {})
+            in_time = _InTime(piece.case, parts.in_time, time_limit, shares or {})
+            piece.simulation = _over_time(piece, material, in_time)
         for piece in pieces if mesh_error else ():
-            piece.state_errors(material, parts.mesh_error)
+            piece.state_errors(material, parts.mesh_error, _InTime(piece.case, parts.mesh_error, time_limit, shares or {}))
     except IndentfitError as error:
         error.part = _of_case(case, material, pieces, specimens)
         raise
@@ -199,7 +200,7 @@ def of_relaxation(
     words = f"the material relaxes: {there.relaxation.words()}"
     own = {name: value for name, value in parameters.items() if name in case.law.parameters}
     try:
-        tests = simulate(there, own, mesh_error=False, time_limit=case.fit.time_limit, shares=shares).in_time
+        tests = simulate(there, own, time_limit=case.fit.time_limit, shares=shares).in_time
     except IndentfitError as error:
         remedy = "; a larger fit.time_limit allows more" if isinstance(error, OutOfTime) else ""
         return (words, f"the viscoelastic model was not solved at the optimum: {error}{remedy}"), {}
@@ -209,24 +210,45 @@ def of_relaxation(
     return (words, *beside, *(f"{name}: {curve.words()}" for name, curve in tests.items())), known
 
 
-def _in_time(
-    piece: Piece, material: Material, parts: "_Parts", time_limit: float, shares: Mapping[str, float]
-) -> Simulation | None:
+def _over_time(piece: Piece, material: Material, in_time: "_InTime") -> Simulation | None:
     """The simulation of a piece with the forces over time of tests whose material relaxes."""
-    simulation, case = piece.simulation, piece.case
-    if simulation is None or case.material.relaxation is None:
-        return simulation
-    tests, ramps = [], ramps_of(case)
-    for test, press, asked, curve in zip(simulation.tests, piece.presses(material), case.tests, case.curves, strict=True):
-        progress, deadline = functools.partial(parts.in_time, press.name), Deadline(time_limit)
+    if piece.simulation is None:
+        return None
+    tests = [in_time(test, press) for test, press in zip(piece.simulation.tests, piece.presses(material), strict=True)]
+    return replace(piece.simulation, tests=tuple(tests))
+
+
+class _InTime:
+    """How forces over time of the tests of a case are solved, on any mesh.
+
+    Parameters
+    ----------
+    case : Case
+    progress : called with (name of a test, share of its force over time that is done)
+    time_limit : float, s
+        Processor time that each force over time may take.
+    shares : mapping of test -> share
+        Of each elastic force, that which does not relax.
+    """
+
+    def __init__(self, case: Case, progress: Callable[[str, float], None], time_limit: float, shares: Mapping[str, float]) -> None:
+        self._case, self._progress, self._time_limit, self._shares = case, progress, time_limit, shares
+        self._ramps = ramps_of(case)
+        self._asked = {test.name: (test, curve) for test, curve in zip(case.tests, case.curves, strict=True)}
+
+    def __call__(self, solved: TestResult, press: Press) -> TestResult:
+        """A solved press with its force over time; as it is where the material does not relax."""
+        case = self._case
+        if case.material.relaxation is None:
+            return solved
+        name, (asked, curve) = press.name, self._asked[press.name]
+        progress, deadline = functools.partial(self._progress, name), Deadline(self._time_limit)
+        share = self._shares.get(name, 0.0)
         if (load := load_of(asked, curve)) is not None:
             assert case.relaxation is not None  # the material relaxes
             function, points = case.relaxation.function(load.arrived, load.end), points_of(load, asked.points)
-            tests.append(with_creep(test, press, load, function, points, progress, deadline, shares.get(asked.name, 0.0)))
-            continue
-        hold, share = ramps[asked.name].hold, shares.get(asked.name, 0.0)
-        tests.append(with_time(test, press, hold, progress, deadline, share))
-    return replace(simulation, tests=tuple(tests))
+            return with_creep(solved, press, load, function, points, progress, deadline, share)
+        return with_time(solved, press, self._ramps[name].hold, progress, deadline, share)
 
 
 def _of_case(case: Case, material: Material, pieces: Sequence[Piece], specimens: Sequence[TestResult]) -> SimulatedCase | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from indentfit.case import Case
 from indentfit.errors import IndentfitError
 from indentfit.fem.facts import MeshFacts, SolverFacts
-from indentfit.fem.mesh_error import with_mesh_errors
+from indentfit.fem.mesh_error import InTime, with_mesh_errors
 from indentfit.fem.meshing import resized
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
@@ -59,10 +59,10 @@ class Piece:
         setup = resized(self.setup, 1 / factor)
         return Piece(self.case, setup, Model(setup))
 
-    def state_errors(self, material: Material, progress: Curve | None = None) -> None:
-        """State the errors of the curves by the mesh, in `simulation`."""
+    def state_errors(self, material: Material, progress: Curve | None = None, in_time: InTime | None = None) -> None:
+        """State the errors of the curves by the mesh, in `simulation`; of those over time where it is said how they are solved."""
         if self.simulation is not None:
-            self.simulation = with_mesh_errors(self.simulation, self.setup, self.presses(material), progress)
+            self.simulation = with_mesh_errors(self.simulation, self.setup, self.presses(material), progress, in_time)
 
 
 def pieces_of(case: Case) -> list[Piece]:
