@@ -25,6 +25,7 @@ from indentfit.runs.closed_form import ClosedForm
 
 Numbers = tuple[float | None, ...]
 SMOOTH = 0.5  # autocorrelation of neighbouring points from which residuals may be misfit
+FEW, MANY = 15, 20  # points: fewer than FEW never tell how correlated their noise is, and MANY do enough
 UNTOLD = 0.5  # of the effective number of points: where fewer are not improbable, a note says so
 UNLIKELY = 0.01  # probability below which smooth residuals are no independent noise
 UNKNOWN = "not known: the fit stopped before its errors were found"
@@ -126,6 +127,11 @@ class CurveNoise:
     def untold(self) -> bool:
         """Whether the residuals leave open how correlated they are."""
         return self.fewest_points is not None and self.fewest_points < UNTOLD * self.effective_points
+
+    @property
+    def few(self) -> bool:
+        """Whether the points are too few to tell how correlated their noise is, so that intervals are short where it is."""
+        return self.points < MANY and (self.untold or self.points < FEW) and not self.systematic
 
     @property
     def systematic(self) -> bool:
