@@ -17,7 +17,7 @@ from indentfit.fem.simulate import Model
 from indentfit.runs.forward import Evaluation
 from indentfit.study import design as asking
 from indentfit.study import further as module
-from indentfit.study.design import design
+from indentfit.study.design import Design, design
 from indentfit.study.further import POINTS
 
 STORED = Path(__file__).parent / "baseline" / "results-0.1"
@@ -51,6 +51,7 @@ class Springs:
         return frozenset()
 
     def evaluate(self, points, report=None, sensitivities=()):
+        self.runs += len(points)
         return [Evaluation(point, tuple(self.forces(point)), None, 0.0, ()) for point in points]
 
     def forces(self, point):
@@ -88,9 +89,10 @@ def test_information_adds_up(springs):
 def test_more_tests_never_determine_less(springs):
     found = design(springs)
     assert all(one.stderr["mu"] < found.stderr["mu"] for one in found.candidates)
-    ranked = [one.stderr[found.worst] for one in found.candidates]
+    ranked = [one.half_width[found.worst] for one in found.candidates]
     assert ranked == sorted(ranked)
     assert found.noise == pytest.approx(0.01 * 2 * 6 * 0.33)
+    assert all(one.half_width["mu"] > 1.96 * one.stderr["mu"] for one in found.candidates)  # noise has to be learned
 
 
 def test_a_deeper_test_tells_more_of_a_spring(springs):
@@ -176,6 +178,19 @@ def test_uncertain_inputs_that_a_design_takes_as_known_are_named(springs):
     remarks = design(case, noise=0.5).remarks
     assert len(remarks) == 1 and remarks[0].startswith("friction, offset: uncertain in this case")
     assert not design(springs, noise=0.5).remarks
+
+
+def test_an_estimate_is_judged_over_what_its_tests_leave_open(springs):
+    """The stiffness of a spring is proportional to mu, so its information does not depend on it; a modulus that is known to 1 %
+    needs no other values."""
+    sharp, vague = (design(springs, {"mu": 2.0}, noise=noise, estimated=True) for noise in (0.05, 50.0))
+    assert sharp.between is None and sharp.candidates[0].between is None
+    assert vague.runs == 3 * sharp.runs == 3 * design(springs, {"mu": 2.0}, noise=50.0).runs
+    best = vague.candidates[0]
+    assert best.half_width["mu"] == pytest.approx(best.between["mu"][0], rel=1e-6) == pytest.approx(best.between["mu"][1], rel=1e-6)
+    assert "over what the estimate leaves open" in vague.summary()
+    again = Design.from_json(json.loads(json.dumps(vague.as_json())))
+    assert again.summary() == vague.summary()
 
 
 def test_other_kinds_and_pairs_are_ranked(springs):

@@ -16,6 +16,7 @@ from indentfit.cli.speech import warn
 @click.option(
     "--view-noise", type=click.FloatRange(min=0, min_open=True), metavar="MM", help="That of a displacement in a side view."
 )
+@click.option("--estimated", is_flag=True, help="Count what the parameters leave open, as with --result.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR", help="Write a result folder with a plot.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier result folder.")
@@ -25,6 +26,7 @@ def command(
     result: str | None,
     noise: float | None,
     view_noise: float | None,
+    estimated: bool,
     as_json: bool,
     output: str | None,
     overwrite: bool,
@@ -32,8 +34,9 @@ def command(
     """Rank further tests by how well they, together with those of CASE, would determine its worst parameter.
 
     Each candidate changes one thing: depth, angle, indenter, friction; or a camera sees a side of the sample; or it is a test of
-    another kind: shear, tension, compression. The parameters are the case's start values, or those of --result. The noise is 1 % of
-    the largest force, and 1.5 % of the largest depth in a side view, unless --noise and --view-noise say otherwise.
+    another kind: shear, tension, compression. The parameters are the case's start values, or those of --result, which count as an
+    estimate: what its tests leave open is tried, too. The noise is 1 % of the largest force, and 1.5 % of the largest depth in a
+    side view, unless --noise and --view-noise say otherwise.
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.case import require_designable
@@ -54,7 +57,9 @@ def command(
     prepare_for(read, points=True)
     warn(read.warnings())
     with progress("design", total=1) as step:
-        designed = design(read, parameters, noise, Execution(progress=step), view_noise)
+        designed = design(
+            read, parameters, noise, Execution(progress=step), view_noise, estimated=estimated or parameters is not None
+        )
     if output is not None:
         designed.write(output, overwrite)
     click.echo(json_text(designed.as_json()) if as_json else designed.summary())

@@ -14,11 +14,11 @@ def design_page(stored: Stored, design: Design) -> Page:
     sections = (_what(stored, design), _tests(design), again_section(stored, _command(stored, design)))
     best = next((test for test in design.candidates if test.stderr), None)
     headline = "No further test could be computed."
-    lead = f"The tests of the case leave {design.worst} worst: standard error {number(design.stderr[design.worst], 3)}."
-    if best is not None and best.stderr is not None:
-        gain = design.stderr[design.worst] / best.stderr[design.worst]
+    now = design.widths() or {}
+    lead = f"The tests of the case leave {design.worst} worst: a 95 % interval of about ± {number(now[design.worst], 3)}."
+    if best is not None and (widths := design.widths(best)):
         headline = f"Best for {design.worst}: {best.whole_words}."
-        lead += f" With that test it falls {gain:.2g} times."
+        lead += f" With that test it becomes {now[design.worst] / widths[design.worst]:.2g} times narrower."
     return Page("The next experiment", "Design by Fisher's information", headline, lead, best is not None, sections)
 
 
@@ -26,8 +26,9 @@ def _what(stored: Stored, design: Design) -> Section:
     parts: list[Part] = []
     if stored.case:
         parts += [Lines(case_words(stored.case)), tests_table(stored.case, "Tests of the case")]
-    rows = tuple((name, number(value, 6), number(design.stderr.get(name), 3)) for name, value in design.parameters.items())
-    header = ("Parameter", "Value", "Standard error by the tests of the case")
+    now = design.widths() or {}
+    rows = tuple((name, number(value, 6), number(now.get(name), 3)) for name, value in design.parameters.items())
+    header = ("Parameter", "Value", "Half width of the 95 % interval by the tests of the case")
     seen = "" if design.view_noise is None else f", of a displacement in a side view {quantity(design.view_noise, 'mm', 3)}"
     parts.append(Table(f"Where the information is taken; noise of a force {number(design.noise, 3)} mN{seen}", header, rows))
     return Section("what", "What was asked", tuple(parts))
@@ -36,14 +37,14 @@ def _what(stored: Stored, design: Design) -> Section:
 def _tests(design: Design) -> Section:
     names = list(design.stderr)
     failed = any(test.cause for test in design.candidates)
-    errors = [f"Standard error of {name}" for name in names]
+    errors = [f"± {name}, 95 %" for name in names]
     header = ("Change", "Angle (°)", "Depth (mm)", *errors, "Solves", "Needs", *(["Cause"] if failed else []))
     rows = tuple(
         (
             test.words,
             "–" if test.angle is None else str(test.angle),
             number(test.depth, 3),
-            *(number(test.stderr[name] if test.stderr else None, 3) for name in names),
+            *(number(widths[name] if (widths := design.widths(test)) else None, 3) for name in names),
             "–" if test.solves is None else str(test.solves),
             test.effort or "–",
             *([test.cause or "–"] if failed else []),
@@ -52,13 +53,13 @@ def _tests(design: Design) -> Section:
     )
     parts: list[Part] = [Table(f"Further tests, the best for {design.worst} first", header, rows)]
     if any(test.stderr for test in design.candidates):
-        caption = f"Standard error of {design.worst} with each further test; the dashed line is without a further test."
-        alt = f"Bars of the standard error of {design.worst}. The numbers are in the table."
+        caption = f"Half width of the 95 % interval of {design.worst} with each further test; the dashed line is without one."
+        alt = f"Bars of the half width of the 95 % interval of {design.worst}. The numbers are in the table."
         parts.insert(0, Figures((drawn(plots.designs(design), caption, alt),)))
     if design.pairs:
         header = ("First", "Second", *errors, "Needs")
         pairs = tuple(
-            (pair.first, pair.second, *(number(pair.stderr[name], 3) for name in names), pair.effort or "–")
+            (pair.first, pair.second, *(number((design.widths(pair) or {}).get(name), 3) for name in names), pair.effort or "–")
             for pair in design.pairs
         )
         parts.append(Table(f"Pairs of further tests, the best for {design.worst} first", header, pairs))
@@ -72,4 +73,5 @@ def _command(stored: Stored, design: Design) -> str:
     moved = {name: design.parameters[name] for name in start if design.parameters[name] != start[name]}
     options = "".join(f" --set material.{name}.start={value!r}" for name, value in moved.items())
     seen = "" if design.view_noise is None else f" --view-noise {design.view_noise!r}"
-    return f"design --noise {design.noise!r}{seen}{options}"
+    open_values = " --estimated" if design.between else ""
+    return f"design --noise {design.noise!r}{seen}{open_values}{options}"

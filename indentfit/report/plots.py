@@ -184,19 +184,19 @@ def correlations(names: Sequence[str], matrix: Sequence[Sequence[float | None]],
 
 
 def designs(design: Design, path: Place = None, shown: int = 12) -> Figure:
-    """Bars: standard error of the worst parameter with each further test, best above; the dashed line is without a further test."""
+    """Bars: half width of the worst parameter's 95 % interval with each further test, best above; the dashed line is without."""
     worst = design.worst
-    rows = [(test, test.stderr[worst]) for test in design.candidates if test.stderr][:shown][::-1]
+    rows = [(test, widths[worst]) for test in design.candidates if (widths := design.widths(test))][:shown][::-1]
     names = [test.words if test.angle is None else f"{test.words}, {test.angle}°, {test.depth:.3g} mm" for test, _ in rows]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(1.4 * COLUMN, 0.25 * COLUMN + 0.2 * len(rows)), layout="constrained")
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
         ax.barh(range(len(rows)), [error for _, error in rows], color=COLOURS[0], height=0.65)
-        ax.axvline(design.stderr[worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
+        ax.axvline((design.widths() or {})[worst], color="0.4", linewidth=0.8, linestyle=DASHES[1])
         ax.set_yticks(range(len(rows)), [_label(name) for name in names])
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=TICKS))
-        ax.set_xlabel(f"Standard error of {_label(symbol(worst))}")
+        ax.set_xlabel(f"Half width of the 95 % interval of {_label(symbol(worst))}")
         save(figure, path)
     return figure
 

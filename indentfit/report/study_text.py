@@ -6,14 +6,15 @@ from collections.abc import Iterator, Sequence
 from indentfit.digits import Scale, fixed, sizes
 from indentfit.study.convergence import Approach, Index
 from indentfit.study.design import Design
+from indentfit.study.further import FurtherTest
 from indentfit.study.mesh_check import MeshCheck, MeshResult
 from indentfit.study.refit import Refit
 from indentfit.study.sweep import Sweep, SweepPoint
 
 Row = list[str]
 LEARNS = (
-    "errors are those of known, white noise at these parameters: 95 % intervals of fits, which have to learn the noise, were 1.2 "
-    "to 1.3 times as wide as 1.96 of them in the median of a campaign"
+    "intervals are those that fits of curves with white noise are expected to state at these parameters; theirs were within a tenth, in "
+    "the median of a campaign"
 )
 SHOWN, SHOWN_PAIRS = 12, 3  # further tests in the table of a design, and pairs below it
 
@@ -184,35 +185,47 @@ def design_lines(design: Design) -> Iterator[str]:
     noise = Scale.of([design.noise], "mN", digits=3)
     seen = "" if design.view_noise is None else f", {sizes(design.view_noise)} in a side view"
     yield f"at {values}; noise {noise.text(design.noise)} {noise.unit}{seen}; {design.runs} runs"
-    yield f"the tests of the case leave {design.worst} worst: standard error {design.stderr[design.worst]:.3g}"
+    now = design.widths() or {}
+    yield f"the tests of the case leave {design.worst} worst: a 95 % interval of about +- {now[design.worst]:.3g}" + _span(
+        design, design
+    )
     yield ""
     yield from (f"  {line}" for line in aligned(design_rows(design)))
     for test in design.candidates:
         if test.cause:
             yield f"failed    {test.whole_words}: {test.cause}"
     best = next((test for test in design.candidates if test.stderr), None)
-    if best and best.stderr:
-        gain = design.stderr[design.worst] / best.stderr[design.worst]
+    if best and (widths := design.widths(best)):
         yield ""
-        yield f"best for {design.worst}: {best.whole_words}: its standard error falls {gain:.2g} times"
+        gain = now[design.worst] / widths[design.worst]
+        with_it = f"its interval becomes {gain:.2g} times narrower, about +- {widths[design.worst]:.2g}{_span(design, best)}"
+        yield f"best for {design.worst}: {best.whole_words}: {with_it}"
         yield f"needs     {best.effort}" if best.effort else "needs     one more test"
     for pair in design.pairs[:SHOWN_PAIRS]:
-        gain = design.stderr[design.worst] / pair.stderr[design.worst]
-        yield f"pair      {pair.first}; and {pair.second}: falls {gain:.2g} times" + (
+        gain = now[design.worst] / (design.widths(pair) or now)[design.worst]
+        yield f"pair      {pair.first}; and {pair.second}: {gain:.2g} times narrower" + (
             f"; needs {pair.effort}" if pair.effort else ""
         )
     yield from (f"note      {remark}" for remark in (*design.remarks, LEARNS))
 
 
+def _span(design: Design, judged: Design | FurtherTest) -> str:
+    """The half widths of the worst parameter over the values that the estimate leaves open, in words; nothing without them."""
+    if not judged.between:
+        return ""
+    low, high = judged.between[design.worst]
+    return f" ({low:.2g} to {high:.2g} over what the estimate leaves open)"
+
+
 def design_rows(design: Design) -> list[Row]:
-    """A row for each of the best further tests: its change, angle, depth, the standard errors with it, the finite-element solutions
-    that it adds to each step of a fit, and what it needs."""
-    rows = [["further test", "angle", "depth mm", *(f"se {name}" for name in design.stderr), "solves", "needs"]]
+    """A row for each of the best further tests: its change, angle, depth, half widths of the 95 % intervals with it, the
+    finite-element solutions that it adds to each step of a fit, and what it needs."""
+    rows = [["further test", "angle", "depth mm", *(f"{name} +-" for name in design.stderr), "solves", "needs"]]
     for test in design.candidates[:SHOWN]:
-        if test.stderr:
+        if widths := design.widths(test):
             where = ["", ""] if test.angle is None else [str(test.angle), f"{test.depth:.3g}"]
             solves = "" if test.solves is None else str(test.solves)
-            rows.append([test.words, *where, *(f"{test.stderr[name]:.3g}" for name in design.stderr), solves, test.effort])
+            rows.append([test.words, *where, *(f"{widths[name]:.3g}" for name in design.stderr), solves, test.effort])
     return rows
 
 

@@ -14,20 +14,36 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.stats import truncnorm
 
-from indentfit.case import Case, require_designable
+from indentfit.arrays import Array
+from indentfit.case import Case, Range, require_designable
 from indentfit.case.prior_tests import with_prior_tests
 from indentfit.case.uses import require_case
 from indentfit.inference.seen import seen_sentences
 from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import elastic_case
-from indentfit.study.further import TURN, Forces, FurtherTest, Known, Told, Values, forces_of, free_of, further_tests, turn_of
-from indentfit.study.in_time import InTime
+from indentfit.study.further import (
+    TURN,
+    Forces,
+    FurtherTest,
+    Known,
+    Told,
+    Values,
+    evidence_of,
+    forces_at,
+    free_of,
+    further_tests,
+    turn_of,
+)
+from indentfit.study.in_time import Curves, InTime
+from indentfit.study.promised import NORMAL, Evidence
 from indentfit.study.runs import Execution
 from indentfit.study.views import SEEN, deviations_of_fields
 
 NOISE = 0.01  # of the largest force, by default
 BEST, PAIRS = 12, 10  # further tests that are paired, and pairs that are kept
+NEAR = 0.1  # of a parameter's value: an estimate that is known so well leaves nothing open
 RADIAN = 57.3  # the error of an angle is judged by degrees in a radian, not by its own size
 AS_KNOWN = (
     "{names}: uncertain in this case, or left out, and taken as known here, at the value that a simulation takes: errors are at "
@@ -37,19 +53,21 @@ AS_KNOWN = (
 
 @dataclass(frozen=True)
 class FurtherPair:
-    """Two further tests, with the standard errors by both and the tests of the case together; `effort` and `solves` as those of a
-    `FurtherTest`."""
+    """Two further tests, with the errors by both and the tests of the case together; `effort`, `solves`, `half_width` and `between`
+    as those of a `FurtherTest`."""
 
     first: str
     second: str
     stderr: dict[str, float]
     effort: str = ""
     solves: int | None = None
+    half_width: dict[str, float] | None = None
+    between: dict[str, tuple[float, float]] | None = None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Design:
-    """Further tests, ranked by the standard error of the worst parameter.
+    """Further tests, ranked by the 95 % interval of the worst parameter that a fit is expected to state.
 
     Parameters
     ----------
@@ -58,8 +76,9 @@ class Design:
     noise : float, mN
         Standard deviation of a force.
     stderr : dict of parameter -> standard error by the case's own tests
+        By Fisher's information: with the noise known, and each curve weighed by it.
     worst : str
-        The parameter whose standard error is largest, relative to its value.
+        The parameter whose interval is widest, relative to its value.
     candidates : tuple of FurtherTest
         Further tests, the best for `worst` first, failed tests last.
     pairs : tuple of FurtherPair
@@ -71,6 +90,8 @@ class Design:
         What the records of the case cannot see of a relaxation; empty where the material is elastic.
     view_noise : float or None, mm
         Standard deviation of a displacement in a side view; None in files of earlier versions.
+    half_width, between : dicts of parameter -> half width, and (least, largest), or None
+        Of the 95 % intervals by the case's own tests, as those of a `FurtherTest`.
     """
 
     FORMAT: ClassVar[str] = "indentfit.design/2"
@@ -85,6 +106,8 @@ class Design:
     remarks: tuple[str, ...] = ()
     pairs: tuple[FurtherPair, ...] = ()
     view_noise: float | None = None
+    half_width: dict[str, float] | None = None
+    between: dict[str, tuple[float, float]] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of design.json, under the tag `format`."""
@@ -94,6 +117,8 @@ class Design:
             "noise_mN": self.noise,
             **({"view_noise_mm": self.view_noise} if self.view_noise is not None else {}),
             "stderr": self.stderr,
+            **({"half_width": self.half_width} if self.half_width else {}),
+            **({"between": self.between} if self.between else {}),
             "worst": self.worst,
             "candidates": [asdict(test) for test in self.candidates],
             "pairs": [asdict(pair) for pair in self.pairs],
@@ -107,7 +132,14 @@ class Design:
         tests = tuple(FurtherTest(**test) for test in value["candidates"])
         remarks, pairs = tuple(value.get("remarks", ())), tuple(FurtherPair(**pair) for pair in value.get("pairs", ()))
         known = value["parameters"], value["noise_mN"], value["stderr"], value["worst"], tests, value["runs"]
-        return cls(*known, remarks=remarks, pairs=pairs, view_noise=value.get("view_noise_mm"))
+        seen, wide, between = value.get("view_noise_mm"), value.get("half_width"), value.get("between")
+        return cls(*known, remarks=remarks, pairs=pairs, view_noise=seen, half_width=wide, between=between)
+
+    def widths(self, judged: Design | FurtherTest | FurtherPair | None = None) -> dict[str, float] | None:
+        """Half widths of the 95 % intervals by a further test, by a pair, or by the tests of the case; in files of earlier versions
+        those of the standard errors."""
+        of = judged if judged is not None else self
+        return of.half_width or ({name: NORMAL * error for name, error in of.stderr.items()} if of.stderr else None)
 
     def summary(self) -> str:
         """The design in words, as the command prints it."""
@@ -144,6 +176,7 @@ def design(
     noise: float | None = None,
     execution: Execution | None = None,
     view_noise: float | None = None,
+    estimated: bool = False,
 ) -> Design:
     """Which further test would determine the worst free parameter of a case best.
 
@@ -159,6 +192,9 @@ def design(
         Progress, workers and cluster of the runs.
     view_noise : float, mm
         Standard deviation of a displacement in a side view; by default 1.5 % of the largest depth of the case's tests.
+    estimated : bool
+        Whether the parameters are what a fit of the case's tests gave. Intervals are then the median over values that these tests
+        leave open, and their span is told: three times as many runs where they leave much open.
 
     Returns
     -------
@@ -184,57 +220,111 @@ def design(
         remarks = (*remarks, "the angle of the fibres, which the fit finds, is taken as known here: errors may be larger")
     if doubtful := [name for name in case.fit.uncertain.given if name != "mesh"]:
         remarks = (*remarks, AS_KNOWN.format(names=", ".join(doubtful)))
-    forces, runs = _own(elastic, values, execution)
-    own = forces.curves if in_time is None else in_time.own(forces.curves)
+    forces, runs = _own(elastic, [values], execution)
+    first = forces[0]
+    assert first is not None  # or there were a DesignError
+    own = first.curves if in_time is None else in_time.own(first.curves)
     pressed = [test.kind == "indentation" for test in case.tests]
     largest = max(float(known.forces.max()) for known, press in zip(own, pressed, strict=True) if press)
     noise = noise or NOISE * largest
-    sizes = [largest if press else float(np.abs(known.forces).max()) for known, press in zip(own, pressed, strict=True)]
-    rows = zip(case.curves, sizes, strict=True)
-    stated = [noise / largest * size if curve is None or curve.sd is None else curve.sd for curve, size in rows]
     ranges = {**free_of(elastic), **(in_time.relaxation.free if in_time else {})}
     prior = np.diag([12 / (bounds.max - bounds.min) ** 2 for bounds in ranges.values()])
-    information = prior + sum(known.information(sd) for known, sd in zip(own, stated, strict=True))
-    pairs_of_fields = zip(forces.fields, deviations_of_fields(elastic), strict=True)
-    information = information + sum(known.information(sd) for known, sd in pairs_of_fields)
-    known = Known(values, tuple(ranges), information, noise, noise / largest, view_noise or SEEN * deepest)
+    found = _evidence(case, own, noise / largest, largest, first.fields)
+    places: list[Values] = [values]
+    if estimated and in_time is None:
+        places += _open(values, ranges, np.asarray(np.linalg.inv(prior + sum(one.information for one in found))))
+        others, used = _own(elastic, places[1:], execution)
+        forces, runs = [first, *others], runs + used
+    rows = tuple(
+        _evidence(case, one.curves if in_time is None else own, noise / largest, largest, one.fields) if one else ()
+        for one in forces
+    )
+    squares = case.fit.method == "least_squares"
+    known = Known(tuple(places), tuple(ranges), prior, rows, squares, noise, noise / largest, view_noise or SEEN * deepest)
     told, used = further_tests(elastic, in_time, known, execution)
-    now, whole = known.stderr(np.zeros_like(prior)), {**values, **(in_time.values if in_time else {})}
+    (now, between), whole = known.promised(), {**values, **(in_time.values if in_time else {})}
     worst = max(now, key=lambda name: now[name] / (RADIAN if name == TURN else abs(whole[name]) or ranges[name].max))
-    tests = sorted((_judged(known, further) for further in told), key=lambda test: test.stderr[worst] if test.stderr else np.inf)
+    tests = sorted(
+        (_judged(known, further) for further in told), key=lambda test: test.half_width[worst] if test.half_width else np.inf
+    )
     pairs = _pairs(known, told, worst)
-    return Design(whole, noise, now, worst, tuple(tests), runs + used, case, remarks, pairs, known.view_noise)
+    return Design(
+        parameters=whole,
+        noise=noise,
+        stderr=known.stderr(),
+        worst=worst,
+        candidates=tuple(tests),
+        runs=runs + used,
+        case=case,
+        remarks=remarks,
+        pairs=pairs,
+        view_noise=known.view_noise,
+        half_width=now,
+        between=between,
+    )
+
+
+def _evidence(case: Case, curves: Sequence[Curves], share: float, largest: float, fields: Sequence[Curves]) -> tuple[Evidence, ...]:
+    """What the case's own tests tell: `share` of the largest force is the noise where a curve states none."""
+    usual = float(np.mean([test.weight or 0.0 for test in case.tests])) or 1.0
+    rows = []
+    for test, measured, known in zip(case.tests, case.curves, curves, strict=True):
+        pressed = test.kind == "indentation"
+        size = largest if pressed else float(np.abs(known.forces).max())
+        stated = measured is not None and measured.sd is not None
+        sd = measured.sd if measured is not None and measured.sd is not None else share * size
+        rows.append(evidence_of(known, sd, (test.weight or 0.0) / usual, pressed, not stated))
+    pairs = zip(fields, deviations_of_fields(elastic_case(case)), strict=True)
+    return (*rows, *(Evidence(known.information(sd)) for known, sd in pairs))
+
+
+def _open(values: Values, ranges: Mapping[str, Range], covar: Array) -> list[Values]:
+    """Other values that an estimate leaves open: at sixths of the probability to both sides, along the direction that is known
+    worst, within the ranges; none where it is known to NEAR."""
+    names, widths = list(ranges), np.array([bounds.max - bounds.min for bounds in ranges.values()])
+    variances, directions = np.linalg.eigh(covar / np.outer(widths, widths))
+    sd, along = float(np.sqrt(variances[-1])), widths * directions[:, -1]
+    at = np.array([values[name] for name in names])
+    if np.max(sd * np.abs(along) / np.maximum(np.abs(at), 1e-12)) < NEAR:
+        return []
+    low, high = (np.array([getattr(bounds, end) for bounds in ranges.values()]) for end in ("min", "max"))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.array([(low - at) / along, (high - at) / along]), axis=0)
+    least, most = float(np.nanmax(ends[0])), float(np.nanmin(ends[1]))
+    steps = truncnorm.ppf([1 / 6, 5 / 6], least / sd, most / sd, scale=sd)
+    return [{**values, **dict(zip(names, np.clip(at + step * along, low, high).tolist(), strict=True))} for step in steps]
 
 
 def _judged(known: Known, further: Told) -> FurtherTest:
-    if further.information is None:
+    if further.evidence is None:
         return further.test
-    return replace(further.test, stderr=known.stderr(further.information))
+    half_width, between = known.promised(further.evidence)
+    return replace(further.test, stderr=known.stderr(further.evidence), half_width=half_width, between=between)
 
 
 def _pairs(known: Known, told: Sequence[Told], worst: str) -> tuple[FurtherPair, ...]:
     """The best pairs among the best further tests; the best of each change, angle and kind is paired, not each of its depths."""
     best: dict[tuple[str, float | None], tuple[float, Told]] = {}
     for further in told:
-        if further.information is not None:
-            error, key = known.stderr(further.information)[worst], (further.test.change, further.test.angle)
-            if key not in best or error < best[key][0]:
-                best[key] = (error, further)
+        if further.evidence is not None:
+            width, key = known.promised(further.evidence)[0][worst], (further.test.change, further.test.angle)
+            if key not in best or width < best[key][0]:
+                best[key] = (width, further)
     chosen = [further for _, further in sorted(best.values(), key=lambda pair: pair[0])][:BEST]
-    pairs = [
-        _pair(a.test, b.test, known.stderr(a.information + b.information))
-        for a, b in itertools.combinations(chosen, 2)
-        if a.information is not None and b.information is not None
-    ]
-    return tuple(sorted(pairs, key=lambda pair: pair.stderr[worst])[:PAIRS])
+    pairs = [_pair(known, a, b) for a, b in itertools.combinations(chosen, 2)]
+    return tuple(sorted(pairs, key=lambda pair: pair.half_width[worst] if pair.half_width else np.inf)[:PAIRS])
 
 
-def _pair(a: FurtherTest, b: FurtherTest, stderr: dict[str, float]) -> FurtherPair:
-    efforts = dict.fromkeys(test.effort for test in (a, b))  # two tests by one rig need it once
-    return FurtherPair(a.whole_words, b.whole_words, stderr, "; ".join(efforts), (a.solves or 0) + (b.solves or 0))
+def _pair(known: Known, a: Told, b: Told) -> FurtherPair:
+    efforts = "; ".join(dict.fromkeys(told.test.effort for told in (a, b)))  # two tests by one rig need it once
+    evidence = tuple(one + other if one and other else () for one, other in zip(a.evidence or (), b.evidence or (), strict=True))
+    words, solves = (a.test.whole_words, b.test.whole_words), (a.test.solves or 0) + (b.test.solves or 0)
+    return FurtherPair(*words, known.stderr(evidence), efforts, solves, *known.promised(evidence))
 
 
-def _own(case: Case, parameters: Values, execution: Execution) -> tuple[Forces, int]:
-    """The curves and fields of the case's own tests with their derivatives, and the number of runs."""
+def _own(case: Case, places: Sequence[Values], execution: Execution) -> tuple[list[Forces | None], int]:
+    """The curves and fields of the case's own tests with their derivatives at each place, and the number of runs."""
+    if not places:
+        return [], 0
     with RunPool(case, execution.workers, None, execution.cluster, execution.stop) as pool:
-        return forces_of(case, pool, parameters), pool.runs
+        return forces_at(case, pool, places), pool.runs

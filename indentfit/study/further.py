@@ -31,6 +31,7 @@ from indentfit.runs.pool import RunPool
 from indentfit.samples import Circle
 from indentfit.study import views
 from indentfit.study.in_time import Curves, InTime
+from indentfit.study.promised import Evidence, half_widths
 from indentfit.study.runs import Execution
 
 DEPTHS = (0.5, 1.0, 1.5)  # of the case's largest depth
@@ -73,6 +74,10 @@ class FurtherTest:
         What the test needs that the tests of the case do not.
     solves : int or None
         Number of solutions by finite elements that the test adds to each step of a fit; None in files of earlier versions.
+    half_width : dict of parameter -> half width, or None
+        Half width of the 95 % interval that a fit with this test is expected to state; None in files of earlier versions.
+    between : dict of parameter -> (least, largest), or None
+        Half widths over the values that the tests of the case leave open, where the parameters are an estimate by them.
     """
 
     change: str
@@ -83,6 +88,8 @@ class FurtherTest:
     kind: str = "indentation"
     effort: str = ""
     solves: int | None = None
+    half_width: dict[str, float] | None = None
+    between: dict[str, tuple[float, float]] | None = None
 
     @property
     def words(self) -> str:
@@ -94,16 +101,25 @@ class FurtherTest:
         return self.words if self.angle is None else f"{self.words}, angle {self.angle}°, to {self.depth:.3g} mm"
 
 
+Rows = tuple[tuple[Evidence, ...], ...]  # evidence at each place; empty where there is none
+
+
 @dataclass(frozen=True)
 class Known:
     """The state before a further test.
 
     Parameters
     ----------
-    parameters : mapping of name to value
+    places : tuple of mappings of name to value
+        The parameters, and others that the tests of the case leave open.
     names : tuple of str
         Of the parameters that are to be determined.
-    information : array (p, p)
+    prior : array (p, p)
+        Information before all tests.
+    own : tuple of tuples of Evidence
+        That of the case's own tests, at each place.
+    squares : bool
+        Whether fits minimise squares, or equation (1).
     noise : float, mN
     share : float
         The noise over the largest force.
@@ -111,24 +127,39 @@ class Known:
         Standard deviation of a displacement in a side view.
     """
 
-    parameters: Values
+    places: tuple[Values, ...]
     names: tuple[str, ...]
-    information: Array
+    prior: Array
+    own: Rows
+    squares: bool
     noise: float
     share: float
     view_noise: float
 
-    def stderr(self, information: Array) -> dict[str, float]:
-        """Standard errors with the information of further tests."""
-        return dict(zip(self.names, np.sqrt(np.diag(np.linalg.inv(self.information + information))).tolist(), strict=True))
+    def stderr(self, evidence: Rows = ()) -> dict[str, float]:
+        """Standard errors by Fisher's information, with the evidence of further tests."""
+        every = (*self.own[0], *(evidence[0] if evidence else ()))
+        covar = np.linalg.inv(self.prior + sum(one.information for one in every))
+        return dict(zip(self.names, np.sqrt(np.diag(covar)).tolist(), strict=True))
+
+    def promised(self, evidence: Rows = ()) -> tuple[dict[str, float], dict[str, tuple[float, float]] | None]:
+        """Half widths of the expected 95 % intervals, the median over all places; and their span where there are several."""
+        more = evidence or ((),) * len(self.own)
+        pairs = [(own, new) for own, new in zip(self.own, more, strict=True) if own and (new or not evidence)]
+        rows = np.array([half_widths((*own, *new), self.prior, self.squares) for own, new in pairs])
+        middle = dict(zip(self.names, np.median(rows, axis=0).tolist(), strict=True))
+        if len(self.places) == 1:
+            return middle, None
+        ends = zip(rows.min(axis=0).tolist(), rows.max(axis=0).tolist(), strict=True)
+        return middle, dict(zip(self.names, ends, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """A further test without its standard errors, and the information that it gives; None where it failed."""
+    """A further test without its errors, and what it tells at each place; None where it failed."""
 
     test: FurtherTest
-    information: Array | None
+    evidence: Rows | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,20 +210,34 @@ def _indentations(change: str, variant: Case, in_time: InTime | None, known: Kno
         tried = views.with_views(tried, depths) if seen else tried
         try:
             with RunPool(tried, execution.workers, None, execution.cluster, execution.stop) as pool:
-                forces = forces_of(tried, pool, known.parameters)
+                forces = forces_at(tried, pool, known.places)
                 used += pool.runs
         except IndentfitError as error:
             cause = str(error)
             allowed = allowed[:-1]  # at a smaller depth, equilibrium may be found
             continue
-        told = list(_at_depths(change, tried, forces.curves, depths, in_time, known, effort))
+        told = _joined(
+            [list(_at_depths(change, tried, one.curves, depths, in_time, known, effort)) if one else [] for one in forces]
+        )
         if seen:
-            told += _seen(tried, forces, depths, known)
+            told += _joined([list(_seen(tried, one, depths, known)) if one else [] for one in forces])
         if in_time is not None and not change:
-            told += _at_rates(tried, forces.curves, min(deepest, allowed[-1] * deepest), in_time, known)
+            depth = min(deepest, allowed[-1] * deepest)
+            told += _joined([list(_at_rates(tried, one.curves, depth, in_time, known)) if one else [] for one in forces])
         return told, used
     failed = [FurtherTest(change, angle, deepest, None, cause, effort=effort, solves=1) for angle in angles]
     return [Told(test, None) for test in failed], used
+
+
+def _joined(rows: Sequence[Sequence[tuple[FurtherTest, tuple[Evidence, ...]]]]) -> list[Told]:
+    """The further tests of the first place, each with its evidence at all places."""
+    return [Told(test, tuple(row[n][1] if row else () for row in rows)) for n, (test, _) in enumerate(rows[0])]
+
+
+def evidence_of(curve: Curves, noise: float | Array, weight: float = 1.0, pressed: bool = True, learnt: bool = True) -> Evidence:
+    """What a curve tells whose points have standard deviations of one size, or of one for each point."""
+    size, typical = float(np.sqrt(np.mean(curve.forces**2))), float(np.mean(np.square(noise) ** -1.0) ** -0.5)
+    return Evidence(curve.information(noise), size, typical, curve.forces.size, weight, pressed, learnt)
 
 
 def angles_of(case: Case) -> tuple[int, ...]:
@@ -208,7 +253,7 @@ def angles_of(case: Case) -> tuple[int, ...]:
 
 def _at_depths(
     change: str, case: Case, curves: Sequence[Curves], depths: Sequence[float], in_time: InTime | None, known: Known, effort: str
-) -> Iterator[Told]:
+) -> Iterator[tuple[FurtherTest, tuple[Evidence, ...]]]:
     for test, curve in zip(case.tests, curves, strict=True):
         for depth in depths:
             rows = (
@@ -216,28 +261,32 @@ def _at_depths(
                 if in_time is None
                 else in_time.ramped(curve, Ramp(depth, depth / in_time.rate, in_time.hold))
             )
-            yield Told(FurtherTest(change, test.direction, depth, None, effort=effort, solves=1), rows.information(known.noise))
+            further = FurtherTest(change, test.direction, depth, None, effort=effort, solves=1)
+            yield further, (evidence_of(rows, known.noise),)
 
 
-def _seen(case: Case, forces: Forces, depths: Sequence[float], known: Known) -> Iterator[Told]:
+def _seen(case: Case, forces: Forces, depths: Sequence[float], known: Known) -> Iterator[tuple[FurtherTest, tuple[Evidence, ...]]]:
     """Further tests as the case is, with one of the sample's sides in view at their deepest; the run of the force has them too."""
     curves = dict(zip([test.name for test in case.tests], forces.curves, strict=True))
     for test, view in views.views_in(case, depths, [(rows.forces, rows.slopes) for rows in forces.fields]):
-        force = curves[test.name].to(view.depth, POINTS).information(known.noise)
+        force = evidence_of(curves[test.name].to(view.depth, POINTS), known.noise)
         for kind in (views.MARKERS, views.OUTLINE):
             words, effort = views.words_of(case, view.axis, kind), f"{EFFORTS['as it is']}, {views.EFFORTS[kind]}"
             further = FurtherTest(words, test.direction, view.depth, None, kind="side view", effort=effort, solves=1)
-            yield Told(further, force + view.information(kind, known.view_noise))
+            yield further, (force, Evidence(view.information(kind, known.view_noise)))
 
 
-def _at_rates(case: Case, curves: Sequence[Curves], depth: float, in_time: InTime, known: Known) -> Iterator[Told]:
+def _at_rates(
+    case: Case, curves: Sequence[Curves], depth: float, in_time: InTime, known: Known
+) -> Iterator[tuple[FurtherTest, tuple[Evidence, ...]]]:
     """Further tests as the case is, in ramps of other durations and with other holds: they need no run."""
     for test, curve in zip(case.tests, curves, strict=True):
         for ramp in in_time.ramps(depth):
             rows = in_time.ramped(curve, ramp)
             words = f"ramp of {ramp.seconds:.2g} s, " + (f"hold of {ramp.hold:.3g} s" if ramp.hold else "no hold")
             effort = EFFORTS["rate"].format(seconds=ramp.end)
-            yield Told(FurtherTest(words, test.direction, depth, None, effort=effort, solves=1), rows.information(known.noise))
+            further = FurtherTest(words, test.direction, depth, None, effort=effort, solves=1)
+            yield further, (evidence_of(rows, known.noise),)
 
 
 def _specimens(case: Case) -> Iterator[Test]:
@@ -290,10 +339,23 @@ def _of_specimen(case: Case, test: Test, known: Known, execution: Execution) -> 
     further = FurtherTest(words, None, None, None, kind=test.kind or "", effort=effort, solves=solves)
     try:
         with RunPool(tried, execution.workers, None, execution.cluster, execution.stop) as pool:
-            (curve,) = forces_of(tried, pool, known.parameters).curves
+            found = [one.curves[0] if one else None for one in forces_at(tried, pool, known.places)]
     except IndentfitError as error:
         return Told(replace(further, cause=str(error)), None)
-    return Told(further, curve.information(known.share * float(np.abs(curve.forces).max())))
+    noise = [known.share * float(np.abs(curve.forces).max()) if curve else 0.0 for curve in found]
+    pairs = zip(found, noise, strict=True)
+    return Told(further, tuple((evidence_of(curve, sd, pressed=False),) if curve else () for curve, sd in pairs))
+
+
+def forces_at(case: Case, pool: RunPool, places: Sequence[Values]) -> list[Forces | None]:
+    """`forces_of` at several places; None where a place other than the first has none. Raises DesignError."""
+    found: list[Forces | None] = [forces_of(case, pool, places[0])]
+    for place in places[1:]:
+        try:
+            found.append(forces_of(case, pool, place))
+        except IndentfitError:
+            found.append(None)
+    return found
 
 
 def forces_of(case: Case, pool: RunPool, parameters: Values) -> Forces:
