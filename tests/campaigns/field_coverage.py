@@ -12,8 +12,8 @@ truths and for the fits.
 
 Seen (29 November 2026, 44 s of CPU): half width of phi 7.6 % at mu 1.2, zeta 3, phi 0.8 (median of 20); mu 388, zeta 393 and
 phi 386 of 400 (368 to 390 are allowed), with --seed 100000 390, 384 and 389: under white noise a little too wide, because fits
-allow for correlated noise, too. Under noise as they suppose it (--correlated) the counts lie in the band: 374, 389 and 384 of 400. With the size of the noise known, white noise gives 381, 386 and 380. With --base 200: 200 noticed, each as
-no fit (39 s).
+allow for correlated noise, too. Under noise as they suppose it (--correlated) the counts lie in the band: 374, 389 and 384 of 400.
+With the size of the noise known, white noise gives 381, 386 and 380. With --base 200: 200 noticed, each as no fit (39 s).
 
 Exit code 1 where a parameter's coverage is outside of the binomial 99 % band, or phi wider than 10 % at mu 1.2, zeta 3, phi 0.8, or
 where a wrong base is noticed in less than 95 %.
