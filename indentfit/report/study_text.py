@@ -13,8 +13,8 @@ from indentfit.study.sweep import Sweep, SweepPoint
 
 Row = list[str]
 LEARNS = (
-    "intervals are those that fits of curves with white noise are expected to state at these parameters; theirs were within a tenth "
-    "of them, in the median of a campaign"
+    "intervals are those that fits of curves with white noise are expected to state at these parameters; theirs were within a "
+    "tenth of them, in the median of a campaign"
 )
 SHOWN, SHOWN_PAIRS = 12, 3  # further tests in the table of a design, and pairs below it
 
