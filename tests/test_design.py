@@ -185,7 +185,7 @@ def test_an_estimate_is_judged_over_what_its_tests_leave_open(springs):
     needs no other values."""
     sharp, vague = (design(springs, {"mu": 2.0}, noise=noise, estimated=True) for noise in (0.05, 50.0))
     assert sharp.between is None and sharp.candidates[0].between is None
-    assert vague.runs == 3 * sharp.runs == 3 * design(springs, {"mu": 2.0}, noise=50.0).runs
+    assert vague.runs == 4 * sharp.runs == 4 * design(springs, {"mu": 2.0}, noise=50.0).runs
     best = vague.candidates[0]
     assert best.half_width["mu"] == pytest.approx(best.between["mu"][0], rel=1e-6) == pytest.approx(best.between["mu"][1], rel=1e-6)
     assert "over what the estimate leaves open" in vague.summary()

@@ -43,6 +43,7 @@ from indentfit.study.views import SEEN, deviations_of_fields
 
 NOISE = 0.01  # of the largest force, by default
 BEST, PAIRS = 12, 10  # further tests that are paired, and pairs that are kept
+QUANTILES = (0.05, 0.5, 0.95)  # of what an estimate leaves open
 NEAR = 0.1  # of a parameter's value: an estimate that is known so well leaves nothing open
 RADIAN = 57.3  # the error of an angle is judged by degrees in a radian, not by its own size
 AS_KNOWN = (
@@ -194,7 +195,7 @@ def design(
         Standard deviation of a displacement in a side view; by default 1.5 % of the largest depth of the case's tests.
     estimated : bool
         Whether the parameters are what a fit of the case's tests gave. Intervals are then the median over values that these tests
-        leave open, and their span is told: three times as many runs where they leave much open.
+        leave open, and their span is told: four times as many runs where they leave much open.
 
     Returns
     -------
@@ -229,15 +230,15 @@ def design(
     noise = noise or NOISE * largest
     ranges = {**free_of(elastic), **(in_time.relaxation.free if in_time else {})}
     prior = np.diag([12 / (bounds.max - bounds.min) ** 2 for bounds in ranges.values()])
-    found = _evidence(case, own, noise / largest, largest, first.fields)
+    at_first = _evidence(case, own, noise / largest, largest, first.fields)
     places: list[Values] = [values]
     if estimated and in_time is None:
-        places += _open(values, ranges, np.asarray(np.linalg.inv(prior + sum(one.information for one in found))))
+        places += _open(values, ranges, np.asarray(np.linalg.inv(prior + sum(each.information for each in at_first))))
         others, used = _own(elastic, places[1:], execution)
         forces, runs = [first, *others], runs + used
     rows = tuple(
-        _evidence(case, one.curves if in_time is None else own, noise / largest, largest, one.fields) if one else ()
-        for one in forces
+        _evidence(case, there.curves if in_time is None else own, noise / largest, largest, there.fields) if there else ()
+        for there in forces
     )
     squares = case.fit.method == "least_squares"
     known = Known(tuple(places), tuple(ranges), prior, rows, squares, noise, noise / largest, view_noise or SEEN * deepest)
@@ -279,8 +280,8 @@ def _evidence(case: Case, curves: Sequence[Curves], share: float, largest: float
 
 
 def _open(values: Values, ranges: Mapping[str, Range], covar: Array) -> list[Values]:
-    """Other values that an estimate leaves open: at sixths of the probability to both sides, along the direction that is known
-    worst, within the ranges; none where it is known to NEAR."""
+    """Values that an estimate leaves open: at QUANTILES of a normal density within the ranges, along the direction that is known
+    worst; none where the estimate is known to NEAR."""
     names, widths = list(ranges), np.array([bounds.max - bounds.min for bounds in ranges.values()])
     variances, directions = np.linalg.eigh(covar / np.outer(widths, widths))
     sd, along = float(np.sqrt(variances[-1])), widths * directions[:, -1]
@@ -291,7 +292,7 @@ def _open(values: Values, ranges: Mapping[str, Range], covar: Array) -> list[Val
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort(np.array([(low - at) / along, (high - at) / along]), axis=0)
     least, most = float(np.nanmax(ends[0])), float(np.nanmin(ends[1]))
-    steps = truncnorm.ppf([1 / 6, 5 / 6], least / sd, most / sd, scale=sd)
+    steps = truncnorm.ppf(QUANTILES, least / sd, most / sd, scale=sd)
     return [{**values, **dict(zip(names, np.clip(at + step * along, low, high).tolist(), strict=True))} for step in steps]
 
 
@@ -317,7 +318,9 @@ def _pairs(known: Known, told: Sequence[Told], worst: str) -> tuple[FurtherPair,
 
 def _pair(known: Known, a: Told, b: Told) -> FurtherPair:
     efforts = "; ".join(dict.fromkeys(told.test.effort for told in (a, b)))  # two tests by one rig need it once
-    evidence = tuple(one + other if one and other else () for one, other in zip(a.evidence or (), b.evidence or (), strict=True))
+    evidence = tuple(
+        first + other if first and other else () for first, other in zip(a.evidence or (), b.evidence or (), strict=True)
+    )
     words, solves = (a.test.whole_words, b.test.whole_words), (a.test.solves or 0) + (b.test.solves or 0)
     return FurtherPair(*words, known.stderr(evidence), efforts, solves, *known.promised(evidence))
 

@@ -111,7 +111,7 @@ class Known:
     Parameters
     ----------
     places : tuple of mappings of name to value
-        The parameters, and others that the tests of the case leave open.
+        The parameters, and values over which the tests of the case leave them open.
     names : tuple of str
         Of the parameters that are to be determined.
     prior : array (p, p)
@@ -139,14 +139,16 @@ class Known:
     def stderr(self, evidence: Rows = ()) -> dict[str, float]:
         """Standard errors by Fisher's information, with the evidence of further tests."""
         every = (*self.own[0], *(evidence[0] if evidence else ()))
-        covar = np.linalg.inv(self.prior + sum(one.information for one in every))
+        covar = np.linalg.inv(self.prior + sum(each.information for each in every))
         return dict(zip(self.names, np.sqrt(np.diag(covar)).tolist(), strict=True))
 
     def promised(self, evidence: Rows = ()) -> tuple[dict[str, float], dict[str, tuple[float, float]] | None]:
-        """Half widths of the expected 95 % intervals, the median over all places; and their span where there are several."""
+        """Half widths of the expected 95 % intervals at the parameters; or, where these leave others open, the median over those, and
+        their span."""
         more = evidence or ((),) * len(self.own)
         pairs = [(own, new) for own, new in zip(self.own, more, strict=True) if own and (new or not evidence)]
         rows = np.array([half_widths((*own, *new), self.prior, self.squares) for own, new in pairs])
+        rows = rows[1:] if len(rows) > 1 else rows
         middle = dict(zip(self.names, np.median(rows, axis=0).tolist(), strict=True))
         if len(self.places) == 1:
             return middle, None
@@ -217,13 +219,13 @@ def _indentations(change: str, variant: Case, in_time: InTime | None, known: Kno
             allowed = allowed[:-1]  # at a smaller depth, equilibrium may be found
             continue
         told = _joined(
-            [list(_at_depths(change, tried, one.curves, depths, in_time, known, effort)) if one else [] for one in forces]
+            [list(_at_depths(change, tried, there.curves, depths, in_time, known, effort)) if there else [] for there in forces]
         )
         if seen:
-            told += _joined([list(_seen(tried, one, depths, known)) if one else [] for one in forces])
+            told += _joined([list(_seen(tried, there, depths, known)) if there else [] for there in forces])
         if in_time is not None and not change:
             depth = min(deepest, allowed[-1] * deepest)
-            told += _joined([list(_at_rates(tried, one.curves, depth, in_time, known)) if one else [] for one in forces])
+            told += _joined([list(_at_rates(tried, there.curves, depth, in_time, known)) if there else [] for there in forces])
         return told, used
     failed = [FurtherTest(change, angle, deepest, None, cause, effort=effort, solves=1) for angle in angles]
     return [Told(test, None) for test in failed], used
@@ -339,23 +341,23 @@ def _of_specimen(case: Case, test: Test, known: Known, execution: Execution) -> 
     further = FurtherTest(words, None, None, None, kind=test.kind or "", effort=effort, solves=solves)
     try:
         with RunPool(tried, execution.workers, None, execution.cluster, execution.stop) as pool:
-            found = [one.curves[0] if one else None for one in forces_at(tried, pool, known.places)]
+            curves = [there.curves[0] if there else None for there in forces_at(tried, pool, known.places)]
     except IndentfitError as error:
         return Told(replace(further, cause=str(error)), None)
-    noise = [known.share * float(np.abs(curve.forces).max()) if curve else 0.0 for curve in found]
-    pairs = zip(found, noise, strict=True)
+    noise = [known.share * float(np.abs(curve.forces).max()) if curve else 0.0 for curve in curves]
+    pairs = zip(curves, noise, strict=True)
     return Told(further, tuple((evidence_of(curve, sd, pressed=False),) if curve else () for curve, sd in pairs))
 
 
 def forces_at(case: Case, pool: RunPool, places: Sequence[Values]) -> list[Forces | None]:
     """`forces_of` at several places; None where a place other than the first has none. Raises DesignError."""
-    found: list[Forces | None] = [forces_of(case, pool, places[0])]
+    every: list[Forces | None] = [forces_of(case, pool, places[0])]
     for place in places[1:]:
         try:
-            found.append(forces_of(case, pool, place))
+            every.append(forces_of(case, pool, place))
         except IndentfitError:
-            found.append(None)
-    return found
+            every.append(None)
+    return every
 
 
 def forces_of(case: Case, pool: RunPool, parameters: Values) -> Forces:

@@ -68,9 +68,9 @@ def half_widths(evidence: Sequence[Evidence], prior: Array, squares: bool) -> Ar
     loads = _loads(evidence, squares)
     scale = 1 / np.sqrt(np.diag(prior))
     H, V = np.zeros_like(prior), np.zeros_like(prior)
-    for load, one in zip(loads, evidence, strict=True):
-        own = scale[:, None] * one.information * scale
-        widened = learning(one.points, len(prior)) if one.learnt else 1.0
+    for load, each in zip(loads, evidence, strict=True):
+        own = scale[:, None] * each.information * scale
+        widened = learning(each.points, len(prior)) if each.learnt else 1.0
         H, V = H + load * own, V + (load * widened) ** 2 * own
     values, vectors = np.linalg.eigh(H)
     seen = vectors[:, values > SEEN * max(values[-1], 1e-300)]
@@ -82,14 +82,14 @@ def half_widths(evidence: Sequence[Evidence], prior: Array, squares: bool) -> Ar
 
 def _loads(evidence: Sequence[Evidence], squares: bool) -> Array:
     """The weight of each residual's square times its variance: the same for all where a fit weighs by the variances."""
-    weighed = [one for one in evidence if one.weight]
-    alike = all(one.pressed for one in weighed)
+    weighed = [each for each in evidence if each.weight]
+    alike = all(each.pressed for each in weighed)
     loads = {}
-    for one in weighed:
-        share = one.noise * (1.0 if alike else weighed[0].size / max(one.size, 1e-300))
-        loads[id(one)] = one.weight / one.points * (share**2 if squares else share)
+    for each in weighed:
+        share = each.noise * (1.0 if alike else weighed[0].size / max(each.size, 1e-300))
+        loads[id(each)] = each.weight / each.points * (share**2 if squares else share)
     usual = float(np.mean(list(loads.values()))) if loads else 1.0
-    return np.array([loads.get(id(one), usual) / usual for one in evidence])
+    return np.array([loads.get(id(each), usual) / usual for each in evidence])
 
 
 @functools.cache
