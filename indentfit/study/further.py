@@ -143,7 +143,7 @@ class Known:
         return dict(zip(self.names, np.sqrt(np.diag(covar)).tolist(), strict=True))
 
     def promised(self, evidence: Rows = ()) -> tuple[dict[str, float], dict[str, tuple[float, float]] | None]:
-        """Half widths of the expected 95 % intervals at the parameters; or, where these leave others open, the median over those, and
+        """Half widths of the expected 95 % intervals at the parameters; or, where values are left open, the median over those, and
         their span."""
         more = evidence or ((),) * len(self.own)
         pairs = [(own, new) for own, new in zip(self.own, more, strict=True) if own and (new or not evidence)]
