@@ -74,13 +74,13 @@ class HiddenDrift:
     kinds: tuple[tuple[float, float, float], ...]
     fitted: tuple[float, float] = (0.0, 0.0)
 
-    def reach(self, error: float, errors: float = CERTAIN) -> float:
-        """How far, mN, the force may be off at the end of loading, whatever the size of the drift.
+    def reach(self, error: float) -> float:
+        """How far, mN, the force may be off at the end of loading (95 %), whatever the size of the drift.
 
-        error: mN, standard error of that force without a drift; errors: standard errors in half of the interval.
+        error: mN, standard error of that force without a drift.
         """
         change, stderr = self.fitted
-        return abs(change) + errors * float(np.hypot(stderr, error))
+        return abs(change) + CERTAIN * float(np.hypot(stderr, error))
 
     def beyond(self, size: float, error: float) -> float:
         """Probability that drift and a normal error with a standard deviation, mN, together exceed a size, mN, either way."""
@@ -138,9 +138,7 @@ def _weighed(fit: Piecewise, end: str, doubt: Doubt) -> tuple[Piecewise, Doubt]:
     law has them all. Where the force shows none of these, each has a share of the weight still: a law may differ by less than the
     noise shows.
     """
-    powers = POWERS[end]
-    halves = (powers[0], powers[0] + 0.5, powers[0] + 1.0)
-    nested = dict.fromkeys([powers, _richer(powers), halves, tuple(sorted({*halves, *_richer(powers)}))])
+    nested = more_powers(POWERS[end])
     fits = [fit if law == fit.powers else fit_of(fit.stretch, law, fit.baseline) for law in (*nested, *SHARP.get(end, ()))]
     # more powers that fit worse are a search that went astray
     astray = [rival.powers in nested and _ratio(fits[0], rival) < 0 for rival in fits]
@@ -171,9 +169,19 @@ def _rises(fit: Piecewise) -> bool:
     return bool(np.max(np.maximum.accumulate(force) - force) <= FALLS * abs(float(force[-1])))
 
 
+def more_powers(powers: tuple[float, ...]) -> list[tuple[float, ...]]:
+    """The two powers of an end, and laws of more: of a layer, of a sample that stiffens or softens, and of all of them."""
+    halves = (powers[0], powers[0] + 0.5, powers[0] + 1.0)
+    return list(dict.fromkeys([powers, _richer(powers), halves, tuple(sorted({*halves, *_richer(powers)}))]))
+
+
 def _price(fit: Piecewise, samples: float) -> float:
+    """What the values of a fit cost; the contact point and the size of the noise are two of them."""
+    return criterion(fit.coefficients.size + 2, samples)
+
+
+def criterion(values: int, samples: float) -> float:
     """What the values of a fit cost by Akaike's criterion, corrected for few independent samples, which slow noise leaves."""
-    values = fit.coefficients.size + 2  # the contact point and the size of the noise are two of them
     left = samples - values - 1
     return values + values * (values + 1) / left if left > 0 else np.inf
 

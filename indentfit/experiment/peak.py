@@ -10,11 +10,11 @@ from scipy.ndimage import median_filter
 
 from indentfit.arrays import Array
 from indentfit.digits import quantity
-from indentfit.experiment.baselines import HiddenDrift
+from indentfit.experiment.baselines import HiddenDrift, criterion, more_powers
 from indentfit.experiment.contact_point import ContactPoint
 from indentfit.experiment.loading import Ramp, filtered, noise_of
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
-from indentfit.experiment.piecewise import POWERS, independent, solved
+from indentfit.experiment.piecewise import POWERS, independent, rounded, solved, step_of
 
 LONGEST = 0.05  # of the duration of the ramp: longer than a period of the rig's ringing
 SHORTEST = 5  # samples
@@ -36,11 +36,10 @@ STOPPED = 2.5  # standard errors by which the last samples of a record lie behin
 SURE = 3.0  # standard errors
 RARELY = 0.0027  # probability that a normal error is larger than SURE standard errors
 FOLLOWS = 25.0  # excess of squares, in squares of noise, below which the indenter's law follows the end of the loading
-AGREE = 2.5  # standard errors within which the law and that with a power more agree
-FAR = 3.0  # standard errors within which the law and the parabola agree
-IN_DOUBT = 0.3  # share of the difference of the law from that with a power more that stays in doubt
+FAR = 3.0  # standard errors within which the laws and the polynomial agree
+ORDERS = (2, 3)  # of polynomials over time at the end of the loading
+NEGLIGIBLE = 1e-3  # weight of a law
 SIGMA_95 = 1.96
-SURE_98 = 2.326  # standard errors in half of a 98 % interval
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,8 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
     """The `Peak` of a loading.
 
     The filter is the shortest after which the force scatters by less than 0.25 % of its peak in the ramp, so that a sharp peak is
-    kept where the record is quiet. Where none is, a parabola is fitted to the end of the loading, or the law of the indenter to the
-    whole of it where that agrees with the parabola: the largest of noisy values is too large.
+    kept where the record is quiet. Where none is, a polynomial is fitted to the end of the loading, or laws of powers to the whole
+    loading where they agree with the polynomial: the largest of noisy values is too large.
 
     Parameters
     ----------
@@ -71,6 +70,12 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
     -------
     Peak
     """
+    peak = _peak(ramp, contact, force, indenter)
+    step = step_of(force[: ramp.stop])
+    return replace(peak, stderr=float(np.hypot(peak.stderr, rounded(step, contact.noise**2)))) if step else peak
+
+
+def _peak(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None) -> Peak:
     staged, ramp = bool(ramp.pauses), ramp.last
     start = ramp.low if staged else contact.index
     stop = ramp.stop + round(0.5 * ramp.samples)
@@ -112,19 +117,18 @@ class _Loading:
     force: Array
     slow: CorrelatedNoise | None
 
-    def variance(self, terms: Array, residual: Array) -> Array:
-        """Covariance of least-squares values of terms (n, p), by their residual or by slow noise, whichever is larger.
+    def variance(self, law: _Law) -> float:
+        """Variance of a law's force at the end, mN^2, by its residual or by slow noise, whichever is larger.
 
         A parabola at the end of a loading takes slow noise for its own, and leaves a residual that knows nothing of it.
         """
-        own = covariance(terms, noise_in(residual))
-        if self.slow is None:
-            return own
-        n = residual.size
-        correlation = np.append(self.slow.correlation, np.zeros(n))[:n]
-        size = float(np.sqrt(np.mean(self.slow.scale**2)))
-        seen = covariance(terms, CorrelatedNoise(np.full(n, size), correlation, self.slow.weights))
-        return seen if seen.sum() > own.sum() else own
+        noises = [noise_in(law.residual)]
+        if self.slow is not None:
+            n = law.residual.size
+            correlation = np.append(self.slow.correlation, np.zeros(n))[:n]
+            noises.append(CorrelatedNoise(np.full(n, float(np.sqrt(np.mean(self.slow.scale**2)))), correlation, self.slow.weights))
+        part = slice(law.summed)
+        return max(0.0, *(float(covariance(law.terms, noise)[part, part].sum()) for noise in noises))
 
 
 def _before(ramp: Ramp, contact: ContactPoint, force: Array) -> Array:
@@ -155,7 +159,7 @@ class _Turn:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """The end of a loading by a parabola over time: its force, mN, the standard error, the samples, and the parabola there.
+    """The end of a loading by polynomials over time: its force, mN, the standard error, the samples, and their mean there.
 
     turn: of the stage; turning: standard error of the force, mN, because noise of the travel hides where the stage turns.
     """
@@ -174,43 +178,80 @@ class _End:
 
 
 def _fitted(loading: _Loading, start: int) -> _End:
-    """The force at the end of loading, which begins at the sample `start`, by a parabola over time."""
+    """The force at the end of loading, which begins at the sample `start`, by a parabola and a cubic over time."""
     ramp, force = loading.ramp, loading.force
     stop = max(ramp.stop - round(ROUNDED * ramp.length), start + FEWEST)
     begin = max(start, stop - max(15, round(FITTED * ramp.samples)))
     turn = _turn(ramp, begin, stop)
     age = (ramp.record.time[begin:stop] - turn.time) / ramp.duration
-    terms = np.column_stack([np.ones_like(age), age, age**2])
-    values = np.linalg.lstsq(terms, force[begin:stop], rcond=None)[0]
-    spread = loading.variance(terms, force[begin:stop] - terms @ values)
-    rate = abs(float(values[1])) / ramp.duration / max(abs(ramp.velocity), 1e-300)  # of the force over the travel, mN/mm
-    stderr = float(np.sqrt(max(spread[0, 0], 0.0)))
-    return _End(float(values[0]), stderr, slice(begin, stop), terms @ values, turn, rate * turn.blur)
+    fits = [_polynomial(age, force[begin:stop], order) for order in ORDERS]
+    weights = _weights(fits, loading)
+    weights = weights if weights.any() else np.eye(len(fits))[0]
+    peak, stderr = _mean(fits, weights, loading)
+    values = force[begin:stop] - np.einsum("i,ij->j", weights, [fit.residual for fit in fits])
+    rate = abs(float(np.polyfit(age, values, 2)[1])) / ramp.duration / max(abs(ramp.velocity), 1e-300)  # over the travel, mN/mm
+    return _End(peak, stderr, slice(begin, stop), values, turn, rate * turn.blur)
+
+
+def _polynomial(age: Array, force: Array, order: int) -> _Law:
+    """A polynomial over the age (n,), which is 0 at the end of loading."""
+    terms = age[:, None] ** np.arange(order + 1)
+    values = np.linalg.lstsq(terms, force, rcond=None)[0]
+    return _Law(float(values[0]), terms, force - terms @ values, 1)
 
 
 def _surer(end: _End, loading: _Loading, indenter: str | None) -> _End:
-    """The end of a loading by the law of the indenter, fitted to the whole loading, where nothing contradicts it.
+    """The end of a loading by laws of powers, fitted to all of it, where the polynomial at its end does not contradict them.
 
-    What may contradict the law: the parabola at the end, and the law with a power more, which knows the end better than the
-    parabola does. How far that one is from the law stays in doubt in part.
+    The laws are those of the contact point: the indenter's two powers, and more. Their mean by weights of Akaike is taken, with the
+    scatter among them (Burnham, Anderson 2002, Model Selection and Multimodel Inference, ch. 4).
     """
     ramp, contact, force = loading.ramp, loading.contact, loading.force
     part = slice(contact.index, end.part.stop)
     depth = end.turn.place - contact.displacement
     beyond = np.maximum(ramp.displacement[part] - contact.displacement, 0.0) / depth
     powers = min(
-        (POWERS[name] for name in ([indenter] if indenter else POWERS)), key=lambda known: _misfit(beyond, force[part], known)
+        (POWERS[name] for name in ([indenter] if indenter else POWERS)),
+        key=lambda known: _square(_law(beyond, force[part], known).residual),
     )
-    law, freer = (_law(loading, beyond, force[part], known) for known in (powers, (*powers, powers[-1] + 1.0)))
-    apart = abs(law.force - end.force)
+    laws = [_law(beyond, force[part], known) for known in (*more_powers(powers), (*powers, powers[-1] + 1, powers[-1] + 2))]
+    weights = _weights(laws, loading)
     rest = force[end.part] - end.values
-    excess = _square(law.residual[end.part.start - part.start :]) / max(_square(rest), 1e-300) - 1
-    if excess * independent(noise_in(rest)) > FOLLOWS or law.stderr > end.stderr:
+    if not weights.any():
         return end
-    if apart > FAR * _scatter(end.stderr, law.stderr) or abs(freer.force - law.force) > AGREE * _scatter(freer.stderr, law.stderr):
-        return replace(end, stderr=float(np.hypot(end.stderr, 0.5 * apart)))  # by chance, or the law does not hold
-    doubt = IN_DOUBT * max(abs(freer.force - law.force), _scatter(freer.stderr, law.stderr))
-    return replace(end, force=law.force, stderr=float(np.hypot(law.stderr, doubt)))
+    residual = np.einsum("i,ij->j", weights, [law.residual for law in laws])
+    law, stderr = _mean(laws, weights, loading)
+    apart = abs(law - end.force)
+    excess = _square(residual[end.part.start - part.start :]) / max(_square(rest), 1e-300) - 1
+    if excess * independent(noise_in(rest)) > FOLLOWS or stderr > end.stderr:
+        return end
+    if apart > FAR * _scatter(end.stderr, stderr):
+        return replace(end, stderr=float(np.hypot(end.stderr, 0.5 * apart)))  # by chance, or no law holds
+    return replace(end, force=law, stderr=stderr)
+
+
+def _weights(laws: list[_Law], loading: _Loading) -> Array:
+    """Weights (p,) of laws by Akaike's criterion, corrected for few independent samples; zeros where they are too few for any."""
+    squares = np.array([_square(law.residual) for law in laws])
+    least = int(np.argmin(squares))
+    samples = laws[least].residual.size
+    share = independent(loading.slow) / loading.slow.correlation.size if loading.slow else 1.0
+    count = min(independent(noise_in(laws[least].residual)), share * samples)
+    gains = np.array([-0.5 * (square / max(squares[least], 1e-300) - 1) * count for square in squares])
+    gains -= [criterion(law.terms.shape[1] + 1, count) for law in laws]
+    if not np.isfinite(gains).any():
+        return np.zeros(len(laws))
+    weights = np.exp(gains - gains.max())
+    return weights / weights.sum()
+
+
+def _mean(laws: list[_Law], weights: Array, loading: _Loading) -> tuple[float, float]:
+    """The mean of the laws' forces at the deepest place, mN, and its standard error with the scatter among them."""
+    kept = [(law, weight) for law, weight in zip(laws, weights.tolist(), strict=True) if weight > NEGLIGIBLE]
+    total = sum(weight for _, weight in kept)
+    mean = sum(weight * law.force for law, weight in kept) / total
+    squares = [loading.variance(law) + (law.force - mean) ** 2 for law, _ in kept]
+    return mean, float(np.sqrt(sum(weight * square for (_, weight), square in zip(kept, squares, strict=True)) / total))
 
 
 def _scatter(wide: float, narrow: float) -> float:
@@ -220,26 +261,22 @@ def _scatter(wide: float, narrow: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Law:
-    """A law of powers fitted to a loading: the force at the deepest place, mN, its standard error, and the residual (n,), mN."""
+    """A law fitted to a loading: the force at its end, mN, the terms (n, p), and the residual (n,), mN.
+
+    summed: how many of the first coefficients make the force at the end.
+    """
 
     force: float
-    stderr: float
+    terms: Array
     residual: Array
+    summed: int
 
 
-def _law(loading: _Loading, beyond: Array, force: Array, powers: tuple[float, ...]) -> _Law:
+def _law(beyond: Array, force: Array, powers: tuple[float, ...]) -> _Law:
     """The law of powers of the depth (n,), 1 at the deepest place."""
     terms = np.column_stack([beyond**power for power in powers])
     values = solved(terms, force)
-    residual = force - terms @ values
-    variance = float(loading.variance(terms, residual).sum())  # of the sum of the values
-    return _Law(float(values.sum()), float(np.sqrt(max(variance, 0.0))), residual)
-
-
-def _misfit(beyond: Array, force: Array, powers: tuple[float, ...]) -> float:
-    """Sum of squares, mN^2, that a law of powers leaves."""
-    terms = np.column_stack([beyond**power for power in powers])
-    return _square(force - terms @ solved(terms, force))
+    return _Law(float(values.sum()), terms, force - terms @ values, values.size)
 
 
 def _square(values: Array) -> float:
@@ -289,13 +326,13 @@ def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> I
         cause = "the baseline" if contact.zero_error / SIGMA_95 > peak.stderr else "the noise"
         yield f"the peak is uncertain by {SIGMA_95 * error / peak.force:.1%} (95 %) because of {cause}"
     elif contact.hidden and _may_drift(contact.hidden, OTHER * peak.force, error):
-        most = max(contact.hidden.largest(RARELY, error), contact.hidden.reach(error, SURE_98)) / peak.force
+        most = max(contact.hidden.largest(RARELY, error), contact.hidden.reach(error)) / peak.force
         yield f"the peak may be off by {most:.1%}: the baseline is too short, or too noisy, to rule out a drift of this size"
 
 
 def _may_drift(hidden: HiddenDrift, size: float, error: float) -> bool:
     """Whether a drift may change the peak by more than a size, mN: as drifts are, or as the approach alone tells."""
-    return hidden.beyond(size, error) > RARELY or hidden.reach(error, SURE_98) > size
+    return hidden.beyond(size, error) > RARELY or hidden.reach(error) > size
 
 
 def peak_uncertainty(peak: Peak, contact: ContactPoint) -> float:

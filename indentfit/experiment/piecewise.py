@@ -172,7 +172,7 @@ def stretch_of(ramp: Ramp) -> Stretch:
         float(blur),
         bool(before >= DRIFTS),
         bool(before < 1),
-        _step(columns[2]),
+        step_of(columns[2]),
     )
 
 
@@ -189,7 +189,7 @@ def _measured(ramp: Ramp, part: slice) -> Array:
     return np.array([time[inside], np.interp(time[inside], record.time, ramp.displacement), record.uneven.force[inside]])
 
 
-def _step(force: Array) -> float:
+def step_of(force: Array) -> float:
     """Step of the converter, mN, where it is coarse: few values, or many samples that do not change; 0 where it is fine."""
     changes = np.abs(np.diff(force))
     changes = changes[changes > 1e-9 * float(np.ptp(force))]
@@ -284,10 +284,15 @@ def _rounding(stretch: Stretch, jacobian: Array, place: float, residual: Array) 
     lengths = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     shift = float((np.linalg.pinv(jacobian / lengths) @ before.astype(float))[-1] / lengths[-1])
     scatter = float(np.var(residual[before])) if before.any() else 0.0
-    dither = max(scatter - stretch.step**2 / 12, 0.0) / stretch.step**2  # variance of the noise before it was rounded, in steps
+    return abs(shift) * rounded(stretch.step, scatter)
+
+
+def rounded(step: float, scatter: float) -> float:
+    """Standard error, mN, of the mean of forces that a converter rounds to a step, mN; scatter: variance of the forces, mN^2."""
+    dither = max(scatter - step**2 / 12, 0.0) / step**2  # variance of the noise before it was rounded, in steps
     orders = np.arange(1, HARMONICS + 1)
     left = float(np.sum(np.exp(-((2 * np.pi * orders) ** 2) * dither) / (2 * (np.pi * orders) ** 2)))
-    return abs(shift) * stretch.step * np.sqrt(left)
+    return step * float(np.sqrt(left))
 
 
 def _places(stretch: Stretch) -> Array:
