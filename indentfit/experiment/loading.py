@@ -22,6 +22,9 @@ STAYS = 0.005  # share of the travel between them within which it stays
 RISES = 0.1  # share of the rise of the force from which it rises in a part
 CREEP = 0.015  # share of the travel that the displacement then creeps
 SLOW = 0.5  # of the velocity before, at which the displacement creeps
+FAST_CREEP = 0.08  # share of the travel that it creeps where it is as fast: no sample gives way so far at one force under a stage
+REPEATS = 0.3  # share of the samples that may repeat the one before in a force that is held
+BY_NOISE = 4.0  # standard deviations of the filtered force within which it is held
 SHORTEST_FILTER = 5  # samples
 FEWEST = 20  # samples of a ramp that can be filtered at all
 HINGE_SAMPLES = 200  # of the two straight lines that show the slope of the baseline
@@ -134,7 +137,8 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
             f"{record.name}: the displacement goes backwards ({quantity(velocity, 'mm', 3)}/s) while the force rises; "
             "it must rise into the sample, change record.displacement.sign"
         )
-    stop = _before_creep(displacement, smooth, high, _end(record, displacement, velocity, high, samples))
+    noise = 1.5 * noise_of(record.force) / float(np.sqrt(odd(filter_share * samples)))
+    stop = _before_creep(record, displacement, smooth, high, _end(record, displacement, velocity, high, samples), noise)
     ramp = Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, 0.0, slope, pauses)
     return replace(ramp, peak=float(ramp.raised[low:stop].max()))
 
@@ -311,17 +315,23 @@ def _end(record: RawRecord, displacement: Array, velocity: float, high: int, sam
     return begin + int(np.argmax(near >= near.max() - 0.005 * velocity * samples * record.interval)) + 1
 
 
-def _before_creep(displacement: Array, force: Array, high: int, stop: int) -> int:
-    """Index after the last sample of loading, where a controlled force is held and the displacement creeps before `stop`."""
+def _before_creep(record: RawRecord, displacement: Array, force: Array, high: int, stop: int, noise: float) -> int:
+    """Index after the last sample of loading, where a controlled force is held and the displacement creeps before `stop`.
+
+    noise: standard deviation of the filtered force, mN.
+    """
     part = force[high:stop]
     if part.size < 2:
         return stop
-    level = part.max() - PLATEAU * (part.max() - force[:high].min())
-    reached = high + int(np.argmax(part >= level))
-    creep = displacement[stop - 1] - displacement[reached]
+    top = max(float(np.median(part[part.size // 2 :])), float(part.max()) - BY_NOISE * noise)
+    within = PLATEAU * (top - float(force[:high].min()))
+    reached = high + int(np.argmax(part >= top - within))
+    creep, travel = displacement[stop - 1] - displacement[reached], displacement[stop - 1] - displacement[:high].min()
     slow = creep < SLOW * (stop - 1 - reached) * np.median(np.diff(displacement[:high][-high // 4 :]))
-    held = slow and (force[reached:stop] >= level).all()
-    return reached + 1 if held and creep > CREEP * (displacement[stop - 1] - displacement[:high].min()) else stop
+    held = (force[reached:stop] >= top - within - BY_NOISE * noise).all()
+    repeats = np.count_nonzero(np.diff(record.force[reached:stop]) == 0)  # at the end of the sensor's range, or without noise
+    fast = creep > FAST_CREEP * travel and repeats < REPEATS * (stop - reached)
+    return reached + 1 if held and ((slow and creep > CREEP * travel) or fast) else stop
 
 
 def longest_run(steady: Bools) -> tuple[int, int]:

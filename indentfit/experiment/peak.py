@@ -32,6 +32,10 @@ SHARP = 0.0005  # share of the ramp's travel: noise of the travel that is left w
 ROUNDED = 0.3  # of the length of the filter: samples at the turning point that the filter rounds, and that are not fitted
 FEWEST_BEFORE = 40  # samples before contact that tell its noise
 SLOW = 0.5  # share of the samples that are independent, below which noise is slow
+FEW = 4.0  # samples through which a stage may slow down that turns at once
+ROUND = 0.6  # of the time through which a stage slows down: the longest filter that keeps the force's rounded peak
+CHANCE = 4.0  # standard deviations by which the largest of many filtered forces lies above the others by chance
+SLOWS = 0.01  # share of the ramp's duration through which a stage may slow down that turns at once
 STOPPED = 2.5  # standard errors by which the last samples of a record lie behind a stage that moves on
 SURE = 3.0  # standard errors
 RARELY = 0.0027  # probability that a normal error is larger than SURE standard errors
@@ -84,6 +88,8 @@ def _peak(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None)
     length = float(SHORTEST)
     loading = _Loading(ramp, contact, force, _slow_noise(_before(ramp, contact, force)))
     fit, record_end = _fitted(loading, start), ramp.record.time.size
+    if fit.turn.slows:
+        return _rounded(loading, fit.turn)
     fit = fit if staged else _surer(fit, loading, indenter)  # no law of the indenter follows a force that relaxes in pauses
     if longest < CLEARLY_SHORTER * SHORTEST:
         rough = float(np.std((force[:stop] - filtered(force[:stop], CORNER))[ramp.low : ramp.high]))
@@ -100,12 +106,33 @@ def _peak(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None)
             scatter = max(scatter, float(np.std(shorter[fit.part] - fit.values)))  # ringing may be slower than the filter
             # the largest of many noisy values, as in a hold, is too large; where the stage turns the filter rounds the force
             apart = abs(largest - fit.force)
-            surer = ends or fit.error < scatter or apart > CLEARLY * fit.error
+            surer = fit.error < (AT_ENDS if ends else 1) * scatter or apart > CLEARLY * fit.error
             if scatter > QUIET * largest and surer and apart < BY_NOISE * max(noise, scatter):
                 return Peak(fit.force, max(fit.error, 0.5 * scatter))
-            return Peak(largest, scatter)
+            return Peak(largest, max(noise, scatter))
         length *= 1.6
     return Peak(fit.force, fit.error)
+
+
+def _rounded(loading: _Loading, turn: _Turn) -> Peak:
+    """The largest force where the stage slows down before it turns, by a filter shorter than that time, which keeps the peak.
+
+    The sample relaxes while the stage slows down, and no law of the loading before knows by how much.
+    """
+    ramp, noise = loading.ramp, loading.contact.noise
+    count = round(turn.slows / ramp.record.interval)
+    first, last = np.searchsorted(ramp.record.time, [turn.time - turn.slows, turn.time + turn.slows])
+    begin = max(0, first - count)
+    force, inside = loading.force[begin : last + count], slice(first - begin, last - begin)
+    # a quadratic filter of m samples lets 9 / (4 m) of the variance pass
+    needed = (1.5 * noise / (0.5 * STEADY * float(force.max()))) ** 2
+    length = min(max(SHORTEST, needed), ROUND * count)
+    long, short = (filtered(force, share * length)[inside] for share in (1.0, 0.5))
+    left = 1.5 * noise / float(np.sqrt(max(length, SHORTEST)))
+    top, steady = int(np.argmax(long)), int(np.argmax(filtered(force, ROUND * count)[inside]))
+    if long[top] - long[steady] < CHANCE * left:  # the largest of many noisy forces is too large
+        top = steady
+    return Peak(float(long[top]), float(np.hypot(left, long[top] - short[top])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +177,15 @@ def _slow_noise(before: Array) -> CorrelatedNoise | None:
 
 @dataclass(frozen=True)
 class _Turn:
-    """Where the stage ends its loading: time, s, displacement of the record, mm, and its standard error, mm."""
+    """Where the stage ends its loading: time, s, displacement of the record, mm, and its standard error, mm.
+
+    slows: how long the stage slows down before it turns or stops, s; 0 where it keeps its velocity to the end.
+    """
 
     time: float
     place: float
     blur: float
+    slows: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +214,7 @@ def _fitted(loading: _Loading, start: int) -> _End:
     stop = max(ramp.stop - round(ROUNDED * ramp.length), start + FEWEST)
     begin = max(start, stop - max(15, round(FITTED * ramp.samples)))
     turn = _turn(ramp, begin, stop)
+    stop = _before_turn(ramp, begin, stop, turn)
     age = (ramp.record.time[begin:stop] - turn.time) / ramp.duration
     fits = [_polynomial(age, force[begin:stop], order) for order in ORDERS]
     weights = _weights(fits, loading)
@@ -191,6 +223,17 @@ def _fitted(loading: _Loading, start: int) -> _End:
     values = force[begin:stop] - np.einsum("i,ij->j", weights, [fit.residual for fit in fits])
     rate = abs(float(np.polyfit(age, values, 2)[1])) / ramp.duration / max(abs(ramp.velocity), 1e-300)  # over the travel, mN/mm
     return _End(peak, stderr, slice(begin, stop), values, turn, rate * turn.blur)
+
+
+def _before_turn(ramp: Ramp, begin: int, stop: int, turn: _Turn) -> int:
+    """The sample to which the stage keeps its velocity before it turns; `stop` where it slows down earlier."""
+    record = ramp.record
+    last = int(np.searchsorted(record.time, turn.time, "right"))
+    half = slice((begin + stop) // 2, stop)
+    line = np.polyfit(record.time[half] - turn.time, record.displacement[half], 1)
+    beside = np.abs(record.displacement[stop:last] - np.polyval(line, record.time[stop:last] - turn.time))
+    allowed = max(SURE * noise_of(record.displacement), SHARP * abs(ramp.velocity * ramp.duration))
+    return stop + int(np.argmax(np.append(beside > allowed, True)))
 
 
 def _polynomial(age: Array, force: Array, order: int) -> _Law:
@@ -311,7 +354,27 @@ def _turn(ramp: Ramp, begin: int, stop: int) -> _Turn:
     (deepest, blur), (velocity, last) = _deepest(ramp, stop), line
     ahead = (deepest - last) / velocity if velocity > 0 else 0.0
     most = record.time[min(ramp.stop + near, record.time.size) - 1] - record.time[stop - 1]
-    return _Turn(float(record.time[stop - 1] + np.clip(ahead, 0.0, most)), deepest, blur)
+    time = float(record.time[stop - 1] + np.clip(ahead, 0.0, most))
+    return _Turn(time, deepest, blur, _slowing(ramp, begin, stop, time))
+
+
+def _slowing(ramp: Ramp, begin: int, stop: int, turn: float) -> float:
+    """How long the stage slows down about the time at which it would turn at the velocity of a line, s; 0 where it does not.
+
+    A stage that slows down evenly through a time s lies behind the line by v t^2 / (2 s), in sum v s^2 / 48 until it would turn.
+    """
+    record = ramp.record
+    half = slice(begin, (begin + stop) // 2)
+    line = np.polyfit(record.time[half] - record.time[stop - 1], record.displacement[half], 1)
+    deepest = float(record.displacement[stop:].max())
+    turn = record.time[stop - 1] + (deepest - line[1]) / line[0]
+    begin = max(0, stop - ramp.length)
+    part = slice(begin, int(np.searchsorted(record.time, turn, "right")))
+    behind = np.polyval(line, record.time[part] - record.time[stop - 1]) - record.displacement[part]
+    stderr = noise_of(record.displacement) * float(np.sqrt(2 * behind.size))
+    area = (float(behind.sum()) - SURE * stderr) * record.interval
+    slows = float(np.sqrt(max(48 * area / line[0], 0.0))) if line[0] > 0 else 0.0
+    return slows if slows > max(FEW * record.interval, SLOWS * ramp.duration) else 0.0
 
 
 def peak_notes(ramp: Ramp, peak: Peak, force: Array, contact: ContactPoint) -> Iterator[str]:

@@ -226,7 +226,11 @@ def relaxing_stages(rng):
     for height in np.arange(1, steps + 1) / steps:
         corners.append((corners[-1][0] + height - corners[-1][1], height))
         corners.append((corners[-1][0] + hold, height))
-    record = drawn(rng, path=corners, samples=int(rng.uniform(300, 1500)))
+    return _relaxing_in_time(drawn(rng, path=corners, samples=int(rng.uniform(300, 1500))), rng)
+
+
+def _relaxing_in_time(record, rng):
+    """The record of a sample of which a part of the force relaxes, at one rate, however the stage moves."""
     relaxed, left = rng.uniform(0.2, 0.6), np.exp(-np.diff(record.time, prepend=0.0) / (record.time[-1] * 10 ** rng.uniform(-2, 0)))
     excess = np.zeros(record.time.size)
     for n in range(1, excess.size):
@@ -234,6 +238,42 @@ def relaxing_stages(rng):
     elastic = (1 - relaxed) * record.elastic + excess
     force = record.force + elastic - record.elastic
     return replace(record, force=force, elastic=elastic, truth=replace(record.truth, peak=float(elastic.max())))
+
+
+def soft_turn(rng):
+    """The stage slows down evenly through 1 to 30 % of the ramp before it stops or turns, and the sample relaxes."""
+    slows, turns, travel = 10 ** rng.uniform(-2, -0.5), rng.uniform() < 0.5, rng.uniform(0.3, 2.0)
+    begin = travel + 1 - 0.5 * slows
+    t = np.linspace(0, begin + slows + 1.0, 4000)
+    speed = np.interp(t, [0, begin, begin + slows, begin + 2 * slows], [1, 1, 0, -1 if turns else 0])
+    place = np.concatenate([[0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))]) - travel
+    return _relaxing_in_time(drawn(rng, path=list(zip(t, place / place.max() if place.max() > 0 else place, strict=True))), rng)
+
+
+def creep(rng):
+    """A force that rises at one rate is then held, while the displacement creeps by 2 to 40 % of the depth."""
+    record = drawn(rng, travel=rng.uniform(0.3, 1.5), path=None, samples=int(rng.uniform(300, 2000)))
+    x = (record.displacement - record.truth.contact) / record.depth
+    rising = x <= 1 - 1e-9
+    force, held = record.elastic / record.truth.peak, int(np.count_nonzero(x > 0) * rng.uniform(0.5, 2))
+    last = int(np.count_nonzero(rising))
+    # the loading again at even steps of force
+    count = int(np.count_nonzero(x[:last] > 0))
+    level = np.linspace(0, 1, count)
+    inner = np.interp(level, force[last - count : last] / force[last - 1], x[last - count : last])
+    age = np.arange(1, held + 1) / count
+    far, pace = rng.uniform(0.02, 0.4), 10 ** rng.uniform(-1, 0.5)
+    place = np.concatenate([x[: last - count], inner, inner[-1] + far * (1 - np.exp(-age / pace))])
+    elastic = record.truth.peak * np.concatenate([np.zeros(last - count), level, np.ones(held)])
+    noise = record.noise * rng.standard_normal(place.size) + float(np.median(record.force - record.elastic))
+    interval = record.time[1] - record.time[0]
+    return replace(
+        record,
+        time=np.arange(place.size) * interval,
+        displacement=record.truth.contact + place * record.depth,
+        force=elastic + noise,
+        elastic=elastic,
+    )
 
 
 def cycles(rng):
@@ -405,7 +445,8 @@ KINDS: dict[str, Callable] = {
     kind.__name__: kind
     for kind in (
         approach, end_not_known, short_approach, in_contact, hold, rest_first, two_speeds, retract, retract_chosen, reversed_rows,
-        preload, stages, relaxing_stages, cycles, drift, slight_drift, slope, curved_drift, wavy, small_waves, slow_noise, ringing,
+        preload, stages, relaxing_stages, soft_turn, creep, cycles,
+        drift, slight_drift, slope, curved_drift, wavy, small_waves, slow_noise, ringing,
         adhesion, uneven,
         coarse_approach, doubled_times, blocks, clipped, clipped_hold, clipped_travel, noisy_travel, steps,
     )
