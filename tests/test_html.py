@@ -245,6 +245,7 @@ def test_in_a_browser_no_picture_is_missing_cut_or_overlapping(pages, chromium, 
     for picture in found["pictures"]:
         left, top, right, bottom = picture["box"]
         assert picture["whole"] and left >= 0 and right <= width and right - left > 250 and bottom - top > 100, picture
+        assert picture["scale"] > 0.8, picture  # text of 13 pixels stays at 10 at least; a figure of several panels scrolls
     boxes = [picture["box"] for picture in found["pictures"]]
     assert not [1 for n, a in enumerate(boxes) for b in boxes[n + 1 :] if overlap(a, b)]
     assert not [1 for a in boxes for b in found["texts"] if overlap(a, b)]

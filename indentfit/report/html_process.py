@@ -85,7 +85,7 @@ def _row(name: str, record: StoredRecord, outlying: bool, depth: Scale, peak: Sc
     return (
         name,
         _rating(record),
-        f"{record.slope:.4g} ± {record.slope_stderr:.2g}",
+        f"{number(record.slope)} ± {number(record.slope_stderr, 2)}",
         f"{record.r_squared:.4f}",
         depth.text_with_error(record.contact, record.contact_uncertainty).replace("+-", "±"),
         number(record.velocity * depth.factor, 3),
