@@ -97,6 +97,20 @@ def test_a_sharp_edge_that_sticks_meets_another_code_within_one_percent_and_its_
     assert (error <= test.mesh_error.band / right + own)[before].all()
 
 
+@pytest.mark.campaign
+@pytest.mark.skipif(not (SHARED / "oracles").is_dir(), reason="../shared/oracles is not here")
+def test_the_band_of_bricks_under_a_sharp_edge_that_sticks_holds_another_codes_curve():
+    """Up to 4.3 % above it at 0.4 to 0.5 radii, where 2.5 % was stated. At the first depth, within the first of four steps, it is
+    1.2 % above, and 0.8 % are stated. 18 s of processor time."""
+    oracle = json.loads((SHARED / "oracles" / "axi_punch_a0.5_stick_bonded.json").read_text())
+    depths, right, own = (np.array(oracle[key]) for key in ("displacement_mm", "force_mN", "error_percent_each"))
+    sample = Sample(shape="disc", diameter=12.0, thickness=1.0, base="bonded")
+    punch = Indenter(shape="cylinder", diameter=1.0, friction="stick")
+    setup, presses = Setup(sample, punch, Mesh(), Solver(), depths[-1], "quarter"), [Press(GEL, 1000.0, 0, depths)]
+    test = with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
+    assert (np.abs(test.force / right - 1) <= test.mesh_error.band / right + own / 100)[1:].all()
+
+
 def test_an_incompressible_gel_is_solved_and_meets_the_exact_layer():
     """kappa / mu = 2e5 stands for nu = 0.5; the exact force of a flat punch at a/h = 0.5 is 15.46347 G a w (bonded)."""
     depth = 5e-4
