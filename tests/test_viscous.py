@@ -219,8 +219,8 @@ def test_sphere_follows_lee_and_radok():
         (shape / shape[end])[2:], rel=8e-3
     )  # a layer, and a mesh: 0.9 % at small depths
     assert (curve.force / curve.force[end])[:2] == pytest.approx((shape / shape[end])[:2], rel=2e-2)  # few elements meet the sphere
-    # The convolution takes the elastic curve, which waves as the contact's end passes elements, and the model its own contact: 0.27 %
-    # at one step, and 0.12 % at most on a finer mesh.
+    # The elastic curve, of which the convolution is made, waves as the contact's end passes elements, and the model has its own
+    # contact: 0.27 % at one step, and 0.12 % at most on a finer mesh.
     assert curve.difference < 3e-3
     finer = case.model_copy(update={"mesh": indentfit.Mesh(error=0.003)})
     assert indentfit.simulate(finer, mesh_error=False).tests[0].in_time.difference < 1.5e-3

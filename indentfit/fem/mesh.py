@@ -68,6 +68,9 @@ ROUND_DEFAULT, GROWING_DEFAULT = 3.0, 2.5
 # The mesh round a sharp punch's edge has to grow from a share of its radius to the sample's: beyond FAR_REACH radii the number of
 # elements grows with the reach to the power of REACHES (tests/campaigns/elastic_layer.py --symmetry quarter).
 FAR_REACH, REACHES = 24.0, 0.9
+# A round contact that grows wider than the thickness ends farther out than on a half-space, in coarser elements: default meshes have
+# more elements in all, by up to WIDE_DEFAULT, where its radius there is WIDE thicknesses.
+WIDE, WIDE_DEFAULT = (1.2, 1.4), 1.25
 GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
 FEWEST = 20
 
@@ -162,6 +165,9 @@ def _default(task: _Task, error: float) -> int:
     contact that grows, because its edge passes all widths."""
     round_contact, grows = isinstance(task.indenter.partition(task.depth), Rings), task.indenter.edge_radius is None
     number = task.family.default * (ROUND_DEFAULT if round_contact else GROWING_DEFAULT if grows else 1.0)
+    if round_contact and grows:
+        wide = task.indenter.partition(task.depth).half_width / task.thickness
+        number *= 1 + (WIDE_DEFAULT - 1) * min(max(wide - WIDE[0], 0.0) / (WIDE[1] - WIDE[0]), 1.0)
     if round_contact and has_sharp_edge(task.indenter):
         number *= max(1.0, task.outline.reach / (FAR_REACH * task.indenter.half_width)) ** REACHES
     return max(FEWEST, round(number * (USUAL_MESH_ERROR / error) ** GROWTH))

@@ -60,7 +60,7 @@ FOLDS = {  # factor, power, and largest share of the force
     "free": (0.5, 2.0, 0.3),
     # Another code's curve (axi_punch_a0.5_stick_bonded), which knows no wall above the edge; a wall that sticks adds 0.5 %.
     "stick": (0.03, 1.0, 0.01),
-    # Bricks have no wall there and are coarser at the edge, and what they fold into depends on the steps: 384 default ones lie up to
+    # Bricks have no wall there and are coarser at the edge; how they fold up depends on the steps: 384 default ones lie up to
     # 4.3 % above that curve in four steps, and up to 5.1 % in eight, from a depth of 0.36 radii on.
     "stick on bricks": (0.12, 1.0, 0.06),
 }
