@@ -68,8 +68,8 @@ ROUND_DEFAULT, GROWING_DEFAULT = 3.0, 2.5
 # The mesh round a sharp punch's edge has to grow from a share of its radius to the sample's: beyond FAR_REACH radii the number of
 # elements grows with the reach to the power of REACHES (tests/campaigns/elastic_layer.py --symmetry quarter).
 FAR_REACH, REACHES = 24.0, 0.9
-# A round contact that grows wider than the thickness ends farther out than on a half-space, in coarser elements: default meshes have
-# more elements in all, by up to WIDE_DEFAULT, where its radius there is WIDE thicknesses.
+# A round contact that grows wider than the thickness ends farther out than on a half-space, in coarser elements: default meshes
+# have more elements in all, by up to WIDE_DEFAULT, where its radius there is WIDE thicknesses.
 WIDE, WIDE_DEFAULT = (1.2, 1.4), 1.25
 GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
 FEWEST = 20
