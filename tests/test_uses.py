@@ -71,7 +71,7 @@ COMMANDS = {
     [
         ({"test": [{"name": "press", "depth": 0.2}]}, {"fit", "compare"}),
         ({"material": {"parameters": {"mu": 1.0}}}, {"fit", "design"}),
-        ({"sample": {"layer": GELS}, "material": None}, {"compare"}),
+        ({"sample": {"layer": GELS}, "material": None}, set()),
         ({"test": SHEARED, "material": FIBROUS, "indenter": None, "sample": None, "mesh": None}, set(COMMANDS)),
     ],
 )

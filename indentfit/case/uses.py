@@ -112,13 +112,6 @@ def _of_fit(case: Case) -> Iterator[Fault]:
 
 
 def _of_comparison(case: Case) -> Iterator[Fault]:
-    if case.sample.layer:
-        layer = case.sample.layer[0].name
-        text = (
-            f"laws are compared for a sample of one material; fit the case with each law of a layer (--set {layer}.model=..., "
-            "with its parameters) and compare the misfits, or leave the layers out"
-        )
-        yield Fault(("sample", "layer"), MISSING, text)
     if case.fit.prior.given:
         text = "laws are compared by curves alone; remove it, or give the moduli as curves of tests"
         yield Fault(("fit", "prior"), MISSING, text)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     "--range", "given", multiple=True, metavar="LAW:PARAMETER=LOW:HIGH",
     help="Range of a parameter (mm, mN, kPa) in place of the automatic one; may be repeated.",
 )  # fmt: skip
+@click.option("--layer", metavar="NAME", help="The layer whose laws are compared, where the sample has layers.")
 @click.option("--nested", is_flag=True, help="Compute the evidences by nested sampling; needs indentfit[nested] (dynesty).")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", shell_complete=keys, help="Replace a key of the case.")
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Number of processes; by default one for each core.")
@@ -39,6 +40,7 @@ def command(
     case: str,
     asked: str,
     given: tuple[str, ...],
+    layer: str | None,
     nested: bool,
     overrides: tuple[str, ...],
     workers: int | None,
@@ -76,7 +78,7 @@ def command(
     name = Path(case).resolve().parent.name or "case"
     place = Place(output or f"{name}-comparison", overwrite, reuse=reuse)
     refuse_existing(place.output, overwrite)
-    plan = plan_comparison(read, laws_asked(asked), _ranges(given), nested)
+    plan = plan_comparison(read, laws_asked(asked), _ranges(given), nested, layer)
     prepare_for(read, where, points=True)
     warn(read.warnings())
     others = [each for _, each in plan.laws]

@@ -179,7 +179,8 @@ def _next_of_law(result: FitResult) -> str:
     large = [name for name in _beside_the_law(result) if name in result.misfit and result.misfit[name].relative >= SYSTEMATIC]
     if not large:
         return ""
-    return "try other laws on the same curves: `indentfit compare CASE --materials LAW,LAW,...` says which one they prefer"
+    layer = " --layer NAME" if any("." in name for name in result.free) else ""
+    return f"try other laws on the same curves: `indentfit compare CASE{layer} --materials LAW,LAW,...` says which one they prefer"
 
 
 def _next_of_parameters(result: FitResult) -> str:

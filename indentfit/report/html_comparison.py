@@ -34,7 +34,8 @@ def comparison_page(stored: Stored, result: Comparison) -> Page:
 
 def _command(result: Comparison) -> str:
     laws = ",".join(law.law for law in result.laws)
-    return f"compare --materials '{laws}'"
+    layer = f" --layer '{result.layer}'" if result.layer else ""
+    return f"compare --materials '{laws}'{layer}"
 
 
 def _what(stored: Stored) -> Section:

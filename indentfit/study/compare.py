@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import InstanceOf, TypeAdapter
+from scipy.interpolate import PchipInterpolator
 from scipy.special import logsumexp
 
 from indentfit.case import Case, Range, require_comparable, require_fittable
@@ -30,11 +31,21 @@ from indentfit.inference.out_of_sample import out_of_sample
 from indentfit.inference.residual_noise import unknown_noise
 from indentfit.inverse.objective import best_scale
 from indentfit.inverse.problem import inverse_problem
-from indentfit.study.law_ranges import is_own, law_case
+from indentfit.material import parts_of
+from indentfit.study.law_ranges import is_own, law_case, owner_of
 from indentfit.study.runs import Execution, evaluate_cases
 
 Interval = tuple[float, float]
 AT_BOUND = 1e-3  # of the range
+MULTIPLES = (
+    0.05,
+    0.2,
+    0.5,
+    1.0,
+    2.0,
+    5.0,
+    20.0,
+)  # of the shear modulus of a layer's own law, where that of its curves is looked for
 REFERENCE = ("material.model=neo_hookean", "material.parameters={ mu = { start = 1.0, min = 0.5, max = 2.0 } }", "fit.published={}")
 
 
@@ -126,6 +137,8 @@ class Comparison:
     measured : dict of test -> Curve
     case : Case or None
         None for a comparison that was read from result.json.
+    layer : str or None
+        The name of the layer whose laws these are.
     """
 
     FORMAT: ClassVar[str] = "indentfit.comparison/2"
@@ -141,6 +154,7 @@ class Comparison:
     modulus: float | None
     measured: dict[str, Curve]
     case: Case | None = None
+    layer: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of a comparison's result.json, under the tag `format`."""
@@ -150,7 +164,8 @@ class Comparison:
             for name, curve in self.measured.items()
         }
         laws = [law.as_json() for law in self.laws]
-        return {"format": self.FORMAT, **plain, "mesh": self.mesh, "modulus_kPa": self.modulus, "measured": curves, "laws": laws}
+        known = {"mesh": self.mesh, "modulus_kPa": self.modulus, **({"layer": self.layer} if self.layer else {})}
+        return {"format": self.FORMAT, **plain, **known, "measured": curves, "laws": laws}
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "Comparison":
@@ -161,7 +176,8 @@ class Comparison:
             curves = {name: Curve(measured[name].displacement, force) for name, force in law["curves"].items()}
             laws.append(TypeAdapter(LawFit).validate_python({**law, "curves": curves}))
         same = {name: value[name] for name in ("title", "case_hash", "preferred", "sentence", "threshold", "mesh")}
-        return cls(**same, laws=tuple(laws), rivals=tuple(value["rivals"]), modulus=value["modulus_kPa"], measured=measured)
+        whose, modulus = value.get("layer"), value["modulus_kPa"]
+        return cls(**same, laws=tuple(laws), rivals=tuple(value["rivals"]), modulus=modulus, measured=measured, layer=whose)
 
     def summary(self) -> str:
         """The comparison in words, as the command prints it."""
@@ -191,6 +207,7 @@ def compare(
     ranges: Mapping[str, Mapping[str, Range]] | None = None,
     execution: Execution | None = None,
     nested: bool = False,
+    layer: str | None = None,
 ) -> Comparison:
     """Compare laws on the curves of a case.
 
@@ -206,6 +223,9 @@ def compare(
         Ledger, cluster, stop and progress of the runs.
     nested : bool
         Whether the evidences are those of nested sampling (dynesty, the extra `nested`), not of Laplace's method and draws.
+    layer : str
+        The name of the layer whose laws are compared, where the sample has layers; the others keep theirs, and their free
+        parameters are fitted under each law.
 
     Returns
     -------
@@ -220,21 +240,27 @@ def compare(
         No law could be fitted.
     """
     require_case(case)
-    return run_comparison(plan_comparison(case, materials, ranges or {}, nested), execution or Execution())
+    return run_comparison(plan_comparison(case, materials, ranges or {}, nested, layer), execution or Execution())
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonPlan:
-    """What is compared: the case, each law with its case, the shear modulus of the curves, and whether by nested sampling."""
+    """What is compared: the case, each law with its case, the shear modulus of the curves, whether by nested sampling, and the
+    layer whose laws these are."""
 
     case: Case
     laws: tuple[tuple[str, Case], ...]
     modulus: float | None
     nested: bool = False
+    layer: str | None = None
 
 
 def plan_comparison(
-    case: Case, materials: Sequence[str], ranges: Mapping[str, Mapping[str, Range]], nested: bool = False
+    case: Case,
+    materials: Sequence[str],
+    ranges: Mapping[str, Mapping[str, Range]],
+    nested: bool = False,
+    layer: str | None = None,
 ) -> ComparisonPlan:
     """The plan of a comparison; arguments and errors are those of `compare`. One run tells the stiffness of the curves."""
     if nested:
@@ -245,15 +271,16 @@ def plan_comparison(
     if unknown := set(ranges) - set(laws):
         raise CaseError([f"a range is given for {sorted(unknown)[0]!r}, which is not among the laws: {', '.join(laws)}"])
     require_comparable(case)
-    needed = any(not is_own(case, law) for law in laws)
+    owner_of(case, layer)
+    needed = any(not is_own(case, law, layer) for law in laws)
     if needed:  # wrong names end here, before anything is solved
         for law in laws:
-            law_case(case, law, 1.0, ranges.get(law, {}))
-    modulus = curves_modulus(case) if needed else None
-    cases = tuple((law, law_case(case, law, modulus, ranges.get(law, {}))) for law in laws)
+            law_case(case, law, 1.0, ranges.get(law, {}), layer)
+    modulus = (curves_modulus(case) if layer is None else layers_modulus(case, layer)) if needed else None
+    cases = tuple((law, law_case(case, law, modulus, ranges.get(law, {}), layer)) for law in laws)
     for _, each in cases:
         require_fittable(each)
-    return ComparisonPlan(case, cases, modulus, nested)
+    return ComparisonPlan(case, cases, modulus, nested, layer)
 
 
 def curves_modulus(case: Case) -> float:
@@ -272,6 +299,37 @@ def curves_modulus(case: Case) -> float:
     if not factor > 0:
         raise CaseError(["the curves have no stiffness: their forces fall with the depth; check signs and units"])
     return factor
+
+
+def layers_modulus(case: Case, layer: str) -> float:
+    """The shear modulus, kPa, with which a neo-Hookean layer follows the curves of a case best, while the others have their start
+    values: to some 10 %, from runs at multiples of that of the layer's own law.
+
+    Raises
+    ------
+    ConvergenceError
+        No such sample can be solved.
+    """
+    own = dict(zip((each.name for each in case.sample.layer), parts_of(case.law(**case.start_values())), strict=True))[layer]
+    start, table = own.shear_modulus, f"sample.layer.{layer}"
+    moduli = start * np.array(MULTIPLES)
+    cases = [
+        changed_case(case, [f"{table}.model=neo_hookean", f"{table}.parameters={{ mu = {modulus!r} }}", "fit.published={}"])
+        for modulus in moduli.tolist()
+    ]
+    runs = evaluate_cases(cases, Execution(workers=1))
+    solved = [n for n, run in enumerate(runs) if run.forces is not None]
+    if len(solved) < 2:
+        raise ConvergenceError(
+            f"the stiffness of layer {layer} is not known: as a neo-Hookean one of {start:.3g} kPa, {runs[0].cause}"
+        )
+    logs, fine = np.log(moduli[solved]), np.linspace(np.log(moduli[solved[0]]), np.log(moduli[solved[-1]]), 201)
+    squares = np.zeros(fine.size)
+    for n, curve in enumerate(curve for curve in case.curves if curve is not None):
+        rows = np.array([(runs[k].forces or ())[n] for k in solved])
+        between = PchipInterpolator(logs, rows)(fine)
+        squares += np.sum((between - curve.force) ** 2, axis=1) / np.sum(curve.force**2)
+    return float(np.exp(fine[int(np.argmin(squares))]))
 
 
 def run_comparison(plan: ComparisonPlan, execution: Execution) -> Comparison:
@@ -304,6 +362,7 @@ def run_comparison(plan: ComparisonPlan, execution: Execution) -> Comparison:
         modulus=plan.modulus,
         measured={test.name: curve for test, curve in zip(plan.case.tests, plan.case.curves, strict=True) if curve is not None},
         case=plan.case,
+        layer=plan.layer,
     )
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from indentfit.case import Case, Range
 from indentfit.case.laws import open_law
-from indentfit.errors import CaseError, MaterialError
+from indentfit.case.materials import Layer, MaterialChoice
+from indentfit.errors import CaseError, MaterialError, suggestion
 from indentfit.experiment.measured import changed_case
 from indentfit.inverse.methods import SEARCHES
 from indentfit.inverse.wide import alternatives, uncertain_inputs
@@ -57,8 +58,8 @@ def laws_asked(text: str) -> list[str]:
     return [law.strip() for law in laws if law.strip()]
 
 
-def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, Range]) -> Case:
-    """The case with another law.
+def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, Range], layer: str | None = None) -> Case:
+    """The case with another law, of its sample or of one of its layers.
 
     Parameters
     ----------
@@ -70,6 +71,8 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
         its own ranges.
     ranges : mapping of parameter -> Range
         Ranges in place of the automatic ones.
+    layer : str or None
+        The name of the layer whose law it is; the others keep theirs.
 
     Returns
     -------
@@ -81,8 +84,9 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
         The law cannot be found or used, or a range is not admissible; the text names the law.
     """
     try:
-        if is_own(case, law):
-            return changed_case(case, [*_ranges_given(ranges), *_of_search(case)])
+        table_of = "material" if layer is None else f"sample.layer.{layer}"
+        if is_own(case, law, layer):
+            return changed_case(case, [*_ranges_given(ranges, table_of), *_of_search(case)])
         kind, names = _kind_of(law)
         opened = open_law(law if kind == "model" else None, law if kind == "energy" else None, names, case.folder)
         assert modulus is not None
@@ -90,8 +94,8 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
         if unknown := set(ranges) - set(free):
             raise CaseError([f"it has no parameter {sorted(unknown)[0]!r}; it has: {', '.join(free)}"])
         table = ", ".join(f"{name} = {_as_toml(bounds)}" for name, bounds in free.items())
-        shared = ["material.shared=[]"] if case.material.shared else []
-        material = [f"material.{kind}={_quoted(law)}", f"material.parameters={{ {table} }}", *shared]
+        shared = [f"{table_of}.shared=[]"] if owner_of(case, layer).shared else []
+        material = [f"{table_of}.{kind}={_quoted(law)}", f"{table_of}.parameters={{ {table} }}", *shared]
         return changed_case(case, [*material, *_of_search(case)])
     except CaseError as error:
         raise CaseError([f"law {law!r}: {fault}" for fault in error.faults]) from error
@@ -108,9 +112,25 @@ def _of_search(case: Case) -> tuple[str, ...]:
     return (*ANYWHERE, "fit.profiles=true", "fit.direct=false", f"fit.method={method}")
 
 
-def is_own(case: Case, law: str) -> bool:
-    """Whether a law is that of the case itself."""
-    return law in (case.material.model, case.material.energy)
+def is_own(case: Case, law: str, layer: str | None = None) -> bool:
+    """Whether a law is that of the case itself, or of one of its layers."""
+    own = owner_of(case, layer)
+    return law in (own.model, own.energy)
+
+
+def owner_of(case: Case, layer: str | None) -> MaterialChoice | Layer:
+    """The table whose law is compared: that of a layer, or of the sample. Raises CaseError."""
+    layers = {table.name: table for table in case.sample.layer}
+    if not layers and layer is None:
+        return case.material
+    if not layers:
+        raise CaseError([f"--layer {layer}: the sample has no layers; take it away"])
+    known = f"(layers: {', '.join(layers)})"
+    if layer is None:
+        raise CaseError([f"the sample has layers: say whose laws are compared, such as --layer {next(iter(layers))} {known}"])
+    if layer not in layers:
+        raise CaseError([f"--layer {layer}: no such layer{suggestion(layer, list(layers))} {known}"])
+    return layers[layer]
 
 
 def usual_range(law: type[Material], name: str, modulus: float) -> Range:
@@ -164,9 +184,9 @@ def _admitted(parameter: Parameter, low: float, high: float) -> tuple[float, flo
     return low, high
 
 
-def _ranges_given(ranges: Mapping[str, Range]) -> Iterator[str]:
+def _ranges_given(ranges: Mapping[str, Range], table: str) -> Iterator[str]:
     for name, bounds in ranges.items():
-        yield f"material.parameters.{name}={_as_toml(bounds)}"
+        yield f"{table}.parameters.{name}={_as_toml(bounds)}"
 
 
 def _kind_of(law: str) -> tuple[str, tuple[str, ...]]:
