@@ -1,6 +1,7 @@
 """Uncertain inputs as coordinates of a fit: priors, the density over parameters and inputs, profiles, and mixtures."""
 
 import html
+import itertools
 import json
 import re
 from dataclasses import replace
@@ -18,7 +19,7 @@ from indentfit.case.priors import Prior
 from indentfit.curve import Curve, write_curve
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
-from indentfit.inference import joint, mixture, wide_fit
+from indentfit.inference import joint, joint_consistency, mixture, wide_fit
 from indentfit.inference.draws import drawn
 from indentfit.inference.fit import fit
 from indentfit.inference.inputs import Solution
@@ -309,6 +310,15 @@ def test_tests_contradict_each_other_beyond_their_own_gains():
     assert all(known.contradicts for known in found.values())
     assert found["t"].off == pytest.approx(0.3, abs=0.06)
     assert found["s"].off == pytest.approx(1 / 1.3 - 1, abs=0.06)
+
+
+def test_tests_contradict_each_other_also_where_derivatives_at_the_optimum_show_nothing_that_they_share(monkeypatch):
+    """White matter with unknown friction: one line asked for half of the other's mu, and p was 1, since at the optimum (phi
+    at its bound, friction 1) the tests saw one and two directions and both together three."""
+    ranks = itertools.cycle([1, 2, 3])
+    monkeypatch.setattr(joint_consistency, "_rank", lambda _: next(ranks))
+    assert not any(known.contradicts for known in predicted(0.06).values())
+    assert all(known.contradicts for known in predicted(0.3).values())
 
 
 # Mixtures

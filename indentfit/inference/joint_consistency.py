@@ -14,7 +14,7 @@ from indentfit.arrays import Array
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.consistency import DRAWS, ENOUGH, SEEN, UNCLEAR
 from indentfit.inference.joint import JointFit, bounded, chi2_at
-from indentfit.inference.posterior import Climber
+from indentfit.inference.posterior import Climber, NoiseModel
 
 CLEAR = 1e-6  # probability by linear theory below which no draw is needed
 PROPOSED = 1000  # places from which those of the draws are chosen
@@ -39,15 +39,24 @@ def joint_predictions(fit: JointFit, alone: Sequence[JointFit | None], seed: int
     heavy = [n for n, single in enumerate(alone) if single is not None]
     if len(heavy) < 2:
         return {}
-    noise = fit.posterior.noise
-    sigma, rho = noise.sigma.copy(), noise.rho.copy()
-    for n in heavy:
-        single = alone[n]
-        assert single is not None
-        sigma[n], rho[n] = single.posterior.noise.sigma[n], single.posterior.noise.rho[n]
-    own = replace(fit, posterior=replace(fit.posterior, noise=replace(noise, sigma=sigma, rho=rho)))
+    freedom = sum(single.freedom for single in alone if single is not None)  # of what tells the size of the noise
+    own = replace(fit, posterior=replace(fit.posterior, noise=_noise_alone(fit, alone)), freedom=freedom)
     starts = [fit.mode.z, *(mode.z for mode in fit.others[:2]), *(single.mode.z for single in alone if single is not None)]
     return {tests[n].name: _Prediction.of(own, n, heavy, starts).result(seed) for n in heavy}
+
+
+def _noise_alone(fit: JointFit, alone: Sequence[JointFit | None]) -> NoiseModel:
+    """The noise of each test that the fit to it alone leaves: residuals of the fit to all are large where tests contradict each
+    other."""
+    noise, slices = fit.posterior.noise, fit.posterior.curves.slices
+    sigma, rho, explained, smooth = noise.sigma.copy(), noise.rho.copy(), [*noise.explained], np.zeros_like(noise.model)
+    for n, single in enumerate(alone):
+        if single is None:
+            continue
+        known, rows = single.posterior.noise, (slices[n], slices[n])
+        sigma[n], rho[n], explained[n] = known.sigma[n], known.rho[n], known.explained[n]
+        smooth[rows] = 0.0 if known.smooth is None else known.smooth[rows]
+    return replace(noise, sigma=sigma, rho=rho, explained=tuple(explained), smooth=smooth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +116,12 @@ class _Prediction:
         return max(_best(self.together, [theirs])[1] - self.alone.climb(z)[1] - left, 0.0)
 
     def _by_fisher(self, statistic: float) -> float:
-        """The probability of the statistic, or more, by linear theory."""
+        """The probability of the statistic, or more, by linear theory; at least one direction is shared, since where none is there
+        would be no statistic, and derivatives at one place do not show what tests share at others."""
         z = self.fit.mode.z
         ranks = [_rank(climber.residuals(z)[1]) for climber in (self.alone, self.others, self.together)]
-        shared = ranks[0] + ranks[1] - ranks[2]
-        return float(fisher.sf(statistic / shared, shared, self.fit.freedom)) if shared > 0 else 1.0
+        shared = max(ranks[0] + ranks[1] - ranks[2], 1)
+        return float(fisher.sf(statistic / shared, shared, self.fit.freedom))
 
     def _by_draws(self, theirs: Array, left: float, statistic: float, rng: np.random.Generator) -> float:
         """The share of curves of the test, drawn from their distribution given the others, that are as far from the prediction."""
