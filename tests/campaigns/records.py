@@ -8,29 +8,23 @@ where it cannot be used. A kind passes where the held share of the records witho
 95 %, the stated interval of the peak holds it as often at least, and no peak without a flag is off by more than 1 %.
 tests/test_instruments.py reruns it in short.
 
-Half of the laws are outside of what is fitted (`law`). On commit 72dee14, seed 9009, 100 records of each kind (plain: records
+Half of the laws are outside of what is fitted (`law`). On commit 9ee0e6d, seed 10010, 100 records of each kind (plain: records
 without a flag, held of them, binomial 99 % band; kinds that are flagged always: held of all that are not refused):
 
-    approach           75   73   66-75          cycles             63   60   55-63
-    end_not_known      72   70   63-72          uneven             67   66   58-67
-    hold               72   68   63-72          short_approach     41   40   35-41
-    coarse_approach    78   75   68-78          curved_drift       19   19   15-19
-    rest_first         71   70   62-71          drift               6    6    4-6
-    two_speeds         74   73   65-74          slight_drift       41   41   35-41
-    retract            73   65   64-73          slow_noise          8    8    5-8
-    ringing            63   63   55-63          preload             4    4    2-4
-    noisy_travel       70   67   61-70          stages              3    2    1-3
-    steps              61   58   53-61          slope               3    3    1-3
-    blocks             64   59   56-64          wavy             (83)  78
-    in_contact       (93)   87                  small_waves      (99)  98
-    retract_chosen  (100)   96                  reversed_rows   (100)   95
+    approach           88   86  78-88          soft_turn          52   42  45-52, out of the band
+    hold               81   77  71-81          creep              64   59  56-64
+    retract            84   75  74-84          short_approach     50   48  43-50
+    relaxing_stages  (100)  96                 stages           (100)  98
+    preload          (100)  96
 
-No peak without a flag is off by over 1 %, and its 95 % interval holds it within the band: 4004, 150 records each, approach 115 of
-117, hold 119 of 119, uneven 114 of 119, ringing 92 of 93, slight_drift 58 of 59. Of the contacts without a flag the interval
-holds 542 of 553 where the law is inside, 381 of 401 where it is outside (cones: 130 of 135). Ordinary records (approach) whose
-law is inside are flagged in one of six, most because of a drift that may hide. Peaks of relaxing_stages (seed 31): 82 of 92
-within 1 %, the largest 2.8 % off, all flagged because of the pause, and those ten because of noise or baseline too; their
-contacts are held in 79 of 92, peaks in 85.
+No peak without a flag is off by over 1 %. Of the ordinary records (approach) 11 of 100 are flagged, and 7 of 47 of those with a law
+inside; on commit 851e7b6, 200 records, 41 and 17, of whose peaks one was off by over 1 % (by 1.2 %). soft_turn and creep are new:
+the contact points of a sample that relaxes throughout are held in 42 of 52, at most 2.6 half-widths off.
+
+On commit 72dee14, seed 9009, all kinds that there were lay within their bands (100 records each), contacts without a flag were held
+in 542 of 553 with a law inside and in 381 of 401 with a law outside. Commit 851e7b6, seed 10010, 200 records each: within the band
+were approach, end_not_known, short_approach, hold, rest_first, two_speeds, retract, cycles, drift, slight_drift, slope and
+curved_drift, with one peak off by -1.27 % without a flag (short_approach, a column) and one by -1.08 % (stages).
 
 Before, with all laws inside of what is fitted, seeds 3003, 5005 and 8008 had every kind that was run within its band (25 of 31 on
 8008), and one or two peaks of some 2,800 off by 1.06 to 1.63 %, all in slight_drift.
