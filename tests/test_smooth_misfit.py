@@ -11,6 +11,7 @@ from indentfit.inference.draws import drawn
 from indentfit.inference.explained import Explained, explained
 from indentfit.inference.joint import ModelError
 from indentfit.inference.noise import errors
+from indentfit.inference.posterior import Mode
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
@@ -91,3 +92,16 @@ def test_what_is_known_without_the_test_stays_correlated_with_the_rest():
     for direction in known.directions.T:
         assert direction @ noise @ direction == pytest.approx(direction @ 0.9**APART @ direction)
     np.testing.assert_array_equal(Explained.none(25).apart(0.9**APART), 0.9**APART)
+
+
+def test_of_nearly_equal_places_the_value_is_that_of_the_least_squares():
+    """White matter with unknown friction: tests that contradict each other leave their levels nearly free; a place whose chi2 was
+    0.6 better lay 1.8 times as far from the points. A place that is better by more than AS_GOOD stays."""
+    force = 90 * DEPTH + wave(True)
+    best = float(np.linalg.lstsq(DESIGN[:, :1], force, rcond=None)[0][0])
+    fit = fitted(force, ("a",))
+    assert fit.posterior.noise.smooth is not None
+    off = fit.mode.z + 0.02
+    for better, first in ((0.6, best), (1.1 * joint.AS_GOOD, 200 * off[0])):
+        modes = joint._nearest_first(fit.posterior, [Mode(off, fit.mode.chi2 - better, fit.mode.covar)])
+        assert 200 * modes[0].z[0] == pytest.approx(first, rel=1e-3)

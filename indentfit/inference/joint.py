@@ -260,7 +260,23 @@ def fitted(
     for _ in range(3):
         posterior = under_noise_at(posterior, modes[0].z)
         modes = _climbed(posterior, [mode.z for mode in modes])
+    if posterior.noise.smooth is not None:
+        modes = _nearest_first(posterior, modes)
     return JointFit(posterior, modes[0], tuple(modes[1:]), freedom_of(posterior, modes[0]), surrogate, error)
+
+
+def _nearest_first(posterior: Posterior, modes: Sequence[Mode]) -> list[Mode]:
+    """Maxima of the density of smooth residuals, where the least squares, under white noise of the same size, are as good as the
+    best with these as the first: smooth residuals leave the level of several tests nearly free, and the best of nearly equal places
+    may be twice as far from the points."""
+    noise = posterior.noise
+    white = replace(posterior, noise=replace(noise, rho=np.zeros_like(noise.rho), explained=(), smooth=None))
+    least, climber = _climbed(white, [mode.z for mode in modes])[0], Climber(posterior)
+    residuals = climber.residuals(least.z)[0]
+    chi2 = float(residuals @ residuals)
+    if not 0 < chi2 - modes[0].chi2 <= AS_GOOD:
+        return list(modes)
+    return [Mode(least.z, chi2, climber.covar(least.z)), *modes]
 
 
 def next_error(error: ModelError, problem: InverseProblem) -> Array:
