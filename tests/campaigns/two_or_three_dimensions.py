@@ -12,8 +12,8 @@ Measured on 29 November 2026 (7 to 91 s of processor time for bricks, 0.3 to 1.9
 -0.10, +0.11, -0.03 and -0.01 % (spheres, punches, cones); with friction 0.5 -0.05 and -0.11 % (spheres), +0.36 % (rounded punch)
 and +0.05 % (cone). Before bricks anchored a point that comes to touch within a step where it touches, the spheres and the punch
 had +0.34, +0.58 and +0.42 %: points rubbed along the indenter before they touched it. Of 8 and 12 steps the worst case has 0.4699
-and 0.4705 mN now (it had 0.4732 with 8 and 0.4719 with 16), the plane of 48 steps 0.4708. On the plane mesh of ten elements along the
-contact, cases 4 to 7: -0.10, +0.42, +0.11 and -0.02 %.
+and 0.4705 mN now (it had 0.4732 with 8 and 0.4719 with 16), the plane of 48 steps 0.4708.
+On the plane mesh of ten elements along the contact, cases 4 to 7: -0.10, +0.42, +0.11 and -0.02 %.
 """
 
 import argparse
