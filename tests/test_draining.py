@@ -1,12 +1,17 @@
 """Holds under two contacts: those of a draining gel are told from those of a viscous one."""
 
+import re
+
 import numpy as np
 import pytest
 
 import indentfit
-from indentfit.case.draining import draining
+from indentfit.case.draining import HOLDS_DIFFER, draining
 from indentfit.curve import Curve
 from indentfit.hereditary import Ramp, prony
+from indentfit.inference.result import ParameterEstimate
+from indentfit.inference.to_model import unless_holds_differ
+from indentfit.inverse.problem import inverse_problem
 
 SPHERES = ({"shape": "sphere", "radius": 1.0}, {"shape": "sphere", "radius": 4.0})
 PUNCHES = ({"shape": "cylinder", "diameter": 1.0}, {"shape": "cylinder", "diameter": 2.0})
@@ -60,3 +65,18 @@ def test_a_viscous_gel_is_not(indenters, times):
 def test_holds_under_one_contact_say_nothing():
     drained = DRAINED["cylinder"]
     assert [*draining(case_of((PUNCHES[0], PUNCHES[0]), lambda t, area: drained(0.01 * t / area)))] == []
+
+
+def test_holds_that_differ_otherwise_are_told_and_determine_no_relaxation():
+    """Times of which one is eight times as long under four times the area."""
+    slower = {0.05: 1.0, 0.2: 8.0}
+    case = case_of(SPHERES, lambda t, area: np.exp(-t / (2.0 * slower[area])))
+    (said,) = draining(case)
+    assert said.startswith(HOLDS_DIFFER) and "neither one viscosity nor draining" in said
+    assert 6 < float(re.search(r"times ([\d.]+) times as long", said)[1]) < 10
+    known = {name: ParameterEstimate(1.0, True, verdict="determined (+-2 %)") for name in ("mu", "g1", "tau1")}
+    judged = unless_holds_differ(known, inverse_problem(case), (said,))
+    assert judged["mu"] == known["mu"] and all(
+        "do not relax over the same times" in judged[name].verdict for name in ("g1", "tau1")
+    )
+    assert unless_holds_differ(known, inverse_problem(case), ()) == known

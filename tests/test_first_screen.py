@@ -7,6 +7,7 @@ import pytest
 from fixtures.cases import white_matter
 
 from indentfit.case.doubts import doubts
+from indentfit.case.draining import HOLDS_DIFFER
 from indentfit.curve import Curve
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
 from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, ParameterEstimate
@@ -70,6 +71,7 @@ def test_an_interval_in_two_pieces_is_shown_as_two_on_page_and_terminal(tmp_path
         ({"success": False, "message": "no progress"}, True, "did not converge: no progress", "--method ga"),
         ({"predicted": {"press": TestPrediction(0.001, 0.4)}}, True, "press is 40% above what the others predict", "repeat press"),
         ({"noise": {"press": CurveNoise(0.1, 0.9, 3, 25, 0.001)}}, False, "systematic", "indentfit compare"),
+        ({"conclusions": (f"{HOLDS_DIFFER}a, b",)}, False, "holds differ", "fit each test alone"),
     ],
 )
 def test_what_is_wrong_with_a_whole_result_is_red_or_amber_with_its_next_step(change, red, said, then):
@@ -77,6 +79,13 @@ def test_what_is_wrong_with_a_whole_result_is_red_or_amber_with_its_next_step(ch
     (doubt,) = doubts_of(result)
     assert doubt.red == red and said in doubt.text
     assert then in next_step(result)
+
+
+def test_laws_of_a_fit_in_time_are_not_sent_to_a_comparison_that_refuses_holds():
+    noise = {"press (hold)": CurveNoise(0.1, 0.9, 3, 25, 0.001)}
+    result = fitted(mu=GOOD)
+    then = next_step(replace(result, noise=noise, misfit={"press (hold)": next(iter(result.misfit.values()))}))
+    assert "another law or another relaxation" in then and "indentfit compare" not in then
 
 
 def test_a_preload_is_mended_before_another_law_is_tried():

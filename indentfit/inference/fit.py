@@ -26,7 +26,7 @@ from indentfit.inference.refinement import Refined, refined
 from indentfit.inference.result import UNKNOWN, FitFailure, FitResult, FitSolver, Numbers, ParameterEstimate
 from indentfit.inference.sampling import PosteriorSamples, facts_of_samples, samples_of
 from indentfit.inference.seen import far_from_model
-from indentfit.inference.to_model import Beside, Models, unless_far
+from indentfit.inference.to_model import Beside, Models, unless_far, unless_holds_differ
 from indentfit.inference.verdicts import conclusions
 from indentfit.inference.wide_certainty import wide_certainty
 from indentfit.inference.wide_fit import WideFit, wide_fit
@@ -306,7 +306,9 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
     optimum, findings = solved.optimum, known.findings
     best, of_noise = optimum.best, known.known
     beside = models.beside(problem, best.parameters) if best else Beside()
-    known = _judged(known, unless_far(known.estimates, beside.differences), len({test.test for test in problem.tests}))
+    holds = tuple(draining(case))
+    estimates = unless_holds_differ(unless_far(known.estimates, beside.differences), problem, holds)
+    known = _judged(known, estimates, len({test.test for test in problem.tests}))
     result = FitResult(
         method=case.fit.method,
         seed=case.fit.seed,
@@ -344,7 +346,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
             *known.conclusions,
             *far_from_model(beside.differences),
             *_at_least_bulk(models, problem, best, known),
-            *draining(case),
+            *holds,
         ),
         taken_as_known=known.taken_as_known,
         law_misfit=known.law_misfit,

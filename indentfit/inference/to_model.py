@@ -5,7 +5,7 @@ multiplied by the ratio of the model's forces to them over time. The ratio hardl
 that fit are those of the model near its optimum. It costs no elastic run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from indentfit.case import Case
@@ -18,6 +18,7 @@ from indentfit.runs.relaxing import Kernel
 
 NEAR = 0.003  # largest relative difference from the model after such a correction
 LEFT = "not determined: the forces of the fit are up to {size:.1%} from the viscoelastic model, which no interval holds"
+DIFFER = "not determined: the holds of the tests do not relax over the same times, so that one relaxation describes none of them"
 CORRECTED = (
     "{name}: the forces of the fit are hereditary integrals, multiplied by the ratio over time of the viscoelastic model's forces "
     "to them ({most:.1%} at most) near the optimum; at the optimum the model is within {left:.2%} of them"
@@ -85,6 +86,14 @@ class Models:
             return None
         size = max(beside.kernel.off(kernel).values(), default=0.0)
         return replace(problem, kernel=beside.kernel) if size > (NEAR if kernel.factors else FAR) else None
+
+
+def unless_holds_differ(
+    known: Mapping[str, ParameterEstimate], problem: InverseProblem, sentences: Sequence[str]
+) -> dict[str, ParameterEstimate]:
+    """Estimates of which no parameter of the relaxation is determined where `draining` has sentences on holds that differ."""
+    names = () if problem.kernel is None or not sentences else [name for name in problem.kernel.names if name in known]
+    return {**known, **{name: replace(known[name], verdict=DIFFER) for name in names}}
 
 
 def unless_far(known: Mapping[str, ParameterEstimate], differences: Mapping[str, float]) -> dict[str, ParameterEstimate]:

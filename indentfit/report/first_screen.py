@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from indentfit.case.draining import HOLDS_DIFFER
 from indentfit.inference.limits import WORDS
 from indentfit.inference.plain import by_error
 from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstimate
@@ -100,7 +101,7 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
-    told = (HEREDITARY, LEFT_OUT, FOLDED, OUTSIDE)
+    told = (HOLDS_DIFFER, HEREDITARY, LEFT_OUT, FOLDED, OUTSIDE)
     yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(told))
     yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
 
@@ -164,6 +165,8 @@ def next_step(result: FitResult) -> str:
         return (
             f"repeat {_and(wrong)}, or find out what differed (contact point, direction, sample); until then take each test alone"
         )
+    if any(sentence.startswith(HOLDS_DIFFER) for sentence in result.conclusions):
+        return "fit each test alone, since one relaxation describes none of them, and compare their moduli"
     if law := _next_of_law(result):
         return law
     return _next_of_parameters(result)
@@ -179,6 +182,8 @@ def _next_of_law(result: FitResult) -> str:
     large = [name for name in _beside_the_law(result) if name in result.misfit and result.misfit[name].relative >= SYSTEMATIC]
     if not large:
         return ""
+    if any(name.endswith(("(hold)", "(retraction)")) for name in result.noise):
+        return "fit the same curves with another law or another relaxation (more terms, an order); `compare` takes loadings alone"
     layer = " --layer NAME" if any("." in name for name in result.free) else ""
     return f"try other laws on the same curves: `indentfit compare CASE{layer} --materials LAW,LAW,...` says which one they prefer"
 
