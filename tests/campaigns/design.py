@@ -11,9 +11,9 @@ for the truths and for the fits; their error is printed beside the noise.
 
 Seen (29 November 2026, 50 truths, 3 draws): achieved over promised 1.08 for the first test and 1.03 for the first pair in the
 median; off by 8.8 and 5.9 % in the median; the first pair among the best two in 92 %, its interval over the best 1.00 in the
-median, 1.07 at most. Error of shared runs 0.11 % of the largest force, beside 1 % noise. With --estimate
-1.07 and 1.08, off by 24.5 and 19.7 %, because two force curves leave phi open; the first pair among the best two in 88 %; spans held
-64 and 70 % of the achieved intervals.
+median, 1.07 at most. Error of shared runs 0.11 % of the largest force, beside 1 % noise. With --estimate 1.07 and 1.08, off by
+24.5 and 19.7 %, because two force curves leave phi open; the first pair among the best two in 88 %; spans held 64 and 70 % of the
+achieved intervals.
 
 Exit code 1 where the achieved interval is more than 25 % off the promised one in the median of the truths, or where the pair that
 is ranked first is among the best two in less than 80 % of them.
