@@ -5,10 +5,12 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from fixtures.cases import CASES
 from scipy.linalg import cho_solve
 from scipy.optimize import brentq
 from scipy.stats import norm
 
+import indentfit
 from indentfit.case import Case, Fit, Indenter, MaterialChoice, Mesh, Range, Sample, Test, write_case
 from indentfit.case.search import SCALES, Discrepancy
 from indentfit.cli import main
@@ -316,3 +318,14 @@ def test_the_command_predicts_a_deeper_test(tmp_path):
     predicted = runner.invoke(main, ["predict", str(out), "--set", "test.pull.strain=0.09", "--json"])
     assert predicted.exit_code == 0, predicted.output
     assert json.loads(predicted.stdout)["tests"]["pull"]["displacement"][-1] == pytest.approx(0.09)
+
+
+def test_an_empty_table_in_a_file_is_refused(tmp_path):
+    """The fit would go on without the term that the table asks for."""
+    text = (CASES / "hydrogel_sphere" / "case.toml").read_text()
+    path = tmp_path / "case.toml"
+    path.write_text(f"{text}\n[fit.discrepancy]\n")
+    (tmp_path / "press.csv").write_text((CASES / "hydrogel_sphere" / "press.csv").read_text())
+    with pytest.raises(CaseError, match=r"fit\.discrepancy = \{\}: the table states nothing; give scale = "):
+        indentfit.read_case(path)
+    assert indentfit.read_case(path, ["fit.discrepancy.length=0.4"]).fit.discrepancy.stated == "unknown"

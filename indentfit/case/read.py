@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
@@ -93,6 +93,7 @@ def read_case_file(path: str | Path, overrides: Sequence[str] = (), openers: Ope
     path = Path(path)
     tree = _tree(path)
     given, faults = override(tree, overrides)
+    faults += _states_nothing(tree)
     parts = _parts(tree, Sources(path.parent, openers), faults)
     _raise(faults, path, tree, given)
     return Case.of_parts(parts, path, overrides)
@@ -184,6 +185,12 @@ def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) ->
     if faults or table is None:
         raise CaseError([line(path or "options", fault, given) for fault in faults])
     return table
+
+
+def _states_nothing(tree: Tree) -> Iterator[Fault]:
+    """A fault where a file has a table that asks for something by its keys alone, and no key: the fit would go on without it."""
+    if isinstance(fit := tree.get("fit"), dict) and fit.get("discrepancy") == {}:
+        yield Fault(("fit", "discrepancy"), {}, 'the table states nothing; give scale = "unknown" or a number, or remove the table')
 
 
 def _raise(faults: list[Fault], path: Path | None, tree: Tree, given: set[Key]) -> None:
