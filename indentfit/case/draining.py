@@ -69,13 +69,16 @@ def draining(case: Case) -> Iterator[str]:
     """A line for each pair of tests whose holds relax as draining does, or otherwise not over the same times, as viscosity does."""
     holds = sorted(_holds(case), key=lambda hold: hold.area)
     for small, large in itertools.combinations(holds, 2):
-        ratio, same = large.area / small.area, _misfit(small, large, 1.0)
+        ratio = large.area / small.area
+        if ratio < LEAST_RATIO:
+            continue
+        same = _misfit(small, large, 1.0)
         noise = noise_of_points(large.force) / float(large.force.max())
         if same is None or same <= CLEAR * noise:
             continue
         tried = [(misfit, factor) for factor in FACTORS if (misfit := _misfit(small, large, float(factor))) is not None]
         best, factor = min(tried, default=(same, 1.0))
-        by_area = _misfit(small, large, ratio) if ratio >= LEAST_RATIO else None
+        by_area = _misfit(small, large, ratio)
         names = {"small": small.name, "large": large.name, "ratio": ratio, "same": same}
         if by_area is not None and by_area < max(min(BETTER * same, best / BETTER), 2 * noise):
             yield DRAINS.format(by_area=by_area, **names)
