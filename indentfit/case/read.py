@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
@@ -36,7 +36,7 @@ from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
 from indentfit.case.section import Section
-from indentfit.case.slips import remedy
+from indentfit.case.slips import remedy, states_nothing
 from indentfit.case.specimen import loading_of
 from indentfit.case.tables import MaterialChoice, Test
 from indentfit.case.unknown import with_priors
@@ -93,7 +93,7 @@ def read_case_file(path: str | Path, overrides: Sequence[str] = (), openers: Ope
     path = Path(path)
     tree = _tree(path)
     given, faults = override(tree, overrides)
-    faults += _states_nothing(tree)
+    faults += states_nothing(tree)
     parts = _parts(tree, Sources(path.parent, openers), faults)
     _raise(faults, path, tree, given)
     return Case.of_parts(parts, path, overrides)
@@ -185,12 +185,6 @@ def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) ->
     if faults or table is None:
         raise CaseError([line(path or "options", fault, given) for fault in faults])
     return table
-
-
-def _states_nothing(tree: Tree) -> Iterator[Fault]:
-    """A fault where a file has a table that asks for something by its keys alone, and no key: the fit would go on without it."""
-    if isinstance(fit := tree.get("fit"), dict) and fit.get("discrepancy") == {}:
-        yield Fault(("fit", "discrepancy"), {}, 'the table states nothing; give scale = "unknown" or a number, or remove the table')
 
 
 def _raise(faults: list[Fault], path: Path | None, tree: Tree, given: set[Key]) -> None:
