@@ -36,10 +36,10 @@ from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
 from indentfit.case.section import Section
-from indentfit.case.slips import remedy, states_nothing
+from indentfit.case.slips import remedy
 from indentfit.case.specimen import loading_of
 from indentfit.case.tables import MaterialChoice, Test
-from indentfit.case.unknown import with_priors
+from indentfit.case.unknown import states_nothing, with_priors
 from indentfit.case.whole import Case
 from indentfit.case.write import case_tree, maps_of
 from indentfit.curve import Curve, read_curve

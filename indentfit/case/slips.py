@@ -1,10 +1,7 @@
-"""Slips that people make in TOML: lines that are none, each with the line as it is right, and tables without a key."""
+"""What a line that is not TOML should be: the slips that people make, each with the line as it is right."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
-
-from indentfit.case.messages import Fault
+from collections.abc import Callable
 
 KEY = r"(?P<key>[A-Za-z0-9_.-]+)"
 NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
@@ -130,9 +127,3 @@ def _quoted(value: str) -> str:
 SLIPS: tuple[Slip, ...] = (
     _curly, _not_closed, backslash_words, _heading, _colon, _no_value, _semicolon, _comma, _unit, _number, _word,
 )  # fmt: skip
-
-
-def states_nothing(tree: Mapping[str, Any]) -> Iterator[Fault]:
-    """A fault where a file has a table that asks for something by its keys alone, and no key: the fit would go on without it."""
-    if isinstance(fit := tree.get("fit"), dict) and fit.get("discrepancy") == {}:
-        yield Fault(("fit", "discrepancy"), {}, 'the table states nothing; give scale = "unknown" or a number, or remove the table')
