@@ -1,5 +1,6 @@
 """Fits of curves with times: motions, forces over time with free relaxation, and what a case says of them."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -281,6 +282,8 @@ def test_a_fit_in_time_is_written(fitted, tmp_path):
     fitted.write(tmp_path / "result", fields=False)
     table = np.genfromtxt(tmp_path / "result" / "curves.csv", delimiter=",", names=True, encoding="utf-8", dtype=None)
     assert table["time_s"][-1] == 10.5 and table["displacement_mm"][-1] == 0.3
+    page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+    assert re.search(r"fitted to 1 (synthetic|measured) curve\.", page)  # its ramp and its hold have a misfit each
 
 
 def test_times_of_a_curve_are_read_and_written(tmp_path):

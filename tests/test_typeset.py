@@ -48,6 +48,7 @@ def test_both_ends_of_an_interval_have_the_same_digits():
         ("an order 0.5 <= p <= 2.1", "an order 0.5 ≤ p ≤ 2.1"),
         ("psi = mu/2 (I1 - 3)", "ψ = μ/2 (I1 - 3)"),
         ("-0.089 to -1", "−0.089 to −1"), ("+-0.47 %", "±0.47 %"), ("2 x 20 mm", "2 × 20 mm"),
+        ("9 um, 5 uN of 3 users", "9 µm, 5 µN of 3 users"),
         ("0.1% of 5 %, below 3%.", "0.1 % of 5 %, below 3 %."), ("a%20b.csv", "a%20b.csv"),
         ("R2 0.99, 3 mN^2", "R² 0.99, 3 mN²"),
         ("1.5e-05", "1.5 × 10⁻⁵"), ("curves/mu-test.csv", "curves/mu-test.csv"), ("fit.uncertain.mu", "fit.uncertain.mu"),

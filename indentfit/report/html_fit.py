@@ -120,7 +120,8 @@ def _and(words: Sequence[str]) -> str:
 
 def _what(stored: Stored, result: FitResult) -> Section:
     kind = "synthetic" if stored.synthetic else "measured"
-    curves = f"{len(result.rmse) or 'the'} {kind} curve{'' if len(result.rmse) == 1 else 's'}"
+    number = len(stored.case.tests) if stored.case else len(result.rmse)  # a curve in time has several misfits
+    curves = f"{number or 'the'} {kind} curve{'' if number == 1 else 's'}"
     free = f"parameters {', '.join(result.free)} were" if len(result.free) > 1 else f"parameter {', '.join(result.free)} was"
     fitted = f"The free {free} fitted to {curves}."
     parts: list[Part] = [Text(fitted)]

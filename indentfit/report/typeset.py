@@ -16,6 +16,7 @@ POWERS = re.compile(r"\b(mm|mN|kPa|R)\^?2\b")
 RELATIONS = {" <= ": " ≤ ", " >= ": " ≥ "}
 TIMES = re.compile(r"(?<=\d) x (?=\d|shear)")
 PERCENT = re.compile(r"(?<=\d)%(?!\w)")
+MICRO = re.compile(r"(?<=\d )u(?=(?:m|N)\b)")
 EXPONENT = re.compile(r"(?<=\d)e([+-])0?(\d+)\b")
 
 
@@ -25,12 +26,12 @@ def symbol(name: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """A sentence, or the cell of a table, with Greek letters of parameters, true minus signs, plus-minus signs, powers and
-    a space before a percent sign."""
+    """A sentence, or the cell of a table, with Greek letters of parameters, true minus signs, plus-minus signs, powers, micro
+    signs and a space before a percent sign."""
     text = EXPONENT.sub(_power_of_ten, symbol(text).replace("+-", "±"))
     for written, shown in RELATIONS.items():
         text = text.replace(written, shown)
-    text = PERCENT.sub(" %", text)
+    text = MICRO.sub("µ", PERCENT.sub(" %", text))
     return TIMES.sub(" × ", POWERS.sub(r"\1²", MINUS.sub("−", text)))
 
 
