@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fixtures.line import DEPTH, DESIGN, Line
 from scipy.optimize import brentq
 from scipy.stats import norm
 from scipy.stats import t as student
@@ -22,24 +23,9 @@ from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.wide import UncertainInput, widened_problem
-from indentfit.runs.forward import Evaluation
 
-DEPTH = np.linspace(0.0132, 0.33, 25)
-DESIGN = np.column_stack([DEPTH, DEPTH**2])
 NOISE, GAIN = 0.3, 0.03
 T23 = 2.0687  # 97.5 % quantile of Student's t of 23 degrees of freedom
-
-
-class Line:
-    """A forward model in closed form: a d + b d^2."""
-
-    runs, failures = 0, ()
-
-    def differentiable(self):
-        return frozenset()
-
-    def evaluate(self, points, report=None, sensitivities=()):
-        return [Evaluation(dict(p), (DESIGN @ [p["a"], p["b"]],), None, 0.0, ({},)) for p in points]
 
 
 class Off(Line):

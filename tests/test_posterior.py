@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from fixtures.line import DEPTH, DESIGN, Line
 
 pytest.importorskip("emcee")
 h5netcdf = pytest.importorskip("h5netcdf")
@@ -25,25 +26,8 @@ from indentfit.inverse.objective import Target  # noqa: E402
 from indentfit.inverse.problem import InverseProblem  # noqa: E402
 from indentfit.inverse.wide import UncertainInput, widened_problem  # noqa: E402
 from indentfit.report.posterior_files import corner, write_netcdf  # noqa: E402
-from indentfit.runs.forward import Evaluation  # noqa: E402
 
-DEPTH = np.linspace(0.0132, 0.33, 25)
-DESIGN = np.column_stack([DEPTH, DEPTH**2])
 NOISE, GAIN = 0.3, 0.03
-
-
-class Line:
-    """A forward model in closed form: a d + b d^2."""
-
-    def __init__(self):
-        self.runs, self.failures = 0, []
-
-    def differentiable(self):
-        return frozenset()
-
-    def evaluate(self, points, report=None, sensitivities=()):
-        self.runs += len(points)
-        return [Evaluation(dict(p), (DESIGN @ [p["a"], p["b"]],), None, 0.0, ({},)) for p in points]
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fixtures.line import DEPTH, DESIGN, Line
 from scipy.stats import t as student
 
 from indentfit.case import Range
@@ -16,23 +17,8 @@ from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.wide import widened_problem
-from indentfit.runs.forward import Evaluation
 
-DEPTH = np.linspace(0.0132, 0.33, 25)
-DESIGN = np.column_stack([DEPTH, DEPTH**2])
 APART = np.abs(np.subtract.outer(np.arange(25), np.arange(25)))
-
-
-class Line:
-    """A forward model in closed form: a d + b d^2."""
-
-    runs, failures = 0, ()
-
-    def differentiable(self):
-        return frozenset()
-
-    def evaluate(self, points, report=None, sensitivities=()):
-        return [Evaluation(dict(p), (DESIGN @ [p["a"], p["b"]],), None, 0.0, ({},)) for p in points]
 
 
 def fitted(force, free=("a", "b")):
