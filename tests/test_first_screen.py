@@ -81,6 +81,14 @@ def test_what_is_wrong_with_a_whole_result_is_red_or_amber_with_its_next_step(ch
     assert then in next_step(result)
 
 
+def test_a_note_on_a_test_begins_with_its_name_as_it_is(tmp_path):
+    result = fitted(mu=GOOD)
+    name = next(iter(result.rmse))
+    noted = replace(result, notes=(f"{name}: seen", "few points"))
+    page = render(fit_page(Stored(tmp_path, noted, None, (), None, {}), noted))
+    assert name[0].islower() and f">{name}: seen." in page and ">Few points." in page
+
+
 def test_laws_of_a_fit_in_time_are_not_sent_to_a_comparison_that_refuses_holds():
     noise = {"press (hold)": CurveNoise(0.1, 0.9, 3, 25, 0.001)}
     result = fitted(mu=GOOD)

@@ -6,8 +6,6 @@ that a case names. A caller that needs the material's class, and the curves of r
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +13,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from indentfit.case.empty_tables import faults_of_empty_tables
 from indentfit.case.families import faults_of_families
 from indentfit.case.faults import (
     Parts,
@@ -32,14 +31,14 @@ from indentfit.case.keys import SECTIONS
 from indentfit.case.laws import YOUNG
 from indentfit.case.layers import OF_LAYERS, label_of, named, tables_of_layers, with_materials
 from indentfit.case.materials import LayersChoice
-from indentfit.case.messages import MISSING, Fault, Key, key_of, line, printable, short, unknown, wording
+from indentfit.case.messages import MISSING, Fault, Key, key_of, line, unknown, wording
 from indentfit.case.overrides import Tree, override, table_of, tests_of
 from indentfit.case.recording import Record
 from indentfit.case.section import Section
-from indentfit.case.slips import remedy
 from indentfit.case.specimen import loading_of
 from indentfit.case.tables import MaterialChoice, Test
-from indentfit.case.unknown import states_nothing, with_priors
+from indentfit.case.toml import tree_of
+from indentfit.case.unknown import with_priors
 from indentfit.case.whole import Case
 from indentfit.case.write import case_tree, maps_of
 from indentfit.curve import Curve, read_curve
@@ -91,9 +90,9 @@ def read_case_file(path: str | Path, overrides: Sequence[str] = (), openers: Ope
         The error's text has one line for each fault: file, key, value, what is wrong and what to do.
     """
     path = Path(path)
-    tree = _tree(path)
+    tree = tree_of(path)
     given, faults = override(tree, overrides)
-    faults += states_nothing(tree)
+    faults += faults_of_empty_tables(tree)
     parts = _parts(tree, Sources(path.parent, openers), faults)
     _raise(faults, path, tree, given)
     return Case.of_parts(parts, path, overrides)
@@ -175,7 +174,7 @@ def read_record_table(path: str | Path | None, overrides: Sequence[str] = ()) ->
     CaseError
         The error's text has one line for each fault.
     """
-    tree = _tree(Path(path)) if path is not None else {"record": {}}
+    tree = tree_of(Path(path)) if path is not None else {"record": {}}
     if "record" not in tree:
         raise CaseError([f"{path}: there is no table [record]; begin with the line [record], and call its tables [record.force]"])
     tree = {"record": tree["record"]}
@@ -196,54 +195,6 @@ def _raise(faults: list[Fault], path: Path | None, tree: Tree, given: set[Key]) 
     given = {tuple(names[step] if isinstance(step, int) else step for step in key) for key in given}
     faults = [fault._replace(key=named(fault.key, layers)) for fault in faults]
     raise CaseError(list(dict.fromkeys(line(path, fault, given) for fault in faults)))
-
-
-# TOML
-
-
-def _tree(path: Path) -> Tree:
-    """The tables of a TOML file, or CaseError with the line that is not TOML."""
-    text = _text(path)
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise CaseError(f"{path}: nested too deep; a case file has tables and numbers only") from None
-    except ValueError as error:
-        number, content = _place(str(error), text)
-        reason = str(error).split(" (at ")[0]
-        wrong = f"not TOML ({short(reason)}); {remedy(text.split(chr(10))[number - 1]) or 'correct it'}"
-        if re.match(r"Cannot (overwrite|declare|mutate)|Duplicate", reason):
-            wrong = "this key or table is given twice; keep one of them"
-        raise CaseError(printable(f"{path}: line {number}: {content}: {wrong}")) from None
-
-
-def _text(path: Path) -> str:
-    try:
-        _require_file(path)
-        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        number = error.object[: error.start].count(b"\n") + 1
-        raise CaseError(f"{path}: line {number}: not UTF-8 text; save the file as UTF-8") from None
-    except (OSError, ValueError) as error:
-        raise CaseError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
-
-
-def _require_file(path: Path) -> None:
-    if path.is_dir():
-        inside = path / "case.toml"
-        raise CaseError(f"{path}: a folder; name the case file in it" + (f", {inside}" if inside.exists() else ""))
-    if not path.exists():
-        raise CaseError(f"{path}: no such file; `indentfit init DIR` writes a case to start from")
-    if not path.is_file():
-        raise CaseError(f"{path}: not a file; name a case file")
-
-
-def _place(message: str, text: str) -> tuple[int, str]:
-    """Number and text of the line that a message of tomllib is about."""
-    rows = text.split("\n")
-    at = re.search(r"at line (\d+)", message)
-    number = int(at[1]) if at else max(n for n, row in enumerate(rows, 1) if row.strip() or n == 1)
-    return number, short(rows[number - 1].strip())
 
 
 # Tables

@@ -1,7 +1,4 @@
-"""Inputs that a case calls "unknown" or leaves out: each gets a stated prior, and a value at which single runs are made.
-
-And tables without a key, which state nothing.
-"""
+"""Inputs that a case calls "unknown" or leaves out: each gets a stated prior, and a value at which single runs are made."""
 
 from __future__ import annotations
 
@@ -117,9 +114,3 @@ def _is_unknown(table: Section | None, key: str) -> bool:
 
 def _get(table: Any, key: str) -> Any:
     return table.get(key) if isinstance(table, Mapping) else getattr(table, key, None)
-
-
-def states_nothing(tree: Mapping[str, Any]) -> Iterator[Fault]:
-    """A fault where a file has a table that asks for something by its keys alone, and no key: the fit would go on without it."""
-    if isinstance(fit := tree.get("fit"), dict) and fit.get("discrepancy") == {}:
-        yield Fault(("fit", "discrepancy"), {}, 'the table states nothing; give scale = "unknown" or a number, or remove the table')

@@ -14,7 +14,7 @@ import numpy as np
 from indentfit.case import Record
 from indentfit.digits import quantity
 from indentfit.errors import RecordError
-from indentfit.experiment.contact_point import ContactPoint, fitted_approach
+from indentfit.experiment.contact_point import ContactPoint, fitted_approach, is_too_uncertain
 from indentfit.experiment.extrapolation import extrapolated_contact
 from indentfit.experiment.loading import Ramp, noise_of
 from indentfit.experiment.stages import RELAXES, FirstStage, first_stage, relaxed
@@ -76,7 +76,13 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
             notes = (
                 f"the record has no approach: the force at rest, {quantity(ramp.rest, 'mN')}, is taken as its zero (record.zero)",
             )
-    contact = _zeroed(ramp, settings, approach.point(str(settings.contact)))
+    contact = approach.point(str(settings.contact))
+    if settings.zero != "approach" and first is None and approach.may_be_missing():
+        begins = float(contact.free(ramp.record.time[:1], ramp.displacement[:1])[0]) - _zero(ramp, settings)
+        if PRELOAD * ramp.peak < begins < ramp.peak:
+            known = settings.zero != "auto"  # whose zero shows that the record begins in contact
+            return _without_approach(ramp, settings) if known else _either_way(ramp, settings, contact, begins)
+    contact = _zeroed(ramp, settings, contact)
     if first is not None:
         time = ramp.record.time[first.stop - 1]
         unit = f"{time:.4g} s" if ramp.record.timed else f"row {time + 1:.0f}"
@@ -101,6 +107,23 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
         )
         contact = replace(contact, uncertainty=max(contact.uncertainty, _pulled_over(ramp, contact)))
     return Located(contact, notes)
+
+
+def _either_way(ramp: Ramp, settings: Record, seen: ContactPoint, begins: float) -> Located:
+    """The contact point of a record that begins in contact, or after an approach too short to tell that, with the force, mN, with
+    which it begins: by the sensor's zero, with intervals that hold the contact that was seen, too. Where that says too little of
+    the contact, the one that was seen, with an interval of the force that holds both."""
+    located = _extrapolated(ramp, settings)
+    told = f"the approach is too short to tell whether the force rises in it: {quantity(begins, 'mN', 3)} at its start "
+    ask = 'give record.zero, "sensor" or "approach"'
+    reach = abs(seen.displacement - located.contact.displacement) + seen.uncertainty
+    wide = replace(located.contact, uncertainty=max(located.contact.uncertainty, reach), zero_error=begins)
+    if is_too_uncertain(wide, float(ramp.displacement[ramp.stop - 1]) - wide.displacement):
+        note = f"{told}count as the sensor's offset, and may be a load, with contact before the record; {ask}"
+        return Located(replace(seen, zero_error=max(seen.zero_error, begins)), (note,))
+    place = quantity(seen.displacement, "mm", 3)
+    note = f"{told}count as load; if they are the sensor's offset, contact lies at {place} of the record: {ask}"
+    return Located(wide, (*located.notes, note))
 
 
 def _frozen(ramp: Ramp, contact: ContactPoint, first: FirstStage) -> ContactPoint:

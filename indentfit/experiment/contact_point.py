@@ -29,6 +29,7 @@ from indentfit.experiment.piecewise import POWERS, Piecewise, Stretch, independe
 CONFIDENCE = 0.95  # a stated uncertainty is half of this interval
 SHORTEST_TRAVEL = 0.01  # of the depth: a record with less of an approach begins in contact
 SAME_SLOPE = 0.35  # of the force before and after the fitted contact point, in a record that begins in contact
+NEARLY = 0.7  # of the slope after it, the slope before a fitted contact point that is none, by the noise alone
 PULL = 6.0  # standard deviations of the noise by which the force falls below the baseline where the sample pulls
 TRIALS = 60  # simulated records that give the uncertainty of the methods `threshold` and `variance_ratio`
 ON_TRUST = 0.45  # share of the change of the force without contact during the loading, where it cannot be seen, that is in doubt
@@ -117,6 +118,11 @@ def find_contact_point(ramp: Ramp, method: str = "piecewise", indenter: str | No
     return fitted_approach(ramp, indenter).point(method)
 
 
+def is_too_uncertain(contact: ContactPoint, depth: float) -> bool:
+    """Whether a contact point says too little of an indentation to a depth, mm."""
+    return depth < 3 * contact.uncertainty
+
+
 @dataclass(frozen=True, eq=False)
 class Approach:
     """A ramp with the baseline and polynomial that were fitted to it, and what rivals of the fit leave in doubt."""
@@ -154,6 +160,17 @@ class Approach:
         rise = slopes[0] * self.travel()
         scatter = float(np.std(self.model.residual)) / np.sqrt(self.stretch.length)
         return slopes[0] > SAME_SLOPE * slopes[1] and rise > 4 * scatter
+
+    def may_be_missing(self) -> bool:
+        """Whether the travel before contact is too short to tell that the force does not rise there as it does after contact."""
+        x, force = self.stretch.displacement, self.stretch.force
+        before, after = x < self.model.contact, (x >= self.model.contact) & (x <= self.model.contact + self.travel())
+        if min(np.count_nonzero(before), np.count_nonzero(after)) < 3 or not np.ptp(x[before]) or not np.ptp(x[after]):
+            return True
+        slope, rises = (float(np.polyfit(x[part], force[part], 1)[0]) for part in (before, after))
+        spread = float(np.sqrt(np.sum((x[before] - x[before].mean()) ** 2)))
+        stderr = float(np.std(self.model.residual)) * float(np.sqrt(self.stretch.displacement.size / self.independent())) / spread
+        return slope + 2 * stderr * float(np.hypot(1.0, NEARLY)) > NEARLY * rises
 
     def independent(self) -> float:
         """How many independent samples the noise leaves."""

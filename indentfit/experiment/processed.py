@@ -13,7 +13,7 @@ from indentfit.curve import MIN_POINTS, Curve
 from indentfit.digits import quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.contact import locate_contact
-from indentfit.experiment.contact_point import METHODS, ContactPoint
+from indentfit.experiment.contact_point import METHODS, ContactPoint, is_too_uncertain
 from indentfit.experiment.hertz import Hertz, hertz_modulus
 from indentfit.experiment.judgement import Judgement, judged
 from indentfit.experiment.loading import Ramp, constant_velocity, find_ramp
@@ -183,7 +183,7 @@ def _zeroed(ramp: Ramp, contact: ContactPoint) -> _Zeroed:
 
 def _require_depth(record: RawRecord, depth: float, contact: ContactPoint) -> None:
     """Refuse a record whose contact point is too uncertain for its depth."""
-    if depth < 3 * contact.uncertainty:
+    if is_too_uncertain(contact, depth):
         raise RecordError(
             f"{record.name}: the contact point is uncertain by {quantity(contact.uncertainty, 'mm', 3)}, and the indentation is "
             f"only {quantity(depth, 'mm', 3)} deep; the record is too noisy: repeat or remove the record"

@@ -18,7 +18,7 @@ from indentfit.runs.relaxing import Kernel
 
 NEAR = 0.003  # largest relative difference from the model after such a correction
 LEFT = "not determined: the forces of the fit are up to {size:.1%} from the viscoelastic model, which no interval holds"
-DIFFER = "not determined: the holds of the tests do not relax over the same times, so that one relaxation describes none of them"
+DIFFER = "not determined: the holds of the tests do not relax over the same times, so that no single relaxation describes them"
 CORRECTED = (
     "{name}: the forces of the fit are hereditary integrals, multiplied by the ratio over time of the viscoelastic model's forces "
     "to them ({most:.1%} at most) near the optimum; at the optimum the model is within {left:.2%} of them"

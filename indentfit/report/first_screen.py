@@ -166,7 +166,7 @@ def next_step(result: FitResult) -> str:
             f"repeat {_and(wrong)}, or find out what differed (contact point, direction, sample); until then take each test alone"
         )
     if any(sentence.startswith(HOLDS_DIFFER) for sentence in result.conclusions):
-        return "fit each test alone, since one relaxation describes none of them, and compare their moduli"
+        return "fit each test alone, since no single relaxation describes them, and compare their moduli"
     if law := _next_of_law(result):
         return law
     return _next_of_parameters(result)

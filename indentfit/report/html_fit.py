@@ -118,6 +118,12 @@ def _and(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
+def _begun(note: str, result: FitResult) -> str:
+    """A note as a sentence begins; the name of a test stays as it is."""
+    of_test = note.startswith(tuple(f"{name}:" for name in (*result.rmse, *result.measured)))
+    return note if of_test else f"{note[:1].upper()}{note[1:]}"
+
+
 def _what(stored: Stored, result: FitResult) -> Section:
     kind = "synthetic" if stored.synthetic else "measured"
     number = len(stored.case.tests) if stored.case else len(result.rmse)  # a curve in time has several misfits
@@ -138,7 +144,7 @@ def _parameters(result: FitResult) -> Section:
     return Section(
         "parameters",
         "Parameters",
-        (table, *closed_table(result.closed_forms), *(Text(f"{note[:1].upper()}{note[1:]}.") for note in result.notes)),
+        (table, *closed_table(result.closed_forms), *(Text(f"{_begun(note, result)}.") for note in result.notes)),
     )
 
 
