@@ -193,3 +193,27 @@ def test_a_file_becomes_a_case_that_asks_only_for_the_sample(tmp_path, monkeypat
     assert 'friction = "unknown"' in (tmp_path / "out" / "case.toml").read_text()
     assert case.curves[0].displacement[-1] == pytest.approx(0.1, abs=0.003)
     assert case.material.parameters["young"].start == pytest.approx(0.75 * MODULUS, rel=0.03)
+
+
+@pytest.mark.parametrize("softer", [1.0, 100.0])
+def test_the_range_of_the_modulus_holds_that_of_a_soft_first_contact(softer, tmp_path, monkeypatch):
+    """A punch of 6 mm that meets a toe region 100 times softer than what follows: a fit of small depths needs its modulus."""
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(2000) / 500
+    depth = np.maximum(time / 4 * 0.7 - 0.2, 0.0)
+    stiffness = 60.0  # mN/mm
+    force = np.where(depth < 0.1, stiffness / softer * depth, stiffness / softer * 0.1 + stiffness * (depth - 0.1))
+    noise = 0.002 * np.random.default_rng(0).standard_normal(time.size)
+    np.savetxt(
+        "r.csv",
+        np.c_[time, time / 4 * 0.7, force + noise],
+        delimiter=",",
+        header="Time (s),Displacement (mm),Load (mN)",
+        comments="",
+    )
+    told = ["sample.diameter=40", "sample.thickness=20", "sample.base=bonded", "indenter.shape=cylinder", "indenter.diameter=6"]
+    made = run("r.csv", "--case", "-o", "out", *(f"--set={key}" for key in told))
+    assert made.exit_code == 0, made.stderr
+    bounds = read_case("out/case.toml").material.parameters["young"]
+    toe = 0.75 * stiffness / softer / 6
+    assert bounds.min < 0.2 * toe and bounds.max > 5 * 0.75 * stiffness / 6

@@ -10,8 +10,9 @@ from indentfit.case.doubts import doubts
 from indentfit.case.draining import HOLDS_DIFFER
 from indentfit.curve import Curve
 from indentfit.inference.agreement import CurveMisfit, TestPrediction
-from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, ParameterEstimate
+from indentfit.inference.result import AloneEstimate, CurveNoise, FitResult, ParameterEstimate, RivalOptimum
 from indentfit.inference.shares import InputShare, UncertainInputs
+from indentfit.inverse.course import Proof, SurrogateFacts
 from indentfit.inverse.sharp_edges import LEFT_OUT
 from indentfit.report.case_text import case_lines
 from indentfit.report.first_screen import alone_words, doubts_of, next_step, pieces_words, value_words
@@ -55,6 +56,31 @@ def test_the_table_of_the_terminal_gives_the_end_of_the_interval_in_place_of_the
     assert row_of(result, "mu").split()[1] == "1.500"
     assert row_of(result, "phi").split()[1:3] == [">", "2.2"] and " 5.0" not in row_of(result, "phi")
     assert row_of(result, "zeta").split()[1:3] == ["<", "0.4"]
+
+
+@pytest.mark.parametrize(("size", "unit", "shown"), [(1.0, "mN", "mN"), (1e-3, "uN", "µN"), (1e-6, "nN", "nN")])
+def test_misfits_are_told_in_the_unit_of_the_forces(size, unit, shown, tmp_path):
+    """A fit of forces a million times smaller says the same numbers, of nN in place of mN."""
+    surrogate = SurrogateFacts(6, 0, 2, None, (Proof({"mu": 1.0}, 0.002 * size, 0.03 * size),), True)
+    result = replace(
+        fitted(mu=GOOD, phi=WEAK),
+        objective=0.1 * size,
+        sum_of_squares=0.01 * size**2,
+        rmse={"press": 0.1 * size},
+        surrogate=surrogate,
+        singular_values=(3 * size, 0.2 * size),
+        directions=((1.0, 0.0), (0.0, 1.0)),
+        rivals=(RivalOptimum({"mu": 2.0, "phi": 1.0}, 0.3 * size),),
+        curves={"press": Curve([0.1, 0.2], [1.5 * size, 3.0 * size])},
+    )
+    said = {line.split()[0]: line for line in fit_lines(result) if line}
+    assert said["objective"].startswith(f"objective 0.1 {unit}, equation") and f"(press 0.1 {unit})" in said["objective"]
+    assert f" 0.01 {unit}^2" in said["squares"] and f"3 : 0.2 {unit};" in said["singular"]
+    assert f"off by 0.002 {unit} at a run not seen before (allowed 0.03)" in said["surrogate"]
+    assert said["rival"].endswith(f"objective 0.3 {unit}")
+    page = render(fit_page(Stored(tmp_path, result, None, (), None, {}), result))
+    assert f"RMSEs: 0.1 {shown}. Weighted sum of their squares: 0.01 {shown}²" in page and f"RMSE ({shown})" in page
+    assert f"Objective ({shown})" in page and f"Singular value ({shown})" in page
 
 
 def test_an_interval_in_two_pieces_is_shown_as_two_on_page_and_terminal(tmp_path):

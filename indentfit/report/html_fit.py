@@ -9,6 +9,7 @@ import numpy as np
 
 from indentfit.axes import INDENTATION, Axes
 from indentfit.curve import Curve
+from indentfit.digits import Scale, quantity
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.report import plots, study_plots
@@ -21,7 +22,7 @@ from indentfit.report.html_methods import methods_section
 from indentfit.report.law_plot import law_misfits
 from indentfit.report.page import Beside, Figures, Lines, Page, Part, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
-from indentfit.report.text import effect_of_base, law_sentences, objective_unit, said_of_misfit, share_rows, unit_of
+from indentfit.report.text import effect_of_base, law_sentences, misfit_scale, said_of_misfit, share_rows, unit_of
 from indentfit.report.time_curves import fit_over_time
 
 PARAMETERS = ("Parameter", "Value", "Unit", "95 % interval", "Verdict", "Error by noise", "Total standard error", "Searched")
@@ -165,17 +166,23 @@ def _curves(stored: Stored, result: FitResult) -> Section:
         parts.append(Text("There are no fitted curves: the mechanics failed at every point of the search.", warning=True))
     units = {name: curve.shown.up_unit for name, curve in _stored_curves(stored)[1]}
     same = set(units.values()) <= {"mN"}
+    scale = misfit_scale(result)
     rows = tuple(
-        (name, number(value) if same else f"{number(value)} {units.get(name, '')}", *_relative(result, name))
+        (name, number(scale.factor * value) if same else quantity(value, units.get(name, "mN")), *_relative(result, name))
         for name, value in result.rmse.items()
     )
     if rows:
-        header = ("Test", "RMSE (mN)" if same else "RMSE", "RMSE over the largest force" if same else "RMSE over the largest", "R2")
+        header = (
+            "Test",
+            f"RMSE ({scale.symbol})" if same else "RMSE",
+            "RMSE over the largest force" if same else "RMSE over the largest",
+            "R2",
+        )
         parts.append(Table("Root mean square error of each test", header, rows))
     if result.objective is not None:
-        unit = objective_unit(result)
-        squares = f"Weighted sum of their squares: {number(result.sum_of_squares)} {unit}²."
-        parts.append(Text(f"Objective, the weighted sum of the tests' RMSEs: {number(result.objective)} {unit}. {squares}"))
+        squares = f"Weighted sum of their squares: {number(scale.factor**2 * (result.sum_of_squares or 0.0))} {scale.symbol}²."
+        objective = f"{number(scale.factor * result.objective)} {scale.symbol}"
+        parts.append(Text(f"Objective, the weighted sum of the tests' RMSEs: {objective}. {squares}"))
     if result.law_misfit is not None:
         said = tuple(law_sentences(result))
         figure = drawn(law_misfits(result), LAW_BAND, f"Misfit of the law: {'; '.join(said)}")
@@ -244,15 +251,16 @@ def _correlation(result: FitResult) -> list[Part]:
 def _directions(result: FitResult) -> list[Part]:
     if not result.singular_values or not result.directions:
         return []
+    scale = misfit_scale(result)
     rows = tuple(
         (
             str(n),
-            number(value, 3),
+            number(scale.factor * (value or 0.0), 3),
             ", ".join(f"{name} {round(x or 0.0, 2) + 0.0:+.2f}" for name, x in zip(result.free, row, strict=True)),
         )
         for n, (value, row) in enumerate(zip(result.singular_values, result.directions, strict=True), start=1)
     )
-    return [Table(SEEN, ("Number", f"Singular value ({objective_unit(result)})", "Direction, in shares of the values"), rows)]
+    return [Table(SEEN, ("Number", f"Singular value ({scale.symbol})", "Direction, in shares of the values"), rows)]
 
 
 def _profiles(result: FitResult) -> list[Part]:
@@ -325,28 +333,32 @@ def _weights_scan(result: FitResult) -> list[Part]:
     if not result.weights_scan:
         return []
     tests = list(result.weights_scan[0].rmse)
+    scales = {name: Scale.of((fitted.rmse[name] for fitted in result.weights_scan), unit_of(result, name)) for name in tests}
     rows = tuple(
         (
             *map(number, fitted.weights),
             *(number(fitted.parameters[name]) for name in result.free),
-            *(number(fitted.rmse[name], 3) for name in tests),
+            *(number(scale.factor * fitted.rmse[name], 3) for name, scale in scales.items()),
         )
         for fitted in result.weights_scan
     )
-    header = (*(f"Weight of {name}" for name in tests), *result.free, *(f"RMSE {name} ({unit_of(result, name)})" for name in tests))
+    misfits = (f"RMSE {name} ({scale.symbol})" for name, scale in scales.items())
+    header = (*(f"Weight of {name}" for name in tests), *result.free, *misfits)
     return [Table("Fits with other weights of the tests in the objective", header, rows)]
 
 
 def _search(result: FitResult) -> Section:
     parts: list[Part] = [Text(f"{result.message[:1].upper()}{result.message[1:]}.")]
     steps = [(step.phase, step.objective) for step in result.history if step.objective is not None]
-    unit = objective_unit(result)
+    scale = misfit_scale(result)
+    unit = scale.symbol
     if len(steps) > 1:
-        figure = study_plots.course([objective for _, objective in steps], [phase for phase, _ in steps], unit)
-        alt = f"The objective falls from {number(steps[0][1])} to {number(steps[-1][1])} {unit} in {len(steps)} steps"
+        figure = study_plots.course([objective for _, objective in steps], [phase for phase, _ in steps], scale)
+        first, last = (number(scale.factor * steps[n][1]) for n in (0, -1))
+        alt = f"The objective falls from {first} to {last} {unit} in {len(steps)} steps"
         parts.append(Figures((drawn(figure, f"Best objective so far ({unit}) over the steps of the search.", alt),)))
     rivals = tuple(
-        (str(n), *(number(rival.parameters[name]) for name in result.free), number(rival.objective))
+        (str(n), *(number(rival.parameters[name]) for name in result.free), number(scale.factor * rival.objective))
         for n, rival in enumerate(result.rivals, start=1)
     )
     if rivals:
@@ -379,8 +391,9 @@ def _alt_of_fit(result: FitResult, measured: Curves, fitted: Curves) -> str:
     for name, curve in fitted:
         if name in given:
             axes, last = curve.shown, curve.displacement[-1]
-            at = f"{last:.3g} mm" if axes.across == "displacement" else f"a strain of {last:.3g}"
-            ends = f"measured {given[name].force[-1]:.3g} {axes.up_unit} and fitted {curve.force[-1]:.3g} {axes.up_unit} at {at}"
-            words.append(f"{name}: {ends}, RMSE {number(result.rmse.get(name), 3)} {axes.up_unit}")
+            at = quantity(float(last), "mm", 3) if axes.across == "displacement" else f"a strain of {last:.3g}"
+            forces = (quantity(float(force), axes.up_unit, 3) for force in (given[name].force[-1], curve.force[-1]))
+            misfit = f", RMSE {quantity(result.rmse[name], axes.up_unit, 3)}" if name in result.rmse else ""
+            words.append(f"{name}: measured {next(forces)} and fitted {next(forces)} at {at}{misfit}")
     same = all(curve.shown == INDENTATION for _, curve in fitted)
     return f"Measured and fitted {'force against displacement' if same else 'curves'}. {'; '.join(words)}"

@@ -6,7 +6,7 @@ from indentfit.report.html_case import again_section, case_words, computed, numb
 from indentfit.report.mesh_check import convergence_figure, cost_figure
 from indentfit.report.page import Figures, Lines, Page, Part, Picture, Section, Table, Text, drawn
 from indentfit.report.schema import Stored
-from indentfit.report.study_text import gci_words
+from indentfit.report.study_text import gci_words, refit_scale
 from indentfit.report.sweep import grid_figure, key_figure, own_words, ranking_figure, rate_figure, with_unit
 from indentfit.study.convergence import Approach
 from indentfit.study.mesh_check import MeshCheck, MeshResult, Quantity
@@ -246,11 +246,18 @@ def _refits(refits: Sequence[Refit]) -> list[Section]:
     if not refits:
         return []
     names = list(dict.fromkeys(name for refit in refits for name in refit.parameters))
-    rows = []
+    rows, scale = [], refit_scale(refits)
     for refit in refits:
         estimates = [refit.parameters.get(name) for name in names]
         cells = ["held" if known is None else f"{number(known.value)} ± {number(known.stderr, 2)}" for known in estimates]
-        rows.append((refit.label, *cells, number(refit.objective), refit.cause or ("yes" if refit.success else "no")))
-    header = ("Fitted with", *names, "Objective (mN)", "Converged")
+        rows.append(
+            (
+                refit.label,
+                *cells,
+                number(None if refit.objective is None else scale.factor * refit.objective),
+                refit.cause or ("yes" if refit.success else "no"),
+            )
+        )
+    header = ("Fitted with", *names, f"Objective ({scale.symbol})", "Converged")
     table = Table("Fitted parameters with their standard errors", header, tuple(rows))
     return [Section("refits", "The parameters fitted anew", (table,))]

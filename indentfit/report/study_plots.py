@@ -228,11 +228,11 @@ def _force_axes(axes: Axes, title: str, scale: CurveScale) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=TICKS))
 
 
-def course(objectives: Sequence[float], phases: Sequence[str], unit: str = "mN") -> Figure:
-    """The best objective, in that unit, after each step of a search; a marker for each phase."""
+def course(objectives: Sequence[float], phases: Sequence[str], scale: Scale | None = None) -> Figure:
+    """The best objective, on that scale, after each step of a search; a marker for each phase."""
     with matplotlib.rc_context(STYLE):
         figure, (axes,) = _panels(1, width=COLUMN, height=0.7 * COLUMN)
-        scale = Scale.of([min(objectives)], unit)
+        scale = scale or Scale.of([min(objectives)], "mN")
         at, values = np.arange(1, len(objectives) + 1), scale.factor * np.minimum.accumulate(objectives)
         axes.plot(at, values, color="0.4", linewidth=0.8)
         for phase, colour, marker in zip(dict.fromkeys(phases), itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):

@@ -166,10 +166,17 @@ def refit_lines(refits: Sequence[Refit]) -> Iterator[str]:
         return
     names = list(dict.fromkeys(name for refit in refits for name in refit.parameters))
     yield ""
-    yield from aligned([["fitted with", *names, "objective, mN"], *(_refit_row(refit, names) for refit in refits)])
+    scale = refit_scale(refits)
+    head = ["fitted with", *names, f"objective, {scale.unit}"]
+    yield from aligned([head, *(_refit_row(refit, names, scale) for refit in refits)])
 
 
-def _refit_row(refit: Refit, names: Sequence[str]) -> Row:
+def refit_scale(refits: Sequence[Refit]) -> Scale:
+    """The scale of the objectives of refits."""
+    return Scale.of((refit.objective for refit in refits if refit.objective is not None), "mN")
+
+
+def _refit_row(refit: Refit, names: Sequence[str], scale: Scale) -> Row:
     if refit.cause:
         return [refit.label, f"failed: {refit.cause}", *[""] * len(names)]
     cells = []
@@ -177,7 +184,7 @@ def _refit_row(refit: Refit, names: Sequence[str]) -> Row:
         estimate = refit.parameters.get(name)
         error = f" +- {estimate.stderr:.2g}" if estimate and estimate.stderr else ""
         cells.append("held" if estimate is None else f"{estimate.value:.4g}{error}")
-    return [refit.label, *cells, f"{refit.objective:.4g}{'' if refit.success else ' (not converged)'}"]
+    return [refit.label, *cells, f"{scale.factor * (refit.objective or 0.0):.4g}{'' if refit.success else ' (not converged)'}"]
 
 
 # ---- design ------------------------------------------------------------------------------------------------------

@@ -204,15 +204,18 @@ def fit_lines(result: FitResult, scan_weights: bool = False) -> Iterator[str]:
     yield from first_lines(result)
     yield from closed_lines(result.closed_forms)
     if result.objective is not None:
-        parts = ", ".join(f"{name} {value:.4g}{unit_beside(result, name)}" for name, value in result.rmse.items())
-        end, unit = "" if mixed(result) else " mN", objective_unit(result)
+        scale = misfit_scale(result)
+        end, unit, factor = "" if mixed(result) else f" {scale.unit}", scale.unit, scale.factor
+        parts = ", ".join(f"{name} {_rmse(result, name, value)}" for name, value in result.rmse.items())
         scaled = ", each as large as the first test's for equal relative errors" if mixed(result) else ""
-        yield f"objective {result.objective:.5g} {unit}, equation (1): weighted sum of the tests' RMSEs ({parts}{end}){scaled}"
-        yield f"squares   {result.sum_of_squares:.5g} {unit}^2: weighted sum of the squared RMSEs"
+        size, squares = factor * result.objective, factor**2 * (result.sum_of_squares or 0.0)
+        yield f"objective {size:.5g} {unit}, equation (1): weighted sum of the tests' RMSEs ({parts}{end}){scaled}"
+        yield f"squares   {squares:.5g} {unit}^2: weighted sum of the squared RMSEs"
     if result.singular_values and result.directions and len(result.free) > 1:
-        values = " : ".join(f"{value:.3g}" for value in result.singular_values)
+        scale = misfit_scale(result)
+        values = " : ".join(f"{scale.factor * (value or 0.0):.3g}" for value in result.singular_values)
         weakest = ", ".join(f"{name} {x:+.2f}" for name, x in zip(result.free, result.directions[-1], strict=True))
-        yield f"singular  {values} {objective_unit(result)}; the curves say least about {weakest} (relative)"
+        yield f"singular  {values} {scale.unit}; the curves say least about {weakest} (relative)"
     yield from certainty_lines(result)
     yield from law_lines(result)
     yield from posterior_lines(result)
@@ -232,9 +235,18 @@ def objective_unit(result: FitResult) -> str:
     return next((unit_of(result, test) for test in result.rmse), "mN")
 
 
-def unit_beside(result: FitResult, test: str) -> str:
-    """The unit behind a number of a test, where the tests have different ones."""
-    return f" {unit_of(result, test)}" if mixed(result) else ""
+def misfit_scale(result: FitResult) -> Scale:
+    """The scale of the objective and of other misfits: the unit in which the largest force of the curves is told."""
+    unit = objective_unit(result)
+    sizes = [float(np.abs(curve.force).max()) for curve in result.curves.values() if curve.shown.up_unit == unit]
+    return Scale.of(sizes or [result.objective or 0.0], unit)
+
+
+def _rmse(result: FitResult, test: str, value: float) -> str:
+    """A test's misfit in the unit of the objective; where the tests have different ones, with its own beside it."""
+    if mixed(result):
+        return quantity(value, unit_of(result, test))
+    return f"{misfit_scale(result).factor * value:.4g}"
 
 
 def mixed(result: FitResult) -> bool:
@@ -362,7 +374,7 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
     for name, test in result.tests_alone.items():
         parts = ", ".join(f"{key} {_span(alone.interval)}" for key, alone in test.parameters.items())
         size = test.rmse if test.confirmed_rmse is None else test.confirmed_rmse
-        yield f"alone     {name}: {parts}; RMSE {size:.3g} {unit_of(result, name)}"
+        yield f"alone     {name}: {parts}; RMSE {quantity(size, unit_of(result, name), 3)}"
     for name, known in result.predicted.items():
         yield f"predicted {name} from the other tests: measured {known.off:+.0%} at the end, p = {known.p:.2g}"
     yield from _shares(result)
@@ -370,11 +382,12 @@ def certainty_lines(result: FitResult) -> Iterator[str]:
         values = ", ".join(f"{key} {tried.parameters[key]:.3g} ({_span(tried.intervals[key])})" for key in result.free)
         yield f"either    {tried.name}, probability {tried.probability:.2g}: {values}"
     yield from _known_lines(result)
+    scale = misfit_scale(result)
     for other in result.rivals:
         values = ", ".join(f"{key} = {value:.4g}" for key, value in other.parameters.items())
-        yield f"rival     {values}: objective {other.objective:.5g} {objective_unit(result)}"
+        yield f"rival     {values}: objective {scale.factor * other.objective:.5g} {scale.unit}"
     if result.surrogate:
-        yield f"surrogate {_of_surrogate(result.surrogate, objective_unit(result))}"
+        yield f"surrogate {_of_surrogate(result.surrogate, scale)}"
 
 
 def _known_lines(result: FitResult) -> Iterator[str]:
@@ -393,9 +406,13 @@ def weights_lines(result: FitResult) -> Iterator[str]:
         yield "weights   no scan: it takes two tests, and a surrogate of all that the search went over (`ga`)"
         return
     tests = list(result.weights_scan[0].rmse)
-    rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, {unit_of(result, name)}" for name in tests)])]
+    scales = {name: Scale.of((fitted.rmse[name] for fitted in result.weights_scan), unit_of(result, name)) for name in tests}
+    rows = [("weights of the tests", [*result.free, *(f"RMSE {name}, {scale.unit}" for name, scale in scales.items())])]
     for fitted in result.weights_scan:
-        cells = [*(f"{fitted.parameters[name]:.4g}" for name in result.free), *(f"{fitted.rmse[name]:.3g}" for name in tests)]
+        cells = [
+            *(f"{fitted.parameters[name]:.4g}" for name in result.free),
+            *(f"{scale.factor * fitted.rmse[name]:.3g}" for name, scale in scales.items()),
+        ]
         rows.append((" : ".join(f"{weight:g}" for weight in fitted.weights), cells))
     yield from _columns("weights", rows)
 
@@ -472,9 +489,13 @@ def _columns(label: str, rows: Sequence[tuple[str, Sequence[str]]]) -> Iterator[
         yield f"{'' if number else label:<9} {words:<{first}}  {shown}".rstrip()
 
 
-def _of_surrogate(surrogate: SurrogateFacts, unit: str) -> str:
+def _of_surrogate(surrogate: SurrogateFacts, scale: Scale) -> str:
     last = [proof for proof in surrogate.held_out if proof.error is not None][-1:]
-    right = "".join(f"; off by {proof.error:.2g} {unit} at a run not seen before (allowed {proof.allowed:.2g})" for proof in last)
+    right = "".join(
+        f"; off by {scale.factor * (proof.error or 0.0):.2g} {scale.unit} at a run not seen before (allowed "
+        f"{scale.factor * (proof.allowed or 0.0):.2g})"
+        for proof in last
+    )
     failed = f", {surrogate.failed} failed" if surrogate.failed else ""
     return f"degree {surrogate.degree} on {surrogate.runs} sets of parameters{failed}{right}"
 
