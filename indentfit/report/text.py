@@ -230,14 +230,12 @@ def unit_of(result: FitResult, test: str) -> str:
     return result.curves[test].shown.up_unit if test in result.curves else "mN"
 
 
-def objective_unit(result: FitResult) -> str:
-    """The unit of the objective: that of the first test, to whose size other tests are scaled where their kinds differ."""
-    return next((unit_of(result, test) for test in result.rmse), "mN")
-
-
 def misfit_scale(result: FitResult) -> Scale:
-    """The scale of the objective and of other misfits: the unit in which the largest force of the curves is told."""
-    unit = objective_unit(result)
+    """The scale of the objective and of other misfits: the unit in which the largest force of the curves is told.
+
+    It is that of the first test, to whose size other tests are scaled where their kinds differ.
+    """
+    unit = next((unit_of(result, test) for test in result.rmse), "mN")
     sizes = [float(np.abs(curve.force).max()) for curve in result.curves.values() if curve.shown.up_unit == unit]
     return Scale.of(sizes or [result.objective or 0.0], unit)
 
