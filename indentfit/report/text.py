@@ -231,10 +231,7 @@ def unit_of(result: FitResult, test: str) -> str:
 
 
 def misfit_scale(result: FitResult) -> Scale:
-    """The scale of the objective and of other misfits: the unit in which the largest force of the curves is told.
-
-    It is that of the first test, to whose size other tests are scaled where their kinds differ.
-    """
+    """The unit in which the largest force is told; where kinds differ, all tests are scaled to the first one."""
     unit = next((unit_of(result, test) for test in result.rmse), "mN")
     sizes = [float(np.abs(curve.force).max()) for curve in result.curves.values() if curve.shown.up_unit == unit]
     return Scale.of(sizes or [result.objective or 0.0], unit)
