@@ -247,6 +247,20 @@ def test_the_part_of_the_mesh_in_the_viscoelastic_model_holds_a_finer_mesh():
     )
 
 
+def test_a_wall_beside_a_rounded_edge_stays_firm_in_time():
+    """Deep under a rounded punch the surface lies against the wall. It sank into springs as soft as at the start, and no step
+    of a fine mesh was solved. Meshes agree, and after a long hold the force is the elastic one but for the history of the slip."""
+    punch, disc = {"shape": "cylinder", "radius": 1.0, "edge_radius": 0.1}, {**DISC, "diameter": 20.0, "thickness": 5.0}
+    case = case_of(punch, disc, 0.66, 0.3, ramp=2.0, hold=100.0, points=10, relaxation={"g": [0.8], "tau": [3.0]})
+    coarse, fine = (
+        indentfit.simulate(case.model_copy(update={"mesh": indentfit.Mesh(elements=elements)}), mesh_error=False).tests[0]
+        for elements in (120, 300)
+    )
+    assert coarse.in_time.difference < 8e-3 and fine.in_time.difference < 8e-3
+    assert coarse.in_time.force == pytest.approx(fine.in_time.force, rel=4e-3)
+    assert fine.in_time.force[-1] == pytest.approx(fine.path[-1].whole_force, rel=4e-3)
+
+
 def creep_of(case):
     """The simulated creep of a case of one test, and its words."""
     simulated = indentfit.simulate(case, mesh_error=False)

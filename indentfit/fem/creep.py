@@ -26,7 +26,7 @@ from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.newton import Newton
 from indentfit.fem.result import TestResult, TimeCurve
 from indentfit.fem.setup import Press
-from indentfit.fem.viscous import SMALLEST, Moment, StressHistory, _as_stiff, _elastic, _step
+from indentfit.fem.viscous import SMALLEST, Moment, StressHistory, _as_stiff, _elastic, _step, firmed, next_step
 from indentfit.hereditary import RelaxationFunction, is_at
 from indentfit.motion import Load
 
@@ -232,24 +232,27 @@ def creep_in_time(
 
 def _follow(moments: list[Moment], equations: Equations, loading: Loading, newton: Newton, plan: Plan, longest: float) -> None:
     """Add moments up to the end of a plan."""
-    step, failed, leash = np.inf, False, elastic.LEASH * plan.depth_at(plan.end)
+    step, failed, leash, springs = np.inf, False, elastic.LEASH * plan.depth_at(plan.end), loading.springs
     while moments[-1].time < plan.end * (1 - 1e-9):
         newton.controls.deadline.check()
         here = moments[-1].at_corner() if is_at(plan.load.arrived, moments[-1].time) else moments[-1]
-        dt = min(step, plan.next(here.time, longest) - here.time)
+        largest = plan.next(here.time, longest) - here.time
+        dt, before = min(step, largest), newton.work.iterations
 
-        def at(depth: float, here: Moment = here, dt: float = dt, failed: bool = failed) -> Moment:
+        def at(depth: float, here: Moment = here, dt: float = dt, failed: bool = failed, loading: Loading = loading) -> Moment:
             return _step(here, dt, depth, leash, equations, loading, newton, failed)
 
         try:
             moments.append(_held(here, here.time + dt, plan, at))
         except ConvergenceError as error:
             step, failed = dt / 2, True
+            loading = loading.softened() if dt < elastic.SHORT * largest else loading
             short = step < SMALLEST * plan.end and step < 0.01 * plan.load.arrived
             elastic._cut_back(newton, short, here.at.depth, error)
             continue
         newton.work.steps += 1
-        step, failed = 2 * dt, False
+        springs, loading = firmed(springs, loading, equations, moments[-1])
+        step, failed = next_step(dt, newton.work.iterations - before), False
         if newton.controls.progress is not None:
             newton.controls.progress(0.5 * (min(here.time / plan.load.arrived, 1.0) + here.time / plan.end))
 

@@ -25,6 +25,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError
 from indentfit.fem import path as elastic
+from indentfit.fem.contact_state import Springs
 from indentfit.fem.controls import Controls
 from indentfit.fem.equations import Equations, Loading, Memory
 from indentfit.fem.equilibrium import Equilibrium
@@ -179,24 +180,40 @@ def _follow(
     moments: list[Moment], equations: Equations, loading: Loading, newton: Newton, ramp: Ramp, relaxation: RelaxationFunction
 ) -> None:
     """Add moments up to the end of the hold."""
-    shortest, step, failed = _shortest(ramp, relaxation), np.inf, False
+    shortest, step, failed, springs = _shortest(ramp, relaxation), np.inf, False, loading.springs
     while moments[-1].time < ramp.end * (1 - 1e-9):
         newton.controls.deadline.check()
         here = moments[-1].at_corner() if is_at(ramp.seconds, moments[-1].time) else moments[-1]
-        dt = min(step, _largest(here.time, ramp, newton.controls, shortest))
+        largest = _largest(here.time, ramp, newton.controls, shortest)
+        dt, before = min(step, largest), newton.work.iterations
         try:
             depth = float(ramp.depth_at(here.time + dt))
             moments.append(_step(here, dt, depth, elastic.LEASH * ramp.depth, equations, loading, newton, failed))
         except ConvergenceError as error:
             step, failed = dt / 2, True
+            loading = loading.softened() if dt < elastic.SHORT * largest else loading
             elastic._cut_back(
                 newton, step < SMALLEST * ramp.end and step < 0.01 * ramp.seconds, float(ramp.depth_at(here.time)), error
             )
             continue
         newton.work.steps += 1
-        step, failed = 2 * dt, False
+        springs, loading = firmed(springs, loading, equations, moments[-1])
+        step, failed = next_step(dt, newton.work.iterations - before), False
         if newton.controls.progress is not None:
             newton.controls.progress(_share(moments[-1].time, ramp))
+
+
+def firmed(springs: Springs, loading: Loading, equations: Equations, there: Moment) -> tuple[Springs, Loading]:
+    """Springs that are firm under the pressures of a moment, and the loading with them, or with softer ones after a cutback: a wall
+    beside a rounded edge that gives way lets points in behind it, and a path of many such points is not solved."""
+    modulus = there.stress.relaxation.instantaneous * loading.material.shear_modulus
+    springs = equations.face.firm(springs, there.at.contact, modulus)
+    return springs, loading.stiffened(springs)
+
+
+def next_step(dt: float, iterations: int) -> float:
+    """The longest next step, s, after one of dt, s, that took a number of iterations."""
+    return 2 * dt if iterations <= elastic.EASY else dt
 
 
 def _shortest(ramp: Ramp, relaxation: RelaxationFunction) -> float:
