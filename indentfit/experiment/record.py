@@ -16,13 +16,14 @@ CUT_OFF = "the header tells of "  # begins the note on a file that holds fewer s
 
 @dataclass(frozen=True)
 class Stated:
-    """What a file states: radius of the sphere, mm, stiffness of cantilever or load cell, mN/mm, number of samples, and Poisson's
-    ratio of the sample."""
+    """What a file states: radius of the sphere, mm, stiffness of cantilever or load cell, mN/mm, number of samples, Poisson's ratio
+    of the sample, and deflection of the cantilever, mm, per V."""
 
     radius: float | None = None
     stiffness: float | None = None
     samples: int | None = None
     poisson: float | None = None
+    sensitivity: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

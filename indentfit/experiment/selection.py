@@ -14,7 +14,8 @@ from indentfit.experiment.loading import noise_of
 from indentfit.experiment.record import RawRecord
 
 TURN = 0.1  # share of the travel by which the stage must go back before a turn counts
-CYCLE = 0.3  # share of the travel, and of the force, that a loading cycle covers
+CYCLE = 0.3  # share of the travel that a loading cycle covers
+RISE, CLEAR = 0.03, 8.0  # share of the force, and noises, by which the force rises in a loading cycle: first cycles may be small
 REACHED = 0.8  # share of the largest force that the cycle reaches which is taken by default
 UNEVEN = 0.05  # share of the steps in time that differ by half from the median, from which on sampling is uneven
 MOST_FACTOR = 4  # an uneven record is interpolated at no more than so many times its samples
@@ -130,7 +131,7 @@ def loading_cycles(record: RawRecord) -> list[tuple[int, int]]:
     displacement, force = record.displacement, record.force
     turns = turning_points(displacement, max(TURN * float(np.ptp(displacement)), 6 * noise_of(displacement)))
     forward = [(a, b) for a, b in pairwise(turns) if displacement[b] > displacement[a]]
-    travel, rise = CYCLE * float(np.ptp(displacement)), CYCLE * float(np.ptp(force))
+    travel, rise = CYCLE * float(np.ptp(displacement)), max(RISE * float(np.ptp(force)), CLEAR * noise_of(force))
     return [(a, b) for a, b in forward if displacement[b] - displacement[a] > travel and np.ptp(force[a : b + 1]) > rise]
 
 

@@ -58,7 +58,7 @@ def chosen_column(path: Path, table: Table, quantity: str, channel: RecordChanne
     ranks = {n: rank for n in range(table.width) if (rank := _rank(table, n, quantity)) is not None}
     ranks = ranks or _by_unit(table, quantity)
     best = [n for n, rank in ranks.items() if rank == min(ranks.values())]
-    for suits in (lambda n: not is_way_back(table, n), lambda n: _moves(table, n)):
+    for suits in (lambda n: not is_way_back(table, n), lambda n: moves(table, n)):
         best = [n for n in best if suits(n)] or best
     if len(best) > 1 and _alike(table, best):
         best = best[:1]
@@ -96,7 +96,7 @@ def column_name(table: Table, place: int) -> str:
 
 def deflection_column(table: Table) -> int | None:
     """The one column of lengths that holds the deflection of a cantilever and moves; None where there is none."""
-    places = [n for n in range(table.width) if any(map(is_deflection, table.labels(n))) and _moves(table, n)]
+    places = [n for n in range(table.width) if any(map(is_deflection, table.labels(n))) and moves(table, n)]
     places = [n for n in places if not is_way_back(table, n)]
     lengths = [n for n in places if KIND.get(column_unit(table, n) or "") == "displacement"]
     return lengths[0] if len(lengths) == 1 else None
@@ -105,7 +105,7 @@ def deflection_column(table: Table) -> int | None:
 def piezo_column(table: Table) -> int | None:
     """The one column of lengths that holds the travel of a piezo or a stage and moves; None where there is none."""
     places = [n for n in range(table.width) if any(label.strip().casefold().startswith("piezo") for label in table.labels(n))]
-    lengths = [n for n in places if KIND.get(column_unit(table, n) or "") == "displacement" and _moves(table, n)]
+    lengths = [n for n in places if KIND.get(column_unit(table, n) or "") == "displacement" and moves(table, n)]
     return lengths[0] if len(lengths) == 1 else None
 
 
@@ -171,18 +171,24 @@ def _rank(table: Table, place: int, quantity: str) -> Rank | None:
     if kind is None and quantity == "displacement" and any(map(is_stage, labels)):
         return None
     unsuited = 2 if unit in ELECTRIC else int(unit is None)
-    still = int(not _moves(table, place)) if quantity != "force" else 0
+    still = int(not moves(table, place)) if quantity != "force" else 0
     return (unsuited, still, *min(ranks))
 
 
 def _by_unit(table: Table, quantity: str) -> dict[int, Rank]:
     """Columns that move and have a unit of the quantity, whatever their names: enough where there is one of them."""
-    places = [n for n in range(table.width) if KIND.get(column_unit(table, n) or "") == quantity and _moves(table, n)]
+    places = [n for n in range(table.width) if KIND.get(column_unit(table, n) or "") == quantity and moves(table, n)]
     # a deflection in units of force is the force of the cantilever, one in units of length is no displacement of the indenter
     return {n: (0,) for n in places if quantity == "force" or not any(map(is_deflection, table.labels(n)))}
 
 
-def _moves(table: Table, place: int) -> bool:
+def has_column(table: Table, quantity: str) -> bool:
+    """Whether a column has words of a quantity, or a unit of it and moves."""
+    return any(_rank(table, n, quantity) is not None for n in range(table.width)) or bool(_by_unit(table, quantity))
+
+
+def moves(table: Table, place: int) -> bool:
+    """Whether the numbers of a column differ."""
     values = table.values[:, place]
     values = values[np.isfinite(values)]
     return bool(values.size and np.ptp(values) > 1e-9 * max(float(np.abs(values).max()), 1e-300))

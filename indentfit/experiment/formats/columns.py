@@ -12,6 +12,7 @@ import numpy as np
 from indentfit.arrays import Array, Ints
 from indentfit.case import Record, RecordChannel
 from indentfit.errors import RecordError
+from indentfit.experiment.formats.cantilever import with_force
 from indentfit.experiment.formats.choice import (
     chosen_column,
     column_name,
@@ -24,7 +25,7 @@ from indentfit.experiment.formats.choice import (
 )  # fmt: skip
 from indentfit.experiment.formats.stated import stated
 from indentfit.experiment.formats.table import Table
-from indentfit.experiment.formats.words import ALIASES, ELECTRIC, KIND, TARGETS, is_height, rank_of
+from indentfit.experiment.formats.words import ALIASES, ELECTRIC, KIND, TARGETS, has_power, is_height, rank_of
 from indentfit.experiment.record import CUT_OFF, FEWEST, RawRecord, Stated
 from indentfit.units import unit_factor
 
@@ -79,8 +80,9 @@ def records(path: Path, table: Table, settings: Record) -> list[RawRecord]:
     RecordError
         The table is not a record. The error's text is one line with the file, what is wrong and the remedy.
     """
-    source = _Source(path, table, settings, stated(table.above))
     _require_rows(path, len(table.values))
+    known = stated(table.above)
+    source = _Source(path, with_force(table, known, settings), settings, known)
     travel = _travel(source)
     force = _force(source)
     displacement = _displacement(source, travel, force.values)
@@ -339,7 +341,8 @@ def _force_unit(source: _Source) -> str | None:
 
 
 def _in(source: _Source, place: int, unit: str) -> str:
-    return "" if column_unit(source.table, place) == unit else f" in {unit}"
+    told = column_unit(source.table, place) == unit and not any(map(has_power, source.table.labels(place)))
+    return "" if told else f" in {unit}"
 
 
 def _calibrated(source: _Source, place: int, name: str, channel: RecordChannel) -> tuple[Array, str]:
@@ -349,7 +352,9 @@ def _calibrated(source: _Source, place: int, name: str, channel: RecordChannel) 
     if unit is None and name == "time" and source.table.clock:
         unit = "s"
     if unit is None:
-        raise RecordError(f"{path}: the header does not give the unit of the {name}; give record.{name}.unit, such as {target!r}")
+        powers = [label for label in source.table.labels(place) if has_power(label)]
+        why = f"{powers[0]!r} can mean two units" if powers else f"the header does not give the unit of the {name}"
+        raise RecordError(f"{path}: {why}; give record.{name}.unit, such as {target!r}{', and its gain' if powers else ''}")
     if unit in ELECTRIC:
         raise RecordError(f"{path}: the {name} is in {unit}; give record.{name}.gain, {target} per {unit}")
     if unit == "step":

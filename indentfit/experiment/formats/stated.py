@@ -1,4 +1,5 @@
-"""What the lines above a table state: the radius of the sphere, the stiffness of cantilever or load cell, Poisson's ratio."""
+"""What the lines above a table state: the radius of the sphere, the stiffness of cantilever or load cell and its
+sensitivity, Poisson's ratio."""
 
 from __future__ import annotations
 
@@ -16,6 +17,11 @@ RADIUS = re.compile(
 DIAMETER = re.compile(r"^(?:tip|probe|indenter|sphere|ball|bead|kugel)[\s_-]*(?:tip[\s_-]*)?diameter|^kugeldurchmesser", re.I)
 STIFFNESS = re.compile(
     r"^k\b|^springConstant|^(?:cantilever[\s_-]*)?(?:spring[\s_-]*constant|stiffness)|^federkonstante|^cantilever[\s_-]*k\b", re.I
+)
+SENSITIVITY = re.compile(
+    r"^(?:deflection|defl|photodetector|optical lever)[\s_.-]*(?:sensitivity\b|sens\b\.?)"
+    r"|^inv(?:erse)?[\s_-]*(?:ols|optical lever sensitivity)\b",
+    re.I,
 )
 POISSON = re.compile(
     r"^(?:sample[\s_-]*)?poisson['\u2019]?s?[\s_-]*(?:ratio|number|zahl)|^querkontraktionszahl|^coefficient de poisson", re.I
@@ -36,15 +42,16 @@ def stated(lines: Iterable[str]) -> Stated:
     Stated
         None for what the lines do not state, or state without a unit.
     """
-    radius = stiffness = samples = poisson = None
+    radius = stiffness = samples = poisson = sensitivity = None
     for line in lines:
         text = line.strip().lstrip("#").strip().strip('"').strip()
         radius = radius or _length(text, RADIUS, 1.0) or _length(text, DIAMETER, 0.5)
         stiffness = stiffness or _stiffness(text)
         poisson = poisson or _poisson(text)
+        sensitivity = sensitivity or _sensitivity(text)
         counted = SAMPLES.match(text)
         samples = samples or (int(counted[1]) if counted else None)
-    return Stated(radius, stiffness, samples, poisson)
+    return Stated(radius, stiffness, samples, poisson, sensitivity)
 
 
 def _length(text: str, words: re.Pattern[str], share: float) -> float | None:
@@ -69,6 +76,17 @@ def _stiffness(text: str) -> float | None:
         return number if metadata or text.startswith("springConstant:") else None
     try:
         return number * unit_factor(unit.replace("µ", "u").replace("μ", "u"), "mN/mm")
+    except ValueError:
+        return None
+
+
+def _sensitivity(text: str) -> float | None:
+    """The deflection of a cantilever, mm, per V of its photodetector that a line states; None where it states none with a unit."""
+    number, unit = _value(text, SENSITIVITY)
+    if number is None or number <= 0 or unit is None:
+        return None
+    try:
+        return number * unit_factor(unit.replace("µ", "u").replace("μ", "u"), "mm/V")
     except ValueError:
         return None
 

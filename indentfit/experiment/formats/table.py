@@ -67,20 +67,21 @@ class Table:
 
     def side_by_side(self) -> list[Table]:
         """The tables of tests whose columns stand side by side, with the same names again and again; the table itself otherwise."""
-        names = [tuple(self.labels(n)) for n in range(self.width)]
-        period = next((n for n in range(2, self.width // 2 + 1) if self.width % n == 0 and names[n:] == names[:-n]), 0)
+        held = [n for n in range(self.width) if self.labels(n) or np.isfinite(self.values[:, n]).any()]
+        names, count = [tuple(self.labels(n)) for n in held], len(held)
+        period = next((n for n in range(2, count // 2 + 1) if count % n == 0 and names[n:] == names[:-n]), 0)
         if not period or not all(names[:period]) or len(set(names[:period])) < period or self.texts:
             return [self]
-        return [self._group(slice(begin, begin + period)) for begin in range(0, self.width, period)]
+        return [self._group(held[begin : begin + period], begin // period + 1) for begin in range(0, count, period)]
 
-    def _group(self, columns: slice) -> Table:
+    def _group(self, columns: list[int], number: int) -> Table:
         """The table of some columns, without the rows after its last numbers, named by the text above its first column."""
         values = self.values[:, columns]
         held = np.flatnonzero(np.isfinite(values).any(axis=1))
         rows = [[*row, *[""] * (self.width - len(row))] for row in self.header if len(row) <= self.width]
-        names = [row[columns.start] for row in rows if row not in self._nearest_rows and row[columns.start]]
-        name = names[-1] if names else f"test {columns.start // (columns.stop - columns.start) + 1}"
-        header = [row[columns] for row in rows]
+        names = [row[columns[0]] for row in rows if row not in self._nearest_rows and row[columns[0]]]
+        name = names[-1] if names else f"test {number}"
+        header = [[row[n] for n in columns] for row in rows]
         return replace(self, header=header, values=values[: held[-1] + 1 if held.size else 0], name=name)
 
     def _fits(self, row: list[str]) -> bool:

@@ -58,7 +58,18 @@ ALIASES = {
     "kilonewton": "kN", "kilonewtons": "kN", "milliseconds": "ms", "millisecond": "ms", "minutes": "min",
     "meter": "m", "meters": "m", "kilograms": "kgf", "pounds": "lbf", "mm.": "mm", "in.": "in", "sec.": "s",
 }  # fmt: skip
+COMPOUND = ("zeit", "weg", "kraft", "kracht")  # that end longer German and Dutch words of the same quantity: Uhrzeit, Kolbenweg
 KEPT = 2000  # texts whose meaning is kept: the tables of a force map have the same headers
+EXPONENTS = {
+    "pm": -12, "nm": -9, "um": -6, "mm": -3, "cm": -2, "m": 0, "pN": -12, "nN": -9, "uN": -6, "mN": -3, "cN": -2, "N": 0, "kN": 3,
+    "us": -6, "ms": -3, "s": 0,
+}  # fmt: skip
+POWER = re.compile(  # 10^-3, x10-3, 10-3, 1e-3, x1000
+    r"(?:(?<=[\s\[(])[x×·*]\s*)10\s*\^?\s*([-+]?[1-9])(?!\d)|(?<![\d.])10\s*(?:\^\s*([-+]?\d\d?)|(?<=\W10)([-+]\d\d?))(?!\d)"
+    r"|(?<![\w.])(?:1\.?0*)?[eE]([-+]\d\d?)(?!\d)|(?<=[\s\[(])[x×·*]\s*10+(?![\d^])"
+)
+RAISED = re.compile("[⁺⁻⁰¹²³⁴-⁹]+")
+PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
 IN_BRACKETS = re.compile(r"[\[(（<]\s*([^\])）>]*?)\s*[\])）>]")
 WAY = re.compile(r"_(?:ex|rt)$", re.I)  # NanoScope's extension and retraction
 AT_THE_END = re.compile(r"(?:_|[,;:]\s*|/\s*|\s|-)([^\W\d_]+\.?)$")
@@ -78,10 +89,42 @@ def unit_in(text: str) -> str | None:
 def unit_of_label(label: str) -> str | None:
     """The unit that a header's text gives: in brackets, after an underline, comma, slash or blank, or as the whole text."""
     label = WAY.sub("", label)
+    if has_power(label):
+        return _unit_with_power(label)
     for text in (*IN_BRACKETS.findall(label), *AT_THE_END.findall(label), label):
         unit = unit_in(text)
         if unit:
             return unit
+    return None
+
+
+def has_power(label: str) -> bool:
+    """Whether a header's text has a power of ten, as in "Depth (mm x10-3)" or "Force (10^-6 N)"."""
+    return POWER.search(_spelled_out(label)) is not None
+
+
+def _spelled_out(label: str) -> str:
+    """A header's text with its raised numbers and minus signs in plain letters."""
+    return RAISED.sub(lambda match: "^" + match[0].translate(PLAIN), label).replace("−", "-")
+
+
+def _unit_with_power(label: str) -> str | None:
+    """The unit that a power of ten and a unit beside it make, such as "um" for "10^-3 mm"; None where no unit is so large.
+
+    The power must stand beside the unit: "Force x10^3 (N)" has two readings, thousands of N, or N times a thousand.
+    """
+    label = _spelled_out(label)
+    for text in [f" {text}" for text in IN_BRACKETS.findall(label)] or [label]:
+        power = POWER.search(text)
+        if power is None:
+            continue
+        words = [*text[: power.start()].split()[-1:], *text[power.end() :].split()[:1]]
+        units = [unit for word in words if (unit := unit_in(word.strip(" ,;:·*×")))]
+        exponent = next((int(group) for group in power.groups() if group), None)
+        if len(units) != 1 or exponent is None or units[0] not in EXPONENTS:
+            continue
+        alike = [unit for unit in EXPONENTS if KIND[unit] == KIND[units[0]]]
+        return next((unit for unit in alike if EXPONENTS[unit] == EXPONENTS[units[0]] + exponent), None)
     return None
 
 
@@ -156,6 +199,8 @@ def is_stage(label: str) -> bool:
 
 
 def _is(word: str, name: str) -> bool:
+    if name in COMPOUND and word.endswith(name):
+        return True
     if name.isascii() and len(name) < SHORT:
         return word == name
     return word == name or word.startswith(name) if name.isascii() else name in word

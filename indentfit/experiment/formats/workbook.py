@@ -63,12 +63,30 @@ def _table(path: Path, name: str, rows: list[list[Cell]], skip_rows: int) -> Tab
     held = [_mostly_numbers(rows[first:], n) for n in range(len(rows[first]))]
     wanted = [_is_number(cell) and numbers for cell, numbers in zip(rows[first], held, strict=True)]
     body = [(n, row) for n, row in enumerate(rows[first:], start=first + 1) if any(map(_is_number, row)) or n == first + 1]
+    body, notes = _without_summary(body, wanted)
     values = [[_value(f"{path}: row {n}", cell, number) for cell, number in zip(row, wanted, strict=True)] for n, row in body]
     table = np.array(values)
     table[:, ~np.array(held)] = np.nan
     header = [[str(cell).strip() for cell in row] for row in rows[skip_rows:first] if any(cell != "" for cell in row)]
     above = tuple(" ".join(cell for cell in row if cell) for row in header)
-    return Table(header, table, first + 1, name=name, above=above)
+    return Table(header, table, first + 1, notes, name=name, above=above)
+
+
+def _without_summary(
+    body: list[tuple[int, list[Cell]]], wanted: list[bool]
+) -> tuple[list[tuple[int, list[Cell]]], tuple[str, ...]]:
+    """The numbered rows without a summary, and a note on it: few rows at the end that hold words in columns of numbers."""
+    worded = [_words(row, wanted) for _, row in body]
+    begin = next((n for n, words in enumerate(worded) if words), len(body))
+    if not 0 < len(body) - begin < FEWEST_ROWS or not all(worded[begin:]):
+        return body, ()
+    rows = f"row {body[begin][0]}" if begin + 1 == len(body) else f"rows {body[begin][0]} to {body[-1][0]}"
+    return body[:begin], (f"{rows} ({worded[begin][0][:20]!r}) hold words among numbers and were left out",)
+
+
+def _words(row: list[Cell], wanted: list[bool]) -> list[str]:
+    """The texts of a row in the columns of numbers."""
+    return [str(cell) for cell, number in zip(row, wanted, strict=True) if number and cell != "" and not _is_number(cell)]
 
 
 def _numbers_of_texts(rows: list[list[Cell]]) -> list[list[Cell]]:
