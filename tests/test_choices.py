@@ -1,5 +1,7 @@
 """What a file holds (`process --list`), the choice of a part of it, and the case that a file becomes (`process FILE --case`)."""
 
+import re
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -217,3 +219,47 @@ def test_the_range_of_the_modulus_holds_that_of_a_soft_first_contact(softer, tmp
     bounds = read_case("out/case.toml").material.parameters["young"]
     toe = 0.75 * stiffness / softer / 6
     assert bounds.min < 0.2 * toe and bounds.max > 5 * 0.75 * stiffness / 6
+
+
+def relaxing(shear=2.0, g=0.6, tau=2.0, ramp=1.0, hold=15.0, depth=0.05, radius=1.0):
+    """Time s, position mm and force mN of a sphere on an incompressible half-space whose shear modulus relaxes, by the integral of
+    Lee and Radok (1960, J Appl Mech 27:438) over fine steps: F = 16/3 sqrt(R) int G(t - s) d(d^1.5)."""
+    time = np.arange(0, 1.0 + ramp + hold, 5e-3)
+    position = np.interp(time, [0, 1.0 + ramp], [-depth / ramp, depth])
+    work = 16 / 3 * shear * np.sqrt(radius) * np.maximum(position, 0) ** 1.5
+    excess = np.zeros(time.size)
+    for n in range(1, time.size):
+        excess[n] = excess[n - 1] * np.exp(-5e-3 / tau) + (work[n] - work[n - 1]) * np.exp(-2.5e-3 / tau)
+    force = (1 - g) * work + g * excess
+    return time, position, force + 0.003 * force.max() * np.random.default_rng(0).standard_normal(time.size)
+
+
+def test_a_record_with_a_hold_becomes_a_case_in_time(tmp_path, monkeypatch):
+    """Told that the material relaxes, the case has ramp and hold with their times; otherwise it says what it leaves out."""
+    monkeypatch.chdir(tmp_path)
+    time, position, force = relaxing()
+    np.savetxt("r.csv", np.c_[time, position, force], delimiter=",", header="Time (s),Displacement (mm),Load (mN)", comments="")
+    told = [f"--set=sample.{key}" for key in ("diameter=40", "thickness=20", "base=bonded")]
+    told += [f"--set=indenter.{key}" for key in ("shape=sphere", "radius=1", "friction=0")]
+    plain = run("r.csv", "--case", "-o", "plain", *told)
+    assert plain.exit_code == 0, plain.stderr
+    kept = re.search(r"the force falls in the hold, to ([\d.]+)% in the end.*--set material\.relaxation\.terms=2", plain.stderr)
+    assert kept and float(kept[1]) == pytest.approx(40, abs=3)
+    assert read_case("plain/case.toml").curves[0].time is None
+    made = run("r.csv", "--case", "-o", "out", *told, "--set=material.relaxation.terms=1")
+    assert made.exit_code == 0, made.stderr
+    assert "falls in the hold" not in made.stderr
+    case = read_case("out/case.toml")
+    (curve,) = case.curves
+    assert case.material.relaxation.terms == 1 and curve.time is not None
+    assert curve.displacement.max() == pytest.approx(0.05, rel=0.01) and np.ptp(curve.time) > 13
+    for at in (1.5, 2.5, 5.0, 12.0):
+        near = int(np.argmin(np.abs(curve.time - at)))
+        assert curve.force[near] == pytest.approx(np.interp(curve.time[near], time, force), abs=0.02 * force.max())
+
+
+def test_a_key_within_a_key_that_has_a_value_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "r.csv").write_text("Time (s),Displacement (mm),Load (mN)\n")
+    wrong = run("r.csv", "--case", "--set=material.relaxation=2", "--set=material.relaxation.terms=2")
+    assert wrong.exit_code == 2 and "relaxation has a value already, and cannot hold terms" in wrong.stderr

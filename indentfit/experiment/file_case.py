@@ -19,6 +19,7 @@ RANGE = 1000.0  # the range of the modulus about that of the record, as a factor
 INCOMPRESSIBLE = 0.75  # E over E / (1 - nu^2) with nu = 0.5
 POISSON = 0.499  # of a sample whose file and experimenter do not tell another: tissue and gels hardly change their volume
 DIGITS = 3
+RELAXES = 0.98  # share of the force that a hold keeps, below which its relaxation is told
 Tree = dict[str, Any]
 
 
@@ -30,13 +31,25 @@ class FileCase:
 
     @classmethod
     def of(cls, overrides: Sequence[str]) -> FileCase:
-        """The keys of overrides TABLE.KEY=VALUE, VALUE as TOML writes it, or text."""
+        """The keys of overrides TABLE.KEY=VALUE or TABLE.KEY.KEY=VALUE, VALUE as TOML writes it, or text."""
         told: dict[str, dict[str, Any]] = {}
         for text in overrides:
             key, _, value = text.partition("=")
-            table, _, name = key.strip().partition(".")
-            told.setdefault(table, {})[name] = _value(value.strip())
+            table, *tables, name = key.strip().split(".")
+            place = told.setdefault(table, {})
+            for inner in tables:
+                place = place.setdefault(inner, {})
+                if not isinstance(place, dict):
+                    raise RecordError(
+                        f"--case: --set {text}: {inner} has a value already, and cannot hold {name}; give one of both"
+                    )
+            place[name] = _value(value.strip())
         return cls(told)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether the material relaxes: the curves then have times, and their holds are fitted too."""
+        return "relaxation" in self.told.get("material", {})
 
     def reading(self, settings: Record) -> Record:
         """The [record] table with the end of the indenter that is told, and the radius of its sphere, where it has none.
@@ -65,6 +78,13 @@ class FileCase:
                 f"--case: Poisson's ratio is taken as {_poisson(good):g}, {source}: a fit's modulus goes by it; tell another by "
                 "--set material.poisson_ratio=0.3, or --set material.bulk_ratio=unknown"
             )
+        for outcome in good:
+            hold = outcome.processed.relaxation
+            if hold is not None and not self.in_time and hold.ratio < RELAXES:
+                yield (
+                    f"--case: {outcome.name}: the force falls in the hold, to {hold.ratio:.1%} in the end; the case has "
+                    "the loading alone, and its moduli are those of that ramp; --set material.relaxation.terms=2 fits the hold too"
+                )
         if "friction" not in self.told.get("indenter", {}):
             yield "--case: friction is not known, and a fit goes over 0 to 1; tell it by --set indenter.friction=0"
 
