@@ -332,8 +332,7 @@ class Linearisation:
         touching, slipping = int(self.contact.touching.sum()), int(self.contact.slipping.sum())
         state = f"{touching} of {self.contact.gap.size} contact points touch, {slipping} slip"
         cause = cause or f"residual still {share:.1e} of the contact force after {iteration + 1} iterations"
-        text = f"{cause} ({state}); try a coarser mesh or an edge radius"
-        return ConvergenceError(text, self.increment.depth, iteration=iteration)
+        return ConvergenceError(f"{cause} ({state})", self.increment.depth, iteration=iteration)
 
 
 def _norm(vector: Array) -> np.float64:

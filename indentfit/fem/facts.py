@@ -4,8 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from indentfit.digits import quantity
 from indentfit.fem.symmetry import PARTS
 
+UNSTABLE = "the law loses its stability in "
 ORDER = ("axisymmetric", *PARTS)  # of falling symmetry
 
 NEAR = 0.25  # difference from the number of elements that a case asks for, that is not mentioned
@@ -41,6 +43,11 @@ class SolveFacts:
     touching, slipping : float
         Shares of the points under the indenter that touch the indenter, and that slip, at the last depth.
     first_failure : str or None
+    unstable_from : float or None, mm
+        Depth of the first step at which the law does not resist one more shear at some point; None where it does, or where it
+        has fibres.
+    unstable : float
+        Share of the integration points where it does not, at the last depth.
     """
 
     tries: int = 1
@@ -60,10 +67,15 @@ class SolveFacts:
     touching: float = 0.0
     slipping: float = 0.0
     first_failure: str | None = None
+    unstable_from: float | None = None
+    unstable: float = 0.0
 
     def as_json(self) -> dict[str, Any]:
-        """Stable keys, as in `simulate --json` and in the ledger; first_failure only where the first try failed."""
-        return {key: value for key, value in asdict(self).items() if key != "first_failure" or value is not None}
+        """Stable keys, as in `simulate --json` and in the ledger; first_failure only where the first try failed, and the keys of
+        an unstable law only where it is that."""
+        left_out = {"first_failure"} if self.first_failure is None else set()
+        left_out |= {"unstable_from", "unstable"} if self.unstable_from is None else set()
+        return {key: value for key, value in asdict(self).items() if key not in left_out}
 
     @classmethod
     def from_json(cls, facts: Mapping[str, Any]) -> "SolveFacts":
@@ -186,6 +198,17 @@ def said_of_tries(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
         if facts.tries > 1:
             mesh = f"a mesh of {facts.elements} elements"
             yield f"test {name!r} was solved at try {facts.tries}, on {mesh}; the first try: {facts.first_failure}"
+
+
+def said_of_stability(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
+    """A sentence for each of the tests, (name, facts), in whose sample the law loses its stability."""
+    for name, facts in tests:
+        if facts.unstable_from is not None:
+            yield (
+                f"{UNSTABLE}test {name!r}: from {quantity(facts.unstable_from, 'mm', 3)} on, its shear stress falls as the shear "
+                f"grows ({facts.unstable:.1%} of the sample's points at the last depth); strain may gather in bands there, and "
+                "forces may depend on the mesh by more than the stated error; check the law's parameters, or end the curve before"
+            )
 
 
 def not_as_asked(asked: int | None, elements: int) -> str:

@@ -22,7 +22,7 @@ LEASH = 0.03  # largest motion of a point in one iteration, over the last depth
 SMALLEST_STEP = 1e-2  # over the last depth; where this is not small enough, other springs or another mesh cost less than halving
 SHORT = 0.6  # over the largest step: a shorter step follows a cutback; it may be relaxed, and its springs softened
 TURN = 1.15  # ratio of the stiffnesses after and before a step, from which the spline between the steps needs shorter ones
-CRAWLED = "{iterations} iterations led no further; try a coarser mesh or an edge radius"
+CRAWLED = "{iterations} iterations led no further"
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 

@@ -34,6 +34,7 @@ from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.sliding import TOGETHER
+from indentfit.fem.stability import loss_of_stability, remedy
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tries import (
     AGAIN_SECONDS,
@@ -285,13 +286,15 @@ class Model:
 
         def result(path: Sequence[Equilibrium], press: Press) -> TestResult:
             facts = self._facts(path, newton.work, self._linear_work.since(before), time.perf_counter() - started)
-            return self._result(press, path, facts, loading)
+            start, share = self._loses_stability(path, press, loading)
+            return self._result(press, path, replace(facts, unstable_from=start, unstable=share), loading)
 
         try:
             path = indent(self.equations, loading, newton, press.depths)
             require_together(self.body, path)
         except IndentfitError as error:
-            said = _explained(error, press) if isinstance(error, ConvergenceError) else known_to(error, float(press.depths[-1]))
+            end = float(press.depths[-1])
+            said = self._explained(error, press, loading) if isinstance(error, ConvergenceError) else known_to(error, end)
             short = _as_far_as(error.part, press)
             said.part = replace(result(error.part, short), unfinished=str(said)) if short is not None else None
             raise said from (error if said is not error else None)
@@ -317,6 +320,15 @@ class Model:
             return solved
         seen, seen_by = seen_along(press, press.observed, path, loading.seen, [way.name for way in loading.directions])
         return replace(solved, seen=seen, seen_by=None if sensitivities is None else seen_by)
+
+    def _loses_stability(self, path: Sequence[Equilibrium], press: Press, loading: Loading) -> tuple[float | None, float]:
+        return loss_of_stability(self.body, path, press.material, loading.material, press.fibre)
+
+    def _explained(self, error: ConvergenceError, press: Press, loading: Loading) -> ConvergenceError:
+        """The error of a path with the test's name, and what may be done about it."""
+        start = self._loses_stability(error.part, press, loading)[0] if error.part else None
+        cause = f"{error.cause}; {remedy(press.material, start, self.contact.shape)}"
+        return ConvergenceError(_of_test(press.name, cause), error.displacement, error.step, error.iteration)
 
     @property
     def _linear_work(self) -> LinearWork:
@@ -443,13 +455,6 @@ def _threads(n_dofs: int) -> Any:
     OpenBLAS' threads wait actively and slow the solver's threads down: a path takes 1.5 times as long."""
     pools = ThreadpoolController()
     return (pools if n_dofs < THREADS_PAY else pools.select(internal_api="openblas")).limit(limits=1)
-
-
-def _explained(error: ConvergenceError, press: Press) -> ConvergenceError:
-    """The error of a path with the test's name, and a remark if the material is not stable."""
-    unstable = press.material.unstable
-    cause = error.cause + (f"; the material is not stable at small strain ({unstable})" if unstable else "")
-    return ConvergenceError(_of_test(press.name, cause), error.displacement, error.step, error.iteration)
 
 
 def _reach(part: TestResult | None) -> float:

@@ -23,6 +23,7 @@ from indentfit.material.pairs import sharing
 from indentfit.material.parameter import Parameter
 from indentfit.material.plugins import blamed, checked_derivatives, foreign_code, installed, load
 from indentfit.material.prestretch import Prestretched, rest_pressure, rest_pressure_changes
+from indentfit.material.stability import least_shear_modulus
 from indentfit.material.stretches import STRETCHES
 from indentfit.material.trials import trial_values
 from indentfit.material.typed_energy import typed
@@ -60,6 +61,7 @@ __all__ = [
     "isochoric_stress",
     "laws_of",
     "layered",
+    "least_shear_modulus",
     "load",
     "log",
     "parts_of",

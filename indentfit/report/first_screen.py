@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from indentfit.case.draining import HOLDS_DIFFER
+from indentfit.fem.facts import UNSTABLE
 from indentfit.inference.limits import WORDS
 from indentfit.inference.plain import by_error
 from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstimate
@@ -101,7 +102,7 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
-    told = (HOLDS_DIFFER, HEREDITARY, LEFT_OUT, FOLDED, OUTSIDE)
+    told = (HOLDS_DIFFER, HEREDITARY, LEFT_OUT, FOLDED, UNSTABLE, OUTSIDE)
     yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(told))
     yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
 

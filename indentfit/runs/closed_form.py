@@ -27,8 +27,8 @@ APART, SCATTERS = 0.02, 2.0  # of the modulus, and of its scatter: a fit that di
 NEAR = 0.01  # of the force: the model's and the layer's agree at the deepest point
 FEWEST = 5  # points that count, where fewer lie above that depth
 OUTSIDE = "the elastic layer's modulus lies outside of the interval: "
-OF_LAW = ", and no interval holds a law that is not the sample's"
-OF_MISFIT = ' unless its misfit is a term of the fit: [fit.discrepancy] with scale = "unknown"'
+OF_LAW = "the layer's is the modulus at small strain, the fit's that of its law over all fitted forces"
+OF_MISFIT = '; to widen the interval by what the law misses, give [fit.discrepancy] with scale = "unknown"'
 SOLVED = 1e-3  # relative error of the layer's own solution: a modulus outside by less is not outside
 WORSE = 2.0  # a fit is so many times farther from the forces than the layer, before the layer speaks against the fit
 EXPLAINED = 1.5  # a fit that differs by at most so many times what finite strain does to the last force is explained by it
@@ -152,10 +152,7 @@ class ClosedForm:
                 "check thickness, base, contact point and law"
             )
         bends = f"{'softens' if off < 0 else 'stiffens'} by {abs(off):.1%} to {model.displacement[-1]:.3g} mm"
-        return (
-            f"under finite strain the law {bends}, and these forces do not: mu is that of the law over all fitted forces, the "
-            f"layer's that of small strain{OF_LAW}"
-        )
+        return f"the cause: under finite strain the law {bends}, and these forces do not; {OF_LAW}"
 
     def as_json(self) -> dict[str, Any]:
         """The keys in result.json and simulation.json."""
