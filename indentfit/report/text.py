@@ -52,9 +52,8 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
             yield from time_lines(test.name, test.in_time)
     yield from _solver(simulation.solver)
     yield from _contact(simulation) if simulation.mesh.elements else ()
-    for sentence in said_of_tries((test.name, test.facts) for test in simulation.tests if not test.unfinished):
-        yield f"note      {sentence}"
-    for sentence in said_of_stability((test.name, test.facts) for test in simulation.tests):
+    tries = said_of_tries((test.name, test.facts) for test in simulation.tests if not test.unfinished)
+    for sentence in (*tries, *said_of_stability((test.name, test.facts) for test in simulation.tests)):
         yield f"note      {sentence}"
     for test in simulation.tests:
         if test.unfinished:
