@@ -35,6 +35,7 @@ from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.surrogate import learn, linearised
 from indentfit.layer import Layer
 from indentfit.report import fields
+from indentfit.report.first_screen import doubts_of
 from indentfit.runs.forward import Evaluation, simulate
 from indentfit.runs.points import setup_of
 from indentfit.runs.pool import RunPool
@@ -310,7 +311,7 @@ def test_intervals_of_profiles_cover_the_truth_as_often_as_they_say(explored):
 def test_profiles_of_every_method_end_where_the_misfit_has_grown_to_its_limit(method):
     """Direct searches on `formula`: at each end the other parameters are fitted by SciPy, and chi2 is the limit within 10 %."""
     whole, pool = problem(bent(1, 0.05)), Watched(Formula())
-    options = Fit(method=method, direct=True, uncertain=Uncertain(mesh=0))
+    options = Fit(method=method, direct=True, uncertain=Uncertain(mesh=0), what_if=False)
     solved = methods.solve(whole, pool, options)
     optimum = solved.optimum
     spent = pool.evaluations
@@ -541,11 +542,12 @@ def test_uncertain_inputs_that_cannot_be_are_refused(keys, said):
         white_matter(*keys)
 
 
-def punch_on_a_layer(of_mesh, **uncertain):
-    """A flat punch on a bonded layer at small strain, whose exact stiffness is that of an elastic layer with a modulus of 1 kPa."""
-    depths = np.linspace(1e-4, 5e-4, 12)
+def punch_on_a_layer(of_mesh, bonded=True, what_if=False, first=1e-4, **uncertain):
+    """A flat punch on a layer that is said to be bonded, at small strain; its exact stiffness is that of an elastic layer, bonded
+    or not, with a modulus of 1 kPa."""
+    depths = np.linspace(first, 5e-4, 12)
     noise = 2e-4 * np.random.default_rng(0).standard_normal(depths.size)
-    exact = Layer(True, 0.45).punch_stiffness(0.5) * depths
+    exact = Layer(bonded, 0.45).punch_stiffness(0.5) * depths
     return Case(
         sample=Sample(shape="disc", diameter=14.0, thickness=1.0, base="bonded"),
         indenter=Indenter(shape="cylinder", diameter=1.0, friction=0),
@@ -556,8 +558,19 @@ def punch_on_a_layer(of_mesh, **uncertain):
         },
         mesh=of_mesh,
         tests=[Test("press", angle=0, curve=Curve(depths, exact + noise * exact[-1]))],
-        fit={"workers": 1, "uncertain": uncertain},
+        fit={"workers": 1, "what_if": what_if, "uncertain": uncertain},
     )
+
+
+def test_a_fit_on_the_wrong_base_says_what_the_other_one_would_give():
+    """The layer slides, and its exact modulus is 1 kPa: as if it were bonded, 0.7 kPa is "determined". The first point of its curve
+    is before contact."""
+    result = fit(punch_on_a_layer({"elements": 60}, bonded=False, what_if=None, first=0.0))
+    known, found = result.parameters["mu"], {tried.input: tried.parameters for tried in result.taken_as_known}
+    assert known.interval[1] < 0.9 and known.verdict.startswith("determined")
+    assert found["base"]["mu"] == pytest.approx(1, rel=0.015)
+    assert all(found.values())  # also friction, bulk ratio, thickness and contact point
+    assert any("base bonded" in doubt.text and "with base sliding" in doubt.text for doubt in doubts_of(result))
 
 
 def test_a_fit_is_corrected_for_its_mesh_and_its_interval_holds_the_exact_modulus():

@@ -231,10 +231,11 @@ class Fit(Section):
         description="whether samples of the posterior are drawn on the surrogate (posterior.nc for ArviZ, and a figure); needs "
         "indentfit[posterior]",
     )
-    what_if: bool = Field(
-        default=False,
-        description="whether one more set of runs for each input that the case gives as exact (friction, base, bulk ratio, "
-        "thickness) tells what the parameters would be at another value of it",
+    what_if: bool | None = Field(
+        default=None,
+        description="whether one more run for each input that the case gives as exact (friction, base, bulk ratio, thickness) "
+        "tells what the parameters would be at another value of it; by default where a parameter is determined, except by "
+        "least_squares, whose runs are limited",
     )
     published: dict[str, Finite] = Field(
         default_factory=dict,

@@ -1,6 +1,6 @@
 """The certainty of a fit: errors, intervals, profiles, bootstrap and conclusions at an optimum."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,6 +40,7 @@ from indentfit.inference.verdicts import (
     alone_unless_proved,
     conclusions,
     contradictions,
+    kind_of,
     unless_in_doubt,
     unless_proved,
     verdict,
@@ -147,8 +148,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     findings = replace(findings, tests_alone=singles)
     estimates = with_seen(case, estimates, optimum.best.parameters)
     published = published_comparison(solution, estimates)
-    last = _learned(problem, model, exploration) if problem.searched and case.fit.profiles else None
-    exact = what_ifs(solution, last) if last is not None else taken_as_known(case)
+    exact = _what_ifs(solution, model, exploration, estimates)
     return Certainty(
         known=alone_known,
         estimates=estimates,
@@ -279,6 +279,21 @@ def _learned(problem: InverseProblem, model: Watched, exploration: Exploration) 
     surrogate = learn(problem, model.known) if len(problem.elastic.free) <= MANY else None
     trusted = surrogate is not None and (exploration.reached or surrogate.error <= TRUSTED)
     return surrogate if trusted else None
+
+
+def _what_ifs(
+    solution: Solution, model: Watched, exploration: Exploration, estimates: Mapping[str, ParameterEstimate]
+) -> tuple[WhatIf, ...]:
+    """The inputs that are taken as known, with what the parameters would be at other values of them: by runs where the case asks
+    for these, and by default where a parameter is determined, whose interval it may leave, and sets of runs are not limited."""
+    problem, options = solution.problem, solution.case.fit
+    if not options.profiles:
+        return taken_as_known(solution.case)
+    surrogate = _learned(problem, model, exploration) if problem.searched else learn(problem, model.known, exact=True)
+    if surrogate is None:
+        return taken_as_known(solution.case)
+    telling = exploration.equation_one and any(kind_of(known) == "determined" for known in estimates.values())
+    return what_ifs(solution, surrogate, telling if options.what_if is None else options.what_if)
 
 
 def _predicted(solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs) -> dict[str, TestPrediction]:
