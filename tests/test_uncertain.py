@@ -479,7 +479,7 @@ def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
     assert found["offset"].parameters["mu"] > 1.52  # a later contact asks for a stiffer material
     mu = ParameterEstimate(1.5, "kPa", interval=(1.45, 1.55), verdict="determined (+-3 %); limited by the noise")
     (said,) = warnings_of(tuple(found.values()), {"mu": mu})
-    assert said.startswith("friction 0.5, offset 0 mm are taken as known")
+    assert said.startswith("friction 0.5, force as measured, offset 0 mm are taken as known")
     assert f"mu {found['friction'].parameters['mu']:.3g} with friction 0.2" in said and "base" not in said
     (alone,) = warnings_of((found["base"], found["friction"]), {"mu": mu})
     assert alone.startswith("friction 0.5 is taken as known") and f"mu {found['friction'].parameters['mu']:.3g}" in alone
