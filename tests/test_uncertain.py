@@ -28,7 +28,7 @@ from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
-from indentfit.inference.what_if import warnings_of, what_ifs
+from indentfit.inference.what_if import fitted_again, warnings_of, what_ifs
 from indentfit.inverse import polynomials
 from indentfit.inverse.course import Proof
 from indentfit.inverse.exploration import Watched
@@ -472,7 +472,8 @@ def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
     best = whole.judge(TRUTH, formula(**{**TRUTH, "mu": 1.0}))
     known = SimpleNamespace(weights=[1.0, 1.0])
     case = white_matter()
-    found = {tried.input: tried for tried in what_ifs(Solution(case, whole, model, best, known), surrogate, ran=True)}
+    solution = Solution(case, whole, model, best, known)
+    found = {tried.input: tried for tried in what_ifs(solution, fitted_again(solution, surrogate), ran=True)}
     assert found["friction"].parameters["mu"] == pytest.approx(1.5 / 0.8, rel=2e-3)
     assert found["friction"].parameters["zeta"] == pytest.approx(4, rel=0.02)
     assert found["base"].parameters["mu"] == pytest.approx(1.5, rel=2e-3)
@@ -483,6 +484,19 @@ def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
     assert f"mu {found['friction'].parameters['mu']:.3g} with friction 0.2" in said and "base" not in said
     (alone,) = warnings_of((found["base"], found["friction"]), {"mu": mu})
     assert alone.startswith("friction 0.5 is taken as known") and f"mu {found['friction'].parameters['mu']:.3g}" in alone
+
+
+def test_a_fit_over_an_unknown_friction_says_what_the_other_base_would_give(tmp_path):
+    """A fit that states the other base, and the friction that was found, is the oracle."""
+    straight_curve(tmp_path / "parallel.csv", 30)
+    friction = {"friction": {"uniform": [0, 1]}}
+    here = fit(read_case(tiny_case(tmp_path, fit={"method": "ga", "uncertain": {**friction, "mesh": 0.0}})))
+    stated = ["sample.base=bonded", f"indenter.friction={here.uncertain.at['friction']}"]
+    there = fit(read_case(tiny_case(tmp_path, fit={"method": "ga", "uncertain": {"mesh": 0.0}}), stated))
+    tried = {known.input: known for known in here.taken_as_known}
+    assert set(tried) == {"base", "bulk_ratio", "thickness", "force", "offset"}
+    assert tried["base"].parameters["mu"] == pytest.approx(there.parameters["mu"].value, rel=0.03)
+    assert any("base sliding" in said and "bonded" in said for said in here.conclusions)
 
 
 class Softer(Press):

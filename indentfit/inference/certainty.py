@@ -45,7 +45,7 @@ from indentfit.inference.verdicts import (
     unless_proved,
     verdict,
 )
-from indentfit.inference.what_if import taken_as_known, warnings_of, what_ifs
+from indentfit.inference.what_if import fitted_again, taken_as_known, warnings_of, what_ifs
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
 from indentfit.inverse.exploration import MANY, Exploration, Watched, facts_of
@@ -293,7 +293,7 @@ def _what_ifs(
     if surrogate is None:
         return taken_as_known(solution.case)
     telling = exploration.equation_one and any(kind_of(known) == "determined" for known in estimates.values())
-    return what_ifs(solution, surrogate, telling if options.what_if is None else options.what_if)
+    return what_ifs(solution, fitted_again(solution, surrogate), telling if options.what_if is None else options.what_if)
 
 
 def _predicted(solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs) -> dict[str, TestPrediction]:

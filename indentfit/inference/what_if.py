@@ -6,7 +6,7 @@ contact point and another gain of the force need no run. The runs are those of a
 case's values: the changes differ from those of the case's mesh by 0.1 to 0.5 % of the force, and by more at the first depths only.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -37,6 +37,7 @@ SOFT, STIFF = 50.0, 1000.0  # bulk over shear moduli, one of which is tried
 STRONGER = 1.05  # of forces, by the gain of the load cell
 WITHOUT_RUNS = ("offset", "force")
 COARSER = 2.0  # elements of the runs, over those of the case's mesh
+Again = Callable[[list[Array]], dict[str, float]]
 
 
 def taken_as_known(case: Case) -> tuple[WhatIf, ...]:
@@ -44,13 +45,14 @@ def taken_as_known(case: Case) -> tuple[WhatIf, ...]:
     return tuple(known for known in _inputs(case) if getattr(case.fit.uncertain, known.input) is None)
 
 
-def what_ifs(solution: Solution, surrogate: Surrogate, ran: bool) -> tuple[WhatIf, ...]:
+def what_ifs(solution: Solution, again: Again, ran: bool) -> tuple[WhatIf, ...]:
     """The inputs of `taken_as_known`, with the parameters at their other values.
 
     Parameters
     ----------
     solution : Solution
-    surrogate : Surrogate
+    again : function
+        From measured curves to the free parameters that fit them best.
     ran : bool
         Whether other inputs than the contact point are tried, by runs.
 
@@ -77,8 +79,19 @@ def what_ifs(solution: Solution, surrogate: Surrogate, ran: bool) -> tuple[WhatI
         else:
             answers.append(tried)
             continue
-        answers.append(replace(tried, parameters=_again(solution, surrogate, moved)))
+        answers.append(replace(tried, parameters=again(_without(problem, moved))))
     return tuple(answers)
+
+
+def fitted_again(solution: Solution, surrogate: Surrogate) -> Again:
+    """The function from curves to the free parameters that have the least squares on a surrogate."""
+    problem, start = solution.problem, solution.problem.units(solution.best.parameters)
+
+    def again(curves: list[Array]) -> dict[str, float]:
+        values = problem.parameters(estimate(problem, surrogate, solution.known.weights, start, targets=curves)[0])
+        return {name: values[name] for name in problem.free}
+
+    return again
 
 
 def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEstimate]) -> Iterator[str]:
@@ -181,12 +194,7 @@ def _ratio(moved: Array, here: Array) -> Array:
     return np.divide(moved, here, out=np.ones_like(here), where=here != 0)
 
 
-def _again(solution: Solution, surrogate: Surrogate, moved: list[Array]) -> dict[str, float]:
-    """The free parameters that fit best where all curves carry a change, as `_changes` gives it."""
-    problem, start = solution.problem, solution.problem.units(solution.best.parameters)
-    targets = [
-        test.curve.force - change if test.moves else test.curve.force / np.maximum(change, 1e-3)
-        for test, change in zip(problem.tests, moved, strict=True)
-    ]
-    values = problem.parameters(estimate(problem, surrogate, solution.known.weights, start, targets=targets)[0])
-    return {name: values[name] for name in problem.free}
+def _without(problem: InverseProblem, moved: list[Array]) -> list[Array]:
+    """The measured curves without a change, as `_changes` gives it."""
+    pairs = zip(problem.tests, moved, strict=True)
+    return [test.curve.force - change if test.moves else test.curve.force / np.maximum(change, 1e-3) for test, change in pairs]

@@ -1,10 +1,11 @@
 """What a WideFit says: estimates with their intervals, shares of the inputs, single tests, and notes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
 from indentfit.inference.curve_bands import law_misfit
@@ -20,20 +21,22 @@ from indentfit.inference.misfit import recording
 from indentfit.inference.mixture import CERTAIN
 from indentfit.inference.noise import effective, fewest, whiteness
 from indentfit.inference.plain import Interval
+from indentfit.inference.posterior import Climber
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
 from indentfit.inference.seen import seen_sentences, with_seen
-from indentfit.inference.shares import UncertainInputs
+from indentfit.inference.shares import UncertainInputs, WhatIf
 from indentfit.inference.verdicts import (
     against_each_other,
     alone_unless_in_doubt,
     alone_unless_proved,
     conclusions,
     contradictions,
+    kind_of,
     unless_in_doubt,
     unless_proved,
     verdict,
 )
-from indentfit.inference.what_if import taken_as_known
+from indentfit.inference.what_if import Again, warnings_of, what_ifs
 from indentfit.inference.wide_fit import WideAlternative, WideFit
 from indentfit.inference.wide_shares import span_of, uncertain_in, values_of
 from indentfit.inverse.exploration import Watched, facts_of
@@ -86,6 +89,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     alone = alone_unless_in_doubt(alone_unless_proved(alone, solved.optimum.success), recording(case))
     at_inputs = replace(problem, start={**problem.start, **uncertain.at})  # type: ignore[dict-item]
     published = published_comparison(Solution(case, at_inputs, model, best, known), estimates)
+    exact = _what_ifs(case, fit, model, known, estimates)
     return Certainty(
         known=known,
         estimates=estimates,
@@ -100,11 +104,38 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
             *conclusions(estimates, len({test.test for test in problem.tests}), published),
             *_preferred(fit),
             *seen_sentences(case, best.parameters),
+            *warnings_of(exact, estimates),
         ),
         notes=tuple(_notes(case, fit)),
-        taken_as_known=taken_as_known(case),
+        taken_as_known=exact,
         law_misfit=law_misfit(case, fit),
     )
+
+
+def _what_ifs(
+    case: Case, fit: WideFit, model: Watched, known: Identifiability, estimates: Mapping[str, ParameterEstimate]
+) -> tuple[WhatIf, ...]:
+    """The inputs that are taken as known, with what the parameters would be at other values of them, under the best alternative:
+    the optimum moves over parameters and uncertain inputs."""
+    curves, z = fit.best.fit.posterior.curves, fit.best.fit.mode.z
+    force = curves.at(z)[0]
+    best = replace(curves.problem, scale=None).judge(curves.point(z), [force[rows] for rows in curves.slices])
+    telling = any(kind_of(estimate) == "determined" for estimate in estimates.values())
+    solution = Solution(case, curves.problem, model, best, known)
+    return what_ifs(solution, _fitted_again(fit), telling if case.fit.what_if is None else case.fit.what_if)
+
+
+def _fitted_again(fit: WideFit) -> Again:
+    """The function from curves to the free parameters that fit them best, with the uncertain inputs, from the optimum on."""
+    posterior, mode = fit.best.fit.posterior, fit.best.fit.mode
+    own = posterior.curves
+
+    def again(measured: list[Array]) -> dict[str, float]:
+        curves = replace(own, problem=own.problem.measured(measured))
+        values = curves.point(Climber(replace(posterior, curves=curves)).climb(mode.z)[0])
+        return {name: values[name] for name in fit.problem.free}
+
+    return again
 
 
 def _profile(fit: WideFit, n: int) -> Profile:
