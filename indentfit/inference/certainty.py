@@ -13,7 +13,7 @@ from indentfit.inference import profiles
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.alone import alone, scan_weights
 from indentfit.inference.bootstrap import bootstrap
-from indentfit.inference.consistency import predictions
+from indentfit.inference.consistency import agreement, predictions
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import NOTE, Identifiability, identifiability, noise_of, notes_of, widened
 from indentfit.inference.inputs import CORRECTED, MOVES, NOT_CORRECTED, Solution, input_derivatives, shares
@@ -141,7 +141,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     if case.fit.profiles:
         progress(0.0, "profiles")
         findings, facts = _profiled(solution, model, solved, uncertain, progress)
-    predicted = _predicted(solution, model, solved, uncertain)
+    predicted, reconciling = _predicted(solution, model, solved, uncertain)
     estimates = against_each_other(_estimates(solution, alone_known, findings, uncertain), predicted, findings.tests_alone)
     estimates = unless_in_doubt(unless_proved(estimates, optimum.success), recording(case))
     singles = alone_unless_in_doubt(alone_unless_proved(findings.tests_alone, optimum.success), recording(case))
@@ -161,6 +161,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         published=published,
         conclusions=(
             *contradictions(predicted),
+            *reconciling,
             *conclusions(estimates, len({test.test for test in problem.tests}), published),
             *seen_sentences(case, optimum.best.parameters),
             *warnings_of(exact, estimates),
@@ -296,11 +297,14 @@ def _what_ifs(
     return what_ifs(solution, fitted_again(solution, surrogate), telling if options.what_if is None else options.what_if)
 
 
-def _predicted(solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs) -> dict[str, TestPrediction]:
-    """Each test predicted from the others, on the surrogate of all runs, or on the curves linearised at the optimum."""
+def _predicted(
+    solution: Solution, model: Watched, solved: Solved, uncertain: UncertainInputs
+) -> tuple[dict[str, TestPrediction], tuple[str, ...]]:
+    """Each test predicted from the others, on the surrogate of all runs, or on the curves linearised at the optimum, and a sentence
+    on what would make tests agree that contradict each other."""
     problem, best = solution.problem, solution.best
     if problem.segmented:  # the segments of a test are no tests that could contradict each other
-        return {}
+        return {}, ()
     surrogate = _learned(problem, model, solved.exploration) or linearised(problem, best, solved.optimum.derivatives or ())
     sd = _of_forces(uncertain)
     pairs = zip(problem.tests, best.forces, strict=True)
@@ -310,7 +314,11 @@ def _predicted(solution: Solution, model: Watched, solved: Solved, uncertain: Un
             slopes = input_derivatives(solution.case, problem, solution.model, best, name)
             for rows, slope in zip(common, slopes, strict=True):
                 rows.append(share.sd * slope)
-    return predictions(problem, surrogate, problem.units(best.parameters), common, solution.case.fit.seed)
+    x = problem.units(best.parameters)
+    predicted = predictions(problem, surrogate, x, common, solution.case.fit.seed)
+    pressed = [test.kind == "indentation" for test in solution.case.tests]
+    said = agreement(problem, surrogate, x, common, predicted, pressed)
+    return predicted, (said,) if said else ()
 
 
 def _of_forces(uncertain: UncertainInputs) -> float:

@@ -9,8 +9,8 @@ The residuals of a test have the size and smoothness that they have in a fit to 
 test, by the mesh, the load cell and uncertain inputs, are added to their covariance, as if independent from test to test.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -22,6 +22,7 @@ from indentfit.arrays import Array, Ints
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.many import ManyCurves, Problems
 from indentfit.inference.noise import correlations, errors
+from indentfit.inference.reconciled import reconciled
 from indentfit.inverse.exploration import FINEST
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Surrogate
@@ -60,6 +61,36 @@ def predictions(
     whole = _Whitened.of(problem, surrogate, heavy, x, common)
     together = _Split.of(whole, heavy, x)
     return {problem.tests[n].name: together.prediction(n, seed) for n in heavy}
+
+
+def agreement(
+    problem: InverseProblem,
+    surrogate: Surrogate,
+    x: Array,
+    common: Sequence[Sequence[Array]],
+    predicted: Mapping[str, TestPrediction],
+    pressed: Sequence[bool],
+) -> str:
+    """What would make tests agree that contradict each other, in a sentence (`reconciled`); empty where none do.
+
+    Parameters
+    ----------
+    problem, surrogate, x, common
+        As of `predictions`.
+    predicted : dict of test -> TestPrediction
+    pressed : for each test whether it is an indentation
+    """
+    heavy = [n for n, test in enumerate(problem.tests) if test.weight]
+    wrong = [n for n in heavy if predicted[problem.tests[n].name].contradicts] if predicted else []
+    if not wrong:
+        return ""
+    whole = _Whitened.of(problem, surrogate, heavy, x, common)
+    alone = sum(whole.best((n,), [x, np.full(x.size, 0.5)])[1] for n in heavy)
+
+    def least(curves: list[Array]) -> float:
+        return replace(whole, measured=tuple(curves)).best(heavy, [x])[1]
+
+    return reconciled(problem.tests, wrong, pressed, least, alone)
 
 
 @dataclass(frozen=True, eq=False)

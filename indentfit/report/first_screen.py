@@ -9,6 +9,7 @@ from indentfit.case.draining import HOLDS_DIFFER
 from indentfit.fem.facts import UNSTABLE
 from indentfit.inference.limits import WORDS
 from indentfit.inference.plain import by_error
+from indentfit.inference.reconciled import AGREE
 from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstimate
 from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
@@ -99,6 +100,7 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     if result.no_fit:
         return
     yield from (Doubt(True, sentence) for sentence in contradictions(result.predicted))
+    yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(AGREE))
     yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
