@@ -12,6 +12,7 @@ from indentfit.case import Record
 from indentfit.curve import MIN_POINTS, Curve
 from indentfit.digits import quantity
 from indentfit.errors import RecordError
+from indentfit.experiment.assumptions import contradictions, widened_by_gaps
 from indentfit.experiment.contact import locate_contact
 from indentfit.experiment.contact_point import METHODS, ContactPoint, is_too_uncertain
 from indentfit.experiment.hertz import Hertz, hertz_modulus
@@ -126,6 +127,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     zeroed, loading = _zeroed(ramp, contact), slice(contact.index, ramp.stop)
     displacement, force = _limited(record, zeroed.displacement[loading], zeroed.force[loading], settings)
     depth = float(displacement.max())
+    contact, gaps = widened_by_gaps(ramp, contact, depth)
     _require_depth(record, depth, contact)
     peak = peak_of(ramp, contact, zeroed.unfiltered, settings.indenter)
     return ProcessedRecord(
@@ -146,7 +148,13 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
         forces=_forces(displacement, force, thickness, settings.strains),
         relaxation=_relaxation(ramp, zeroed.unfiltered, contact, settings.prony_terms),
         hertz=_hertz(zeroed, depth, settings),
-        notes=(*notes, *_notes(ramp, contact, depth, thickness), *peak_notes(ramp, peak, zeroed.unfiltered, contact)),
+        notes=(
+            *notes,
+            *gaps,
+            *_notes(ramp, contact, depth, thickness),
+            *contradictions(ramp, contact, depth, peak.force, settings.radius if settings.indenter == "sphere" else None),
+            *peak_notes(ramp, peak, zeroed.unfiltered, contact),
+        ),
     )
 
 

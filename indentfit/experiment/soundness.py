@@ -113,5 +113,6 @@ def _require_no_jump(ramp: Ramp) -> None:
     if beyond[worst] > max(8 * noise, JUMP * np.ptp(part)):
         raise RecordError(
             f"{record.name}: the displacement jumps by {quantity(float(moved[worst]), 'mm', 3)} within {steps} samples at "
-            f"{record.time[begin + worst]:.4g} s: samples are missing or wrong; repeat the record, or remove it"
+            f"{record.time[begin + worst]:.4g} s: samples are missing or wrong, or the stage is far faster there; choose a part by "
+            "record.times, repeat the record, or remove it"
         )
