@@ -131,3 +131,38 @@ def test_cycles_that_grow_are_all_counted(tmp_path):
         assert outcome.processed.peak == pytest.approx(26.7 * depth**1.5, abs=0.01)
     (default,) = process(path, settings=Record(indenter="sphere")).outcomes
     assert any("3 loading cycles; number 3 is used" in note for note in default.processed.notes)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Sampling rate: 10 Hz", "# dt = 0.1 s", "Acquisition frequency (Hz): 10", "Sample interval\t100 ms", "Abtastrate\t0,01 kHz"],
+)
+def test_the_sampling_rate_of_a_file_without_times_is_that_which_it_states(line, tmp_path):
+    path = read(tmp_path, [line, "Position (mm)\tForce (mN)"], D, F, separator="\t")
+    record = read_record(path)
+    np.testing.assert_allclose(record.time, T, atol=1e-9)
+    assert record.timed and "by 10 Hz, as the file states" in record.taken
+
+
+@pytest.mark.parametrize("line", ["Scan rate: 10 Hz", "Sampling rate: 10", "Sampling time: 20 s"])
+def test_a_line_that_states_no_sampling_rate_with_its_unit_gives_none(line, tmp_path):
+    """A scan rate counts curves, a sampling time may be that of the whole record, and a rate may be of Hz or kHz."""
+    with pytest.raises(RecordError, match=r"no column of time and no sampling rate"):
+        read_record(read(tmp_path, [line, "Position (mm)\tForce (mN)"], D, F, separator="\t"))
+
+
+@pytest.mark.parametrize(
+    ("header", "length", "force"),
+    [
+        ("Zeit (s)|Weg/µ|Kraft (kp)", 1e-3, 9806.65),
+        ("Time (s)|Displacement (Å)|Force (dyn)", 1e-7, 0.01),
+        ("TIME (SEC)|DISPLACEMENT (MIL)|LOAD (GF)", 0.0254, 9.80665),
+        ("Prüfzeit in Sekunden|Eindringtiefe in Mikrometer|Prüfkraft in Millinewton", 1e-3, 1.0),
+        ("Temps en secondes|Enfoncement en millimètres|Force en newtons", 1.0, 1e3),
+    ],
+)
+def test_units_in_full_old_ones_and_columns_between_bars(header, length, force, tmp_path):
+    record = read_record(read(tmp_path, [header], T, D / length, F / force, separator="|"))
+    np.testing.assert_allclose(record.time, T, atol=1e-9)
+    np.testing.assert_allclose(record.displacement, D, atol=1e-8)
+    np.testing.assert_allclose(record.force, F, rtol=1e-6, atol=1e-9)

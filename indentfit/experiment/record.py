@@ -17,13 +17,14 @@ CUT_OFF = "the header tells of "  # begins the note on a file that holds fewer s
 @dataclass(frozen=True)
 class Stated:
     """What a file states: radius of the sphere, mm, stiffness of cantilever or load cell, mN/mm, number of samples, Poisson's ratio
-    of the sample, and deflection of the cantilever, mm, per V."""
+    of the sample, deflection of the cantilever, mm, per V, and sampling rate, Hz."""
 
     radius: float | None = None
     stiffness: float | None = None
     samples: int | None = None
     poisson: float | None = None
     sensitivity: float | None = None
+    rate: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

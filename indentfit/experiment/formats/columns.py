@@ -377,6 +377,8 @@ def _time(source: _Source) -> _Taken:
     if settings.rate == "unknown" or (settings.time.column is None and not told and stage_column(table) is not None):
         note = "the file has no times: rows are counted in place of seconds, so that velocities and relaxation times mean nothing"
         return _Taken(rows, "of rows, counted", (note,))
+    if settings.time.column is None and not told and source.stated.rate is not None:
+        return _Taken(rows / source.stated.rate, f"by {source.stated.rate:.6g} Hz, as the file states")
     if settings.time.column is None and not told:
         raise RecordError(
             f'{path}: no column of time and no sampling rate; give record.rate in Hz (or "unknown"), or record.time.column'

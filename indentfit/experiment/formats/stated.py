@@ -1,5 +1,5 @@
 """What the lines above a table state: the radius of the sphere, the stiffness of cantilever or load cell and its
-sensitivity, Poisson's ratio."""
+sensitivity, the sampling rate, Poisson's ratio."""
 
 from __future__ import annotations
 
@@ -23,6 +23,14 @@ SENSITIVITY = re.compile(
     r"|^inv(?:erse)?[\s_-]*(?:ols|optical lever sensitivity)\b",
     re.I,
 )
+RATE = re.compile(  # the scan rate of a force microscope counts curves, not samples
+    r"^(?:sampl(?:e|ing)|acquisition|data(?:[\s_-]*acquisition)?|logging)[\s_-]*(?:rate|frequency)\b|^abtastrate|^messrate|^abtastfrequenz"
+    r"|^fréquence d['\u2019]échantillonnage",
+    re.I,
+)
+INTERVAL = re.compile(
+    r"^(?:sampl(?:e|ing)|acquisition|logging)[\s_-]*(?:interval|period)\b|^abtastintervall|^dt\b|^delta[\s_-]*t\b", re.I
+)
 POISSON = re.compile(
     r"^(?:sample[\s_-]*)?poisson['\u2019]?s?[\s_-]*(?:ratio|number|zahl)|^querkontraktionszahl|^coefficient de poisson", re.I
 )
@@ -42,16 +50,17 @@ def stated(lines: Iterable[str]) -> Stated:
     Stated
         None for what the lines do not state, or state without a unit.
     """
-    radius = stiffness = samples = poisson = sensitivity = None
+    radius = stiffness = samples = poisson = sensitivity = rate = None
     for line in lines:
         text = line.strip().lstrip("#").strip().strip('"').strip()
         radius = radius or _length(text, RADIUS, 1.0) or _length(text, DIAMETER, 0.5)
         stiffness = stiffness or _stiffness(text)
         poisson = poisson or _poisson(text)
         sensitivity = sensitivity or _sensitivity(text)
+        rate = rate or _rate(text)
         counted = SAMPLES.match(text)
         samples = samples or (int(counted[1]) if counted else None)
-    return Stated(radius, stiffness, samples, poisson, sensitivity)
+    return Stated(radius, stiffness, samples, poisson, sensitivity, rate)
 
 
 def _length(text: str, words: re.Pattern[str], share: float) -> float | None:
@@ -89,6 +98,20 @@ def _sensitivity(text: str) -> float | None:
         return number * unit_factor(unit.replace("µ", "u").replace("μ", "u"), "mm/V")
     except ValueError:
         return None
+
+
+def _rate(text: str) -> float | None:
+    """The sampling rate, Hz, that a line states with its unit: as a rate, or as the time between two samples."""
+    for words, target in ((RATE, "Hz"), (INTERVAL, "s")):
+        number, unit = _value(text, words)
+        if number is None or number <= 0 or unit is None:
+            continue
+        try:
+            size = number * unit_factor("Hz" if unit in ("S/s", "Sa/s", "1/s") else unit_in(unit) or unit, target)
+        except ValueError:
+            continue
+        return size if target == "Hz" else 1 / size
+    return None
 
 
 def _poisson(text: str) -> float | None:

@@ -46,7 +46,7 @@ COMMA_NUMBER = re.compile(r"[-+]?(\d+(,\d+)?|,\d+)([eE][-+]?\d+)?", re.ASCII)
 Form = tuple[str | None, re.Pattern[str]]  # the separator (None: blanks), and how a number is written
 FORMS: list[Form] = [
     (separator, number)
-    for separator in ("\t", ";", ",", None)
+    for separator in ("\t", ";", ",", "|", None)
     for number in (NUMBER, COMMA_NUMBER)
     if (separator, number) != (",", COMMA_NUMBER)
 ]

@@ -38,13 +38,22 @@ ASIDE = {  # a column whose header has one of these words is another quantity, o
 FALLING = ("height", "höhe", "separation", "gap", "spalt", "entrefer", "隙間", "ギャップ")  # they become less under the indenter
 DEFLECTIONS = ("cantilever", "defl")  # what a piezo's travel exceeds the indentation by
 STAGES = ("segment", "segmentid", "stage", "phase", "seg", "abschnitt")
-LENGTHS = ("pm", "nm", "um", "mm", "cm", "m", "in", "step")
-FORCES = ("pN", "nN", "uN", "mN", "cN", "N", "kN", "mgf", "gf", "kgf", "lbf", "ozf")
+LENGTHS = ("pm", "nm", "um", "mm", "cm", "m", "in", "thou", "angstrom", "step")
+FORCES = ("pN", "nN", "uN", "mN", "cN", "N", "kN", "mgf", "gf", "kgf", "lbf", "ozf", "dyn")
 TIMES = ("us", "ms", "s", "min", "h")
 ELECTRIC = ("V", "mV", "count")  # what a sensor gives before its calibration
 BACKWARDS = ("rt", "retract", "retrace", "unload", "unloading")  # ends of the names of columns beside those of the approach
 UNITS = (*LENGTHS, *FORCES, *TIMES, *ELECTRIC)
-CAPITALS = ("um", "mm", "cm", "s")  # that some programs write in capitals, and that are no other unit then
+CAPITALS = (
+    "um",
+    "mm",
+    "cm",
+    "s",
+    "gf",
+    "kgf",
+    "lbf",
+    "ozf",
+)  # that programs write in capitals, and no other unit then
 KIND = {unit: kind for kind, units in (("displacement", LENGTHS), ("force", FORCES), ("time", TIMES)) for unit in units}
 ALIASES = {
     "g": "gf", "mg": "mgf", "kg": "kgf", "lb": "lbf", "lbs": "lbf", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
@@ -57,6 +66,11 @@ ALIASES = {
     "millinewton": "mN", "millinewtons": "mN", "micronewton": "uN", "micronewtons": "uN", "nanonewton": "nN", "nanonewtons": "nN",
     "kilonewton": "kN", "kilonewtons": "kN", "milliseconds": "ms", "millisecond": "ms", "minutes": "min",
     "meter": "m", "meters": "m", "kilograms": "kgf", "pounds": "lbf", "mm.": "mm", "in.": "in", "sec.": "s",
+    "kp": "kgf", "kilopond": "kgf", "dyne": "dyn", "dynes": "dyn", "mil": "thou", "mils": "thou", "å": "angstrom",
+    "angstroms": "angstrom", "sekunde": "s", "sekunden": "s", "secondes": "s", "seconde": "s", "segundos": "s", "secondi": "s",
+    "segundo": "s", "millisekunden": "ms", "millisecondes": "ms", "minuten": "min", "mikrometer": "um", "micromètres": "um",
+    "micrometres": "um", "micrómetros": "um", "micrometri": "um", "micras": "um", "millimètres": "mm", "milímetros": "mm",
+    "millimetri": "mm", "nanomètres": "nm", "nanómetros": "nm", "mikronewton": "uN", "milinewtons": "mN",
 }  # fmt: skip
 COMPOUND = ("zeit", "weg", "kraft", "kracht")  # that end longer German and Dutch words of the same quantity: Uhrzeit, Kolbenweg
 KEPT = 2000  # texts whose meaning is kept: the tables of a force map have the same headers
@@ -78,7 +92,8 @@ AT_THE_END = re.compile(r"(?:_|[,;:]\s*|/\s*|\s|-)([^\W\d_]+\.?)$")
 @functools.lru_cache(KEPT)
 def unit_in(text: str) -> str | None:
     """The unit that a text is, in one spelling; None where it is none."""
-    text = text.strip().replace("µ", "u").replace("μ", "u")
+    text = text.strip()
+    text = "um" if text in ("µ", "μ") else text.replace("µ", "u").replace("μ", "u")
     text = text if text in UNITS else ALIASES.get(text, ALIASES.get(text.casefold(), text))
     if text.casefold() in CAPITALS:
         return text.casefold()
