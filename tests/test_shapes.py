@@ -228,6 +228,12 @@ class _Entry:
         return self.loaded
 
 
+@pytest.mark.parametrize(("diameter", "plate"), [(5.0, None), (5.5, False), (10.0, True)])
+def test_a_cylinder_that_covers_the_sample_is_told_to_be_a_plate(diameter, plate):
+    found = [text for _, text in Indenter(shape="cylinder", diameter=diameter, friction=0).geometry.faults_on((6.0, 6.0), 1.0)]
+    assert ['kind = "compression"' in text for text in found] == ([] if plate is None else [plate])
+
+
 def test_a_shape_of_another_package_is_loaded_when_a_case_asks_for_it(monkeypatch):
     asked = []
 

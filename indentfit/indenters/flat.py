@@ -12,6 +12,8 @@ from indentfit.indenters.distances import from_plane, from_rounded_bar, from_rou
 from indentfit.indenters.fit import other_sizes, too_wide
 from indentfit.indenters.shape import SHAPES, Band, Distance, End, Rings
 
+PLATES = 'a disc between plates that cover it is a test of kind = "compression", with its length, diameter and plates, without an indenter'
+
 
 @SHAPES.register
 @dataclass(frozen=True)
@@ -97,8 +99,9 @@ class Cylinder:
         yield from _faults_of_edge(self.edge_radius, self.diameter)
 
     def faults_on(self, extent: tuple[float, float], depth: float) -> Iterator[tuple[str, str]]:
-        """Too wide a cylinder."""
-        yield from too_wide("diameter", self.diameter, min(extent))
+        """Too wide a cylinder; one that covers all of the sample is a plate."""
+        plate = f"; {PLATES}" if self.diameter >= max(extent) else ""
+        yield from ((key, text + plate) for key, text in too_wide("diameter", self.diameter, min(extent)))
 
     def partition(self, depth: float) -> Rings:
         """All of the face, whatever the depth."""

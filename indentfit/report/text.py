@@ -188,7 +188,7 @@ def _contact(simulation: Simulation) -> Iterator[str]:
         facts = test.facts
         edge = f"; edge slip {facts.edge_slip:.2%} of the half-width" if facts.edge_slip else ""
         yield (
-            f"contact   {test.name}: penalty error {facts.penalty_error:.3%} of the force, added back; "
+            f"contact   {test.name}: penalty error {facts.penalty_error:z.3%} of the force, added back; "
             f"{facts.touching:.0%} of the points touch, {facts.slipping:.0%} slide{edge}"
         )
 
