@@ -1,5 +1,7 @@
 """Fits of laws without fibres come back to the truth: an Ogden gel under a sphere, from a curve of a finer mesh with noise."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -33,3 +35,15 @@ def test_mu_and_alpha_of_an_ogden_gel_come_back_within_their_intervals_and_5_per
         assert low < value < high
         assert fitted.value == pytest.approx(value, rel=0.05)
         assert "determined" in fitted.verdict
+
+
+def test_a_law_that_stiffens_steeply_warns_of_no_overflow():
+    """Wild iterates of the exponential have residuals beyond the largest number; they are refused without NumPy's warning."""
+    steep = MaterialChoice(model="demiray_fung", parameters={"mu": 2.0, "b": 30.0}, poisson_ratio=0.49)
+    gel = {"sample": Sample(shape="disc", diameter=12.0, thickness=4.0, base="bonded"), "mesh": Mesh(elements=40)}
+    case = Case(
+        **gel, indenter=Indenter(shape="sphere", diameter=4.0, friction=0), material=steep, tests=[Test("press", depth=1.6)]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.all(np.diff(simulate(case).tests[0].force) > 0)

@@ -225,7 +225,7 @@ class Increment:
         if dampers is not None:
             residual += dampers.forces(at.u)
         residual[self.equations.fixed.dofs] = 0
-        size = float(np.linalg.norm(residual))
+        size = float(_norm(residual))
         return size if np.isfinite(size) else np.inf
 
     def linear_pressure(self, dilatation: Array, du: Array) -> Array:
@@ -336,4 +336,5 @@ class Linearisation:
 
 
 def _norm(vector: Array) -> np.float64:
-    return np.float64(np.linalg.norm(vector))
+    with np.errstate(over="ignore"):  # of a wild iterate, which is refused
+        return np.float64(np.linalg.norm(vector))

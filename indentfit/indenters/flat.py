@@ -12,7 +12,9 @@ from indentfit.indenters.distances import from_plane, from_rounded_bar, from_rou
 from indentfit.indenters.fit import other_sizes, too_wide
 from indentfit.indenters.shape import SHAPES, Band, Distance, End, Rings
 
-PLATES = 'a disc between plates that cover it is a test of kind = "compression", with its length, diameter and plates, without an indenter'
+PLATES = (
+    'a disc between plates that cover it is a test of kind = "compression" (keys length, diameter, plates), without an indenter'
+)
 
 
 @SHAPES.register
