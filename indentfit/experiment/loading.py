@@ -26,6 +26,7 @@ FAST_CREEP = 0.08  # share of the travel that it creeps where it is as fast: no 
 REPEATS = 0.3  # share of the samples that may repeat the one before in a force that is held
 BY_NOISE = 4.0  # standard deviations of the filtered force within which it is held
 SHORTEST_FILTER = 5  # samples
+STEADY, FEWEST_STEADY = 0.02, 5  # share of the ramp, and samples, over which a velocity that ends is looked at
 FEWEST = 20  # samples of a ramp that can be filtered at all
 HINGE_SAMPLES = 200  # of the two straight lines that show the slope of the baseline
 HINGES = 35  # places where the two lines may meet
@@ -189,6 +190,26 @@ def _hinges(x: Array, force: Array, places: Array) -> tuple[Array, Array, Array]
     values = np.linalg.solve(square, (terms @ force)[:, :, None])[:, :, 0]
     residual = force - (values[:, None, :] @ terms)[:, 0]
     return np.einsum("ij,ij->i", residual, residual), values[:, 1], values[:, 2]
+
+
+def steady_end(ramp: Ramp) -> int:
+    """The sample after which the stage clearly slows down before it stops or turns; `ramp.stop` where it stops at once.
+
+    A sample that relaxes resists less there than at the velocity before, at the same depth.
+    """
+    record, width = ramp.record, max(FEWEST_STEADY, round(STEADY * ramp.samples))
+    part = record.displacement[ramp.last.low : ramp.stop]
+    between = ramp.last.high - ramp.last.low - width
+    if part.size < 4 * width or between < width:
+        return ramp.stop
+    velocity = (part[width:] - part[:-width]) / width
+    usual = float(np.median(velocity[:between]))
+    if usual <= 0 or 1.5 * noise_of(record.displacement) / width > 0.1 * usual:
+        return ramp.stop
+    steady = np.flatnonzero(velocity >= (1 - SAME_VELOCITY) * usual)
+    end = ramp.last.low + int(steady[-1]) + width if steady.size else ramp.stop
+    slows = ramp.stop - end > width and float(velocity[-width:].min()) < SLOW * usual
+    return max(end, ramp.high) if slows else ramp.stop
 
 
 def constant_velocity(ramp: Ramp, start: int) -> tuple[slice, float]:

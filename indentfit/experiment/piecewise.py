@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dgesv  # a tenth of the time of NumPy's solution
 from scipy.optimize import minimize_scalar
 
 from indentfit.arrays import Array
-from indentfit.experiment.loading import Ramp, noise_of, odd
+from indentfit.experiment.loading import Ramp, noise_of, odd, steady_end
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (1.5, 2.0)}  # of the displacement beyond contact, for each end
@@ -148,14 +148,17 @@ class Piecewise:
 
 
 def stretch_of(ramp: Ramp) -> Stretch:
-    """The `Stretch` of a ramp: of the measured samples, also where the ramp's record is interpolated at even steps of time."""
-    record, samples = ramp.record, ramp.samples
+    """The `Stretch` of a ramp: of the measured samples, also where the ramp's record is interpolated at even steps of time.
+
+    It ends where the stage slows down before it stops: what relaxes has lower forces there, which would move contact.
+    """
+    record, samples, stop = ramp.record, ramp.samples, steady_end(ramp)
     first = max(0, round(ramp.low - (BASELINE + 0.5) * samples))
-    part = slice(first, ramp.stop)
+    part = slice(first, stop)
     columns = _measured(ramp, part)
-    length = ramp.length * columns.shape[1] / (ramp.stop - first)
+    length = ramp.length * columns.shape[1] / (stop - first)
     risen = np.flatnonzero(ramp.raised[part] >= 0.5 * ramp.peak)
-    low, half = np.searchsorted(columns[0], record.time[[ramp.low, first + risen[0] if risen.size else ramp.stop - 1]])
+    low, half = np.searchsorted(columns[0], record.time[[ramp.low, first + risen[0] if risen.size else stop - 1]])
     thin = max(1, -(-columns.shape[1] // MOST_SAMPLES))
     count = columns.shape[1] // thin
     time, displacement, force = columns[:, columns.shape[1] - count * thin :].reshape(3, count, thin).mean(axis=2)
