@@ -7,10 +7,15 @@ import pytest
 
 from indentfit.case import Range
 from indentfit.curve import Curve
+from indentfit.inference import joint
 from indentfit.inference.consistency import agreement, predictions
+from indentfit.inference.joint import ModelError
+from indentfit.inference.joint_consistency import joint_agreement, joint_predictions
+from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import learn
+from indentfit.inverse.wide import widened_problem
 from indentfit.runs.forward import Evaluation
 
 DEPTH = np.linspace(0.02, 0.6, 24)
@@ -23,12 +28,30 @@ def force(depth, mu=1.0, a=2.0):
     return mu * 40 * d**1.5 * (1 + a * d)
 
 
-def said_of(second, pressed=(True, True), third=None):
-    """The sentence on a right curve a, another one b, and perhaps a third one, each with 1 % noise."""
+class Model:
+    """A ForwardModel in closed form."""
+
+    runs, failures = 0, ()
+
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        return [Evaluation(dict(p), (force(DEPTH, **p), force(DEPTH, **p)), None, 0.0, ({}, {})) for p in points]
+
+
+def problem_of(second, third=None):
+    """The problem of a right curve a, another one b, and perhaps a third one, each with 1 % noise."""
     rng, curves = np.random.default_rng(3), [force(DEPTH), second, *([] if third is None else [third])]
     noisy = [curve + 0.01 * curve.max() * rng.standard_normal(curve.size) for curve in curves]
     tests = tuple(Target(name, Curve(DEPTH, curve), 1.0) for name, curve in zip("abc", noisy, strict=False))
-    problem = InverseProblem(tests, {"mu": 1.0, "a": 1.0}, FREE, "mu")
+    return InverseProblem(tests, {"mu": 1.0, "a": 1.0}, FREE, "mu")
+
+
+def said_of(second, pressed=(True, True), third=None):
+    """The sentence of a fit by least squares."""
+    problem = problem_of(second, third)
+    tests = problem.tests
     points = [{"mu": 1.0, "a": float(a)} for a in np.linspace(0, 5, 6)]
     forces = [tuple(force(DEPTH, **point) for _ in tests) for point in points]
     runs = [Evaluation(point, curves, None, 0.0, tuple({} for _ in tests)) for point, curves in zip(points, forces, strict=True)]
@@ -49,6 +72,16 @@ def test_a_stiffer_sample_is_told_with_its_factor():
     assert "contact point" not in said
     less, more = map(float, re.findall(r"(\d+)%", said))
     assert "b were" in said and less == pytest.approx(100 * (1 - 1 / 1.3), abs=1.5) and more == pytest.approx(30, abs=2.5)
+
+
+@pytest.mark.parametrize(("second", "said"), [(force(DEPTH - 0.03), "um later"), (1.3 * force(DEPTH), "% smaller")])
+def test_a_joint_fit_tells_them_apart_too(second, said):
+    problem = problem_of(second)
+    fit = joint.joint_fit(widened_problem(problem, ()), (), Watched(Model()), ModelError.none(2 * DEPTH.size), 0)
+    used = ([True, False], [False, True])
+    alone = [joint.fitted(fit.posterior.curves.problem, (), fit.surrogate, fit.error, 0, counted) for counted in used]
+    told = joint_agreement(fit, alone, joint_predictions(fit, alone, 0), [True, True])
+    assert said in told and ("forces" in told) == ("smaller" in said) and ("contact point" in told) == ("later" in said)
 
 
 def test_the_one_of_three_tests_that_is_wrong_is_named():

@@ -4,7 +4,7 @@ A test is predicted from the other tests and the priors of the inputs. Its own c
 are errors of the test itself. Errors by the mesh and the surrogate are in the covariance of the curves.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.consistency import DRAWS, ENOUGH, SEEN, UNCLEAR
 from indentfit.inference.joint import JointFit, bounded, chi2_at
 from indentfit.inference.posterior import Climber, NoiseModel
+from indentfit.inference.reconciled import reconciled
 
 CLEAR = 1e-6  # probability by linear theory below which no draw is needed
 PROPOSED = 1000  # places from which those of the draws are chosen
@@ -36,13 +37,53 @@ def joint_predictions(fit: JointFit, alone: Sequence[JointFit | None], seed: int
         Empty where fewer than two tests have a weight.
     """
     tests = fit.posterior.curves.problem.tests
-    heavy = [n for n, single in enumerate(alone) if single is not None]
+    heavy, starts = _heavy(alone), _starts(fit, alone)
     if len(heavy) < 2:
         return {}
-    freedom = sum(single.freedom for single in alone if single is not None)  # of what tells the size of the noise
-    own = replace(fit, posterior=replace(fit.posterior, noise=_noise_alone(fit, alone)), freedom=freedom)
-    starts = [fit.mode.z, *(mode.z for mode in fit.others[:2]), *(single.mode.z for single in alone if single is not None)]
+    own = _under_noise_alone(fit, alone)
     return {tests[n].name: _Prediction.of(own, n, heavy, starts).result(seed) for n in heavy}
+
+
+def joint_agreement(
+    fit: JointFit, alone: Sequence[JointFit | None], predicted: Mapping[str, TestPrediction], pressed: Sequence[bool]
+) -> str:
+    """What would make tests agree that contradict each other, in a sentence (`reconciled`); empty where none do.
+
+    Parameters
+    ----------
+    fit, alone
+        As of `joint_predictions`.
+    predicted : dict of test -> TestPrediction
+    pressed : for each test whether it is an indentation
+    """
+    curves, heavy, starts = fit.posterior.curves, _heavy(alone), _starts(fit, alone)
+    tests = curves.problem.tests
+    wrong = [n for n in heavy if predicted[tests[n].name].contradicts] if predicted else []
+    if not wrong:
+        return ""
+    own = _under_noise_alone(fit, alone)
+    known = {known.test for known in curves.inputs if known.name == "offset"}  # these contact points move already
+    each = sum(_best(_Prediction.of(own, n, heavy, starts).alone, starts)[1] for n in heavy)
+
+    def least(measured: list[Array]) -> float:
+        there = replace(curves, problem=curves.problem.measured(measured))
+        return _best(Climber(replace(own.posterior, curves=there)), starts)[1]
+
+    return reconciled(tests, wrong, [press and n not in known for n, press in enumerate(pressed)], least, each)
+
+
+def _heavy(alone: Sequence[JointFit | None]) -> list[int]:
+    return [n for n, single in enumerate(alone) if single is not None]
+
+
+def _starts(fit: JointFit, alone: Sequence[JointFit | None]) -> list[Array]:
+    return [fit.mode.z, *(mode.z for mode in fit.others[:2]), *(single.mode.z for single in alone if single is not None)]
+
+
+def _under_noise_alone(fit: JointFit, alone: Sequence[JointFit | None]) -> JointFit:
+    """The fit under the noise that the fits to each test leave."""
+    freedom = sum(single.freedom for single in alone if single is not None)  # of what tells the size of the noise
+    return replace(fit, posterior=replace(fit.posterior, noise=_noise_alone(fit, alone)), freedom=freedom)
 
 
 def _noise_alone(fit: JointFit, alone: Sequence[JointFit | None]) -> NoiseModel:

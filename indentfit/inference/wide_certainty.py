@@ -14,7 +14,7 @@ from indentfit.inference.draws import drawn
 from indentfit.inference.identifiability import NOTE, Identifiability, identifiability, limit_of, notes_of
 from indentfit.inference.inputs import CORRECTED, Solution
 from indentfit.inference.joint import JointFit, fitted
-from indentfit.inference.joint_consistency import joint_predictions
+from indentfit.inference.joint_consistency import joint_agreement, joint_predictions
 from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.limits import Limit, limits
 from indentfit.inference.misfit import recording
@@ -83,6 +83,8 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     singles = _singles(case, fit)
     alone = _alone(case, fit, singles)
     predicted = joint_predictions(fit.best.fit, singles, case.fit.seed)
+    pressed = [test.kind == "indentation" for test in case.tests]
+    reconciling = joint_agreement(fit.best.fit, singles, predicted, pressed)
     estimates = {name: _estimate(fit, n, known, uncertain, limited[name]) for n, name in enumerate(problem.free)}
     estimates = unless_proved(against_each_other(estimates, predicted, alone), solved.optimum.success)
     estimates = with_seen(case, unless_in_doubt(estimates, recording(case)), best.parameters)
@@ -101,6 +103,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
         published=published,
         conclusions=(
             *contradictions(predicted),
+            *((reconciling,) if reconciling else ()),
             *conclusions(estimates, len({test.test for test in problem.tests}), published),
             *_preferred(fit),
             *seen_sentences(case, best.parameters),
