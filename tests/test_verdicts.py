@@ -19,7 +19,7 @@ from indentfit.inference.misfit import misfits, no_fit
 from indentfit.inference.noise import correlations, whiteness
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, TestAlone
 from indentfit.inference.shares import InputShare, NoiseShare, UncertainInputs
-from indentfit.inference.verdicts import alone_unless_in_doubt, kind_of, unless_in_doubt, verdict
+from indentfit.inference.verdicts import alone_unless_in_doubt, kind_of, reached, unless_in_doubt, verdict
 
 MESH = Limit("mesh", 0.9, MeshSize(1000, 1 / 3))
 
@@ -232,6 +232,22 @@ def test_validate_and_fit_warn_of_a_preload_first(gel, tmp_path):
 )
 def test_a_value_known_well_and_clear_of_the_end_of_a_wide_range_is_at_no_bound(value, stderr, least, most, said):
     assert _at_bound(value, stderr, Range(start=(least + most) / 2, min=least, max=most)) == said
+
+
+@pytest.mark.parametrize(
+    ("near", "value", "interval", "said"),
+    [
+        ("lower", 0.226, (0.095, 0.402), ""),  # near 0.01 by the size of a range to 10,000, but the curves exclude 0.01
+        ("lower", 0.012, (0.01, 0.402), "lower"),
+        ("lower", 0.02, (0.02, 0.402), "lower"),  # ends of sampled densities come near a bound without reaching it
+        ("lower", 0.01, (0.01, 0.01), "lower"),
+        ("upper", 9999.0, (2000.0, 1e4), "upper"),
+        ("upper", 9995.0, (9994.0, 9996.0), ""),
+        ("", 0.226, (0.01, 0.402), ""),
+    ],
+)
+def test_a_parameter_is_at_a_bound_only_where_its_interval_comes_to_it(near, value, interval, said):
+    assert reached(near, value, interval, Range(start=10, min=0.01, max=1e4)) == said
 
 
 def test_a_curve_with_a_preload_determines_nothing_whatever_its_interval():

@@ -7,7 +7,7 @@ from indentfit.inference.estimate import best_on
 from indentfit.inference.identifiability import Identifiability, identifiability, limit_of, widened
 from indentfit.inference.profiles import profiles
 from indentfit.inference.result import AloneEstimate, TestAlone, WeightsFit
-from indentfit.inference.verdicts import verdict
+from indentfit.inference.verdicts import reached, verdict
 from indentfit.inverse.derivatives import Underivable, curve_derivatives, evaluate_at_reference
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import rmse
@@ -67,7 +67,8 @@ def scan_weights(problem: InverseProblem, surrogate: Surrogate, seed: int) -> tu
 def _estimates(problem: InverseProblem, surrogate: Surrogate, best: Candidate, known: Identifiability) -> dict[str, AloneEstimate]:
     estimates, limit = {}, limit_of(known.noise)
     for n, (name, profile) in enumerate(profiles(problem, surrogate, best, known).items()):
-        said = verdict(best.parameters[name], profile.interval, problem.free[name], known.at_bound[n], limit)
+        value, bounds = best.parameters[name], problem.free[name]
+        said = verdict(value, profile.interval, bounds, reached(known.at_bound[n], value, profile.interval, bounds), limit)
         estimates[name] = AloneEstimate(best.parameters[name], profile.interval, said)
     return estimates
 

@@ -41,6 +41,7 @@ from indentfit.inference.verdicts import (
     conclusions,
     contradictions,
     kind_of,
+    reached,
     unless_in_doubt,
     unless_proved,
     verdict,
@@ -382,7 +383,7 @@ def _estimates(
     for n, (name, bounds) in enumerate(problem.free.items()):
         linear: Interval = (float(known.interval[n, 0]), float(known.interval[n, 1]))
         interval = findings.profiles[name].interval if name in findings.profiles else linear
-        error, at_bound = float(alone_known.stderr[n]), known.at_bound[n]
+        error, at_bound = float(alone_known.stderr[n]), reached(known.at_bound[n], best.parameters[name], interval, bounds)
         estimates[name] = ParameterEstimate(
             value=best.parameters[name],
             unit="1",

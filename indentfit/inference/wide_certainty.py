@@ -32,6 +32,7 @@ from indentfit.inference.verdicts import (
     conclusions,
     contradictions,
     kind_of,
+    reached,
     unless_in_doubt,
     unless_proved,
     verdict,
@@ -158,6 +159,7 @@ def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: Uncertain
     error = (total if total is not None else np.inf) * float(np.sqrt(fit.best.fit.of_noise[n]))
     interval: Interval = (pieces[0][0], pieces[-1][1])
     half = float(fit.best.fit.quantiles[n]) * (total or np.inf)
+    at_bound = reached(known.at_bound[n], value, interval, bounds)
     return ParameterEstimate(
         value=value,
         unit="1",
@@ -165,11 +167,11 @@ def _estimate(fit: WideFit, n: int, known: Identifiability, uncertain: Uncertain
         min=bounds.min,
         max=bounds.max,
         stderr=error if np.isfinite(error) else None,
-        at_bound=known.at_bound[n] or None,
+        at_bound=at_bound or None,
         interval=interval,
         interval_linear=(max(value - half, bounds.min), min(value + half, bounds.max)),
-        verdict=verdict(value, interval, bounds, known.at_bound[n], limit),
-        limited_by="bound" if known.at_bound[n] else limit.cause,
+        verdict=verdict(value, interval, bounds, at_bound, limit),
+        limited_by="bound" if at_bound else limit.cause,
         stderr_total=total,
         pieces=pieces if len(pieces) > 1 else None,
     )

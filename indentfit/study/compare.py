@@ -29,6 +29,7 @@ from indentfit.inference.law_curves import LawCurves, alternatives_of
 from indentfit.inference.nested import NestedEvidence, nested_evidence, require_dynesty
 from indentfit.inference.out_of_sample import out_of_sample
 from indentfit.inference.residual_noise import unknown_noise
+from indentfit.inference.verdicts import reached
 from indentfit.inverse.objective import best_scale
 from indentfit.inverse.problem import inverse_problem
 from indentfit.material import parts_of
@@ -484,6 +485,7 @@ def _parameters(fitted: FitWithRuns, curves: LawCurves, known: Evidence) -> dict
         bounds = fitted.problem.free[name]
         low, high = known.quantiles(values[:, n], (0.025, 0.975)).tolist()
         low, high = min(low, float(best[n])), max(high, float(best[n]))  # a density that is highest near a bound is one-sided
-        bound = "lower" if known.best[n] < AT_BOUND else "upper" if known.best[n] > 1 - AT_BOUND else None
-        rows[name] = LawParameter(float(best[n]), units.get(name, "1"), (low, high), bounds.min, bounds.max, bound)
+        near = "lower" if known.best[n] < AT_BOUND else "upper" if known.best[n] > 1 - AT_BOUND else ""
+        bound = reached(near, float(best[n]), (low, high), bounds)
+        rows[name] = LawParameter(float(best[n]), units.get(name, "1"), (low, high), bounds.min, bounds.max, bound or None)
     return rows
