@@ -47,6 +47,7 @@ from indentfit.inference.verdicts import (
     verdict,
 )
 from indentfit.inference.what_if import fitted_again, taken_as_known, warnings_of, what_ifs
+from indentfit.inference.zeroed_late import zeroed_late
 from indentfit.inverse.course import SurrogateFacts
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
 from indentfit.inverse.exploration import MANY, Exploration, Watched, facts_of
@@ -149,12 +150,13 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     findings = replace(findings, tests_alone=singles)
     estimates = with_seen(case, estimates, optimum.best.parameters)
     published = published_comparison(solution, estimates)
+    noise = noise_of(problem, alone_known)
     exact = _what_ifs(solution, model, exploration, estimates)
     return Certainty(
         known=alone_known,
         estimates=estimates,
         findings=findings,
-        noise=noise_of(problem, alone_known),
+        noise=noise,
         uncertain=uncertain,
         rivals=tuple(RivalOptimum(_free(problem, rival), rival.objective) for rival in exploration.rivals),
         surrogate=facts,
@@ -163,6 +165,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
         conclusions=(
             *contradictions(predicted),
             *reconciling,
+            *zeroed_late(case, problem, optimum.best.forces, _systematic(noise)),
             *conclusions(estimates, len({test.test for test in problem.tests}), published),
             *seen_sentences(case, optimum.best.parameters),
             *warnings_of(exact, estimates),
@@ -281,6 +284,10 @@ def _learned(problem: InverseProblem, model: Watched, exploration: Exploration) 
     surrogate = learn(problem, model.known) if len(problem.elastic.free) <= MANY else None
     trusted = surrogate is not None and (exploration.reached or surrogate.error <= TRUSTED)
     return surrogate if trusted else None
+
+
+def _systematic(noise: Mapping[str, CurveNoise]) -> list[str]:
+    return [name for name, known in noise.items() if known.systematic]
 
 
 def _what_ifs(

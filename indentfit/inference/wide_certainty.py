@@ -40,6 +40,7 @@ from indentfit.inference.verdicts import (
 from indentfit.inference.what_if import Again, warnings_of, what_ifs
 from indentfit.inference.wide_fit import WideAlternative, WideFit
 from indentfit.inference.wide_shares import span_of, uncertain_in, values_of
+from indentfit.inference.zeroed_late import zeroed_late
 from indentfit.inverse.exploration import Watched, facts_of
 from indentfit.inverse.methods import Solved
 from indentfit.inverse.objective import rmse
@@ -105,6 +106,7 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
         conclusions=(
             *contradictions(predicted),
             *((reconciling,) if reconciling else ()),
+            *zeroed_late(case, problem, best.forces, [name for name, known in noise.items() if known.systematic]),
             *conclusions(estimates, len({test.test for test in problem.tests}), published),
             *_preferred(fit),
             *seen_sentences(case, best.parameters),

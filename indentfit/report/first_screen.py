@@ -14,6 +14,7 @@ from indentfit.inference.result import AloneEstimate, FitResult, ParameterEstima
 from indentfit.inference.seen import HEREDITARY
 from indentfit.inference.verdicts import contradictions, kind_of
 from indentfit.inference.what_if import warnings_of
+from indentfit.inference.zeroed_late import ZEROED
 from indentfit.inverse.sharp_edges import FOLDED, LEFT_OUT
 from indentfit.runs.closed_form import OF_MISFIT, OUTSIDE
 
@@ -104,7 +105,7 @@ def doubts_of(result: FitResult) -> Iterator[Doubt]:
     yield from (Doubt(False, f"{known.test}: {known.seen}") for known in result.recording)
     yield from _doubts_of_residuals(result)
     yield from _doubts_of_parameters(result)
-    told = (HOLDS_DIFFER, HEREDITARY, LEFT_OUT, FOLDED, UNSTABLE, OUTSIDE)
+    told = (HOLDS_DIFFER, HEREDITARY, LEFT_OUT, FOLDED, UNSTABLE, ZEROED, OUTSIDE)
     yield from (Doubt(False, sentence) for sentence in result.conclusions if sentence.startswith(told))
     yield from (Doubt(False, sentence) for sentence in warnings_of(result.taken_as_known, result.parameters))
 
