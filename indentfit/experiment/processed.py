@@ -15,6 +15,7 @@ from indentfit.errors import RecordError
 from indentfit.experiment.assumptions import contradictions, widened_by_gaps
 from indentfit.experiment.contact import locate_contact
 from indentfit.experiment.contact_point import METHODS, ContactPoint, is_too_uncertain
+from indentfit.experiment.fine_travel import with_fine_travel
 from indentfit.experiment.hertz import Hertz, hertz_modulus
 from indentfit.experiment.judgement import Judgement, judged
 from indentfit.experiment.loading import Ramp, constant_velocity, find_ramp
@@ -119,6 +120,7 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     settings = _with_stated(settings or Record(), record)
     record = selected(record, settings)
     require_channels(record)
+    record = with_fine_travel(record)
     ramp = find_ramp(record, settings.filter)
     notes = record.notes + require_whole(ramp)
     located = locate_contact(ramp, settings)
