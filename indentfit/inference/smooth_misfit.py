@@ -22,6 +22,7 @@ from indentfit.inference.posterior import FINEST, Posterior, noise_at
 UNIFORM = 12.0  # inverse of the variance of a uniform density over a range
 ELSEWHERE = 0.01  # what the other tests' knowledge of the coordinates counts: a test is asked unless they know ten times as much
 OWN = 0.5  # share from which a direction is one that the test tells
+APART = 0.5  # least number of differences between tests that tell how far they are apart
 FEWEST = 3  # directions of a test beside these that tell whether it is smooth
 
 
@@ -29,7 +30,11 @@ def under_noise_at(posterior: Posterior, z: Array) -> Posterior:
     """The posterior under the noise that the residuals at a place show."""
     noise = noise_at(_with(posterior, explained=explained_at(posterior, z)), z)
     sized = _with(replace(posterior, noise=noise), explained=explained_at(replace(posterior, noise=noise), z), smooth=None)
-    return _with(sized, smooth=smooth_at(sized, z))
+    smooth = smooth_at(sized, z)
+    if smooth is None:
+        return sized
+    apart = _with(sized, smooth=smooth)
+    return _with(apart, smooth=smooth + apart_at(apart, z))
 
 
 def _with(posterior: Posterior, **changes: object) -> Posterior:
@@ -63,6 +68,39 @@ def smooth_at(posterior: Posterior, z: Array) -> Array | None:
         blocks.append(np.zeros((n, n)) if more is None else more / even)
     covar = np.asarray(block_diag(*blocks))
     return covar if covar.any() else None
+
+
+def apart_at(posterior: Posterior, z: Array) -> Array:
+    """Covariance (N, N), mN^2, by which tests with smooth residuals lie further apart at a place than all covariances say.
+
+    What the coordinates explain of one test alone, another test may ask for differently. Where the squares of these differences are
+    more than their number, the explained parts count as larger by that ratio (Birge 1932, Phys Rev 40:207).
+    """
+    curves, noise = posterior.curves, posterior.noise
+    (force, slopes), P, covar = curves.at(z), posterior.prior_rows()[0], noise.covar(curves.slices)
+    more = np.zeros_like(covar)
+    assert noise.smooth is not None
+    own = [
+        (rows, part)
+        for rows, known, trust, used in zip(curves.slices, noise.explained, noise.trust, posterior.used, strict=True)
+        if used and (part := known.directions[:, known.shares >= OWN] / trust[:, None]).size
+    ]
+    if len(own) < 2:
+        return more
+    D = np.zeros((force.size, sum(part.shape[1] for _, part in own)))
+    for (rows, part), end in zip(own, np.cumsum([part.shape[1] for _, part in own]), strict=True):
+        D[rows, end - part.shape[1] : end] = part
+    within, J, left = D.T @ covar @ D, D.T @ slopes, D.T @ (force - curves.measured())
+    inverse = np.linalg.inv(within)
+    beside = inverse - inverse @ J @ np.linalg.solve(J.T @ inverse @ J + P.T @ P + 1e-6 * np.eye(z.size), J.T @ inverse)
+    number = float(np.trace(beside @ within))
+    ratio = float(left @ beside @ left) / number if number > APART else 1.0
+    for rows, part in own:
+        if ratio > 1 and noise.smooth[rows, rows].any():
+            Q = np.linalg.qr(part)[0]
+            onto = Q @ Q.T
+            more[rows, rows] = (ratio - 1) * onto @ covar[rows, rows] @ onto
+    return more
 
 
 @dataclass(frozen=True, eq=False)
