@@ -9,12 +9,14 @@ from fixtures.cases import SHARED, tiny_case
 from fixtures.strips import long_strip, stiffness_per_length
 
 from indentfit.case import Indenter, Mesh, Sample, Solver
+from indentfit.case.materials import LARGEST_BULK_RATIO
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.mesh_error import FLOOR, folded, left_by_correction, second, with_mesh_errors
 from indentfit.fem.meshing import count
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
+from indentfit.layer import Layer
 from indentfit.material import typed
 
 GEL = typed("mu / 2 * (I1 - 3)", ["mu"])(mu=1.0)
@@ -259,3 +261,16 @@ def test_the_stated_error_of_a_long_strip_holds_its_exact_stiffness(plane_strain
     force, changed = (stiffness_per_length(of) for of in (setup, other.setup))
     error, band = abs(force - exact), max(other.factor * abs(changed - force), FLOOR["quarter", "q2p1"] * force)
     assert 0.04 * exact < error <= band <= 4 * error
+
+
+def test_the_band_before_the_first_step_holds_the_exact_force_of_a_thin_layer():
+    """A sphere of 20 thicknesses on an incompressible layer: the first forces continue those of the steps, 30 % too small."""
+    depths = 0.4 / 25 * np.arange(1, 26)
+    sample = Sample(shape="disc", diameter=80.0, thickness=1.0, base="bonded")
+    sphere = Indenter(shape="sphere", diameter=40.0, friction=0)
+    setup = Setup(sample, sphere, Mesh(), Solver(), depths[-1], "axisymmetric")
+    presses = [Press(GEL, LARGEST_BULK_RATIO, 0, depths)]
+    test = with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
+    error = np.abs(test.force - Layer(True, 0.5).sphere_force(20.0, depths))[:2]
+    assert np.all(error < test.mesh_error.band[:2]) and np.all(test.mesh_error.band[:2] < 4 * error)
+    assert np.all(test.mesh_error.band[5:] < 0.01 * test.force[5:])

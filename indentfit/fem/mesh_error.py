@@ -24,6 +24,9 @@ the squared friction (1 at most) times the contact's half-width over the thickne
 The constants were chosen so that the band holds the error in 95 % of contacts whose exact forces, or forces on much finer meshes,
 are known (tests/campaigns/mesh_error.py, tests/test_references.py); those of eight-node bricks are the theory's, an error in
 proportion to the size.
+
+Forces under a sphere before the first step continue those of the steps, on all meshes alike. There the band is at least the
+distance between two ways to continue them (interpolation.Interpolant.doubt).
 """
 
 import functools
@@ -36,6 +39,8 @@ from indentfit.arrays import Array
 from indentfit.case.tables import Mesh
 from indentfit.errors import ConvergenceError
 from indentfit.fem.controls import FIRST_STEPS, Report
+from indentfit.fem.interpolation import POWERS as GROWS
+from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.mesh import edge_width
 from indentfit.fem.meshing import count, resized, size
 from indentfit.fem.result import ForceError, Simulation, TestResult
@@ -212,11 +217,19 @@ def force_error(test: TestResult, other: TestResult, mesh: SecondMesh, setup: Se
     least = floor + _few_nodes(setup, test.displacement) + _long_steps(setup, test)
     folds = _folds(setup, test.displacement)
     band = np.maximum.accumulate(np.maximum(change, np.maximum(least, folds) * np.abs(test.force)))
+    band = np.maximum(band, _before_first_step(test, setup) * np.abs(test.force))
     remark = FOLDING if folded(setup, test.displacement) else ""
     relative = np.divide(other.force - test.force, test.force, out=np.zeros_like(test.force), where=test.force != 0)
     correction = corrected(test.displacement, relative, test.force, mesh)
     left = np.sqrt(np.diag(left_by_correction([test.displacement], [relative], mesh)[0]))
     return ForceError(band, other.facts.elements, remark, correction, left)
+
+
+def _before_first_step(test: TestResult, setup: Setup) -> Array:
+    """Share (n,) by which the forces before the first step may err, because they continue those of the steps."""
+    forces = [point.whole_force for point in test.path]
+    depths = [point.depth for point in test.path]
+    return Interpolant(depths, forces, GROWS[setup.indenter.geometry.end]).doubt(test.displacement)
 
 
 def corrected(depth: Array, change: Array, force: Array, other: SecondMesh) -> Array:
