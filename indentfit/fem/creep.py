@@ -26,7 +26,7 @@ from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.newton import Newton
 from indentfit.fem.result import TestResult, TimeCurve
 from indentfit.fem.setup import Press
-from indentfit.fem.viscous import SMALLEST, Moment, StressHistory, _as_stiff, _elastic, _step, firmed, next_step
+from indentfit.fem.viscous import SMALLEST, Moment, StressHistory, _as_stiff, _elastic, firmed, in_step, next_step
 from indentfit.hereditary import RelaxationFunction, is_at
 from indentfit.motion import Load
 
@@ -240,7 +240,7 @@ def _follow(moments: list[Moment], equations: Equations, loading: Loading, newto
         dt, before = min(step, largest), newton.work.iterations
 
         def at(depth: float, here: Moment = here, dt: float = dt, failed: bool = failed, loading: Loading = loading) -> Moment:
-            return _step(here, dt, depth, leash, equations, loading, newton, failed)
+            return in_step(here, dt, depth, leash, equations, loading, newton, failed)
 
         try:
             moments.append(_held(here, here.time + dt, plan, at))

@@ -53,7 +53,7 @@ class ForceError:
 
 @dataclass(frozen=True, eq=False)
 class TimeCurve:
-    """The force of one test over time, in its ramp and hold; or its depth, where the rig holds the force.
+    """The force of one test over time, in its ramp, hold and retraction; or its depth, where the rig holds the force.
 
     Parameters
     ----------
@@ -70,13 +70,16 @@ class TimeCurve:
     control : str
         What the rig controls: "displacement" or "force".
     ends : str
-        Why a creep is not followed to the end of its hold; empty where it is.
+        Why a creep is not followed to the end of its hold, or the model of a retraction ends early; empty where it does not.
     ratio : function, or None
         Times (n,), s -> force of the viscoelastic model over the hereditary integral; None where it is not known, and under a held
         force.
     by_mesh : float, str, or None
         What the mesh adds to the relative error of the viscoelastic model: the largest change of `ratio` on a second mesh. Or why
         that is not known; None where it was not asked for.
+    in_retraction : float, str, or None
+        Largest difference between the model and the rule that fits follow in a retraction, over the force at its start. Or why it
+        is not known; None where the indenter does not go back.
     """
 
     time: Array
@@ -88,6 +91,7 @@ class TimeCurve:
     ends: str = ""
     ratio: Callable[[Array], Array] | None = field(default=None, repr=False, compare=False)
     by_mesh: float | str | None = None
+    in_retraction: float | str | None = None
 
     @property
     def creeps(self) -> bool:
@@ -103,7 +107,21 @@ class TimeCurve:
         if self.difference is None:
             return f"hereditary integral of the elastic force; the viscoelastic model was not solved: {self.cause}"
         said = f"viscoelastic model; the hereditary integral of the elastic force differs by at most {self.difference:.2%}"
-        return said + self._by_mesh()
+        return said + self._by_mesh() + self._in_retraction()
+
+    @property
+    def largest(self) -> float:
+        """The largest difference of the model from the forces of fits, over the force; in a retraction over that at its start."""
+        return max(self.difference or 0.0, self.in_retraction if isinstance(self.in_retraction, float) else 0.0)
+
+    def _in_retraction(self) -> str:
+        """How far the model is from the rule of fits in a retraction, in words."""
+        if self.in_retraction is None:
+            return ""
+        if isinstance(self.in_retraction, str):
+            return f"; the viscoelastic model of the retraction was not solved ({self.in_retraction})"
+        told = f"; in the retraction the rule of fits differs by at most {self.in_retraction:.2%} of the force at its start"
+        return told + (f"; {self.ends}" if self.ends else "")
 
     @property
     def error_by_mesh(self) -> float:
@@ -139,6 +157,7 @@ class TimeCurve:
             **({"not_solved": self.cause} if self.cause else {}),
             **({"control": self.control} if self.creeps else {}),
             **({"ends": self.ends} if self.ends else {}),
+            **({} if self.in_retraction is None else {"retraction_differs_by": self.in_retraction}),
         }
 
     @classmethod
@@ -146,7 +165,8 @@ class TimeCurve:
         """The TimeCurve of these keys."""
         time, displacement, force = (np.array(value[key]) for key in ("time_s", "displacement_mm", "force_mN"))
         told = value["hereditary_integral_differs_by"], value.get("not_solved", ""), value.get("control", "displacement")
-        return cls(time, displacement, force, *told, value.get("ends", ""), by_mesh=value.get("difference_by_mesh"))
+        by_mesh, in_retraction = value.get("difference_by_mesh"), value.get("retraction_differs_by")
+        return cls(time, displacement, force, *told, value.get("ends", ""), by_mesh=by_mesh, in_retraction=in_retraction)
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,7 +88,7 @@ class TimeMap:
     def forces(self, elastic: Array, function: RelaxationFunction) -> Array:
         """Forces (..., n), mN, from elastic forces (..., n_grid), mN, and a relaxation function."""
         rows = np.asarray(elastic, dtype=float).reshape(-1, self.basis.shape[1]) @ self.basis.T
-        if self.retracts:
+        if self.retracts and bool((self.at > self.turn).any()):
             total = self._retracting(rows, function)
         else:
             histories, _ = self._histories(rows, function)

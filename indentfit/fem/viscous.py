@@ -118,6 +118,17 @@ class Moment:
         now, factor, kept = self.at.force, *self.force.ahead(dt)
         return float(factor * self.force.elastic[0] + kept[0]) / now if now > 0 else 1.0
 
+    def stiffened(self, equations: Equations, loading: Loading, dt: float) -> Loading:
+        """The loading of the next step of time, of dt, s: of a law that is c times as stiff, on a body that keeps the stress H."""
+        factor, kept = self.stress.ahead(dt)
+        at_rest, values = equations.body.prestress(kept)
+        return replace(_as_stiff(loading, factor), memory=Memory(at_rest, equations.body.matrix(values)))
+
+    def after(self, dt: float, there: Equilibrium, equations: Equations, loading: Loading) -> Moment:
+        """The moment of an equilibrium that ends the next step of time, of dt, s."""
+        force = self.force.after(dt, self.force.elastic_of(there.force, dt))
+        return Moment(self.time + dt, there, self.stress.after(dt, _elastic(equations, loading, there)), force)
+
 
 class _Stiffer:
     """A law that is a number of times as stiff: what a body asks of a law."""
@@ -188,7 +199,7 @@ def _follow(
         dt, before = min(step, largest), newton.work.iterations
         try:
             depth = float(ramp.depth_at(here.time + dt))
-            moments.append(_step(here, dt, depth, elastic.LEASH * ramp.depth, equations, loading, newton, failed))
+            moments.append(in_step(here, dt, depth, elastic.LEASH * ramp.depth, equations, loading, newton, failed))
         except ConvergenceError as error:
             step, failed = dt / 2, True
             loading = loading.softened() if dt < elastic.SHORT * largest else loading
@@ -235,19 +246,16 @@ def _share(time: float, ramp: Ramp) -> float:
     return 0.5 * (min(time / ramp.seconds, 1.0) + (max(time - ramp.seconds, 0.0) / ramp.hold if ramp.hold else 1.0))
 
 
-def _step(
+def in_step(
     here: Moment, dt: float, depth: float, leash: float, equations: Equations, loading: Loading, newton: Newton, relax: bool
 ) -> Moment:
     """The moment after a step of time at a depth, mm."""
-    factor, kept = here.stress.ahead(dt)
-    at_rest, values = equations.body.prestress(kept)
-    now = replace(_as_stiff(loading, factor), memory=Memory(at_rest, equations.body.matrix(values)))
+    now = here.stiffened(equations, loading, dt)
     before = here.at if depth > here.at.depth else _relaxed(here.at, here.share_left(dt))
     there, _ = elastic._step(newton, elastic._increment(equations, now, before, depth, leash), before, relax)
     there = elastic._augmented(equations, now, newton, there, leash)
     there = there.since(here.at, equations.face, ()) if depth > here.at.depth else replace(there, rate=here.at.rate)
-    force = here.force.after(dt, here.force.elastic_of(there.force, dt))
-    return Moment(here.time + dt, there, here.stress.after(dt, _elastic(equations, loading, there)), force)
+    return here.after(dt, there, equations, loading)
 
 
 def _as_stiff(loading: Loading, factor: float) -> Loading:

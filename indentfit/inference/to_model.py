@@ -69,7 +69,7 @@ class Models:
         known = kernel.to_model([curves[test.name].ratio if test.name in curves else None for test in case.tests])
         off = known.off(kernel)
         sizes = {
-            test.name: (off[n] if kernel.factors else float(curves[test.name].difference or 0.0)) + curves[test.name].error_by_mesh
+            test.name: (off[n] if kernel.factors else curves[test.name].largest) + curves[test.name].error_by_mesh
             for n, test in enumerate(case.tests)
             if test.name in curves
         }

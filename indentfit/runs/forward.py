@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.case.in_time import load_of, ramps_of
+from indentfit.case.in_time import load_of, motion_of, ramps_of
 from indentfit.case.uses import require_case
 from indentfit.errors import IndentfitError, OutOfTime
 from indentfit.fem.creep import points_of, with_creep
@@ -248,7 +248,8 @@ class _InTime:
             assert case.relaxation is not None  # the material relaxes
             function, points = case.relaxation.function(load.arrived, load.end), points_of(load, asked.points)
             return with_creep(solved, press, load, function, points, progress, deadline, share)
-        return with_time(solved, press, self._ramps[name].hold, progress, deadline, share)
+        motion = motion_of(asked, curve)
+        return with_time(solved, press, self._ramps[name].hold, progress, deadline, share, motion and motion[0])
 
 
 def _of_case(case: Case, material: Material, pieces: Sequence[Piece], specimens: Sequence[TestResult]) -> SimulatedCase | None:

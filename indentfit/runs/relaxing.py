@@ -168,7 +168,7 @@ class Kernel:
 
     def to_model(self, ratios: Sequence[Callable[[Array], Array] | None]) -> "Kernel":
         """This kernel with the ratios of the viscoelastic model's forces to the hereditary integrals of each test, functions of the
-        time, s; None where a ratio is not known. In a retraction it is that at the hold's end."""
+        time, s; None where a ratio is not known."""
         pairs = zip(self.times, self.owners, strict=True)
         return replace(self, factors=tuple(np.ones(time.size) if (of := ratios[n]) is None else of(time) for time, n in pairs))
 
