@@ -34,6 +34,7 @@ FIRST, GROWTH = 0.15, 0.3  # as of `viscous`: here the elastic stress changes in
 INVERSE = 4000  # depths at which the elastic force is inverted
 HELD = 2e-4  # difference of the force from the one that is asked for, as a share of it
 TRIES = 8  # depths of one step
+EARLY = 0.25  # first step under a flat end, in units of the usual one: outputs before it have the ratio that is known there
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +91,8 @@ class Plan:
         The last time.
     shortest : float, s
         The shortest time in which the depth of a hold changes.
+    early : bool
+        Whether the first step is a short one. Under a round end few elements touch that early, and the mesh would be seen.
     """
 
     load: Load
@@ -97,6 +100,7 @@ class Plan:
     depth: Array
     end: float
     shortest: float
+    early: bool = False
 
     def depth_at(self, time: float) -> float:
         """The expected depth, mm, at a time, s."""
@@ -158,7 +162,14 @@ def with_creep(
     depth = creep.at(dense)
     end, ends = _end(dense, depth, creep.depths[-1], load)
     wanted = np.append(points[points < end * (1 - 1e-9)], end)
-    plan = Plan(own, dense, depth, end, max(min(relaxation.times, default=load.arrived), 0.1 * load.arrived))
+    plan = Plan(
+        own,
+        dense,
+        depth,
+        end,
+        max(min(relaxation.times, default=load.arrived), 0.1 * load.arrived),
+        model.contact.shape.end == "flat",
+    )
     try:
         moments = model.over_time(press, partial(creep_in_time, plan=plan, relaxation=relaxation), progress, deadline)
     except (ConvergenceError, OutOfTime) as error:
@@ -237,6 +248,8 @@ def _follow(moments: list[Moment], equations: Equations, loading: Loading, newto
         newton.controls.deadline.check()
         here = moments[-1].at_corner() if is_at(plan.load.arrived, moments[-1].time) else moments[-1]
         largest = plan.next(here.time, longest) - here.time
+        if here.time == 0 and plan.early:
+            largest *= EARLY
         dt, before = min(step, largest), newton.work.iterations
 
         def at(depth: float, here: Moment = here, dt: float = dt, failed: bool = failed, loading: Loading = loading) -> Moment:

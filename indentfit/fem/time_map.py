@@ -82,13 +82,13 @@ class TimeMap:
 
     @property
     def retracts(self) -> bool:
-        """Whether the indenter retracts."""
-        return self.turn < self.time.size - 1
+        """Whether forces in a retraction are asked for: those before it know nothing of it."""
+        return bool((self.at > self.turn).any())
 
     def forces(self, elastic: Array, function: RelaxationFunction) -> Array:
         """Forces (..., n), mN, from elastic forces (..., n_grid), mN, and a relaxation function."""
         rows = np.asarray(elastic, dtype=float).reshape(-1, self.basis.shape[1]) @ self.basis.T
-        if self.retracts and bool((self.at > self.turn).any()):
+        if self.retracts:
             total = self._retracting(rows, function)
         else:
             histories, _ = self._histories(rows, function)
@@ -119,35 +119,85 @@ class TimeMap:
         return _integrals(np.diff(self.time), np.ascontiguousarray(rows), np.array(function.times), self.at)
 
     def _retracting(self, rows: Array, function: RelaxationFunction) -> Array:
-        """Forces (k, n) of a motion that goes back, from elastic forces (k, N)."""
-        everywhere = np.arange(self.time.size)
-        shares, steps = np.array(function.shares), np.diff(self.time)
+        """Forces (m, n) of a motion that goes back, from elastic forces (m, N)."""
+        shares, times, steps = np.array(function.shares), np.array(function.times), np.diff(self.time)
+        late, rows = np.flatnonzero(self.at > self.turn), np.ascontiguousarray(rows)
+        if self.shrinks:
+            before = np.minimum(self.at, self.turn)
+            histories, _ = _integrals(steps, rows, times, before)
+            total = function.long_term * rows[:, before] + np.tensordot(shares, histories, 1)
+            moments = self.at[late]
+            total[:, late] = _shrinking(steps, rows, self.depth, shares, times, function.long_term, self.turn, moments)
+            return np.asarray(total)
         both = np.concatenate([rows, self.depth[None]])
-        histories, _ = _integrals(steps, np.ascontiguousarray(both), np.array(function.times), everywhere)
+        histories, _ = _integrals(steps, np.ascontiguousarray(both), times, np.arange(self.time.size))
         whole = function.long_term * both + np.tensordot(shares, histories, 1)
         total = whole[:-1, self.at]
-        late = np.flatnonzero(self.at > self.turn)
-        if not self.shrinks:
-            gone = np.minimum.accumulate(whole[-1][self.turn :]) <= 0  # contact that is lost stays lost
-            total[:, late] = np.where(gone[self.at[late] - self.turn], 0.0, total[:, late])
-            return np.asarray(total)
-        moments, until = self.at[late], slice(0, self.turn + 1)
-        since, before = self.time[moments] - self.time[self.turn], self.time[self.turn] - self.time[until]
-        ahead = shares[:, None] * np.exp(-since / np.array(function.times)[:, None])
-        ended = histories[:, :, until] * np.exp(-before / np.array(function.times)[:, None])[:, None]  # at the turn, of each end
-
-        def integrals(row: Array, terms: Array) -> Array:
-            """Integrals of m(t - s) dy(s) up to some times of the loading, at the late times."""
-            return np.asarray(function.long_term * row + np.einsum("il,i...l->...l", ahead, terms))
-
-        sizes = function.long_term * both[-1, until] + ahead.T @ ended[:, -1]
-        sizes, wanted = np.maximum.accumulate(sizes, axis=1), whole[-1, moments]
-        k = np.clip((sizes < wanted[:, None]).sum(axis=1), 1, self.turn)
-        low, high = np.take_along_axis(sizes, np.stack([k - 1, k], axis=1), axis=1).T
-        part = np.clip(np.divide(wanted - low, high - low, out=np.ones_like(low), where=high > low), 0.0, 1.0)
-        first, last = (integrals(both[:-1, n], ended[:, :-1, n]) for n in (k - 1, k))
-        total[:, late] = np.where(wanted > 0, first + part * (last - first), 0.0)
+        gone = np.minimum.accumulate(whole[-1][self.turn :]) <= 0  # contact that is lost stays lost
+        total[:, late] = np.where(gone[self.at[late] - self.turn], 0.0, total[:, late])
         return np.asarray(total)
+
+
+@compiled()
+def _shrinking(
+    steps: Any, rows: Any, depth: Any, shares: Any, times: Any, long_term: Any, turn: Any, moments: Any
+) -> Any:  # pragma: no cover
+    """Forces (m, n) of rows of elastic forces (m, N) at numbers of times (n,) after the turn, by Ting's rule.
+
+    The contact at t has the size that it had at t1, for which the integrals of m(t - s) dd(s) up to t1 and up to t are equal; the
+    force is the integral of m(t - s) dF_e(s) up to t1.
+    """
+    k, m, n, last = times.size, rows.shape[0], moments.size, moments.max()
+    forces, own, size = np.zeros((m, n)), np.zeros((k, m, turn + 1)), np.zeros((k, last + 1))
+    since = np.zeros(last + 1)
+    for j in range(last):
+        since[j + 1] = since[j] + steps[j]
+    for i in range(k):
+        dt = decay = gain = 0.0
+        size[i, 0] = depth[0]
+        own[i, :, 0] = rows[:, 0]
+        for j in range(1, last + 1):
+            if abs(steps[j - 1] - dt) > 1e-9 * dt:
+                dt = steps[j - 1]
+                lost = -np.expm1(-dt / times[i])
+                decay, gain = 1.0 - lost, lost / (dt / times[i])
+            size[i, j] = decay * size[i, j - 1] + gain * (depth[j] - depth[j - 1])
+            if j <= turn:
+                for row in range(m):
+                    own[i, row, j] = decay * own[i, row, j - 1] + gain * (rows[row, j] - rows[row, j - 1])
+    begun = np.zeros((k, turn + 1))  # what is left of them at the turn, of each end
+    for i in range(k):
+        for j in range(turn + 1):
+            left = np.exp(-(since[turn] - since[j]) / times[i])
+            begun[i, j] = left * size[i, j]
+            own[i, :, j] *= left
+    ahead = np.zeros(k)
+    for number in range(n):
+        at = moments[number]
+        wanted = long_term * depth[at]
+        for i in range(k):
+            wanted += shares[i] * size[i, at]
+            ahead[i] = shares[i] * np.exp(-(since[at] - since[turn]) / times[i])
+        if wanted <= 0:
+            continue
+        low = high = long_term * depth[0] + (ahead * begun[:, 0]).sum()
+        j = 0
+        while high < wanted and j < turn:
+            j += 1
+            low, value = high, long_term * depth[j]
+            for i in range(k):
+                value += ahead[i] * begun[i, j]
+            high = max(high, value)
+        if j == 0:
+            j, low = 1, high
+        part = min(max((wanted - low) / (high - low), 0.0), 1.0) if high > low else 1.0
+        for row in range(m):
+            first, end = long_term * rows[row, j - 1], long_term * rows[row, j]
+            for i in range(k):
+                first += ahead[i] * own[i, row, j - 1]
+                end += ahead[i] * own[i, row, j]
+            forces[row, number] = first + part * (end - first)
+    return forces
 
 
 @compiled()

@@ -160,8 +160,7 @@ def _creep_lines(name: str, curve: TimeCurve) -> Iterator[str]:
 
 def _ends(curve: TimeCurve) -> tuple[float, float, str]:
     """Duration of the ramp (s), the force at its end (mN), and words for the hold."""
-    there = np.flatnonzero(curve.displacement >= curve.displacement.max() * (1 - 1e-9))  # in the hold; a retraction follows it
-    end, turn = int(there[0]), int(there[-1])
+    end, turn = np.flatnonzero(curve.displacement >= curve.displacement.max() * (1 - 1e-9))[[0, -1]]  # of the hold
     ramp, last = float(curve.time[end]), float(curve.time[turn])
     held = f", {quantity(float(curve.force[turn]), 'mN')} after a hold of {last - ramp:.4g} s" if last > ramp else ""
     return ramp, float(curve.force[end]), held
