@@ -9,6 +9,7 @@ STEPS = {
     "kPa": (("kPa", 1.0), ("Pa", 1e3)),
     "mm": (("mm", 1.0), ("um", 1e3), ("nm", 1e6)),
     "mN": (("mN", 1.0), ("uN", 1e3), ("nN", 1e6)),
+    "mN/mm": (("mN/mm", 1.0), ("uN/mm", 1e3), ("nN/mm", 1e6)),
 }
 LEAST = 0.05  # a largest number below this, in a unit, is told in the next smaller unit
 
@@ -22,7 +23,7 @@ class Scale:
     unit : str
         The unit of the texts.
     factor : float
-        Number in `unit` of a number of 1 in mm or mN.
+        Number in `unit` of a number of 1 in mm, mN or mN/mm.
     decimals : int
     """
 

@@ -497,6 +497,9 @@ def test_stiffness_against_rate_costs_one_run_and_is_drawn(tmp_path):
     power, ramp = np.log(elastic[-1] / elastic[1]) / np.log(2.5), 5.0  # of the depth, on a layer; 0.1 mm at 0.02 mm/s
     exact = quad(lambda s: float(SERIES(ramp - s)) * power * (s / ramp) ** (power - 1) / ramp, 0, ramp)[0]
     assert swept.points[1].tests["press"].equivalent == pytest.approx(exact, rel=3e-3)
+    small = case.model_copy(update={"material": case.material.model_copy(update={"parameters": {"mu": 1e-6}})})
+    text = indentfit.sweep(small, ["test.rate=0.02"], execution=Execution(workers=1)).summary()
+    assert "force, nN" in text and "stiffness, nN/mm" in text and "0.0000" not in text  # was 0.0000394 mN
     swept.write(tmp_path / "sweep")
     assert (tmp_path / "sweep" / "stiffness-test-rate.svg").exists()
     assert "times as large has the same last force" in swept.summary()

@@ -1,7 +1,7 @@
 """Sweeps, mesh-checks and designs as text for a terminal, and as small tables for a notebook."""
 
 import html
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from indentfit.digits import Scale, fixed, sizes
 from indentfit.study.convergence import Approach, Index
@@ -51,18 +51,27 @@ def _equivalent_lines(sweep: Sweep) -> Iterator[str]:
 def sweep_rows(sweep: Sweep) -> list[Row]:
     """A row for each point: force and stiffness of each test with their changes."""
     rows = [["", *(f"{name} ({angle}°)" for name, angle in sweep.tests.items() for _ in range(2))]]
-    rows.append(["point", *(word for _ in sweep.tests for word in ("force, mN", "stiffness, mN/mm"))])
-    return rows + [[point.label, *_point_cells(point, list(sweep.tests))] for point in sweep.every_point]
+    solved = [point.tests for point in sweep.every_point if point.tests is not None]
+    scales = {
+        name: (
+            Scale.of((tests[name].force for tests in solved), "mN", digits=5),
+            Scale.of((tests[name].stiffness for tests in solved), "mN/mm", digits=5),
+        )
+        for name in sweep.tests
+    }
+    words = (f"{what}, {scale.unit}" for pair in scales.values() for what, scale in zip(("force", "stiffness"), pair, strict=True))
+    rows.append(["point", *words])
+    return rows + [[point.label, *_point_cells(point, scales)] for point in sweep.every_point]
 
 
-def _point_cells(point: SweepPoint, tests: Sequence[str]) -> Row:
+def _point_cells(point: SweepPoint, scales: Mapping[str, tuple[Scale, Scale]]) -> Row:
     if point.tests is None:
-        return ["failed" for _ in tests for _ in range(2)]
+        return ["failed" for _ in scales for _ in range(2)]
     cells = []
-    for name in tests:
+    for name, (force, stiffness) in scales.items():
         test = point.tests[name]
-        for value, change in ((test.force, test.force_change), (test.stiffness, test.stiffness_change)):
-            cells.append(fixed(value) + ("" if change is None else f" ({change:+.2%})"))
+        pairs = ((force.text(test.force), test.force_change), (stiffness.text(test.stiffness), test.stiffness_change))
+        cells += [text + ("" if change is None else f" ({change:+.2%})") for text, change in pairs]
     return cells
 
 
