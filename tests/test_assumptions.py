@@ -72,6 +72,7 @@ def test_a_soft_membrane_before_the_tissue_is_told():
     record = done(time, position, force)
     assert record.contact.displacement - record.contact.uncertainty > GAP
     assert said(record, "a first, softer contact may lie more than")
+    assert record.judgement.rating == "fair" and "assumptions are contradicted" in str(record.judgement)
 
 
 def test_a_sensor_that_reads_no_negative_force_is_told():

@@ -24,7 +24,7 @@ class Judgement:
         return f"{self.rating}: {', '.join(self.words)}"
 
 
-def judged(ramp: Ramp, contact: ContactPoint, depth: float, peak: float) -> Judgement:
+def judged(ramp: Ramp, contact: ContactPoint, depth: float, peak: float, contradicted: bool = False) -> Judgement:
     """The `Judgement` of a record.
 
     Parameters
@@ -33,6 +33,8 @@ def judged(ramp: Ramp, contact: ContactPoint, depth: float, peak: float) -> Judg
     contact : ContactPoint
     depth : float, mm
     peak : float, mN
+    contradicted : bool
+        Whether the record contradicts what contact and peak assume (`assumptions`).
 
     Returns
     -------
@@ -47,6 +49,8 @@ def judged(ramp: Ramp, contact: ContactPoint, depth: float, peak: float) -> Judg
     ]
     if drifted > DRIFT[0]:
         aspects.append((_grade(drifted, DRIFT), f"drift {drifted:.0%} of the peak during the loading"))
+    if contradicted:
+        aspects.append((1, "its assumptions are contradicted (see its notes)"))
     return Judgement(RATINGS[max(grade for grade, _ in aspects)], tuple(words for _, words in aspects))
 
 

@@ -65,6 +65,8 @@ class ProcessedRecord:
         Hertz modulus, where the radius of a sphere is known.
     notes : tuple of str
         Unusual properties of the record.
+    contradicted : bool
+        Whether it contradicts what contact point and peak assume; notes say how.
     """
 
     record: RawRecord
@@ -85,11 +87,12 @@ class ProcessedRecord:
     relaxation: Prony | None = None
     hertz: Hertz | None = None
     notes: tuple[str, ...] = ()
+    contradicted: bool = False
 
     @property
     def judgement(self) -> Judgement:
         """The rating of the record in words."""
-        return judged(self.ramp, self.contact, self.depth, self.peak)
+        return judged(self.ramp, self.contact, self.depth, self.peak, self.contradicted)
 
     @property
     def strain_rate(self) -> float | None:
@@ -132,6 +135,8 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
     contact, gaps = widened_by_gaps(ramp, contact, depth)
     _require_depth(record, depth, contact)
     peak = peak_of(ramp, contact, zeroed.unfiltered, settings.indenter)
+    radius = settings.radius if settings.indenter == "sphere" else None
+    against = tuple(contradictions(ramp, contact, depth, peak.force, radius))
     return ProcessedRecord(
         record=record,
         ramp=ramp,
@@ -154,9 +159,10 @@ def process_record(record: RawRecord, thickness: float | None = None, settings: 
             *notes,
             *gaps,
             *_notes(ramp, contact, depth, thickness),
-            *contradictions(ramp, contact, depth, peak.force, settings.radius if settings.indenter == "sphere" else None),
+            *against,
             *peak_notes(ramp, peak, zeroed.unfiltered, contact),
         ),
+        contradicted=bool(against),
     )
 
 
