@@ -28,7 +28,7 @@ from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
-from indentfit.inference.what_if import fitted_again, warnings_of, what_ifs
+from indentfit.inference.what_if import fitted_again, taken_as_known, warnings_of, what_ifs
 from indentfit.inverse import polynomials
 from indentfit.inverse.course import Proof
 from indentfit.inverse.exploration import Watched
@@ -480,10 +480,17 @@ def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
     assert found["offset"].parameters["mu"] > 1.52  # a later contact asks for a stiffer material
     mu = ParameterEstimate(1.5, "kPa", interval=(1.45, 1.55), verdict="determined (+-3 %); limited by the noise")
     (said,) = warnings_of(tuple(found.values()), {"mu": mu})
-    assert said.startswith("friction 0.5, force as measured, offset 0 mm are taken as known")
+    assert said.startswith("taken as known are friction 0.5, force as measured, offset 0 mm, and")
     assert f"mu {found['friction'].parameters['mu']:.3g} with friction 0.2" in said and "base" not in said
     (alone,) = warnings_of((found["base"], found["friction"]), {"mu": mu})
-    assert alone.startswith("friction 0.5 is taken as known") and f"mu {found['friction'].parameters['mu']:.3g}" in alone
+    assert alone.startswith("taken as known is friction 0.5, and") and f"mu {found['friction'].parameters['mu']:.3g}" in alone
+
+
+def test_a_bulk_ratio_taken_as_known_is_told_in_the_word_of_the_case(tmp_path):
+    straight_curve(tmp_path / "parallel.csv", 30)
+    gel = read_case(tiny_case(tmp_path, material={"poisson_ratio": 0.45}))
+    (known,) = (tried for tried in taken_as_known(gel) if tried.input == "bulk_ratio")
+    assert (known.taken, known.other) == ("9.66667 (Poisson's ratio 0.45)", "1000 (Poisson's ratio 0.4995)")
 
 
 def test_a_fit_over_an_unknown_friction_says_what_the_other_base_would_give(tmp_path):

@@ -15,6 +15,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.digits import quantity, sizes
+from indentfit.elastic import poisson_ratio
 from indentfit.fem.mesh_error import FEWER
 from indentfit.fem.meshing import count, resized
 from indentfit.inference.estimate import estimate
@@ -101,14 +102,14 @@ def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEsti
     if len(telling) == 1:
         tried, values = telling[0]
         yield (
-            f"{tried.input} {tried.taken} is taken as known, and the intervals hold only if it is right: with {tried.other} "
+            f"taken as known is {tried.input} {tried.taken}, and the intervals hold only if it is right: with {tried.other} "
             f"the fit would give {values}, outside of the interval"
         )
     elif telling:
         taken = ", ".join(f"{tried.input} {tried.taken}" for tried, _ in telling)
         others = "; ".join(f"{values} with {tried.input} {tried.other}" for tried, values in telling)
         yield (
-            f"{taken} are taken as known, and the intervals hold only if they are right: the fit would give {others}, "
+            f"taken as known are {taken}, and the intervals hold only if they are right: the fit would give {others}, "
             "outside of the intervals"
         )
 
@@ -126,7 +127,8 @@ def _left(known: ParameterEstimate | None, value: float) -> bool:
 def _inputs(case: Case) -> Iterator[WhatIf]:
     ratio = case.material.bulk_over_shear
     if ratio is not None:
-        known = WhatIf("bulk_ratio", f"{ratio:g}", f"{SOFT if ratio > 2 * SOFT else STIFF:g}")
+        other = SOFT if ratio > 2 * SOFT else STIFF
+        known = WhatIf("bulk_ratio", _with_poisson_ratio(case, ratio), _with_poisson_ratio(case, other))
     if not case.indentations:
         yield from (known,) if ratio is not None else ()
         return
@@ -142,6 +144,12 @@ def _inputs(case: Case) -> Iterator[WhatIf]:
         yield WhatIf("thickness", sizes(thickness), f"{THINNER * thickness:.4g} mm")
     yield WhatIf("force", "as measured", f"{STRONGER - 1:.0%} larger")
     yield WhatIf("offset", "0 mm", f"{quantity(LATE * _deepest(case), 'mm', 3)}")
+
+
+def _with_poisson_ratio(case: Case, ratio: float) -> str:
+    """A bulk ratio in words, with Poisson's ratio where the case states that."""
+    words = f"{ratio:g}"
+    return words if case.material.poisson_ratio is None else f"{words} (Poisson's ratio {poisson_ratio(ratio):.4g})"
 
 
 def _coarser(case: Case) -> dict[str, float]:
@@ -162,7 +170,9 @@ def _change(case: Case, tried: WhatIf) -> dict[str, Any]:
         return {"sample.base": tried.other}
     if tried.input == "thickness":
         return {"sample.thickness": THINNER * case.sample.thickness}
-    return {{"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio"}[tried.input]: float(tried.other)}
+    return {
+        {"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio"}[tried.input]: float(tried.other.partition(" ")[0])
+    }
 
 
 def _moved(solution: Solution, offset: float) -> list[Array]:
