@@ -131,6 +131,23 @@ def test_noise_asks_for_more_of_the_curve_and_is_stated(tmp_path):
     assert {round(form.depth, 9) for form in forms} == {0.4}
     inside = [abs(form.layer - 3.0) < form.scatter * form.layer for form in forms]
     assert sum(inside) >= 88  # of 100, at 95 %
+    assert sum(form.bend != 0 for form in forms) <= 12
+
+
+@pytest.mark.parametrize(
+    ("power", "said"), [(0.3, "stiffen beside it: their deeper half alone gives 24% more"), (-0.3, "soften beside it")]
+)
+def test_forces_that_bend_beside_the_closed_form_are_told(tmp_path, power, said):
+    """F = F_Hertz d^0.3: of depths 1 to 12 the halves' moduli are means of d^0.3, weighed by d^3."""
+    d = np.linspace(0.01, 0.2, 20)
+    curve = Curve(d, np.sqrt(2.5) * d**1.5 * (d / 0.12) ** power)
+    sphere = {"shape": "sphere", "width": None, "length": None, "radius": 2.5, "friction": 0.0}
+    sample = {"diameter": 4000.0, "thickness": 2000.0, "base": "bonded"}
+    case = press(tmp_path, curve, sample=sample, indenter=sphere, material={"poisson_ratio": 0.5})
+    (form,) = closed_forms(case, {"press": curve}, 1.0).values()
+    below, above = (np.sum(n ** (3 + power)) / np.sum(n**3.0) for n in (np.arange(1, 7), np.arange(7, 13)))
+    assert form.bend == pytest.approx(above / below - 1, abs=5e-3)  # the layer is one of 800 radii
+    assert said in form.words() and "the modulus of no depth" in form.words()
 
 
 @pytest.mark.parametrize("changed", [{"edge_radius": 0.2}, {"shape": "strip", "width": 2.0, "length": 20.0, "diameter": None}])

@@ -32,6 +32,7 @@ OF_MISFIT = '; to widen the interval by what the law misses, give [fit.discrepan
 SOLVED = 1e-3  # relative error of the layer's own solution: a modulus outside by less is not outside
 WORSE = 2.0  # a fit is so many times farther from the forces than the layer, before the layer speaks against the fit
 EXPLAINED = 1.5  # a fit that differs by at most so many times what finite strain does to the last force is explained by it
+BENDS = 0.05  # of the modulus, by which that of the deeper half of the forces is another
 SUFFICES = 0.05  # relative half-width of the modulus's 95 % interval, by the scatter of the forces
 
 
@@ -60,6 +61,9 @@ class ClosedForm:
         Sneddon (1965, Int J Eng Sci 3:47) on a half-space; 0 for other indenters.
     misfit : float or None
         RMSE of all forces against the layer's, over the largest force.
+    bend : float
+        By what share the layer's modulus of the deeper half of these forces exceeds that of the other half; 0 where their scatter
+        can explain it.
     """
 
     formula: str
@@ -73,6 +77,7 @@ class ClosedForm:
     end: float | None = None
     sphere: float = 0.0
     misfit: float | None = None
+    bend: float = 0.0
 
     def young(self, shear_modulus: float) -> float:
         """Young's modulus of a shear modulus, kPa."""
@@ -85,7 +90,17 @@ class ClosedForm:
         return (
             f"elastic layer {layer}, {name} {half}, +- {self.scatter:.1%} by scatter, {self.points} forces to "
             f"{quantity(self.depth, 'mm', 3)} (small strain, wide layer, {self.base} base, no friction, "
-            f"nu {self.poisson_ratio:.4g})"
+            f"nu {self.poisson_ratio:.4g}){self._bends()}"
+        )
+
+    def _bends(self) -> str:
+        """That the forces do not follow the closed form, whose modulus then is a mean and has another error than the scatter."""
+        if abs(self.bend) < BENDS:
+            return ""
+        bends, other = ("stiffen", "more") if self.bend > 0 else ("soften", "less")
+        return (
+            f"; these forces {bends} beside it: their deeper half alone gives {abs(self.bend):.0%} {other} than the rest, "
+            "so this is the modulus of no depth"
         )
 
     def beside(self, shear_modulus: float, deepest: float) -> str:
@@ -202,7 +217,7 @@ def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm 
     for share in SMALL:
         depth, force = _small(curve, share * min(shape.half_width, thickness))
         try:
-            exact, scatter = _modulus(_forces(formula, layer, radius, depth / thickness) * thickness**2, force)
+            exact, scatter = _modulus(forces := _forces(formula, layer, radius, depth / thickness) * thickness**2, force)
         except ValueError:  # far wider than thick
             return None
         if scatter < SUFFICES:
@@ -212,7 +227,9 @@ def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm 
     unit = _forces(formula, layer, radius, np.maximum(curve.displacement, 0.0) / thickness) * thickness**2
     end, misfit = float(unit[-1]), float(np.sqrt(np.mean((curve.force - exact * unit) ** 2)) / np.max(np.abs(curve.force)))
     sphere = _sphere(deepest / shape.half_width) if formula == "Hertz" else 0.0
-    return ClosedForm(formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter, end, sphere, misfit)
+    return ClosedForm(
+        formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter, end, sphere, misfit, _bend(forces, force)
+    )
 
 
 def _sphere(depth: float) -> float:
@@ -236,6 +253,14 @@ def _modulus(unit: Array, force: Array) -> tuple[float, float]:
     modulus = float(force @ unit / (unit @ unit))
     variance = ((force - modulus * unit) ** 2).sum() / max(force.size - 1, 1) / (unit @ unit)
     return modulus, float(stdtrit(max(force.size - 1, 1), 0.975) * np.sqrt(variance) / abs(modulus)) if modulus else np.inf
+
+
+def _bend(unit: Array, force: Array) -> float:
+    """The relative difference of the moduli of the two halves of forces, the deeper over the other; 0 within their scatter."""
+    middle = force.size // 2
+    (shallow, near), (deep, far) = _modulus(unit[:middle], force[:middle]), _modulus(unit[middle:], force[middle:])
+    apart = deep / shallow - 1 if shallow else 0.0
+    return apart if abs(apart) > np.hypot(near, far) else 0.0
 
 
 def formula_of(shape: IndenterShape) -> str:
