@@ -80,6 +80,8 @@ def test_a_case_without_layers_keeps_its_hash():
         tests=[Test("press", curve=Curve(np.arange(1, 6) / 10, np.arange(1, 6) * 1.0))],
     )
     assert case.hash.startswith("d90378bc10de106c")
+    others = [case.model_copy(update={"fit": case.fit.model_copy(update={"what_if": said})}).hash for said in (True, False)]
+    assert len({case.hash, *others}) == 3
 
 
 def test_a_case_in_memory_has_layers():

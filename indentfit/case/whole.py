@@ -346,6 +346,8 @@ class Case(BaseModel):
             for key in ("families", "family_dips", "directions"):
                 if place[key] is None:
                     del place[key]
+        what_if = facts["fit"]["what_if"]
+        facts["fit"]["what_if"] = "never" if what_if is False else bool(what_if)  # left out, it was false in 0.3.0
         if facts["fit"]["uncertain"]["fibre_angle"] is None:
             del facts["fit"]["uncertain"]["fibre_angle"]
         if not self.fit.prior.given:
