@@ -2,8 +2,10 @@
 
 import csv
 import importlib
+import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,3 +101,12 @@ def test_no_forward_curve_is_computed_by_indentfit():
     for name in ("forward.py", "problems.py"):
         assert "import indentfit" not in (HERE / name).read_text() and "from indentfit" not in (HERE / name).read_text()
     assert tomllib.loads((HERE / "strip" / "case.toml").read_text())["title"] == "benchmark: strip"
+
+
+def test_the_benchmark_of_the_forward_solve_runs():
+    """What wraps the solver's parts has their signatures."""
+    script = Path(__file__).parent / "benchmarks" / "forward.py"
+    done = subprocess.run([sys.executable, str(script), "solve", "--elements", "40"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "dofs, pardiso" in done.stdout or "dofs, superlu" in done.stdout
+    assert "factorisation" in done.stdout

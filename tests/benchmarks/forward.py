@@ -266,9 +266,9 @@ def _watch(model, phases):
     wrap(pardiso._Library, "call", "PARDISO")
     plain, names = pardiso._Library.call, {pardiso.ANALYSIS: "analysis", pardiso.FACTOR: "factorisation"}
 
-    def by_phase(self, phase, *given):
+    def by_phase(self, phase, *given, **named):
         before = dict(phases)
-        written = plain(self, phase, *given)
+        written = plain(self, phase, *given, **named)
         spent = phases.pop("PARDISO") - before.pop("PARDISO", 0.0)
         phases[names.get(phase, "back-substitution")] = phases.get(names.get(phase, "back-substitution"), 0.0) + spent
         return written
