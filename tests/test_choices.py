@@ -197,6 +197,28 @@ def test_a_file_becomes_a_case_that_asks_only_for_the_sample(tmp_path, monkeypat
     assert case.material.parameters["young"].start == pytest.approx(0.75 * MODULUS, rel=0.03)
 
 
+def test_sizes_that_a_case_of_a_file_is_told_may_have_units(tmp_path, monkeypatch):
+    """The radius counts when contact and modulus are found, too: a text could not be doubled."""
+    monkeypatch.chdir(tmp_path)
+    plain = record([(0, 0), (3, 0.4)])
+    table = np.c_[plain.time, plain.displacement, plain.force]
+    np.savetxt("r.csv", table, delimiter=",", header="Time (s),Displacement (mm),Load (mN)", comments="")
+    told = [
+        "--set=sample.diameter=1 cm",
+        "--set=sample.thickness='4000 um'",
+        "--set=sample.base=bonded",
+        "--set=indenter.shape=sphere",
+    ]
+    wrong = run("r.csv", "--case", "-o", "out", *told, "--set=indenter.radius=wide")
+    assert wrong.exit_code == 2 and "indenter.radius" in wrong.stderr and "bug" not in wrong.stderr
+    made = run("r.csv", "--case", "-o", "out", *told, "--set=indenter.radius=500 um")
+    assert made.exit_code == 0, made.stderr
+    case = read_case("out/case.toml")
+    assert (case.sample.diameter, case.sample.thickness, case.indenter.radius) == (10, 4, 0.5)
+    assert case.curves[0].displacement[-1] == pytest.approx(0.1, abs=0.003)
+    assert case.material.parameters["young"].start == pytest.approx(0.75 * MODULUS, rel=0.03)
+
+
 @pytest.mark.parametrize("softer", [1.0, 100.0])
 def test_the_range_of_the_modulus_holds_that_of_a_soft_first_contact(softer, tmp_path, monkeypatch):
     """A punch of 6 mm that meets a toe region 100 times softer than what follows: a fit of small depths needs its modulus."""

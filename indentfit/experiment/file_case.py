@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,11 +12,14 @@ from indentfit.case import Record
 from indentfit.errors import RecordError
 from indentfit.experiment.outcomes import Usable
 from indentfit.indenters import SHAPES
+from indentfit.units import number_in
 
 TABLES = ("sample", "indenter", "material", "mesh", "fit", "solver")
 MOST_TESTS = 12  # of a case: each is a curve of its own
+WITH_SIZES = ("sample", "indenter")  # tables whose values with units are lengths
 SIZES = {"disc": ("diameter", "thickness"), "block": ("length", "width", "thickness")}
 RANGE = 1000.0  # the range of the modulus about that of the record, as a factor: thin layers and soft first contacts lie far off
+WIDTHS = {"diameter": 1.0, "width": 1.0, "radius": 2.0}  # keys of an indenter, over its width
 INCOMPRESSIBLE = 0.75  # E over E / (1 - nu^2) with nu = 0.5
 POISSON = 0.499  # of a sample whose file and experimenter do not tell another: tissue and gels hardly change their volume
 DIGITS = 3
@@ -43,7 +47,7 @@ class FileCase:
                     raise RecordError(
                         f"--case: --set {text}: {inner} has a value already, and cannot hold {name}; give one of both"
                     )
-            place[name] = _value(value.strip())
+            place[name] = _in_mm(_value(value.strip())) if table in WITH_SIZES else _value(value.strip())
         return cls(told)
 
     @property
@@ -139,6 +143,13 @@ def _value(text: str) -> Any:
         return text
 
 
+def _in_mm(value: Any) -> Any:
+    """A length with its unit as a number, mm; any other value as it is, which the case takes or refuses."""
+    with contextlib.suppress(ValueError):
+        return number_in("mm", value) if isinstance(value, str) else value
+    return value
+
+
 def _indenter(radius: float | None, good: Sequence[Usable]) -> Tree:
     """The indenter that the settings, or the files, state; empty where they state none."""
     radius = radius or next((outcome.processed.record.stated.radius for outcome in good), None)
@@ -175,8 +186,8 @@ def _modulus(outcome: Usable, indenter: Tree) -> float:
     record = outcome.processed
     if record.hertz is not None:
         return INCOMPRESSIBLE * record.hertz.modulus
-    width = indenter.get("diameter") or indenter.get("width") or 2 * indenter.get("radius", record.depth)
-    return INCOMPRESSIBLE * record.line.slope / float(width)
+    sizes = (factor * indenter[key] for key, factor in WIDTHS.items() if isinstance(indenter.get(key), int | float))
+    return INCOMPRESSIBLE * record.line.slope / next((size for size in sizes if size > 0), 2 * record.depth)
 
 
 def _range(modulus: float) -> Tree:
