@@ -276,6 +276,22 @@ def test_a_known_approach_to_zero_size_is_found_with_its_order_and_limit(ideal, 
     assert result["meshes"][0]["rmse_mN"].keys() == {"parallel", "perpendicular"}
 
 
+def test_small_forces_of_a_mesh_check_are_told_in_their_unit_with_five_digits(monkeypatch, tmp_path):
+    """Forces of 12 uN that differed by 1 % were 0.012 mN on every mesh."""
+
+    def call(_, case):
+        known = record(case.mesh.elements)
+        return replace(known, forces=tuple(1e-6 * force for force in known.forces))
+
+    monkeypatch.setattr(mesh_measurement, "isolated", call)
+    done, _ = check(tmp_path)
+    lines = done.stdout.splitlines()
+    assert "parallel, nN" in lines[0] and "perpendicular, uN" in lines[0]  # 28 nN and 0.07 uN
+    told = [float(line.split()[7]) for line in lines[1:7]]
+    assert told == pytest.approx([28 - 2 * (160 / n) ** (2 / 3) for n in map(int, FAMILY.split(","))], abs=6e-4)
+    assert any(line.split()[:3] == ["parallel", "force,", "nN"] and "28.000" in line for line in lines)
+
+
 def test_the_verdict_is_the_coarsest_mesh_within_the_wanted_error_and_its_cost(ideal, tmp_path):
     """6 h / (70 + 6 h) is 5.1 % at h = 0.63 (640 elements), 6.4 % at 0.79 (320) and 7.9 % at 1 (160)."""
     done, result = check(tmp_path, "--error", "7")

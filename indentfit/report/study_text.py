@@ -3,7 +3,7 @@
 import html
 from collections.abc import Iterator, Mapping, Sequence
 
-from indentfit.digits import Scale, fixed, sizes
+from indentfit.digits import Scale, sizes
 from indentfit.study.convergence import Approach, Index
 from indentfit.study.design import Design
 from indentfit.study.further import FurtherTest
@@ -109,19 +109,29 @@ def mesh_rows(check: MeshCheck) -> list[Row]:
     """A row for each mesh: its size, its cost, the last force of each test, and the misfits to measured curves."""
     names = list(check.tests)
     measured = [name for name in names if any(mesh.rmse and name in mesh.rmse for mesh in check.meshes)]
-    head = ["mesh", "elements", "dofs", "h, mm", "Newton", "CPU, s", "MB", *(f"{name}, mN" for name in names)]
-    head += [f"RMSE {name}, mN" for name in measured]
-    return [head, *(_mesh_row(mesh, len(head)) for mesh in check.meshes)]
+    solved = [mesh.measured for mesh in check.meshes if mesh.measured.forces is not None]
+    sizes_of = Scale.of((facts.h for facts in solved if facts.h), "mm", digits=3)
+    last = [[float(facts.forces[n][-1]) for facts in solved if facts.forces is not None] for n in range(len(names))]
+    forces = [Scale.of(values, "mN", digits=5) for values in last]
+    errors = {}
+    for name in measured:
+        known = [mesh.rmse[name] for mesh in check.meshes if mesh.rmse and name in mesh.rmse]
+        errors[name] = Scale.of((error for error in known if error is not None), "mN", digits=3)
+    head = ["mesh", "elements", "dofs", f"h, {sizes_of.unit}", "Newton", "CPU, s", "MB"]
+    head += [f"{name}, {scale.unit}" for name, scale in zip(names, forces, strict=True)]
+    head += [f"RMSE {name}, {scale.unit}" for name, scale in errors.items()]
+    return [head, *(_mesh_row(mesh, len(head), sizes_of, forces, errors) for mesh in check.meshes)]
 
 
-def _mesh_row(mesh: MeshResult, width: int) -> Row:
+def _mesh_row(mesh: MeshResult, width: int, sizes_of: Scale, forces: Sequence[Scale], errors: Mapping[str, Scale]) -> Row:
     facts = mesh.measured
     row = [mesh.asked, f"{facts.elements:,}", f"{facts.dofs:,}"]
     if facts.forces is None:
         return [*row, *[""] * (width - 4), "failed"]
-    row += [f"{facts.h:.4f}", str(facts.newton_iterations), f"{facts.cpu_seconds:.2f}", f"{facts.memory / 1e6:.0f}"]
-    row += [fixed(force[-1]) for force in facts.forces]
-    return row + [fixed(error) for error in (mesh.rmse or {}).values()]
+    row += [sizes_of.text(facts.h or 0.0), str(facts.newton_iterations), f"{facts.cpu_seconds:.2f}", f"{facts.memory / 1e6:.0f}"]
+    row += [scale.text(float(force[-1])) for scale, force in zip(forces, facts.forces, strict=True)]
+    given = [(scale, (mesh.rmse or {}).get(name)) for name, scale in errors.items()]
+    return row + ["–" if error is None else scale.text(error) for scale, error in given]
 
 
 def _quantity_rows(check: MeshCheck) -> list[Row]:
@@ -129,12 +139,14 @@ def _quantity_rows(check: MeshCheck) -> list[Row]:
     rows = [[*head, "GCI of the finest"]]
     for quantity in check.quantities:
         finest, approach = quantity.finest, quantity.approach
-        row = [quantity.test, f"{quantity.kind}, {quantity.unit}", "" if finest is None else fixed(finest)]
+        scale = Scale.of(map(float, quantity.values), quantity.unit, digits=5)
+        row = [quantity.test, f"{quantity.kind}, {scale.unit}", "" if finest is None else scale.text(finest)]
         if approach is None:
             rows.append([*row, "", "", "", "", gci_words(quantity.index)])
             continue
         low, high = approach.interval
-        row += [fixed(approach.value), f"{fixed(low)} to {fixed(high)}", f"+-{fixed(quantity.finest_uncertainty)}"]
+        error = "–" if quantity.finest_uncertainty is None else f"+-{scale.factor * quantity.finest_uncertainty:.3g}"
+        row += [scale.text(approach.value), f"{scale.text(low)} to {scale.text(high)}", error]
         rows.append([*row, order_words(approach), gci_words(quantity.index)])
     return rows
 
