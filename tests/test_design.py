@@ -1,18 +1,20 @@
 """The design of the next experiment: Fisher's information added up, and what the mechanics make of it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fixtures.cases import CASES, white_matter
+from fixtures.cases import CASES, straight_curve, tiny_case, white_matter
 
 from indentfit.case import Fit
 from indentfit.case.measured_field import MeasuredField
 from indentfit.cli import main
 from indentfit.displacements import Displacements
 from indentfit.errors import CaseError, ConvergenceError, DesignError
+from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.runs.forward import Evaluation
 from indentfit.study import design as asking
@@ -272,6 +274,19 @@ def test_the_command_prints_a_table_or_json_and_writes_a_plot(springs, tmp_path)
     assert (found["worst"], found["noise_mN"]) == ("mu", 0.5)
     assert {"design.json", "design.svg", "design.png", "case.toml"} <= {path.name for path in (tmp_path / "r").iterdir()}
     assert run("--set", MU, "-o", str(tmp_path / "r")).exit_code == 2
+
+
+def test_a_case_with_young_s_modulus_has_its_page(monkeypatch, tmp_path):
+    """E = 2 mu (1 + nu): 2.9 mu at nu = 0.45. The page was looked for under `young` among the law's parameters, where it is not."""
+    put(monkeypatch, Springs)
+    straight_curve(tmp_path / "parallel.csv", 30)
+    young = {"start": 2.9, "min": 0.29, "max": 29.0}
+    case = read_case(tiny_case(tmp_path, material={"poisson_ratio": 0.45, "parameters": {"young": young}}))
+    found = design(case, noise=0.5)
+    for mu, said in ((1.0, None), (2.0, "material.young.start=5.8")):
+        replace(found, parameters={"mu": mu}).write(tmp_path / "out", overwrite=True)
+        page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+        assert said in page if said else "young.start" not in page
 
 
 def test_the_parameters_of_a_result_are_taken(springs, tmp_path):

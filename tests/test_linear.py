@@ -1,11 +1,15 @@
 """Linear solves: every solver gives the same solution, a stale factor still gives the right one, failures are named."""
 
+import subprocess
 import sys
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from fixtures.cases import CASES
 from fixtures.tangents import Problem
 from numpy.testing import assert_allclose
+from threadpoolctl import threadpool_limits
 
 from indentfit.errors import ConvergenceError, InputError
 from indentfit.fem.linear import pardiso
@@ -186,3 +190,34 @@ def test_rigid_body_modes_need_no_force():
     at_rest, _ = loose.tangent(np.zeros_like(loose.u))
     assert np.linalg.matrix_rank(loose.modes) == 6
     assert np.max(np.abs(at_rest @ loose.modes)) < 1e-11 * np.max(np.abs(at_rest.data))
+
+
+def test_a_factor_is_made_by_as_many_threads_as_its_analysis():
+    """MKL crashed where one thread factorised what two had analysed: the process that loads it late limits it late."""
+    installed("pardiso")
+    n, surface = 400, np.arange(0, 60, 2)
+    matrix = (sp.diags([-1.0, -1.0, 4.5, -1.0, -1.0], [-20, -1, 0, 1, 20], shape=(n, n))).tocsr()
+    library = pardiso._Library(pardiso._Pattern.of(matrix, surface), np.float64)
+    inside = np.setdiff1d(np.arange(n), surface)
+    full = matrix.toarray()
+    schur = full[np.ix_(surface, surface)] - full[np.ix_(surface, inside)] @ np.linalg.solve(
+        full[np.ix_(inside, inside)], full[np.ix_(inside, surface)]
+    )
+    for threads in (2, 1, 2):
+        with threadpool_limits(threads):
+            assert library.factorize(matrix) == pytest.approx(schur, abs=1e-10)
+            assert library._analysed_with == library._threads()
+
+
+def test_a_bench_loads_the_library_before_its_threads_are_limited():
+    lines = (
+        "import sys",
+        "from indentfit.experiment.measured import read_case",
+        "from indentfit.runs.bench import Bench",
+        "from indentfit.runs.mechanics import mechanics_of",
+        f"Bench(mechanics_of(read_case({str(CASES / 'quickstart' / 'case.toml')!r})))",
+        "print('pypardiso' in sys.modules)",
+    )
+    pytest.importorskip("pypardiso")
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
+    assert (done.stdout.strip(), done.stderr) == ("True", "")

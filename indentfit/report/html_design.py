@@ -1,6 +1,7 @@
 """The page of a design: the next experiment."""
 
 from indentfit.case import Range
+from indentfit.case.laws import YOUNG
 from indentfit.digits import quantity
 from indentfit.report import plots
 from indentfit.report.html_case import again_section, case_words, number, tests_table
@@ -70,7 +71,11 @@ def _command(stored: Stored, design: Design) -> str:
     """The command that gives the design again: with the noise, and the parameters where the case starts from others."""
     given = stored.case.material.parameters if stored.case else {}
     start = {name: value.start for name, value in given.items() if isinstance(value, Range)}
-    moved = {name: design.parameters[name] for name in start if design.parameters[name] != start[name]}
+    at = dict(design.parameters)
+    if stored.case and YOUNG in start and YOUNG not in at:  # the case's word for its shear modulus
+        mu = next(value for name, value in at.items() if name not in given)
+        at[YOUNG] = float(f"{2 * mu * (1 + stored.case.material.poisson_ratio_at(mu)):.10g}")
+    moved = {name: at[name] for name in start if at[name] != start[name]}
     options = "".join(f" --set material.{name}.start={value!r}" for name, value in moved.items())
     seen = "" if design.view_noise is None else f" --view-noise {design.view_noise!r}"
     open_values = " --estimated" if design.between else ""

@@ -13,8 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from indentfit.arrays import Array, Bools
-from indentfit.errors import ConvergenceError, MaterialError, OutOfTime
+from indentfit.errors import ConvergenceError, InputError, MaterialError, OutOfTime
 from indentfit.fem.deadline import NEVER, Deadline
+from indentfit.fem.linear.choice import choice
 from indentfit.fem.result import TestResult
 from indentfit.fem.setup import Press
 from indentfit.fem.simulate import Model
@@ -44,6 +45,8 @@ class Bench:
     def __init__(self, mechanics: Mechanics, limit: float = math.inf) -> None:
         self.mechanics, self.limit = mechanics, limit
         self._models: dict[str, Model | SpecimenModel] = {}  # by the name of the first test on each
+        with contextlib.suppress(InputError, OSError):  # a run meets it again
+            choice(mechanics.solver.linear)  # loads the library: `run` limits the threads of those alone that are loaded
         _keep_memory()
 
     def ready(self, test: int = 0) -> Model | SpecimenModel:

@@ -124,14 +124,20 @@ class _Library:
     def __init__(self, pattern: _Pattern, kind: type) -> None:
         self._pattern, self.kind, self._analysed = pattern, kind, False
         self._values: Any = np.empty(0, dtype=kind)
-        self._routine = load().PyPardisoSolver()._mkl_pardiso
-        self._handle = np.zeros(64, dtype=np.int64)
+        solver = load().PyPardisoSolver()
+        self._routine, self._threads = solver._mkl_pardiso, solver.libmkl.mkl_get_max_threads
+        self._begin()
+
+    def _begin(self) -> None:
+        """Handle, settings and marks as they are before an analysis, which writes into them."""
+        pattern, self._analysed_with = self._pattern, self._threads()
+        self._handle, self._marks = np.zeros(64, dtype=np.int64), pattern.marks.copy()
         self._settings = np.zeros(64, dtype=np.int32)
         # own values; METIS; perturb pivots below 1e-8; Bunch-Kaufman pivots
         self._settings[[0, 1, 9, 20]] = 1, 2, 8, 1
         self._settings[FILL] = -1  # asks for the number
         self._settings[35] = 2 if pattern.surface.size else 0  # Schur complement together with the whole factor
-        self._settings[27] = kind is np.float32
+        self._settings[27] = self.kind is np.float32
         self._settings[23] = pattern.marks.size >= THREADS_PAY  # two-level factors: threads share in their use, not only in making
 
     @property
@@ -143,6 +149,11 @@ class _Library:
         """The Schur complement (n_s, n_s) of a matrix, whose factor is held from now on."""
         n_s = self._pattern.surface.size
         self._values = matrix.data[self._pattern.upper].astype(self.kind)
+        if self._analysed_with != self._threads():  # MKL crashes where one thread factorises what two have analysed
+            if self._analysed:
+                self.call(RELEASE)
+            self._analysed = False
+            self._begin()
         if not self._analysed:
             self.call(ANALYSIS)
             self._analysed = True
@@ -178,7 +189,7 @@ class _Library:
         error = ctypes.c_int32(0)
         self._routine(
             _place(self._handle, ctypes.c_int64), _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n),
-            _place(self._values), _place(pattern.indptr), _place(pattern.indices), _place(pattern.marks), _number(b.size // n),
+            _place(self._values), _place(pattern.indptr), _place(pattern.indices), _place(self._marks), _number(b.size // n),
             _place(self._settings), _number(0), _place(b), _place(x), ctypes.byref(error),
         )  # fmt: skip
         if error.value:
