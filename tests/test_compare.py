@@ -130,6 +130,51 @@ def test_a_range_ten_times_as_wide_costs_log_10_of_the_evidence():
     assert logs[0] - logs[1] == pytest.approx(np.log(10), abs=0.05)
 
 
+class Idle(PlainCurves):
+    """A line with a further coordinate, uniform over its range, on which nothing depends."""
+
+    @property
+    def size(self):
+        return 2
+
+    def log_prior(self, places):
+        return np.where((places[:, 1] >= 0) & (places[:, 1] <= 1), super().log_prior(places[:, :1]), -np.inf)
+
+    def scaled(self, places, target, weights):
+        return np.column_stack([super().scaled(places[:, :1], target, weights), places[:, 1]])
+
+
+@quick
+def test_a_range_of_millions_beside_a_coordinate_that_is_open_costs_its_logarithm():
+    """Standard deviations of 1e-8 and 0.3: such a covariance counted as singular, and `compare` ended as a bug."""
+    narrow = line()
+    wide = InverseProblem(narrow.tests, narrow.start, {"mu": Range(start=2, min=1, max=3e6 + 1)}, "mu", 2.0)
+    whole = evidence(PlainCurves(narrow, None, 2.0 * DEPTHS, np.array([0.3])), unknown_noise(narrow, 0.0), 0).log
+    idle = Idle(wide, None, 2.0 * DEPTHS, np.array([3e-7, 0.5]))
+    assert whole - evidence(idle, unknown_noise(wide, 0.0), 0).log == pytest.approx(np.log(1e6), abs=0.1)
+
+
+@quick
+@pytest.mark.parametrize(
+    ("given", "high"),
+    [
+        ({"mu": {"start": 2.0, "min": 0.01, "max": 1e4}}, 10.0),  # as `init` writes it; the curves ask for 2 kPa
+        ({"young": {"start": 5.8, "min": 0.029, "max": 29000.0}}, 10.0),
+        ({"mu": {"start": 2.0, "min": 1.0, "max": 4.0}}, 4.0),
+        ({"mu": {"start": 200.0, "min": 100.0, "max": 1e4}}, 1e4),
+    ],
+)
+def test_a_modulus_of_the_case_has_no_wider_range_than_those_of_other_laws(given, high, tmp_path):
+    """Of a sharp punch and a curve that both follow alike, Ogden's law was preferred 566 to 1, for its narrower range."""
+    write_curve(tmp_path / "parallel.csv", Curve([0.05, 0.1, 0.15, 0.2, 0.25], [1.0, 2.0, 3.1, 4.2, 5.3]))
+    case = read_case(tiny_case(tmp_path, material={"poisson_ratio": 0.45, "parameters": given}))
+    own = law_case(case, "neo_hookean", 2.0, {})
+    assert own.free["mu"].max == pytest.approx(high)
+    assert law_case(case, "ogden", 2.0, {}).free["mu"].max == 10.0
+    kept = law_case(case, "neo_hookean", 2.0, {next(iter(given)): Range(start=2.9, min=0.01, max=5000.0)})
+    assert kept.free["mu"].max == pytest.approx(5000 / 2.9 if "young" in given else 5000)
+
+
 @quick
 def test_the_deep_third_and_each_test_are_left_out():
     one = line()

@@ -7,6 +7,7 @@ bend. The noise is integrated out (`residual_noise`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -243,20 +244,45 @@ def _drawn(density: Density, proposal: Sequence[Proposal], rng: np.random.Genera
     """Draws (m, size) of a mixture of the proposals and of places all over the ranges, with the logs of their weights."""
     shares = np.maximum([share for _, _, share in proposal], 0.02)
     shares *= (1 - EVERYWHERE) / shares.sum()
-    kinds = [multivariate_t(z, covar * (HEAVY - 2) / HEAVY, df=HEAVY) for z, covar, _ in proposal]
+    kinds = [_StudentT.of(z, covar) for z, covar, _ in proposal]
     counts = rng.multinomial(DRAWS, [*shares, EVERYWHERE])
     size = len(proposal[0][0])
-    drawn = [np.reshape(kind.rvs(n, random_state=rng), (n, size)) for kind, n in zip(kinds, counts, strict=False) if n]
+    drawn = [kind.draws(n, rng) for kind, n in zip(kinds, counts, strict=False) if n]
     places = np.vstack([*drawn, rng.random((counts[-1], size))])
-    terms = [np.log(share) + np.reshape(kind.logpdf(places), -1) for kind, share in zip(kinds, shares, strict=True)]
+    terms = [np.log(share) + kind.log_density(places) for kind, share in zip(kinds, shares, strict=True)]
     whole = np.all((places >= 0) & (places <= 1), axis=1)
     terms.append(np.where(whole, np.log(EVERYWHERE), -np.inf))
     return places, density.log(places) - logsumexp(terms, axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class _StudentT:
+    """Student's distribution with a centre and standard deviations (size,); the other one has the correlations alone.
+
+    In a range of millions one standard deviation may be a millionth of another, and such a covariance counts as singular.
+    """
+
+    centre: Array
+    sd: Array
+    standard: Any
+
+    @classmethod
+    def of(cls, centre: Array, covar: Array) -> "_StudentT":
+        sd = np.sqrt(np.diag(covar))
+        return cls(centre, sd, multivariate_t(np.zeros(sd.size), covar / np.outer(sd, sd) * (HEAVY - 2) / HEAVY, df=HEAVY))
+
+    def draws(self, number: int, rng: np.random.Generator) -> Array:
+        drawn = np.reshape(self.standard.rvs(number, random_state=rng), (number, self.sd.size))
+        return np.asarray(self.centre + self.sd * drawn)
+
+    def log_density(self, places: Array) -> Array:
+        away = (places - self.centre) / self.sd
+        return np.asarray(np.reshape(self.standard.logpdf(away), -1) - np.log(self.sd).sum())
 
 
 def _gaussian_of(places: Array, shares: Array, least: Array) -> Proposal:
     """The Gaussian with the mean and covariance of weighted draws; its share is that of all peaks together."""
     mean = shares @ places
     apart = places - mean
-    covar = (apart * shares[:, None]).T @ apart + 1e-3 * np.diag(np.diag(least)) + 1e-12 * np.eye(mean.size)
+    covar = (apart * shares[:, None]).T @ apart + 1e-3 * np.diag(np.diag(least))
     return mean, covar, 1.0

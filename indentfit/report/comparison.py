@@ -12,7 +12,8 @@ from indentfit.study.compare import Comparison, LawFit, LawParameter
 
 PRIORS = (
     "evidences are integrals over the ranges of the parameters, each parameter uniform over its range: another range changes them "
-    "(ten times as wide: less by about 2.3); the errors of predictions need no range"
+    "(ten times as wide: less by about 2.3); a modulus of the case has the automatic range of the other laws where that is "
+    "narrower; the errors of predictions need no range"
 )
 CUT = 0.05  # least half height of the axis of residuals, over the largest force
 

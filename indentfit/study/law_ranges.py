@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from indentfit.case import Case, Range
-from indentfit.case.laws import open_law
+from indentfit.case.laws import YOUNG, law_of_choice, open_law, own_parameters
 from indentfit.case.materials import Layer, MaterialChoice
 from indentfit.errors import CaseError, MaterialError, suggestion
 from indentfit.experiment.measured import changed_case
@@ -67,8 +67,8 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
     law : str
         Name of an installed law, file.py:Class, or a typed energy.
     modulus : float or None, kPa
-        The shear modulus that the curves ask for (see `indentfit.study.compare`); not needed for the law of the case, which keeps
-        its own ranges.
+        The shear modulus that the curves ask for (see `indentfit.study.compare`). The law of the case keeps its own ranges; but
+        its moduli have automatic ones where these are narrower, or it would pay in evidence for a range that nobody meant.
     ranges : mapping of parameter -> Range
         Ranges in place of the automatic ones.
     layer : str or None
@@ -86,7 +86,8 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
     try:
         table_of = "material" if layer is None else f"sample.layer.{layer}"
         if is_own(case, law, layer):
-            return changed_case(case, [*_ranges_given(ranges, table_of), *_of_search(case)])
+            narrowed = () if modulus is None else _narrowed(case, modulus, ranges, layer, table_of)
+            return changed_case(case, [*narrowed, *_ranges_given(ranges, table_of), *_of_search(case)])
         kind, names = _kind_of(law)
         opened = open_law(law if kind == "model" else None, law if kind == "energy" else None, names, case.folder)
         assert modulus is not None
@@ -101,6 +102,25 @@ def law_case(case: Case, law: str, modulus: float | None, ranges: Mapping[str, R
         raise CaseError([f"law {law!r}: {fault}" for fault in error.faults]) from error
     except (MaterialError, OSError) as error:
         raise CaseError([f"law {law!r}: {error}"]) from error
+
+
+def _narrowed(case: Case, modulus: float, given: Mapping[str, Range], layer: str | None, table_of: str) -> tuple[str, ...]:
+    """The keys by which moduli of the case's own law have automatic ranges, where those of the case are wider."""
+    owner = owner_of(case, layer)
+    choice = owner.choice if isinstance(owner, Layer) else owner
+    law = law_of_choice(choice, case.folder)
+    parameters, cut = dict(own_parameters(choice, law)), False
+    for name in moduli_of(law) - set(given):
+        bounds, usual = parameters.get(name), usual_range(law, name, modulus)
+        if YOUNG in given or not isinstance(bounds, Range) or bounds.max - bounds.min <= usual.max - usual.min:
+            continue
+        low, high = max(bounds.min, usual.min), min(bounds.max, usual.max)
+        if low < high:  # otherwise the case says that the curves' stiffness is not that of this parameter
+            parameters[name], cut = Range(start=min(max(bounds.start, low), high), min=low, max=high), True
+    table = ", ".join(
+        f"{name} = {_as_toml(known) if isinstance(known, Range) else repr(known)}" for name, known in parameters.items()
+    )
+    return (f"{table_of}.parameters={{ {table} }}",) if cut else ()
 
 
 def _of_search(case: Case) -> tuple[str, ...]:
