@@ -34,7 +34,7 @@ from indentfit.inverse.problem import InverseProblem
 from indentfit.report.law_plot import law_misfits
 from indentfit.report.prediction import prediction_lines
 from indentfit.runs.forward import Evaluation
-from indentfit.study.predict import Prediction, _Beside, _continued, predict, strain_of
+from indentfit.study.predict import PredictedTest, Prediction, _Beside, _continued, predict, strain_of
 
 DEPTH = np.linspace(0.02, 0.4, 20)
 STRAIN = np.linspace(0.004, 0.08, 20)
@@ -300,6 +300,18 @@ def test_a_sphere_of_half_the_radius_strains_the_root_of_two_times_as_much():
     small = case.model_copy(update={"indenter": case.indenter.model_copy(update={"radius": 0.5})})
     ratio = strain_of(small, small.tests[0], 0.1) / strain_of(case, case.tests[0], 0.1)
     assert ratio == pytest.approx(np.sqrt(2), rel=0.1)  # the contact is not quite a parabola's
+
+
+def test_a_predicted_table_says_its_units():
+    """A punch of 60 um read 0.0032 and 0.003515 without any."""
+    rows = {"displacement": (0.0016, 0.0032), "force": (1.7e-3, 3.515e-3), "low": (1.6e-3, 3.46e-3), "high": (1.8e-3, 3.57e-3)}
+    test = PredictedTest(**rows, measured_low=(1.5e-3, 3.4e-3), measured_high=(1.9e-3, 3.6e-3), law=rows["force"], continued=True,
+                         known_to=0.0016)  # fmt: skip
+    _, head, first, last, amber, *_ = prediction_lines(Prediction("", {"punch": test}, 1, 0.0))
+    assert head.split("  ")[0] == "displacement, um" and "force, uN" in head and "measured force, 95 %" in head
+    assert first.split() == ["1.6", "1.7", "1.6", "to", "1.8", "1.5", "to", "1.9"]
+    assert last.split() == ["3.2", "3.515", "3.46", "to", "3.57", "*", "3.4", "to", "3.6", "*"]
+    assert "beyond 1.6 um no force of punch was fitted" in amber
 
 
 def test_what_cannot_be_predicted_is_refused(by_another_law):

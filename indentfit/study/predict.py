@@ -20,7 +20,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from indentfit.arrays import Array, Ints
+from indentfit.axes import INDENTATION, Axes
 from indentfit.case import Case, Test
+from indentfit.case.specimen import axes_of
 from indentfit.errors import CaseError
 from indentfit.fem.result import ForceError, TestResult
 from indentfit.inference.discrepancy import covariances, growth
@@ -66,6 +68,8 @@ class PredictedTest:
     strained : float or None
         Largest strain over that of the fitted tests, of which the least counts, where the misfit does not go on from one. Above 1,
         the band presumes that the misfit grows in proportion.
+    axes : Axes
+        The quantities that `displacement` and the forces are.
     """
 
     displacement: tuple[float, ...]
@@ -78,6 +82,7 @@ class PredictedTest:
     continued: bool
     known_to: float | None = None
     strained: float | None = None
+    axes: Axes = INDENTATION
 
 
 @dataclass(frozen=True)
@@ -312,6 +317,7 @@ def _band(test: Test, law: Array, error: Array, beside: _Beside, rng: np.random.
         continued=other is not None,
         known_to=None if other is None else float(np.abs(beside.fitted.outputs(other)).max()),
         strained=strained,
+        axes=axes_of(test),
     )
 
 
