@@ -209,7 +209,7 @@ def test_a_factor_is_made_by_as_many_threads_as_its_analysis():
             assert library._analysed_with == library._threads()
 
 
-def test_a_bench_loads_the_library_before_its_threads_are_limited():
+def test_a_bench_loads_the_library_before_its_threads_are_limited(tmp_path):
     lines = (
         "import sys",
         "from indentfit.experiment.measured import read_case",
@@ -219,5 +219,5 @@ def test_a_bench_loads_the_library_before_its_threads_are_limited():
         "print('pypardiso' in sys.modules)",
     )
     pytest.importorskip("pypardiso")
-    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], cwd=tmp_path, capture_output=True, text=True)
     assert (done.stdout.strip(), done.stderr) == ("True", "")
