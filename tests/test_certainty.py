@@ -13,6 +13,7 @@ from scipy.stats import t as student
 
 from indentfit.case import Case, Fit, Indenter, Range, Sample, Test, Uncertain
 from indentfit.curve import Curve
+from indentfit.elastic import poisson_ratio
 from indentfit.errors import CaseError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.mesh import quarter
@@ -35,7 +36,7 @@ from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.surrogate import learn, linearised
 from indentfit.layer import Layer
 from indentfit.report import fields
-from indentfit.report.first_screen import doubts_of
+from indentfit.report.first_screen import doubts_of, next_step
 from indentfit.runs.forward import Evaluation, simulate
 from indentfit.runs.points import setup_of
 from indentfit.runs.pool import RunPool
@@ -566,10 +567,23 @@ def test_a_fit_on_the_wrong_base_says_what_the_other_one_would_give():
     """The layer slides, and its exact modulus is 1 kPa: as if it were bonded, 0.7 kPa is "determined". The first point of its curve
     is before contact."""
     result = fit(punch_on_a_layer({"elements": 60}, bonded=False, what_if=None, first=0.0))
-    known, found = result.parameters["mu"], {tried.input: tried.parameters for tried in result.taken_as_known}
+    known, found = result.parameters["mu"], {(tried.input, tried.other): tried.parameters for tried in result.taken_as_known}
     assert known.interval[1] < 0.9 and known.verdict.startswith("determined")
-    assert found["base"]["mu"] == pytest.approx(1, rel=0.015)
-    assert all(found.values())  # also friction, bulk ratio, thickness and contact point
+    assert found["base", "sliding"]["mu"] == pytest.approx(1, rel=0.015)
+    assert all(found.values())  # also friction and contact point
+    exact = Layer(True, 0.45).punch_stiffness(0.5)
+    for key, other in {
+        ("thickness", "0.95 mm"): 0.95 * Layer(True, 0.45).punch_stiffness(0.5 / 0.95),
+        ("size", "diameter 1.02 mm"): Layer(True, 0.45).punch_stiffness(0.51),
+        ("bulk_ratio", "3 (Poisson's ratio 0.35)"): Layer(True, 0.35).punch_stiffness(0.5),
+        ("bulk_ratio", "50 (Poisson's ratio 0.4901)"): Layer(True, poisson_ratio(50)).punch_stiffness(0.5),
+    }.items():
+        assert found[key]["mu"] == pytest.approx(known.value * exact / other, rel=0.006), key
+    curve = result.case.curves[0]
+    stiffens = 1 + 0.05 * curve.displacement / curve.displacement.max()
+    softer = curve.force @ (curve.force / stiffens) / (curve.force @ curve.force)
+    assert found["law", "5% too soft at the largest depth"]["mu"] == pytest.approx(softer * known.value, rel=1e-3)
+    assert "[fit.discrepancy]" in next_step(result)
     assert any("base bonded" in doubt.text and "with base sliding" in doubt.text for doubt in doubts_of(result))
 
 

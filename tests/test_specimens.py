@@ -99,7 +99,7 @@ def test_a_fit_of_shear_and_tension_finds_the_truth(tmp_path):
         assert known.value == pytest.approx(truth, rel=0.05), name
         assert known.interval[0] < truth < known.interval[1], name
         assert known.verdict.startswith("determined"), name
-    assert {known.input for known in result.taken_as_known} == {"bulk_ratio"}
+    assert {known.input for known in result.taken_as_known} == {"bulk_ratio", "force", "law"}
     assert all(0 < known.p <= 1 for known in result.predicted.values())
     result.write(tmp_path / "result")
     page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")

@@ -489,8 +489,17 @@ def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
 def test_a_bulk_ratio_taken_as_known_is_told_in_the_word_of_the_case(tmp_path):
     straight_curve(tmp_path / "parallel.csv", 30)
     gel = read_case(tiny_case(tmp_path, material={"poisson_ratio": 0.45}))
-    (known,) = (tried for tried in taken_as_known(gel) if tried.input == "bulk_ratio")
-    assert (known.taken, known.other) == ("9.66667 (Poisson's ratio 0.45)", "1000 (Poisson's ratio 0.4995)")
+    below, above = (tried for tried in taken_as_known(gel) if tried.input == "bulk_ratio")
+    assert (below.taken, below.other) == ("9.66667 (Poisson's ratio 0.45)", "3 (Poisson's ratio 0.35)")
+    assert (above.taken, above.other) == (below.taken, "50 (Poisson's ratio 0.4901)")
+
+
+@pytest.mark.parametrize("ratio, others", [(0.0, ["0", "0.1"]), (0.3, ["0.2", "0.4"]), (0.48, ["0.4995"]), (0.5, ["0.4901"])])
+def test_poisson_ratios_that_are_tried_are_neighbours_of_one_that_is_far_from_incompressible(tmp_path, ratio, others):
+    straight_curve(tmp_path / "parallel.csv", 30)
+    gel = read_case(tiny_case(tmp_path, material={"poisson_ratio": ratio}))
+    tried = [known.other for known in taken_as_known(gel) if known.input == "bulk_ratio"]
+    assert [words.rpartition(" ")[2].rstrip(")") for words in tried] == others
 
 
 def test_a_fit_over_an_unknown_friction_says_what_the_other_base_would_give(tmp_path):
@@ -501,7 +510,7 @@ def test_a_fit_over_an_unknown_friction_says_what_the_other_base_would_give(tmp_
     stated = ["sample.base=bonded", f"indenter.friction={here.uncertain.at['friction']}"]
     there = fit(read_case(tiny_case(tmp_path, fit={"method": "ga", "uncertain": {"mesh": 0.0}}), stated))
     tried = {known.input: known for known in here.taken_as_known}
-    assert set(tried) == {"base", "bulk_ratio", "thickness", "force", "offset"}
+    assert set(tried) == {"base", "bulk_ratio", "thickness", "size", "force", "offset", "law"}
     assert tried["base"].parameters["mu"] == pytest.approx(there.parameters["mu"].value, rel=0.03)
     assert any("base sliding" in said and "bonded" in said for said in here.conclusions)
 

@@ -2,8 +2,12 @@
 
 A run at the optimum with another value of an input tells how the curves change, relative to their forces. The parameters are then
 fitted again on the surrogate, whose curves carry this change: nothing is linear in the parameters or in the input. A shift of the
-contact point and another gain of the force need no run. The runs are those of a coarser mesh, beside one of the same mesh at the
-case's values: the changes differ from those of the case's mesh by 0.1 to 0.5 % of the force, and by more at the first depths only.
+contact point, another gain of the force and a misfit of the law need no run. The runs are those of a coarser mesh, beside one of
+the same mesh at the case's values: the changes differ from those of the case's mesh by 0.1 to 0.5 % of the force, and by more at
+the first depths only.
+
+The law is taken as known too. A sample that is by STIFFENS stiffer at the largest depth of each test than the law says, and at small
+strains as stiff, is one whose law misses the curves by that (`inference.discrepancy`): a curve that hardly bends does not show it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,9 +19,10 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.digits import quantity, sizes
-from indentfit.elastic import poisson_ratio
+from indentfit.elastic import bulk_ratio, poisson_ratio
 from indentfit.fem.mesh_error import FEWER
 from indentfit.fem.meshing import count, resized
+from indentfit.inference.discrepancy import places
 from indentfit.inference.estimate import estimate
 from indentfit.inference.inputs import Solution
 from indentfit.inference.posterior import Shift
@@ -27,7 +32,7 @@ from indentfit.inference.verdicts import kind_of
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.surrogate import Surrogate
-from indentfit.inverse.wide import OTHER_BASE
+from indentfit.inverse.wide import OTHER_BASE, key_of_size
 from indentfit.runs.mechanics import WIDER
 from indentfit.runs.points import setup_of
 
@@ -35,15 +40,18 @@ LATE = 0.03  # of the largest depth: a plausible error of the contact point
 THINNER = 0.95
 SLIPPERY, ROUGH = 0.2, 0.5  # friction coefficients, one of which is tried
 SOFT, STIFF = 50.0, 1000.0  # bulk over shear moduli, one of which is tried
+NEIGHBOUR, NEARLY = 0.1, 0.47  # of Poisson's ratio: a plausible error, and the ratio from which a sample is nearly incompressible
 STRONGER = 1.05  # of forces, by the gain of the load cell
-WITHOUT_RUNS = ("offset", "force")
+WIDER_BY = 1.02  # of the indenter's size
+STIFFENS = 0.05  # of the force at the largest depth, beside the law
+WITHOUT_RUNS = ("offset", "force", "law")
 COARSER = 2.0  # elements of the runs, over those of the case's mesh
 Again = Callable[[list[Array]], dict[str, float]]
 
 
 def taken_as_known(case: Case) -> tuple[WhatIf, ...]:
     """The inputs that a case gives as exact, each with a plausible other value."""
-    return tuple(known for known in _inputs(case) if getattr(case.fit.uncertain, known.input) is None)
+    return tuple(known for known in _inputs(case) if getattr(case.fit.uncertain, known.input, None) is None)
 
 
 def what_ifs(solution: Solution, again: Again, ran: bool) -> tuple[WhatIf, ...]:
@@ -73,6 +81,8 @@ def what_ifs(solution: Solution, again: Again, ran: bool) -> tuple[WhatIf, ...]:
     for tried in known:
         if tried.input == "offset":
             moved = _moved(solution, LATE * _deepest(case))
+        elif tried.input == "law":
+            moved = [1 + STIFFENS * x**power for x, power in places(case, problem.tests)]
         elif tried.input == "force":
             moved = [np.full_like(f, 1.0 if t.moves else 1 / STRONGER) for t, f in zip(problem.tests, best.forces, strict=True)]
         elif (run := next(runs, None)) and run.forces is not None and here and here.forces is not None:
@@ -97,8 +107,8 @@ def fitted_again(solution: Solution, surrogate: Surrogate) -> Again:
 
 def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEstimate]) -> Iterator[str]:
     """A sentence on the inputs whose other values move determined parameters out of their intervals."""
-    moved = {tried.input: _moved_out(tried, estimates) for tried in known}
-    telling = [(tried, ", ".join(moved[tried.input])) for tried in known if moved[tried.input]]
+    moved = [(tried, ", ".join(_moved_out(tried, estimates))) for tried in known]
+    telling = [(tried, values) for tried, values in moved if values]
     if len(telling) == 1:
         tried, values = telling[0]
         yield (
@@ -106,7 +116,7 @@ def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEsti
             f"the fit would give {values}, outside of the interval"
         )
     elif telling:
-        taken = ", ".join(f"{tried.input} {tried.taken}" for tried, _ in telling)
+        taken = ", ".join(dict.fromkeys(f"{tried.input} {tried.taken}" for tried, _ in telling))
         others = "; ".join(f"{values} with {tried.input} {tried.other}" for tried, values in telling)
         yield (
             f"taken as known are {taken}, and the intervals hold only if they are right: the fit would give {others}, "
@@ -125,25 +135,44 @@ def _left(known: ParameterEstimate | None, value: float) -> bool:
 
 
 def _inputs(case: Case) -> Iterator[WhatIf]:
-    ratio = case.material.bulk_over_shear
-    if ratio is not None:
-        other = SOFT if ratio > 2 * SOFT else STIFF
-        known = WhatIf("bulk_ratio", _with_poisson_ratio(case, ratio), _with_poisson_ratio(case, other))
-    if not case.indentations:
-        yield from (known,) if ratio is not None else ()
-        return
-    friction, thickness = case.indenter.friction, case.sample.thickness
+    if case.indentations:
+        yield from _of_indentations(case)
+    else:
+        yield from _of_bulk_ratio(case)
+    yield WhatIf("force", "as measured", f"{STRONGER - 1:.0%} larger")
+    if case.indentations:
+        yield WhatIf("offset", "0 mm", f"{quantity(LATE * _deepest(case), 'mm', 3)}")
+    if case.fit.discrepancy.stated is None and case.relaxation is None and all(test.kind != "field" for test in case.tests):
+        yield WhatIf("law", case.material.model or "as typed", f"{STIFFENS:.0%} too soft at the largest {'depth' if case.indentations else 'strain'}")
+
+
+def _of_indentations(case: Case) -> Iterator[WhatIf]:
+    """The inputs that change the solution."""
+    friction, thickness, size = case.indenter.friction, case.sample.thickness, key_of_size(case)
     slips = friction == "stick" or float(friction) > (SLIPPERY + ROUGH) / 2
     if case.shares("indenter", "friction"):
         yield WhatIf("friction", str(friction), f"{SLIPPERY if slips else ROUGH:g}")
     if case.shares("sample", "base"):
         yield WhatIf("base", case.sample.base, OTHER_BASE[case.sample.base])
-    if ratio is not None:
-        yield known
+    yield from _of_bulk_ratio(case)
     if case.shares("sample", "thickness"):
         yield WhatIf("thickness", sizes(thickness), f"{THINNER * thickness:.4g} mm")
-    yield WhatIf("force", "as measured", f"{STRONGER - 1:.0%} larger")
-    yield WhatIf("offset", "0 mm", f"{quantity(LATE * _deepest(case), 'mm', 3)}")
+    if size and case.shares("indenter", size):
+        own = getattr(case.indenter, size)
+        yield WhatIf("size", f"{size} {sizes(own)}", f"{size} {sizes(WIDER_BY * own)}")
+
+
+def _of_bulk_ratio(case: Case) -> Iterator[WhatIf]:
+    """The bulk ratio with another value, or of a sample that is far from incompressible with a smaller and a larger one."""
+    ratio = case.material.bulk_over_shear
+    if ratio is None:
+        return
+    own = poisson_ratio(ratio)
+    others = [SOFT if ratio > 2 * SOFT else STIFF]
+    if own < NEARLY:
+        others = [bulk_ratio(max(own - NEIGHBOUR, 0.0)), bulk_ratio(min(own + NEIGHBOUR, poisson_ratio(SOFT)))]
+    for other in others:
+        yield WhatIf("bulk_ratio", _with_poisson_ratio(case, ratio), _with_poisson_ratio(case, other))
 
 
 def _with_poisson_ratio(case: Case, ratio: float) -> str:
@@ -170,6 +199,9 @@ def _change(case: Case, tried: WhatIf) -> dict[str, Any]:
         return {"sample.base": tried.other}
     if tried.input == "thickness":
         return {"sample.thickness": THINNER * case.sample.thickness}
+    if tried.input == "size":
+        size = key_of_size(case)
+        return {f"indenter.{size}": WIDER_BY * getattr(case.indenter, size)}
     return {
         {"friction": "indenter.friction", "bulk_ratio": "material.bulk_ratio"}[tried.input]: float(tried.other.partition(" ")[0])
     }

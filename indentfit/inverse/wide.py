@@ -200,7 +200,12 @@ def _point(case: Case, name: str) -> str:
     """The name of an input in points of the forward model."""
     if name != "size":
         return name
-    return next((f"indenter.{key}" for key in SIZES if getattr(case.indenter, key, None) is not None), "")
+    return f"indenter.{key}" if (key := key_of_size(case)) else ""
+
+
+def key_of_size(case: Case) -> str:
+    """The key of [indenter] that is its size; empty for a cone or wedge without a shaft."""
+    return next((key for key in SIZES if getattr(case.indenter, key, None) is not None), "")
 
 
 def _value(case: Case, point: str) -> float:
