@@ -234,8 +234,8 @@ class Fit(Section):
     what_if: bool | None = Field(
         default=None,
         examples=[True],
-        description="whether one more run for each input that the case gives as exact (friction, base, bulk ratio, thickness, size) "
-        "tells what the parameters would be at another value of it; by default where a parameter is determined, except by "
+        description="whether one more run for each input that the case gives as exact (friction, base, bulk ratio, thickness, "
+        "size) tells what the parameters would be at another value of it; by default where a parameter is determined, except by "
         "least_squares, whose runs are limited",
     )
     published: dict[str, Finite] = Field(

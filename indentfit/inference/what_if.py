@@ -6,8 +6,8 @@ contact point, another gain of the force and a misfit of the law need no run. Th
 the same mesh at the case's values: the changes differ from those of the case's mesh by 0.1 to 0.5 % of the force, and by more at
 the first depths only.
 
-The law is taken as known too. A sample that is by STIFFENS stiffer at the largest depth of each test than the law says, and at small
-strains as stiff, is one whose law misses the curves by that (`inference.discrepancy`): a curve that hardly bends does not show it.
+The law is taken as known too. The other law is by STIFFENS too soft at the largest depth of each test, and right at small strains
+(`inference.discrepancy`): a curve that hardly bends does not show such a misfit.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -143,7 +143,8 @@ def _inputs(case: Case) -> Iterator[WhatIf]:
     if case.indentations:
         yield WhatIf("offset", "0 mm", f"{quantity(LATE * _deepest(case), 'mm', 3)}")
     if case.fit.discrepancy.stated is None and case.relaxation is None and all(test.kind != "field" for test in case.tests):
-        yield WhatIf("law", case.material.model or "as typed", f"{STIFFENS:.0%} too soft at the largest {'depth' if case.indentations else 'strain'}")
+        deepest = "depth" if case.indentations else "strain"
+        yield WhatIf("law", case.material.model or "as typed", f"{STIFFENS:.0%} too soft at the largest {deepest}")
 
 
 def _of_indentations(case: Case) -> Iterator[WhatIf]:
