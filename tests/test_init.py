@@ -4,6 +4,7 @@ import json
 import shutil
 import tomllib
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from fixtures.cases import CASES
@@ -65,6 +66,23 @@ def test_a_case_with_its_sizes_is_valid_and_has_few_keys(shape, curve, tmp_path)
     assert case.fit.uncertain.friction is not None  # it is called unknown
     assert len([line for line in text.splitlines() if " = " in line.partition("#")[0]]) < 25
     assert all("# " in line for line in text.splitlines() if " = " in line and not line.startswith("title"))
+
+
+def test_a_curve_with_a_hold_makes_a_case_that_relaxes(tmp_path):
+    """Its case was refused by `validate` until the user had written the table by hand."""
+    time, depth = np.append(np.arange(11) / 10, [2, 4, 8, 16]), np.append(np.arange(11) / 100, [0.1] * 4)
+    force = 20 * depth**1.5 * np.append(np.ones(11), [0.9, 0.8, 0.75, 0.74])
+    write_curve(tmp_path / "held.csv", Curve(depth, force, time=time))
+    words = sets([*SAMPLE, "indenter.radius=2", "indenter.friction=0"])
+    done = run("init", tmp_path / "own", "--sphere", "--curve", tmp_path / "held.csv", *words)
+    assert done.exit_code == 0, done.stderr
+    case = tomllib.loads((tmp_path / "own" / "case.toml").read_text())
+    assert case["material"]["relaxation"] == {"base": "long_term", "terms": 1}
+    assert run("validate", tmp_path / "own" / "case.toml").exit_code == 0
+    told = sets(["material.relaxation.g=[0.5]", "material.relaxation.tau=[2]"])
+    assert run("init", tmp_path / "told", "--sphere", *told).exit_code == 0
+    case = tomllib.loads((tmp_path / "told" / "case.toml").read_text())
+    assert case["material"]["relaxation"] == {"base": "long_term", "g": [0.5], "tau": [2]}
 
 
 def numbers(texts):
@@ -184,7 +202,7 @@ def test_values_of_a_test_are_written_and_what_has_no_place_is_refused(tmp_path)
     done = run("init", tmp_path / "own", "--sphere", *sets(["test.depth=0.4", "test.points=7"]))
     (test,) = tomllib.loads((tmp_path / "own" / "case.toml").read_text())["test"]
     assert (done.exit_code, test["depth"], test["points"]) == (0, 0.4, 7)
-    for key in ("material.relaxation.g", "record.rate", "test.sample.thickness"):
+    for key in ("record.rate", "test.sample.thickness"):
         done = run("init", tmp_path / "other", "--sphere", "--set", f"{key}=1")
         assert done.exit_code == 2 and f"--set {key}: it has no place here" in done.stderr
         assert not (tmp_path / "other").exists()

@@ -37,11 +37,14 @@ SHORT = {  # what a beginner needs to know of a key, in place of its whole meani
     "material.model": "`indentfit materials` lists the laws; `indentfit materials NAME` describes one",
     "material.poisson_ratio": 'Poisson\'s ratio; or bulk_ratio = "unknown", which a fit then goes over',
     "material.bulk_ratio": 'bulk modulus over shear modulus; or "unknown": a fit then goes over 20 to 5000',
+    "material.relaxation.terms": "exponentials that are fitted, with their times; more where the misfit of the hold asks for them",
     "test.angle": "degrees from the indenter's long side to the fibres: 0 along it, 90 across it",
     "test.curve": "displacement and force in a CSV file, relative to this file",
     "test.record": "the instrument's own file, relative to this file, read as [record] says",
     "test.depth": 'mm: depth to simulate; for a fit put curve = "my.csv" in its place',
 }
+RELAXATION = "material.relaxation"
+HELD = "the stress relaxes in time: the fit follows ramp, hold and rate"
 ROUNDED = ("edge_radius", "tip_radius")  # sharp, until the user says otherwise
 ONE_OF = (  # forms of one number, of which a case has one
     ("indenter.radius", "indenter.diameter"),
@@ -87,6 +90,8 @@ class OwnCase:
         Keys of a layer begin with its name: "skin.thickness".
     layers : sequence of OwnLayer
         From the top one; none where the sample is one material, which is then `model`.
+    held : bool
+        Whether a curve has a hold or a retraction, which a fit follows where the material relaxes.
     """
 
     indenter: str
@@ -96,6 +101,7 @@ class OwnCase:
     tests: Sequence[OwnTest]
     told: Mapping[str, Any] = field(default_factory=dict)
     layers: Sequence[OwnLayer] = ()
+    held: bool = False
 
 
 def starter(own: OwnCase) -> str:
@@ -154,9 +160,19 @@ def _rows(own: OwnCase, known: Mapping[str, KeyFacts]) -> Iterator[str]:
         for name, (value, comment) in own.parameters.items():
             told = own.told.get(f"material.parameters.{name}", own.told.get(f"material.{name}"))
             yield from row(f"{name} = {value if told is None else toml_value(told)}", comment)
+        yield from _of_relaxation(own, known)
     for test in own.tests:
         yield from ("", "[[test]]", *_table("test", _of_test(test, own), own.told, known))
     yield from _further_tables(own, known)
+
+
+def _of_relaxation(own: OwnCase, known: Mapping[str, KeyFacts]) -> Iterator[str]:
+    """The table of a material that relaxes, where the user tells a key of it or a curve asks for it."""
+    told = [key for key in own.told if key.startswith(f"{RELAXATION}.")]
+    if told or own.held:
+        given = {f"{RELAXATION}.g", f"{RELAXATION}.tau"} & set(told)
+        values = {"base": "long_term", **({} if given else {"terms": 1})}
+        yield from ("", *row(f"[{RELAXATION}]", HELD), *_table(RELAXATION, values, own.told, known))
 
 
 def _bulk(fibres: bool) -> dict[str, Any]:

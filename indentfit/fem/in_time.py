@@ -21,8 +21,8 @@ from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, OutOfTime
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.interpolation import Interpolant
-from indentfit.fem.result import TestResult, TimeCurve
-from indentfit.fem.retraction import HALF, LEAST, Retraction, press_and_retract
+from indentfit.fem.result import HALF, TestResult, TimeCurve
+from indentfit.fem.retraction import LEAST, Retraction, press_and_retract
 from indentfit.fem.setup import Press
 from indentfit.fem.time_map import TimeMap
 from indentfit.fem.viscous import InTime, Moment, press_in_time
@@ -95,7 +95,8 @@ def with_time(
     ratio = np.array([moment.at.whole_force for moment in loading])[1:] / stepwise[1:]
     at = partial(between, time[1:], ratio, ramp.seconds)
     force = at(wanted) * np.interp(wanted, dense, integral)
-    curve = TimeCurve(wanted, ramp.depth_at(wanted), force, float(np.abs(ratio - 1).max()), ratio=at)
+    curve = TimeCurve(wanted, ramp.depth_at(wanted), force, ratio=at)
+    curve = replace(curve, difference=curve.counted(time[1:], ratio - 1))
     return replace(test, in_time=curve if back is None else back.added(curve, moments[len(loading) - 1 :]))
 
 

@@ -17,6 +17,8 @@ from indentfit.fibres import Families, words
 if TYPE_CHECKING:
     from indentfit.fem.simulate import Model
 
+HALF = 0.5  # of the force at the end of a ramp, or at a turn: a smaller one counts as so large where models are compared
+
 
 @dataclass(frozen=True, eq=False)
 class ForceError:
@@ -63,8 +65,8 @@ class TimeCurve:
         Force of the whole sample by the viscoelastic model, where that was solved; otherwise the hereditary integral of the elastic
         force.
     difference : float, or None
-        Largest relative difference between the two over the solved steps; None where the viscoelastic model was not solved. Under
-        a held force that of the depths.
+        Largest relative difference between the two over the solved steps, as far as it `counts`; None where the viscoelastic model
+        was not solved. Under a held force that of the depths.
     cause : str
         Why it was not solved; empty where it was.
     control : str
@@ -136,6 +138,18 @@ class TimeCurve:
             return f"; what the mesh adds to this difference is not known ({self.by_mesh})"
         return f", {self.by_mesh:.2%} more or less on the second mesh"
 
+    def counts(self, times: Array) -> Array:
+        """The share (n,) of a relative difference at times (n,), s, that counts: in a ramp differences of forces below HALF of its
+        last one are measured by that. A few elements touch there, and the forces hardly weigh in a fit."""
+        arrived = int(np.argmax(self.displacement >= self.displacement.max() * (1 - 1e-9)))
+        force = np.interp(times, np.append(0.0, self.time), np.append(0.0, self.force))
+        ahead = np.minimum(force / max(HALF * self.force[arrived], 1e-300), 1.0)
+        return np.where(times > self.time[arrived], 1.0, ahead)
+
+    def counted(self, times: Array, differences: Array) -> float:
+        """The largest of relative differences (n,) at times (n,), s, as far as they count."""
+        return float(np.abs(self.counts(times) * differences).max())
+
     def with_second(self, second: "TestResult", factor: float) -> "TimeCurve":
         """This curve with what its second mesh tells of it: the largest change of `ratio`, times a factor."""
         if self.ratio is None:
@@ -144,7 +158,7 @@ class TimeCurve:
         if other is None or other.ratio is None:
             return replace(self, by_mesh="the viscoelastic model was not solved on the second mesh")
         change = other.ratio(self.time) / self.ratio(self.time) - 1
-        return replace(self, by_mesh=float(factor * np.abs(change).max()))
+        return replace(self, by_mesh=factor * self.counted(self.time, change))
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of a test's force over time."""

@@ -23,7 +23,6 @@ from indentfit.motion import Motion
 
 STEPS, LEAST = 12, 0.02  # steps of equal depths, and the share of the force at the turn at which they end
 SMALLEST = 1 / 16  # of such a step
-HALF = 0.5  # of the force at the turn: a smaller one counts as so large where the model is compared with a rule
 
 
 @dataclass(frozen=True, eq=False)

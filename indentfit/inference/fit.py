@@ -344,7 +344,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
         published=known.published,
         conclusions=(
             *known.conclusions,
-            *far_from_model(beside.differences),
+            *far_from_model(beside.differences, by_mesh=beside.by_mesh),
             *_at_least_bulk(models, problem, best, known),
             *holds,
             *said_of_stability(zip([test.name for test in case.tests], work.facts, strict=False)),
@@ -376,7 +376,9 @@ def _at_least_bulk(models: Models, problem: InverseProblem, best: Candidate | No
     low = share.interval[0]
     if low < LESS * share.fitted:
         beside = models.beside(problem, {**best.parameters, BULK: low})
-        yield from far_from_model(beside.differences, f"at a bulk ratio of {low:.3g}, the low end of its interval, ")
+        yield from far_from_model(
+            beside.differences, f"at a bulk ratio of {low:.3g}, the low end of its interval, ", beside.by_mesh
+        )
 
 
 def _with_moduli(case: Case, result: FitResult) -> FitResult:

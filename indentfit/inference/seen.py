@@ -114,13 +114,20 @@ def seen_sentences(case: Case, values: Mapping[str, float]) -> Iterator[str]:
         yield f"at {end} the force is still {left:.0%} above its long-term value, so the long-term modulus is extrapolated"
 
 
-def far_from_model(differences: Mapping[str, float], where: str = "") -> Iterator[str]:
+def far_from_model(differences: Mapping[str, float], where: str = "", by_mesh: Mapping[str, float] | None = None) -> Iterator[str]:
     """A sentence on tests whose force by the viscoelastic model is far from the hereditary integral with which a fit is made;
-    `where` begins the sentence, where the model was not run at the optimum."""
+    `where` begins the sentence, where the model was not run at the optimum, and `by_mesh` is the mesh's part of a difference."""
     far = {name: size for name, size in differences.items() if size > FAR}
-    if far:
-        sizes = ", ".join(f"{name} {size:.1%}" for name, size in far.items())
-        yield (
-            f"{where}{HEREDITARY} up to {sizes} from the viscoelastic model, whose pressure does not relax: no interval holds this "
-            "error; it is small where the sample is nearly incompressible (Poisson's ratio above 0.49)"
+    if not far:
+        return
+    sizes = ", ".join(f"{name} {size:.1%}" for name, size in far.items())
+    worst = max(far, key=lambda name: far[name])
+    part = (by_mesh or {}).get(worst, 0.0)
+    if part > far[worst] / 2:
+        cause = f", {part:.1%} of it by the mesh: no interval holds this error; a smaller mesh.error makes it smaller"
+    else:
+        cause = (
+            ", whose pressure does not relax: no interval holds this error; it is small where the sample is nearly incompressible "
+            "(Poisson's ratio above 0.49)"
         )
+    yield f"{where}{HEREDITARY} up to {sizes} from the viscoelastic model{cause}"

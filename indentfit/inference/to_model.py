@@ -37,11 +37,13 @@ class Beside:
         With what the mesh adds to it, and without tests of which the model was not solved.
     kernel : Kernel or None
         That of the fit with the model's ratios at this point; None where the material does not relax.
+    by_mesh : dict of test -> what the mesh adds to its difference
     """
 
     words: tuple[str, ...] = ()
     differences: dict[str, float] = field(default_factory=dict)
     kernel: Kernel | None = None
+    by_mesh: dict[str, float] = field(default_factory=dict)
 
 
 class Models:
@@ -66,7 +68,10 @@ class Models:
         if key not in self._known:
             self._known[key] = of_relaxation(case, dict(parameters), shares)
         words, curves = self._known[key]
-        known = kernel.to_model([curves[test.name].ratio if test.name in curves else None for test in case.tests])
+        by_test = [curves.get(test.name) for test in case.tests]
+        known = kernel.to_model(
+            [curve.ratio if curve else None for curve in by_test], [curve.counts if curve else None for curve in by_test]
+        )
         off = known.off(kernel)
         sizes = {
             test.name: (off[n] if kernel.factors else curves[test.name].largest) + curves[test.name].error_by_mesh
@@ -77,7 +82,7 @@ class Models:
             names = [test.name for test in case.tests]
             most = replace(kernel, factors=()).off(kernel)
             words += tuple(CORRECTED.format(name=name, most=most[n], left=off[n]) for n, name in enumerate(names) if name in curves)
-        return Beside(words, sizes, known)
+        return Beside(words, sizes, known, {name: curve.error_by_mesh for name, curve in curves.items()})
 
     def corrected(self, problem: InverseProblem, parameters: Mapping[str, float]) -> InverseProblem | None:
         """The problem whose forces are those of the model at parameters; None where they nearly are."""

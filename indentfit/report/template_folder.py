@@ -16,7 +16,7 @@ from indentfit.case.laws import YOUNG, has_fibres, open_law, shear_parameter
 from indentfit.case.reference import json_schema
 from indentfit.case.starter import SCHEMA, OwnCase, OwnLayer, OwnTest, starter, unanswered
 from indentfit.case.template import template, toml_value
-from indentfit.curve import Curve, read_curve, write_curve
+from indentfit.curve import Curve, not_loading_only, read_curve, write_curve
 from indentfit.errors import InputError, OutputError
 from indentfit.material import Material
 from indentfit.shapes import keys_of
@@ -142,7 +142,8 @@ def _text(asked: Asked) -> str:
     parameters = dict(_parameters(law, modulus))
     told = {key: value for key, value in told.items() if key != "material.model"}
     fibres = any(layer.fibres for layer in layers) if layers else has_fibres(law)
-    return starter(OwnCase(asked.indenter, model, parameters, fibres, tests or [OwnTest("press")], told, layers))
+    held = not layers and any(curve.time is not None and not_loading_only(curve) for curve in curves)
+    return starter(OwnCase(asked.indenter, model, parameters, fibres, tests or [OwnTest("press")], told, layers, held))
 
 
 def _layer(name: str, model: str, modulus: float | None) -> OwnLayer:
@@ -214,7 +215,8 @@ def _modulus(indenter: str, told: Mapping[str, Any], curves: Sequence[Curve]) ->
     shape = indenters.SHAPES.make(sizes)
     if shape is None or not curves:
         return None
-    depth, force = float(curves[0].displacement[-1]), float(curves[0].force[-1])
+    deepest = int(np.argmax(curves[0].displacement))
+    depth, force = float(curves[0].displacement[deepest]), float(curves[0].force[deepest])
     contact = shape.partition(depth)
     half_length = getattr(contact, "half_length", contact.half_width)
     return force / (8 * depth * float(np.sqrt(contact.half_width * min(half_length, 20 * contact.half_width))))

@@ -23,6 +23,7 @@ from indentfit.motion import Motion
 from indentfit.runs.forward import Evaluation, ForwardModel, Report
 from indentfit.runs.run import Point
 
+Of = Callable[[Array], Array]  # times (n,), s -> numbers (n,)
 BULK = "bulk_ratio"
 MOST_OF_BULK = 0.9  # share of the force
 ALIKE, LEAST_OF_BULK = 0.1, 1e-3  # differences of these shares that do not matter: relative, and absolute
@@ -81,6 +82,8 @@ class Kernel:
         Of each test, where the sample is so compressible that they matter.
     factors : tuple of arrays (n,), one for each curve
         By which the forces of the viscoelastic model differ from the hereditary integral; none where they are not known.
+    counts : tuple of arrays (n,), one for each curve
+        The shares in which differences of these factors count (`TimeCurve.counts`); none where all count alike.
     """
 
     relaxation: Relaxation
@@ -90,6 +93,7 @@ class Kernel:
     depths: tuple[Array, ...]
     bulk: BulkShares | None = None
     factors: tuple[Array, ...] = ()
+    counts: tuple[Array, ...] = ()
 
     @property
     def times(self) -> tuple[Array, ...]:
@@ -166,17 +170,22 @@ class Kernel:
     def _factors(self) -> Sequence[Array | float]:
         return self.factors or [1.0] * len(self.maps)
 
-    def to_model(self, ratios: Sequence[Callable[[Array], Array] | None]) -> "Kernel":
+    def to_model(self, ratios: Sequence[Of | None], counts: Sequence[Of | None] = ()) -> "Kernel":
         """This kernel with the ratios of the viscoelastic model's forces to the hereditary integrals of each test, functions of the
-        time, s; None where a ratio is not known."""
+        time, s; None where a ratio is not known. Their differences count in shares of each test, functions of the time too."""
+        factors, shares = self._at_times(ratios), self._at_times(counts or [None] * len(ratios))
+        return replace(self, factors=factors, counts=shares)
+
+    def _at_times(self, functions: Sequence[Of | None]) -> tuple[Array, ...]:
         pairs = zip(self.times, self.owners, strict=True)
-        return replace(self, factors=tuple(np.ones(time.size) if (of := ratios[n]) is None else of(time) for time, n in pairs))
+        return tuple(np.ones(time.size) if (of := functions[n]) is None else of(time) for time, n in pairs)
 
     def off(self, other: "Kernel") -> dict[int, float]:
-        """The number of each test -> the largest relative difference of its factors from those of another kernel."""
+        """The number of each test -> the largest relative difference of its factors from those of another kernel, as it counts."""
         sizes: dict[int, float] = {}
-        for n, own, known in zip(self.owners, self._factors, other._factors, strict=True):
-            sizes[n] = max(sizes.get(n, 0.0), float(np.max(np.abs(own / known - 1))))
+        shares = self.counts or other.counts or [1.0] * len(self.maps)
+        for n, own, known, share in zip(self.owners, self._factors, other._factors, shares, strict=True):
+            sizes[n] = max(sizes.get(n, 0.0), float(np.max(share * np.abs(own / known - 1))))
         return sizes
 
 
