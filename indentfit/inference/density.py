@@ -20,6 +20,7 @@ from indentfit.inference.joint import JointFit
 from indentfit.inference.noise import SLAB, WHITE, correlations, possible
 from indentfit.inference.posterior import FINEST, NoiseModel, Shift, basis
 
+ALIKE = 0.8  # probability that the noises of a case's tests are alike
 NEGLIGIBLE = 1e-3  # errors of the model along a direction, over the least noise, that are left out
 
 
@@ -125,8 +126,10 @@ class Density:
         left, sigma = forces[:, self.rows] - self.y, self.sigma(places)
         r = self.noises[0].errors.shape[1] if self.noises else 0
         squares, volume, seen, inner = np.zeros(len(z)), np.zeros(len(z)), np.zeros((len(z), r)), np.zeros((len(z), r * r))
+        white = np.ones((len(z), len(self.noises)), dtype=bool)
         for n, noise in enumerate(self.noises):
             kinds = noise.kinds(places[:, self.curves.size + len(self.used) + n])
+            white[:, n] = kinds == 0
             for kind in np.unique(kinds):
                 here = kinds == kind
                 known, variances = noise.known[kind], noise.variances(int(kind), sigma[here, n])
@@ -141,7 +144,9 @@ class Density:
         explained = np.linalg.solve(L, (factors * seen)[..., None])[..., 0]
         volume += 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
         priors = np.sum((z @ self.P.T - self.centre) ** 2, axis=1)
-        return np.where(failed, -np.inf, -0.5 * (squares - np.sum(explained**2, axis=1) + volume + priors))
+        told = [noise for noise in self.noises if len(noise.known) > 1]
+        log = alike(white[:, [len(noise.known) > 1 for noise in self.noises]]) if told else 0.0
+        return np.where(failed, -np.inf, log - 0.5 * (squares - np.sum(explained**2, axis=1) + volume + priors))
 
     def values(self, z: Array) -> Array:
         """Coordinates (..., n) in their units."""
@@ -187,6 +192,17 @@ class Density:
                 part = slice(ends[known.test], ends[known.test + 1])
                 elastic[:, part] += _moved(curves.shifts[known.test], own[:, n], elastic[:, part])
         return surrogate.relaxed(elastic, places)
+
+
+def alike(white: Bools) -> Array:
+    """Logarithm of the prior probability that the noises of tests (m, tests) are white, or are not, over that of independent tests.
+
+    The tests of a case mostly come from one rig: with the probability ALIKE their noises are all white, or all correlated.
+    """
+    tests = white.shape[1]
+    every, none = white.all(axis=1), ~white.any(axis=1)
+    one_kind = np.where(every, WHITE ** (1 - tests), np.where(none, (1 - WHITE) ** (1 - tests), 0.0))
+    return np.asarray(np.log(ALIKE * one_kind + 1 - ALIKE))
 
 
 @dataclass(frozen=True, eq=False)
