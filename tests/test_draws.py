@@ -1,5 +1,6 @@
 """Weighted draws of the posterior: against densities that are known, and the intervals that they make."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from indentfit.case import Range
 from indentfit.case.priors import Prior
 from indentfit.curve import Curve
 from indentfit.inference import draws, joint
-from indentfit.inference.density import SLAB, WHITE, Density
+from indentfit.inference.density import ALIKE, SLAB, WHITE, Density, alike
 from indentfit.inference.draws import Draws, drawn, pieces
 from indentfit.inference.joint import ModelError
 from indentfit.inference.joint_profiles import joint_profiles
@@ -38,6 +39,14 @@ class Off(Line):
         shape = DESIGN[:, 1] / np.sqrt(np.mean(DESIGN[:, 1] ** 2))
         exact = super().evaluate(points)
         return [replace(known, forces=(known.forces[0] + self.share * np.abs(known.forces[0]).max() * shape,)) for known in exact]
+
+
+class Twice(Line):
+    """Two tests, both a d."""
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        exact = super().evaluate([{**point, "b": 0.0} for point in points])
+        return [replace(known, parameters=dict(point), forces=2 * known.forces) for point, known in zip(points, exact, strict=True)]
 
 
 def measured(a=90.0, b=60.0):
@@ -162,6 +171,37 @@ def test_the_density_with_errors_of_the_model_is_that_of_their_covariance(line):
         left = DESIGN @ (200 * place[:2]) - measured()
         logs.append(-0.5 * (left @ np.linalg.solve(covar, left) + np.linalg.slogdet(covar)[1]))
     assert density(places) - density(places)[0] == pytest.approx(np.array(logs) - logs[0], rel=1e-3, abs=1e-3)
+
+
+def test_noises_of_tests_are_alike_before_the_curves_speak():
+    """Of three tests each noise is white with the probability WHITE; that of a second one depends on the first."""
+    kinds = np.array(list(itertools.product(range(SLAB + 1), repeat=3)))
+    alone = np.where(kinds > 0, (1 - WHITE) / SLAB, WHITE).prod(axis=1)
+    share = alone * np.exp(alike(kinds == 0))
+    white = kinds == 0
+    assert share.sum() == pytest.approx(1)
+    for n in range(3):
+        assert share @ white[:, n] == pytest.approx(WHITE)
+    both = share @ (white[:, 0] & white[:, 1])
+    assert both == pytest.approx(ALIKE * WHITE + (1 - ALIKE) * WHITE**2)
+    np.testing.assert_allclose(alike(white[:, :1]), 0, atol=1e-12)
+
+
+def test_a_noise_that_looks_white_is_less_surely_so_beside_a_correlated_one():
+    """Two tests, both a d; the noise of the second is the same white one in both fits, that of the first is surely white or not. The
+    odds of the second's are then 0.85 to 0.15 and 0.05 to 0.95 before its curve speaks: 107 times apart, if a stays where it is."""
+    rng, shares = np.random.default_rng(5), []
+    white = NOISE * rng.standard_normal(25)
+    for other in (NOISE * rng.standard_normal(25), 2 * NOISE * np.sin(30 * DEPTH)):
+        tests = [Target(name, Curve(DEPTH, 90 * DEPTH + noise), 0.5) for name, noise in zip("tu", (other, white), strict=True)]
+        free = {"a": Range(start=50, min=0, max=200)}
+        problem = InverseProblem(tuple(tests), {"a": 50.0}, free, None)
+        fit = joint.joint_fit(widened_problem(problem, ()), (), Watched(Twice()), ModelError.none(50), 0)
+        known = drawn(fit, 0)
+        shares.append(known.shares @ (Density(fit).rho(known.places)[:, 1] > 0))
+    first, second = (share / (1 - share) for share in shares)
+    assert shares[0] < 0.05
+    assert 30 < second / first < 300
 
 
 # Sets of draws
