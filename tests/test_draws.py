@@ -188,8 +188,8 @@ def test_noises_of_tests_are_alike_before_the_curves_speak():
 
 
 def test_a_noise_that_looks_white_is_less_surely_so_beside_a_correlated_one():
-    """Two tests, both a d; the noise of the second is the same white one in both fits, that of the first is surely white or not. The
-    odds of the second's are then 0.85 to 0.15 and 0.05 to 0.95 before its curve speaks: 107 times apart, if a stays where it is."""
+    """Two tests, both a d; the noise of the second is the same white one in both fits, that of the first is surely white or not.
+    The odds of the second's are 0.85 to 0.15 and 0.05 to 0.95 before its curve speaks: 107 times apart, if a stays where it is."""
     rng, shares = np.random.default_rng(5), []
     white = NOISE * rng.standard_normal(25)
     for other in (NOISE * rng.standard_normal(25), 2 * NOISE * np.sin(30 * DEPTH)):
