@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from skfem import Basis, ElementHex1, ElementHex2, ElementVector
+from skfem.element import BOUNDARY_ELEMENT_MAP
+from skfem.mapping import MappingIsoparametric
 
 from indentfit.arrays import Array, Ints
 from indentfit.compiled import THREADS, compiled, on_stack, on_threads
@@ -37,11 +39,30 @@ SAME_END = 1e-9  # relative difference of the places of a sample's end, by round
 LANES = 8  # doubles in the widest registers: the nodes of an element are padded to a multiple with shape functions that are zero
 INVARIANTS_OF = {1: 4, 2: 7}  # numbers of invariants by the number of families of fibres
 MAPS = 8  # of fibres whose directions at the integration points are kept
+FEW = 3 * 64  # coordinates of places of the reference element at which values of shape functions are kept
 RANGES = 16  # of elements, that are looped over one by one or, where they share no node, at once
 WORTH_THREADS = 200_000  # integration points times nodes of an element from which a second thread pays
 XX, YY, ZZ, XY, YZ, XZ = range(6)  # order of stress components everywhere
 _FAST = {"error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 _kernel, _inlined = compiled(**_FAST), compiled(inline="always", **_FAST)
+
+
+@functools.lru_cache(maxsize=4096)
+def _at(kind: type, shape: tuple[int, ...], places: bytes, i: int) -> tuple[Array, Array]:
+    """The shape function i of a kind of element and its slopes, at places of the reference element that are given as bytes."""
+    values: tuple[Array, Array] = kind().lbasis(np.frombuffer(places).reshape(shape), i)
+    return values
+
+
+def _remembering(kind: type) -> Any:
+    """scikit-fem's element, whose shape functions are evaluated once at the same places.
+
+    A mapping asks for each of them at the same few places for every entry of the Jacobian, which took a third of the time that the
+    set-up of a model took. Processes that are forked share the values.
+    """
+    element, own = kind(), kind()
+    element.lbasis = lambda X, i: _at(kind, X.shape, X.astype(float).tobytes(), i) if X.size <= FEW else own.lbasis(X, i)
+    return element
 
 
 class Solid:
@@ -55,8 +76,10 @@ class Solid:
     def __init__(self, mesh: Any, element: str = "q1p0", part: Part = PARTS["quarter"]) -> None:
         kind, order, n_modes = ELEMENTS[element]
         self.element, self.mesh, self.part, self.copies = element, mesh, part, part.copies
-        self.basis = Basis(mesh, ElementVector(kind()), intorder=order)
-        scalar = self.basis.with_element(kind())
+        shape = _remembering(kind)
+        mapping = MappingIsoparametric(mesh, shape, BOUNDARY_ELEMENT_MAP[kind]())
+        self.basis = Basis(mesh, ElementVector(shape), mapping, intorder=order)
+        scalar = self.basis.with_element(shape)
         self.dofs = np.ascontiguousarray(self.basis.element_dofs.T.reshape(mesh.nelements, -1, 3).astype(np.int32))
         grads = np.array([scalar.basis[i][0].grad for i in range(scalar.Nbfun)])  # (n_n, 3, n_el, n_q)
         self.grads = np.zeros((mesh.nelements, grads.shape[3], 3, -(-scalar.Nbfun // LANES) * LANES))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -100,9 +101,15 @@ def _elements_up_to(start: float, stop: float, grading: Grading, at: float) -> t
     return fine, np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine))])
 
 
+@functools.lru_cache(maxsize=256)
+def _elements(start: float, stop: float, grading: Grading, at: float) -> float:
+    """The number of elements of the wanted width between start and stop; a search of a size asks often for those of one base."""
+    return float(_elements_up_to(start, stop, grading, at)[1][-1])
+
+
 def _rounding(start: float, stop: float, grading: Grading, at: float, least: int) -> float:
     """The factor that makes the number of elements of the base mesh whole; 1 where `least` raises that number."""
-    count = _elements_up_to(start, stop, grading.base or grading, at)[1][-1]
+    count = _elements(start, stop, grading.base or grading, at)
     number = np.ceil(count - 1e-9)
     return number / count if number >= least else 1.0
 
