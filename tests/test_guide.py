@@ -23,7 +23,7 @@ from indentfit.report.guide import PAGES, chapters, html_page, page_names, page_
 from indentfit.report.guide_examples import BLOCK, TUTORIALS, pictures_of, run_page
 from indentfit.report.guide_parts import generated_parts
 from indentfit.report.page import Picture
-from indentfit.report.schema import READERS
+from indentfit.report.schema import CLASSES
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
@@ -248,7 +248,7 @@ def test_every_public_name_material_and_kind_of_result_stands_in_the_reference(g
     for name, law in installed().items():
         part = materials.split(f"\n## {name}\n")[1].split("\n## ")[0]
         assert all(f"| `{parameter}` |" in part for parameter in law.parameters)
-    assert all(f"### {tag}\n" in page_text("results", generated) for tag in READERS)
+    assert all(f"### {tag}\n" in page_text("results", generated) for tag in CLASSES)
 
 
 # Tutorials: pytest -m guide

@@ -5,6 +5,7 @@ import math
 import shutil
 from html import unescape
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 from click.testing import CliRunner
@@ -12,7 +13,10 @@ from matplotlib.text import Text
 
 from indentfit.cli import main
 from indentfit.digits import plainly
+from indentfit.report.html import PAGES
+from indentfit.report.schema import CLASSES, StoredSimulation
 from indentfit.report.typeset import typeset
+from indentfit.runs.simulated import SimulatedCase
 from indentfit.study.sweep import Sweep
 
 pytestmark = pytest.mark.quick
@@ -129,3 +133,14 @@ def test_processed_records_of_version_0_1(drawn):
     for spread in (*result["stiffness_mN_per_mm"].values(), result["ratio_90_to_0"]):
         assert f"{spread['mean']:.4g}" in page and " to ".join(f"{end:.4g}" for end in spread["interval"]) in page
     assert all(difference["test"] in page and f"{difference['p']:.3g}" in page for difference in result["differences"])
+
+
+@pytest.mark.parametrize("tag", CLASSES)
+def test_the_class_of_a_tag_is_the_one_that_writes_it(tag):
+    kind = resolve_name(CLASSES[tag])
+    assert tag == (SimulatedCase if kind is StoredSimulation else kind).FORMAT
+
+
+def test_every_result_has_a_page():
+    assert {name.partition(":")[2] for name in CLASSES.values()} == set(PAGES)
+    assert all(callable(resolve_name(f"indentfit.report.{page}")) for page in PAGES.values())

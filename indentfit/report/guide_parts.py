@@ -4,13 +4,14 @@ import importlib
 import inspect
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from pkgutil import resolve_name
 from typing import Any
 
 from indentfit.case.reference import reference_page
 from indentfit.errors import MaterialError
 from indentfit.material import Material, installed
 from indentfit.report.formulas import with_formulas
-from indentfit.report.schema import READERS
+from indentfit.report.schema import CLASSES
 from indentfit.report.typeset import symbol
 
 PUBLIC = "indentfit"  # the package whose public names are described
@@ -85,10 +86,10 @@ def _methods(value: Any) -> Iterator[Any]:
 
 
 def _results() -> Iterator[str]:
-    for tag, reader in READERS.items():
-        kind = getattr(reader, "__self__", None)
+    for tag, name in CLASSES.items():
+        kind = resolve_name(name)
         yield f"### {tag}\n"
-        if kind is not None and is_dataclass(kind):
+        if is_dataclass(kind):
             yield f"```text\n{inspect.cleandoc(kind.__doc__ or '')}\n```\n"
             yield "| field | kind |\n|---|---|"
             yield from (f"| `{known.name}` | `{str(known.type).replace('|', 'or')}` |" for known in fields(kind))

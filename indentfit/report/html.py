@@ -6,28 +6,25 @@ The page is made from the folder alone, so that it can be drawn again later and 
 import os
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 
 import jinja2
 
 from indentfit.errors import OutputError
-from indentfit.inference.per_sample import PerSample
-from indentfit.inference.population_fit import Population
-from indentfit.inference.result import FitResult
-from indentfit.report.html_comparison import comparison_page
-from indentfit.report.html_design import design_page
-from indentfit.report.html_fit import fit_page
-from indentfit.report.html_population import population_page
-from indentfit.report.html_process import process_page
-from indentfit.report.html_samples import per_sample_page
-from indentfit.report.html_simulation import simulation_page
-from indentfit.report.html_studies import mesh_check_page, sweep_page
 from indentfit.report.page import Page, render
 from indentfit.report.schema import DAMAGE, Stored, read_result
-from indentfit.report.stored_process import StoredProcess
-from indentfit.study.compare import Comparison
-from indentfit.study.design import Design
-from indentfit.study.mesh_check import MeshCheck
-from indentfit.study.sweep import Sweep
+
+PAGES = {  # the function that makes the page of a result, by the result's class; only that of the result is imported
+    "FitResult": "html_fit:fit_page",
+    "Sweep": "html_studies:sweep_page",
+    "MeshCheck": "html_studies:mesh_check_page",
+    "Design": "html_design:design_page",
+    "Comparison": "html_comparison:comparison_page",
+    "Population": "html_population:population_page",
+    "PerSample": "html_samples:per_sample_page",
+    "StoredProcess": "html_process:process_page",
+    "StoredSimulation": "html_simulation:simulation_page",
+}
 
 
 def write_report(folder: str | Path) -> Path:
@@ -68,19 +65,5 @@ def _dated(page: Page, stored: Stored) -> Page:
 
 
 def _page(stored: Stored) -> Page:
-    result = stored.result
-    if isinstance(result, FitResult):
-        return fit_page(stored, result)
-    if isinstance(result, Sweep):
-        return sweep_page(stored, result)
-    if isinstance(result, MeshCheck):
-        return mesh_check_page(stored, result)
-    if isinstance(result, Design):
-        return design_page(stored, result)
-    if isinstance(result, Comparison):
-        return comparison_page(stored, result)
-    if isinstance(result, Population):
-        return population_page(stored, result)
-    if isinstance(result, PerSample):
-        return per_sample_page(stored, result)
-    return process_page(stored, result) if isinstance(result, StoredProcess) else simulation_page(stored, result)
+    made: Page = resolve_name(f"indentfit.report.{PAGES[type(stored.result).__name__]}")(stored, stored.result)
+    return made

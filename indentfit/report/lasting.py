@@ -5,20 +5,21 @@ import contextlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from indentfit.case import Case
 from indentfit.errors import LedgerError, OutputError, Stopped, WorkerError
 from indentfit.inference.fit import fit
 from indentfit.inference.per_sample import PerSample, SampleFit, fit_sample
-from indentfit.inference.population_fit import Population, population
 from indentfit.inference.result import FitResult
 from indentfit.report.conduct import Conduct, Place, Say
 from indentfit.report.fit_folder import fill_fit
 from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished
-from indentfit.report.samples_folder import fill_population, fill_samples
 from indentfit.runs.ledger import Ledger, refuse_in_use
 from indentfit.runs.start import is_prepared
+
+if TYPE_CHECKING:
+    from indentfit.inference.population_fit import Population
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,8 @@ def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, c
     target = refuse_existing(place.output, place.overwrite)
     with lasting_folder(place.output, place.overwrite) as folder:
         fits = _fit_samples(folder, target, named, place, conduct)
+        from indentfit.report.samples_folder import fill_samples  # a fit of one sample needs none of it
+
         result = PerSample.of(fits, list(named))
         fill_samples(folder, result)
     return result
@@ -108,7 +111,7 @@ def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, c
 
 def fit_population_in_folder(
     named: Mapping[str, tuple[str, Case]], place: Place, conduct: Conduct, groups: Mapping[str, str]
-) -> Population:
+) -> "Population":
     """Fit each sample of a set as `fit_samples_in_folder` does, and write the result folder of the population.
 
     Parameters
@@ -119,6 +122,9 @@ def fit_population_in_folder(
     ------
     OutputError, LedgerError, WorkerError, Stopped
     """
+    from indentfit.inference.population_fit import population  # a fit of one sample needs none of it
+    from indentfit.report.samples_folder import fill_population
+
     target = refuse_existing(place.output, place.overwrite)
     with lasting_folder(place.output, place.overwrite) as folder:
         fits = _fit_samples(folder, target, named, place, conduct)

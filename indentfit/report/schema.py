@@ -9,7 +9,8 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -26,17 +27,18 @@ from indentfit.errors import CaseError, IndentfitError, OutputError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts
 from indentfit.fem.result import TimeCurve
-from indentfit.inference.per_sample import PerSample
-from indentfit.inference.population_fit import Population
 from indentfit.inference.result import FitResult
-from indentfit.report.stored_process import StoredProcess
 from indentfit.runs.closed_form import ClosedForm
-from indentfit.runs.simulated import SimulatedCase
 from indentfit.shapes import Registry
-from indentfit.study.compare import Comparison
-from indentfit.study.design import Design
-from indentfit.study.mesh_check import MeshCheck
-from indentfit.study.sweep import Sweep
+
+if TYPE_CHECKING:
+    from indentfit.inference.per_sample import PerSample
+    from indentfit.inference.population_fit import Population
+    from indentfit.report.stored_process import StoredProcess
+    from indentfit.study.compare import Comparison
+    from indentfit.study.design import Design
+    from indentfit.study.mesh_check import MeshCheck
+    from indentfit.study.sweep import Sweep
 
 RESULT_FILES = ("result.json", "simulation.json", "design.json", "per_sample.json", "summary.json")
 
@@ -202,28 +204,28 @@ class Stored:
         return self.case.units.get(parameter, "1") if self.case else "1"
 
 
-Reader = Callable[[Mapping[str, Any]], Any]
-READERS: dict[str, Reader] = {
-    FitResult.FORMAT: FitResult.from_json,
-    Sweep.FORMAT: Sweep.from_json,
-    MeshCheck.FORMAT: MeshCheck.from_json,
-    SimulatedCase.FORMAT: StoredSimulation.from_json,
-    Design.FORMAT: Design.from_json,
-    Comparison.FORMAT: Comparison.from_json,
-    PerSample.FORMAT: PerSample.from_json,
-    Population.FORMAT: Population.from_json,
-    StoredProcess.FORMAT: StoredProcess.from_json,
+CLASSES = {  # of results by the tag of their format; a command imports only that of the result it reads
+    "indentfit.fit/2": "indentfit.inference.result:FitResult",
+    "indentfit.sweep/2": "indentfit.study.sweep:Sweep",
+    "indentfit.mesh_check/2": "indentfit.study.mesh_check:MeshCheck",
+    "indentfit.simulation/2": "indentfit.report.schema:StoredSimulation",
+    "indentfit.design/2": "indentfit.study.design:Design",
+    "indentfit.comparison/2": "indentfit.study.compare:Comparison",
+    "indentfit.per_sample/2": "indentfit.inference.per_sample:PerSample",
+    "indentfit.population/2": "indentfit.inference.population_fit:Population",
+    "indentfit.process/2": "indentfit.report.stored_process:StoredProcess",
 }
 FIRST_VERSION = {  # tags of version 0.1
-    "indentfit.sweep/1": Sweep.FORMAT,
-    "indentfit.mesh-check/1": MeshCheck.FORMAT,
-    "indentfit.simulation/1": SimulatedCase.FORMAT,
-    "indentfit.per_sample/1": PerSample.FORMAT,
-    "indentfit.records/1": StoredProcess.FORMAT,
+    "indentfit.sweep/1": "indentfit.sweep/2",
+    "indentfit.mesh-check/1": "indentfit.mesh_check/2",
+    "indentfit.simulation/1": "indentfit.simulation/2",
+    "indentfit.per_sample/1": "indentfit.per_sample/2",
+    "indentfit.records/1": "indentfit.process/2",
 }
 # errors that damaged or foreign values in a result file raise
 DAMAGE = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, IndentfitError)
-UNTAGGED = {"format_version": FitResult.FORMAT, "candidates": Design.FORMAT}  # keys by which 0.1's files without a tag are known
+# keys by which 0.1's files without a tag are known
+UNTAGGED = {"format_version": "indentfit.fit/2", "candidates": "indentfit.design/2"}
 
 
 def read_result(folder: str | Path) -> Stored:
@@ -240,13 +242,12 @@ def read_result(folder: str | Path) -> Stored:
     value = _value(folder)
     tag = str(value.get("format", next((kind for key, kind in UNTAGGED.items() if key in value), None)))
     tag = FIRST_VERSION.get(tag, tag)
-    if tag not in READERS:
+    if tag not in CLASSES:
         raise OutputError(f"{folder}: a result of an unknown format ({tag[:60]!r}); use the indentfit that wrote it")
     case = CaseFacts.from_json(value["case"]) if value.get("case") else None
+    result = resolve_name(CLASSES[tag]).from_json(value)
     overrides, versions = tuple(value.get("overrides", ())), dict(value.get("versions") or {})
-    return Stored(
-        folder, READERS[tag](value), case, overrides, value.get("case_hash"), versions, str(value.get("written", ""))[:10]
-    )
+    return Stored(folder, result, case, overrides, value.get("case_hash"), versions, str(value.get("written", ""))[:10])
 
 
 def fitted_parameters(folder: str | Path, case: Case) -> dict[str, float]:
