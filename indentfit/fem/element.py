@@ -77,7 +77,7 @@ class Solid:
         kind, order, n_modes = ELEMENTS[element]
         self.element, self.mesh, self.part, self.copies = element, mesh, part, part.copies
         shape = _remembering(kind)
-        mapping = MappingIsoparametric(mesh, shape, BOUNDARY_ELEMENT_MAP[kind]())
+        mapping = MappingIsoparametric(mesh, _remembering(mesh.elem), BOUNDARY_ELEMENT_MAP[mesh.elem]())
         self.basis = Basis(mesh, ElementVector(shape), mapping, intorder=order)
         scalar = self.basis.with_element(shape)
         self.dofs = np.ascontiguousarray(self.basis.element_dofs.T.reshape(mesh.nelements, -1, 3).astype(np.int32))
