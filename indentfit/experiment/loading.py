@@ -17,12 +17,13 @@ FILTER = 0.1  # length of the filter, as a share of the ramp's duration
 VELOCITY_FILTER = 0.2
 SAME_VELOCITY = 0.15  # relative change of velocity that still counts as constant
 PLATEAU = 0.005  # share of the force within which a controlled force is held
+HELD = 0.15  # durations of the ramp for which it is held at least
+CREEP = 0.003  # share of the travel that the displacement then creeps
+RISES_LESS = 0.25  # share of the rise under a stage that goes as far, by which the force may change while it is held
 PAUSED = 0.05  # share of the samples between 20 and 80 % of the force from which a stage that stays pauses
 STAYS = 0.005  # share of the travel between them within which it stays
 RISES = 0.1  # share of the rise of the force from which it rises in a part
-CREEP = 0.015  # share of the travel that the displacement then creeps
-SLOW = 0.5  # of the velocity before, at which the displacement creeps
-FAST_CREEP = 0.08  # share of the travel that it creeps where it is as fast: no sample gives way so far at one force under a stage
+SLOW = 0.5  # of the velocity before, at which the stage slows down
 REPEATS = 0.3  # share of the samples that may repeat the one before in a force that is held
 BY_NOISE = 4.0  # standard deviations of the filtered force within which it is held
 SHORTEST_FILTER = 5  # samples
@@ -59,6 +60,8 @@ class Ramp:
         Slope of a baseline that rises or falls clearly over the travel before contact; 0 where none does.
     pauses : tuple of (begin, end)
         Samples between `low` and `high` during which the stage stays, as in a test of steps and holds.
+    held : tuple of (begin, end)
+        Samples after the loading during which a controlled force is held, and the displacement creeps; (0, 0) where none is.
     """
 
     record: RawRecord
@@ -73,6 +76,7 @@ class Ramp:
     peak: float
     slope: float = 0.0
     pauses: tuple[tuple[int, int], ...] = ()
+    held: tuple[int, int] = (0, 0)
 
     @property
     def raised(self) -> Array:
@@ -139,8 +143,10 @@ def find_ramp(record: RawRecord, filter_share: float = FILTER) -> Ramp:
             "it must rise into the sample, change record.displacement.sign"
         )
     noise = 1.5 * noise_of(record.force) / float(np.sqrt(odd(filter_share * samples)))
-    stop = _before_creep(record, displacement, smooth, high, _end(record, displacement, velocity, high, samples), noise)
-    ramp = Ramp(record, low, high, stop, odd(filter_share * samples), velocity, displacement, smooth, rest, 0.0, slope, pauses)
+    held = _held(record, displacement, smooth, high, samples, noise)
+    stop = held[0] + 1 if any(held) else _end(record, displacement, velocity, high, samples)
+    length = odd(filter_share * samples)
+    ramp = Ramp(record, low, high, stop, length, velocity, displacement, smooth, rest, 0.0, slope, pauses, held)
     return replace(ramp, peak=float(ramp.raised[low:stop].max()))
 
 
@@ -336,23 +342,36 @@ def _end(record: RawRecord, displacement: Array, velocity: float, high: int, sam
     return begin + int(np.argmax(near >= near.max() - 0.005 * velocity * samples * record.interval)) + 1
 
 
-def _before_creep(record: RawRecord, displacement: Array, force: Array, high: int, stop: int, noise: float) -> int:
-    """Index after the last sample of loading, where a controlled force is held and the displacement creeps before `stop`.
+def _held(record: RawRecord, displacement: Array, force: Array, high: int, samples: float, noise: float) -> tuple[int, int]:
+    """First sample, and that after the last, of a controlled force that is held while the displacement creeps; (0, 0) without one.
 
-    noise: standard deviation of the filtered force, mN.
+    A stage that stops ends the creep, and one that goes on raises the force.
+
+    displacement, force (n,), mm and mN: filtered, the force with a standard deviation `noise`, mN.
     """
-    part = force[high:stop]
-    if part.size < 2:
-        return stop
-    top = max(float(np.median(part[part.size // 2 :])), float(part.max()) - BY_NOISE * noise)
-    within = PLATEAU * (top - float(force[:high].min()))
-    reached = high + int(np.argmax(part >= top - within))
-    creep, travel = displacement[stop - 1] - displacement[reached], displacement[stop - 1] - displacement[:high].min()
-    slow = creep < SLOW * (stop - 1 - reached) * np.median(np.diff(displacement[:high][-high // 4 :]))
-    held = (force[reached:stop] >= top - within - BY_NOISE * noise).all()
-    repeats = np.count_nonzero(np.diff(record.force[reached:stop]) == 0)  # at the end of the sensor's range, or without noise
-    fast = creep > FAST_CREEP * travel and repeats < REPEATS * (stop - reached)
-    return reached + 1 if held and ((slow and creep > CREEP * travel) or fast) else stop
+    none, rise = (0, 0), float(force[high:].max() - force[:high].min())
+    within = PLATEAU * rise
+    near = force[high:] >= force[high:].max() - within - 2 * BY_NOISE * noise
+    begin = high + int(np.argmax(near))
+    end = high + int(np.argmin(np.append(near[begin - high :], False))) + begin - high
+    level = float(np.median(force[begin:end]))
+    begin = begin + int(np.argmax(force[begin:end] >= level - within))
+    rounds = round(0.5 * FILTER * samples)  # samples at a corner that the filter rounds
+    inside = slice(begin + rounds, end if end == force.size else end - rounds)
+    third = (inside.stop - inside.start) // 3
+    if end - begin < HELD * samples or third < SHORTEST_FILTER or begin <= high:
+        return none
+    changes, blurs = [], []
+    for values in (displacement, record.force):
+        part = values[inside]
+        changes.append(float(part[-third:].mean() - part[:third].mean()))
+        blurs.append(noise_of(values) * float(np.sqrt(2 / third)))
+    creep = changes[0] - BY_NOISE * blurs[0]
+    stiffness = (level - force[high]) / max(float(displacement[begin] - displacement[high]), 1e-300)
+    held = abs(changes[1]) < min(RISES_LESS * stiffness * creep, within) + BY_NOISE * blurs[1] < stiffness * creep
+    repeats = np.count_nonzero(np.diff(record.force[begin:end]) == 0)  # at the end of the sensor's range
+    creeps = creep > CREEP * float(displacement[begin] - displacement[:high].min())
+    return (begin, end) if held and creeps and repeats < REPEATS * (end - begin) else none
 
 
 def longest_run(steady: Bools) -> tuple[int, int]:

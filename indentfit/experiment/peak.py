@@ -83,6 +83,8 @@ def peak_of(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | Non
 
 
 def _peak(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None) -> Peak:
+    if any(ramp.held):
+        return _held(ramp, force)
     staged, ramp = bool(ramp.pauses), ramp.last
     start = ramp.low if staged else contact.index
     stop = ramp.stop + round(0.5 * ramp.samples)
@@ -115,6 +117,20 @@ def _peak(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None)
             return Peak(largest, max(noise, scatter))
         length *= 1.6
     return Peak(fit.force, fit.error)
+
+
+def _held(ramp: Ramp, force: Array) -> Peak:
+    """The level of a controlled force that is held: the mean of its samples, or where they surely change a line back to the first."""
+    begin, end = ramp.held
+    held = force[min(begin + round(ROUNDED * ramp.length), end - FEWEST) : end]
+    age = np.arange(held.size) / held.size
+    law = _polynomial(age, held, 1)
+    spread = covariance(law.terms, noise_in(law.residual))
+    change = float(np.polyfit(age, held, 1)[0])
+    if abs(change) > SURE * float(np.sqrt(spread[1, 1])):
+        return Peak(law.force, float(np.sqrt(spread[0, 0])))
+    flat = _polynomial(age, held, 0)
+    return Peak(flat.force, float(np.sqrt(covariance(flat.terms, noise_in(flat.residual))[0, 0])))
 
 
 def _rounded(loading: _Loading, turn: _Turn) -> Peak:

@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dgesv  # a tenth of the time of NumPy's solution
 from scipy.optimize import minimize_scalar
 
 from indentfit.arrays import Array
-from indentfit.experiment.loading import Ramp, noise_of, odd, steady_end
+from indentfit.experiment.loading import Ramp, filtered, noise_of, odd, steady_end
 from indentfit.experiment.noise import CorrelatedNoise, covariance, noise_in
 
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (1.5, 2.0)}  # of the displacement beyond contact, for each end
@@ -29,6 +29,7 @@ SLIGHT = 0.03  # share of the force of a power that is nearly zero
 RIDGE = 1e-13  # keeps normal equations solvable
 SHORTEST = 1e-150  # length of a column whose square is a number still
 CLEARLY = 1.2  # ratio of variances from which that of block means counts
+SHARP = 0.0005  # share of the ramp's travel: noise of the travel that is left where it is filtered
 HARMONICS = 50  # of the error of rounding
 POLISHING = 8  # steps of Gauss and Newton
 
@@ -155,7 +156,7 @@ def stretch_of(ramp: Ramp) -> Stretch:
     record, samples, stop = ramp.record, ramp.samples, steady_end(ramp)
     first = max(0, round(ramp.low - (BASELINE + 0.5) * samples))
     part = slice(first, stop)
-    columns = _measured(ramp, part)
+    columns = _measured(ramp, part, _sharp(ramp, part))
     length = ramp.length * columns.shape[1] / (stop - first)
     risen = np.flatnonzero(ramp.raised[part] >= 0.5 * ramp.peak)
     low, half = np.searchsorted(columns[0], record.time[[ramp.low, first + risen[0] if risen.size else stop - 1]])
@@ -179,17 +180,29 @@ def stretch_of(ramp: Ramp) -> Stretch:
     )
 
 
-def _measured(ramp: Ramp, part: slice) -> Array:
-    """Times, s, filtered displacements, mm, and forces, mN, (3, n) of the measured samples in a part of a ramp's record.
+def _sharp(ramp: Ramp, part: slice) -> Array:
+    """The displacement (n,), mm, of the whole record by the shortest filter that its noise needs, at most that of the ramp.
+
+    A stage that is led by the force moves at once far after contact: a long filter would round this corner, and move contact.
+    """
+    record = ramp.record
+    needed = (1.5 * noise_of(record.displacement[part]) / (SHARP * abs(ramp.velocity) * ramp.duration)) ** 2
+    if needed < 1:
+        return record.displacement
+    return filtered(record.displacement, needed) if needed < ramp.length else ramp.displacement
+
+
+def _measured(ramp: Ramp, part: slice, displacement: Array) -> Array:
+    """Times, s, displacements, mm, and forces, mN, (3, n) of the measured samples in a part of a ramp's record.
 
     Interpolated forces between two samples far apart depend on each other, and a fit would take them for slow noise.
     """
     record = ramp.record
     if record.uneven is None:
-        return np.array([record.time[part], ramp.displacement[part], record.force[part]])
+        return np.array([record.time[part], displacement[part], record.force[part]])
     time = record.uneven.time
     inside = (time >= record.time[part.start]) & (time <= record.time[part.stop - 1])
-    return np.array([time[inside], np.interp(time[inside], record.time, ramp.displacement), record.uneven.force[inside]])
+    return np.array([time[inside], np.interp(time[inside], record.time, displacement), record.uneven.force[inside]])
 
 
 def step_of(force: Array) -> float:
