@@ -120,7 +120,7 @@ def _peak(ramp: Ramp, contact: ContactPoint, force: Array, indenter: str | None)
 
 
 def _held(ramp: Ramp, force: Array) -> Peak:
-    """The level of a controlled force that is held: the mean of its samples, or where they surely change a line back to the first."""
+    """The level of a force that is held: the mean of its samples, or where they surely change a line back to the first of them."""
     begin, end = ramp.held
     held = force[min(begin + round(ROUNDED * ramp.length), end - FEWEST) : end]
     age = np.arange(held.size) / held.size
