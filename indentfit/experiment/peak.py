@@ -138,7 +138,7 @@ def _rounded(loading: _Loading, turn: _Turn) -> Peak:
 
     The sample relaxes while the stage slows down, and no law of the loading before knows by how much.
     """
-    ramp, noise = loading.ramp, loading.contact.noise
+    ramp, noise = loading.ramp, max(loading.contact.noise, noise_of(loading.force))  # the fit's samples may be means of blocks
     count = round(turn.slows / ramp.record.interval)
     first, last = np.searchsorted(ramp.record.time, [turn.time - turn.slows, turn.time + turn.slows])
     begin = max(0, first - count)
