@@ -1,10 +1,13 @@
 """The largest force of a loading: where the stage slows down before it stops, where a force is held and the displacement creeps,
 and where a law of two powers does not follow the end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from indentfit.case import Record
+from indentfit.experiment.peak import peak_of
 from indentfit.experiment.processed import process_record
 from indentfit.experiment.record import RawRecord
 
@@ -69,3 +72,53 @@ def test_the_peak_of_a_coarse_converter_is_within_its_interval():
         done = process_record(raw, settings=Record(indenter="cone"))
         held.append(abs(done.peak - (1 + offset - offset)) <= done.peak_uncertainty)
     assert sum(held) >= 4
+
+
+def led_by_force(far, pace, noise, seed, power=2.0, held=1.0):
+    """A record of a force that rises evenly for 1 s and is held, under which the displacement creeps by a share of the depth."""
+    time = np.arange(int((1.6 + held) * RATE)) / RATE
+    force, rng = np.clip(time - 0.6, 0, 1), np.random.default_rng(seed)
+    place = force ** (1 / power) + np.minimum(time - 0.6, 0) * 0.8 - far * np.expm1(-np.maximum(time - 1.6, 0) / pace)
+    return RawRecord(time, place, force + noise * rng.standard_normal(time.size) + 0.2, "led")
+
+
+@pytest.mark.parametrize("far, pace", [(0.02, 0.3), (0.07, 3.0), (0.17, 0.5), (0.4, 0.1)])
+def test_the_loading_ends_where_its_force_is_held(far, pace):
+    """The end lay in the creep, by up to 19 % of the depth, and the largest of many noisy forces was the peak."""
+    done = [process_record(led_by_force(far, pace, 0.003, seed), settings=Record(indenter="cone")) for seed in range(2)]
+    assert [each.depth for each in done] == pytest.approx([1.0] * 2, abs=0.025)
+    assert [each.peak for each in done] == pytest.approx([1.0] * 2, abs=0.0015)
+    assert all(abs(each.peak - 1) <= 1.2 * each.peak_uncertainty for each in done)
+
+
+def test_a_force_that_drifts_while_it_is_held_gives_the_peak_at_its_beginning():
+    raw = led_by_force(0.2, 0.5, 0.001, 1)
+    drifts = RawRecord(raw.time, raw.displacement, raw.force - 0.004 * np.maximum(raw.time - 1.6, 0), "drifts")
+    done = process_record(drifts, settings=Record(indenter="cone"))
+    assert done.peak == pytest.approx(1.0, abs=5e-4) and done.peak_uncertainty < 0.004
+
+
+def test_contact_of_a_stage_that_is_led_by_the_force():
+    """The stage moves at once far into the sample after contact: the filter rounded this corner, and moved contact to 0.01 to
+    0.02 of the depth before it, in one direction."""
+    points = [process_record(led_by_force(0.1, 0.5, 0.001, seed), settings=Record(indenter="cone")).contact for seed in range(3)]
+    assert np.mean([point.displacement for point in points]) == pytest.approx(0.0, abs=0.003)
+    assert sum(abs(point.displacement) <= point.uncertainty for point in points) >= 2
+
+
+def test_noise_of_a_long_record_counts_whole_where_the_stage_slows_down():
+    """Records of more than 4,000 samples are fitted by means of blocks, whose noise is smaller than that of the samples.
+
+    The stage slows down through 100 samples; a quadratic filter of 60 of them lets 9 / (4 60) of the variance pass.
+    """
+    time = np.arange(0, 20, 0.002)
+    speed = np.interp(time, [0, 14.9, 15.1, 15.3], [1, 1, 0, -1])
+    place = np.concatenate([[0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))])
+    force = np.maximum((place - 10) / (place.max() - 10), 0) ** 2
+    force += 0.012 * np.random.default_rng(1).standard_normal(time.size)
+    done = process_record(RawRecord(time, place, force, "long"), settings=Record(indenter="cone"))
+    above = force - done.contact.free(time, place)
+    least = 1.5 * 0.012 / np.sqrt(60)
+    assert all(
+        peak_of(done.ramp, replace(done.contact, noise=noise), above, "cone").stderr > 0.95 * least for noise in (0.012, 0.006)
+    )
