@@ -394,8 +394,14 @@ def test_a_long_term_modulus_that_the_hold_does_not_reach_is_not_determined():
     values = {"g1": 0.4, "tau1": 2.0}
     said = with_seen(case, known | {"tau1": slow}, values)["mu"].verdict
     assert said.startswith("not determined: it is the modulus after infinite time; at the end of the hold of 1 s 2")
+    share = replace(slow, verdict="weakly determined: 0.3 to 0.42")
+    late = with_seen(case, known | {"tau1": slow, "g1": share}, values)["g1"].verdict
+    assert late.startswith("not determined: it is over the modulus after infinite time; at the end of the hold of 1 s 2")
     clear = replace(slow, verdict="determined (+-5 %); limited by the noise")
     assert with_seen(case, known | {"tau1": clear}, values)["mu"].verdict.startswith("determined")
+    at_once = case_of(Curve(depth, depth, time=time), {"terms": 1, "base": "instantaneous"})
+    told = with_seen(at_once, known | {"tau1": slow, "g1": share}, values)
+    assert told["mu"].verdict.startswith("determined") and told["g1"].verdict == "not determined: its time, tau1, is not seen"
     assert with_seen(case, known | {"tau1": slow}, values | {"g1": 0.01})["mu"].verdict.startswith("determined")
 
 

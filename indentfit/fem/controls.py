@@ -9,6 +9,7 @@ import numpy as np
 from indentfit.fem.deadline import NEVER, Deadline
 
 FIRST_STEPS = 8  # that a growing contact needs
+FEW, STEPS_OF_FEW = 150, 120  # unknowns; steps to the last depth, with which one element follows its closed forms within 1e-6
 
 
 class Report(Protocol):
@@ -45,6 +46,11 @@ class Controls:
     deadline: Deadline = NEVER
     progress: Callable[..., None] | None = None
     most_iterations: float = np.inf
+
+
+def step_of_few(unknowns: int, depth: float) -> float:
+    """The largest step, mm, to a depth of a model with so few unknowns that many steps cost nothing; infinite for others."""
+    return depth / STEPS_OF_FEW if unknowns < FEW else np.inf
 
 
 @dataclass

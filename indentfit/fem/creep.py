@@ -18,7 +18,7 @@ import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
-from indentfit.fem import path as elastic
+from indentfit.fem import path as paths
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.in_time import between, cause_of, of_hold
@@ -34,6 +34,7 @@ FIRST, GROWTH = 0.15, 0.3  # as of `viscous`: here the elastic stress changes in
 INVERSE = 4000  # depths at which the elastic force is inverted
 HELD = 2e-4  # difference of the force from the one that is asked for, as a share of it
 TRIES = 8  # depths of one step
+POINTED = "cone"  # end of an indenter under which the force begins as the square of the depth
 EARLY = 0.25  # first step under a flat end, in units of the usual one: outputs before it have the ratio that is known there
 
 
@@ -157,7 +158,8 @@ def with_creep(
         return test
     force = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     own = replace(load, force=load.force / model.body.copies)
-    creep = Creep.of(own, relaxation.in_series(share), force, float(press.depths[-1]))
+    elastic = _pointed(force, test.path[1].depth) if model.contact.shape.end == POINTED else force
+    creep = Creep.of(own, relaxation.in_series(share), elastic, float(press.depths[-1]))
     dense = load.times(points)
     depth = creep.at(dense)
     end, ends = _end(dense, depth, creep.depths[-1], load)
@@ -180,9 +182,20 @@ def with_creep(
     held = np.array([moment.at.whole_force for moment in moments])[1:]
     stepwise = creep.at(time, held)  # it errs as the viscoelastic model does, by its steps of time and by its forces
     ratio = np.array([moment.at.depth for moment in moments])[1:] / stepwise[1:]
-    difference = float(np.abs(ratio - 1).max())
     crept = between(time[1:], ratio, own.arrived, wanted) * np.interp(wanted, dense, depth)
-    return replace(test, in_time=TimeCurve(wanted, crept, load.at(wanted), difference, control="force", ends=ends))
+    curve = TimeCurve(wanted, crept, load.at(wanted), control="force", ends=ends)
+    return replace(test, in_time=replace(curve, difference=curve.counted(time[1:], ratio - 1)))
+
+
+def _pointed(force: Interpolant, first: float) -> Callable[[Array], Array]:
+    """The force (m,) under a point at depths (m,), mm, which grows as their square up to a first one, mm. A spline from zero may
+    overshoot there: the depth of a small force would be next to nothing, and no first step would be solved."""
+
+    def at(depths: Array) -> Array:
+        share = np.minimum(depths / first, 1.0)
+        return np.asarray(share**2 * force(np.maximum(depths, first)))
+
+    return at
 
 
 def points_of(load: Load, number: int) -> Array:
@@ -231,7 +244,7 @@ def creep_in_time(
     deepest = plan.depth_at(plan.end)
     longest = min(deepest / newton.controls.first_steps, newton.controls.max_step)
     first, _ = force.ahead(plan.next(0.0, longest))
-    rest = elastic.untouched(equations, _as_stiff(loading, first), newton)
+    rest = paths.untouched(equations, _as_stiff(loading, first), newton)
     moments = [Moment(0.0, rest, StressHistory.none(relaxation, _elastic(equations, loading, rest).shape), force)]
     try:
         _follow(moments, equations, loading, newton, plan, longest)
@@ -243,7 +256,7 @@ def creep_in_time(
 
 def _follow(moments: list[Moment], equations: Equations, loading: Loading, newton: Newton, plan: Plan, longest: float) -> None:
     """Add moments up to the end of a plan."""
-    step, failed, leash, springs = np.inf, False, elastic.LEASH * plan.depth_at(plan.end), loading.springs
+    step, failed, leash, springs = np.inf, False, paths.LEASH * plan.depth_at(plan.end), loading.springs
     while moments[-1].time < plan.end * (1 - 1e-9):
         newton.controls.deadline.check()
         here = moments[-1].at_corner() if is_at(plan.load.arrived, moments[-1].time) else moments[-1]
@@ -259,9 +272,9 @@ def _follow(moments: list[Moment], equations: Equations, loading: Loading, newto
             moments.append(_held(here, here.time + dt, plan, at))
         except ConvergenceError as error:
             step, failed = dt / 2, True
-            loading = loading.softened() if dt < elastic.SHORT * largest else loading
+            loading = loading.softened() if dt < paths.SHORT * largest else loading
             short = step < SMALLEST * plan.end and step < 0.01 * plan.load.arrived
-            elastic._cut_back(newton, short, here.at.depth, error)
+            paths._cut_back(newton, short, here.at.depth, error)
             continue
         newton.work.steps += 1
         springs, loading = firmed(springs, loading, equations, moments[-1])

@@ -143,9 +143,12 @@ def _with_error(
     curve = test.in_time
     if isinstance(other, str):
         return replace(test, mesh_error=other, in_time=curve and replace(curve, by_mesh=other))
-    if in_time is not None and curve is not None and curve.ratio is not None:
-        curve = curve.with_second(in_time(other, press), mesh.factor)
-    return replace(test, mesh_error=force_error(test, other, mesh, setup), in_time=curve)
+    error = force_error(test, other, mesh, setup)
+    if in_time is not None and curve is not None and curve.difference is not None:
+        shares = np.divide(error.band, test.force, out=np.zeros_like(error.band), where=test.force > 0)
+        least = curve.counted(curve.time, np.interp(curve.displacement, test.displacement, shares))
+        curve = curve.with_second(in_time(other, press), mesh.factor, least)
+    return replace(test, mesh_error=error, in_time=curve)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from indentfit.fibres import Families, words
 if TYPE_CHECKING:
     from indentfit.fem.simulate import Model
 
+UNSOLVED = "the viscoelastic model was not solved on the second mesh"
 HALF = 0.5  # of the force at the end of a ramp, or at a turn: a smaller one counts as so large where models are compared
 
 
@@ -77,8 +78,8 @@ class TimeCurve:
         Times (n,), s -> force of the viscoelastic model over the hereditary integral; None where it is not known, and under a held
         force.
     by_mesh : float, str, or None
-        What the mesh adds to the relative error of the viscoelastic model: the largest change of `ratio` on a second mesh. Or why
-        that is not known; None where it was not asked for.
+        What the mesh adds to the relative error of the viscoelastic model: the largest change of `ratio` on a second mesh. Under a
+        held force the relative error of the depth by the mesh. Or why that is not known; None where it was not asked for.
     in_retraction : float, str, or None
         Largest difference between the model and the rule that fits follow in a retraction, over the force at its start. Or why it
         is not known; None where the indenter does not go back.
@@ -103,9 +104,8 @@ class TimeCurve:
     def words(self) -> str:
         """By which model the force over time, or the depth, was solved, and how far the other one is."""
         if self.creeps and self.difference is not None:
-            return (
-                f"viscoelastic model; the depth by the elastic force's hereditary integral differs by at most {self.difference:.2%}"
-            )
+            said = "viscoelastic model; the depth by the elastic force's hereditary integral differs by at most"
+            return f"{said} {self.difference:.2%}{self._of_creep_by_mesh()}"
         if self.difference is None:
             return f"hereditary integral of the elastic force; the viscoelastic model was not solved: {self.cause}"
         said = f"viscoelastic model; the hereditary integral of the elastic force differs by at most {self.difference:.2%}"
@@ -140,25 +140,41 @@ class TimeCurve:
 
     def counts(self, times: Array) -> Array:
         """The share (n,) of a relative difference at times (n,), s, that counts: in a ramp differences of forces below HALF of its
-        last one are measured by that. A few elements touch there, and the forces hardly weigh in a fit."""
-        arrived = int(np.argmax(self.displacement >= self.displacement.max() * (1 - 1e-9)))
-        force = np.interp(times, np.append(0.0, self.time), np.append(0.0, self.force))
-        ahead = np.minimum(force / max(HALF * self.force[arrived], 1e-300), 1.0)
+        last one are measured by that, or under a held force those of depths. A few elements touch there, and these forces hardly
+        weigh in a fit."""
+        held, solved = (self.force, self.displacement) if self.creeps else (self.displacement, self.force)
+        arrived = int(np.argmax(held >= held.max() * (1 - 1e-9)))
+        there = np.interp(times, np.append(0.0, self.time), np.append(0.0, solved))
+        ahead = np.minimum(there / max(HALF * solved[arrived], 1e-300), 1.0)
         return np.where(times > self.time[arrived], 1.0, ahead)
 
     def counted(self, times: Array, differences: Array) -> float:
         """The largest of relative differences (n,) at times (n,), s, as far as they count."""
         return float(np.abs(self.counts(times) * differences).max())
 
-    def with_second(self, second: "TestResult", factor: float) -> "TimeCurve":
-        """This curve with what its second mesh tells of it: the largest change of `ratio`, times a factor."""
-        if self.ratio is None:
+    def _of_creep_by_mesh(self) -> str:
+        """The error of the depth by the mesh, in words."""
+        if isinstance(self.by_mesh, str):
+            return f"; its error by the mesh is not known ({self.by_mesh})"
+        return (
+            "" if self.by_mesh is None else f"; the mesh errs by at most {self.by_mesh:.2%} of the depth (95 %, by a second mesh)"
+        )
+
+    def with_second(self, second: "TestResult", factor: float, least: float) -> "TimeCurve":
+        """This curve with what its second mesh tells of it: the largest change of `ratio`, times a factor. Under a held force it is
+        the change of the depth, and no less than `least`."""
+        if self.difference is None:
             return self
         other = second.in_time
-        if other is None or other.ratio is None:
-            return replace(self, by_mesh="the viscoelastic model was not solved on the second mesh")
-        change = other.ratio(self.time) / self.ratio(self.time) - 1
-        return replace(self, by_mesh=factor * self.counted(self.time, change))
+        if other is None or other.difference is None:
+            return replace(self, by_mesh=UNSOLVED)
+        if self.creeps:
+            both = self.time <= other.time[-1]  # a creep ends where it reaches the depth of the test
+            change = np.interp(self.time, other.time, other.displacement)[both] / self.displacement[both] - 1
+            return replace(self, by_mesh=max(factor * self.counted(self.time[both], change), least))
+        if self.ratio is None or other.ratio is None:
+            return replace(self, by_mesh=UNSOLVED)
+        return replace(self, by_mesh=factor * self.counted(self.time, other.ratio(self.time) / self.ratio(self.time) - 1))
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of a test's force over time."""

@@ -16,7 +16,7 @@ from indentfit.fem.body import Bulk, per_element
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_state import Springs
-from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work
+from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work, step_of_few
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions, of_fibre_angle
 from indentfit.fem.equations import Equations, Loading
@@ -177,10 +177,9 @@ class Model:
             return self._tried(press, controls)
 
     def _largest_step(self, press: Press) -> float:
-        if self.setup.solver.max_step:
-            return self.setup.solver.max_step
         rubs = self.setup.in_plane and self.setup.rubs and self.contact.friction > SLIPPERY
-        return float(press.depths[-1]) / RUBBING_STEPS if rubs else np.inf
+        longest = float(press.depths[-1]) / RUBBING_STEPS if rubs else np.inf
+        return self.setup.solver.max_step or min(longest, step_of_few(self.body.n_dofs, float(press.depths[-1])))
 
     @property
     def _tolerance(self) -> float:
@@ -201,7 +200,7 @@ class Model:
     ) -> list[Moment]:
         """The moments of the viscoelastic model along a path in time, as `viscous.press_in_time` or `creep.creep_in_time` gives and
         raises them."""
-        largest = self.setup.solver.max_step or np.inf
+        largest = self.setup.solver.max_step or step_of_few(self.body.n_dofs, float(press.depths[-1]))
         controls = Controls(self._tolerance, largest, self._first_steps, deadline or NEVER, progress)
         loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
         self.solver.forget()

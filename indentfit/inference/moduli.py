@@ -10,7 +10,7 @@ from indentfit.case import Case
 from indentfit.case.laws import isotropic_moduli
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult, ParameterEstimate
-from indentfit.inference.seen import extrapolated
+from indentfit.inference.seen import not_reached
 
 SMALL = 1e-6  # relative change of a parameter, for a derivative
 UNITS = {"mu": "kPa", "G": "kPa", "E": "kPa", "nu": "1"}
@@ -53,7 +53,7 @@ def _of_relaxation(case: Case, result: FitResult, values: dict[str, float]) -> d
     ratio = 1 / (1 + total) if long_term else 1 - total
     free = [name for name in shares if name in result.free]
     said = f"long-term over instantaneous modulus, from {' and '.join(free)}"
-    if extrapolated(case, result.parameters, values):
+    if not_reached(case, result.parameters, values):
         said = f"{UNDETERMINED}: {said}, and the hold does not reach the long-term modulus"
     numbers = [result.free.index(name) for name in free]
     if result.covar is None or any(result.covar[a][b] is None for a in numbers for b in numbers):

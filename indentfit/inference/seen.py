@@ -61,8 +61,8 @@ def _why(time: float, window: Window) -> str:
 
 def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> dict[str, ParameterEstimate]:
     """Estimates whose verdicts say which times of relaxation the records cannot see; a time that they cannot see is not determined,
-    unless its interval says that it is. Where much is still to relax by such a time, the long-term moduli are not determined
-    either: their intervals hold only for times within the bounds."""
+    unless its interval says that it is, and nor is its share. Where much is still to relax by such a time, long-term moduli, and
+    shares over them, are not determined either: their intervals hold only for times within the bounds."""
     known = dict(estimates)
     for name, why in unseen(case, values).items():
         if name not in known:
@@ -70,27 +70,36 @@ def with_seen(case: Case, estimates: Mapping[str, ParameterEstimate], values: Ma
         said = known[name].verdict or ""
         if said.startswith(DETERMINED):
             known[name] = replace(known[name], verdict=f"{said}; {why}")
-        else:
-            known[name] = replace(known[name], verdict=f"not determined: {why}")
+            continue
+        known[name] = replace(known[name], verdict=f"not determined: {why}")
+        if (share := name.replace("tau", "g")) in known:
+            known[share] = replace(known[share], verdict=f"not determined: its time, {name}, is not seen")
     if why := extrapolated(case, known, values):
         for name, estimate in known.items():
             if name in case.free and case.law.parameters[name].unit == MODULUS:
-                known[name] = replace(estimate, verdict=f"not determined: {why}")
+                known[name] = replace(estimate, verdict=f"not determined: it is the modulus after infinite time; {why}")
+            elif case.relaxation is not None and name in case.relaxation.free and name.startswith("g"):
+                known[name] = replace(estimate, verdict=f"not determined: it is over the modulus after infinite time; {why}")
     return known
 
 
 def extrapolated(case: Case, known: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> str:
-    """Why long-term moduli are not known; empty where they are."""
+    """Why long-term moduli are not known; empty where they are, and where the moduli are the instantaneous ones."""
     relaxation = case.relaxation
-    if relaxation is None or relaxation.base != "long_term" or not (left := _left(case, relaxation, values)) > LATE:
+    return "" if relaxation is None or relaxation.base != "long_term" else not_reached(case, known, values)
+
+
+def not_reached(case: Case, known: Mapping[str, ParameterEstimate], values: Mapping[str, float]) -> str:
+    """Why the force after infinite time is not known; empty where it is."""
+    relaxation = case.relaxation
+    if relaxation is None or not (left := _left(case, relaxation, values)) > LATE:
         return ""
     window = window_of(list(ramps_of(case).values()))
-    late = [name for name in unseen(case, values) if name in known and values[name] > max(window.hold, window.ramp)]
+    longest = max(window.hold, window.ramp)
+    late = [name for name in known if name.startswith("tau") and name in relaxation.free and values[name] > longest]
     late = [name for name in late if not (known[name].verdict or "").startswith(DETERMINED)]
     end = f"the hold of {window.hold:.3g} s" if window.hold else "the ramp, which no hold follows,"
-    if not late:
-        return ""
-    return f"it is the modulus after infinite time; at the end of {end} {left:.0%} or more is still to relax, by {', '.join(late)}"
+    return f"at the end of {end} {left:.0%} or more is still to relax, by {', '.join(late)}" if late else ""
 
 
 def _left(case: Case, relaxation: Relaxation, values: Mapping[str, float]) -> float:
