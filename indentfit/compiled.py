@@ -6,6 +6,7 @@ import stat
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from llvmlite import ir
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
+from threadpoolctl import ThreadpoolController
 
 _settings: Any = numba.config  # made from the environment: mypy does not see its fields
 THREADS: int = _settings.NUMBA_NUM_THREADS
@@ -99,3 +101,9 @@ def on_threads(number: int, work: Callable[[Any], Any], parts: Sequence[Any]) ->
 @cache
 def _threads(number: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(number, thread_name_prefix="compiled")
+
+
+def one_blas_thread(wanted: bool = True) -> AbstractContextManager[Any]:
+    """Context in which NumPy's OpenBLAS has one thread, if wanted. Its threads wait actively: many products of small matrices, as
+    those of relaxation functions of many terms are, take ten times the processor time with two."""
+    return ThreadpoolController().select(internal_api="openblas").limit(limits=1) if wanted else nullcontext()

@@ -8,8 +8,10 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from indentfit import compiled
+from indentfit.compiled import one_blas_thread
 
 TESTS = Path(__file__).parent
 SIMULATION = """
@@ -85,3 +87,15 @@ def test_what_somebody_else_may_have_put_there_is_not_run(nowhere, what):
         nowhere.write_text("")
     assert compiled.private_place() is None
     assert compiled.compiled()(twice)(21) == 42 and not numba.config.CACHE_DIR
+
+
+def test_openblas_has_one_thread_where_that_is_wanted():
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["internal_api"] == "openblas"}
+
+    before = threads()
+    with one_blas_thread():
+        assert threads() <= {1}
+    with one_blas_thread(wanted=False):
+        assert threads() == before
+    assert threads() == before

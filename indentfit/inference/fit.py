@@ -14,6 +14,7 @@ from indentfit.case import Case
 from indentfit.case.draining import draining
 from indentfit.case.laws import shear_parameter
 from indentfit.case.uses import require_case
+from indentfit.compiled import one_blas_thread
 from indentfit.curve import Curve
 from indentfit.digits import quantity
 from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_stability, said_of_tries
@@ -139,7 +140,7 @@ def fit_with_runs(
     elastic = elastic_case(run)
     if ledger is not None and elastic is not given:
         ledger = ledger.of(elastic)
-    with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool:
+    with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool, one_blas_thread(problem.kernel is not None):
         problem = _with_bulk(case, problem, pool, problem.start)
         model = Parted.of(pool, elastic) if problem.kernel is None else Relaxing(pool, problem.kernel)
         watched = Watched(model)
