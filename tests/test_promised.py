@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, truncnorm
 from scipy.stats import t as student
-from scipy.stats import truncnorm
 
 from indentfit.case import Range
 from indentfit.study.design import _open
-from indentfit.study.promised import NORMAL, Evidence, half_widths, learning
+from indentfit.study.promised import NORMAL, Evidence, half_widths, learning, spread
 
 pytestmark = pytest.mark.quick
 X = np.linspace(0.1, 1, 25)
@@ -53,6 +53,16 @@ def test_noise_that_has_to_be_learned_widens_at_least_as_students_t():
         assert student.ppf(0.975, points - 1) / NORMAL < learning(points, 1) < 2
     assert learning(5, 1) > learning(12, 1) > learning(24, 1)
     assert learning(1000, 3) == 1.0
+
+
+def test_single_fits_state_intervals_as_wide_as_the_noise_that_they_learn():
+    """Below the median those of the square root of chi-square; above it the residuals of some fits look correlated."""
+    own = [Evidence(J.T @ J / 0.04, 1.0, 0.2, 25, 1.0, learnt=learnt) for learnt in (True, False)]
+    low, high = spread(own[:1], WEAK, squares=True)
+    by_size = np.sqrt(chi2.ppf([0.05, 0.95], 23) / chi2.median(23))
+    assert low == pytest.approx(by_size[0], rel=0.1)
+    assert np.all(high > 1.2 * by_size[1])
+    assert spread(own[1:], WEAK, squares=True) == pytest.approx(1.0)
 
 
 def test_what_an_estimate_leaves_open_lies_at_quantiles_of_a_normal_density_within_the_range():

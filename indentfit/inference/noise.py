@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.special import stdtr
 from scipy.stats import chi2
 from scipy.stats import t as student
 
@@ -146,7 +147,7 @@ def _quantiles(shares: Array, sizes: Array, freedom: float) -> Array:
     """The 97.5 % quantiles (p,) of mixtures of Student's t about zero, with scales sizes (k, p) and shares (k,)."""
     low, high = (student.ppf(CONFIDENCE, freedom) * end for end in (sizes.min(axis=0), sizes.max(axis=0)))
     scales = np.maximum(sizes, 1e-300)
-    return quantile(lambda at: shares @ student.cdf(at / scales, freedom), low, high, CONFIDENCE)
+    return quantile(lambda at: shares @ stdtr(freedom, at / scales), low, high, CONFIDENCE)
 
 
 @dataclass(frozen=True, eq=False)

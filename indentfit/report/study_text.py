@@ -13,12 +13,12 @@ from indentfit.study.sweep import Sweep, SweepPoint
 
 Row = list[str]
 LEARNS = (
-    "intervals are those that fits of curves with white noise are expected to state at these parameters; theirs were within a "
-    "tenth of them, in the median of a campaign"
+    "intervals are those that fits of curves with white noise are expected to state at these parameters, in the median; where a "
+    "fit takes its residuals for correlated, its interval is up to three times as wide"
 )
 OPEN = (
-    "intervals are those that fits of curves with white noise are expected to state, over what the estimate leaves open; single "
-    "ones were a quarter off, in the median of a campaign"
+    "intervals are those that fits of curves with white noise are expected to state, in the median over what the estimate leaves "
+    "open; the span is that of single fits, which also learn their noise"
 )
 SHOWN, SHOWN_PAIRS = 12, 3  # further tests in the table of a design, and pairs below it
 
@@ -242,11 +242,11 @@ def design_lines(design: Design) -> Iterator[str]:
 
 
 def _span(design: Design, judged: Design | FurtherTest) -> str:
-    """The half widths of the worst parameter over the values that the estimate leaves open, in words; nothing without them."""
+    """The half widths of the worst parameter that single fits state, in words; nothing where the design is not at an estimate."""
     if not judged.between:
         return ""
     low, high = judged.between[design.worst]
-    return f" ({low:.2g} to {high:.2g} over what the estimate leaves open)"
+    return f" ({low:.2g} to {high:.2g} in 90 % of fits)"
 
 
 def design_rows(design: Design) -> list[Row]:

@@ -195,7 +195,7 @@ def design(
         Standard deviation of a displacement in a side view; by default 1.5 % of the largest depth of the case's tests.
     estimated : bool
         Whether the parameters are what a fit of the case's tests gave. Intervals are then the median over values that these tests
-        leave open, and their span is told: four times as many runs where they leave much open.
+        leave open, and the span of 90 % of single fits is told: four times as many runs where they leave much open.
 
     Returns
     -------

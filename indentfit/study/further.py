@@ -31,7 +31,7 @@ from indentfit.runs.pool import RunPool
 from indentfit.samples import Circle
 from indentfit.study import views
 from indentfit.study.in_time import Curves, InTime
-from indentfit.study.promised import Evidence, half_widths
+from indentfit.study.promised import Evidence, half_widths, spread
 from indentfit.study.runs import Execution
 
 DEPTHS = (0.5, 1.0, 1.5)  # of the case's largest depth
@@ -77,7 +77,8 @@ class FurtherTest:
     half_width : dict of parameter -> half width, or None
         Half width of the 95 % interval that a fit with this test is expected to state; None in files of earlier versions.
     between : dict of parameter -> (least, largest), or None
-        Half widths over the values that the tests of the case leave open, where the parameters are an estimate by them.
+        Half widths between which 90 % of single fits are expected to state theirs, where the parameters are an estimate by the
+        tests of the case that leaves much open.
     """
 
     change: str
@@ -144,7 +145,7 @@ class Known:
 
     def promised(self, evidence: Rows = ()) -> tuple[dict[str, float], dict[str, tuple[float, float]] | None]:
         """Half widths of the expected 95 % intervals at the parameters; or, where values are left open, the median over those, and
-        their span."""
+        the span of what single fits state: over these values, and over the noise that each learns."""
         more = evidence or ((),) * len(self.own)
         pairs = [(own, new) for own, new in zip(self.own, more, strict=True) if own and (new or not evidence)]
         rows = np.array([half_widths((*own, *new), self.prior, self.squares) for own, new in pairs])
@@ -152,8 +153,11 @@ class Known:
         middle = dict(zip(self.names, np.median(rows, axis=0).tolist(), strict=True))
         if len(self.places) == 1:
             return middle, None
-        ends = zip(rows.min(axis=0).tolist(), rows.max(axis=0).tolist(), strict=True)
-        return middle, dict(zip(self.names, ends, strict=True))
+        at = np.median(rows, axis=0)
+        open_logs = np.log(np.array([rows.min(axis=0), rows.max(axis=0)]) / at)
+        learnt_logs = np.log(spread((*pairs[0][0], *pairs[0][1]), self.prior, self.squares))
+        low, high = at * np.exp(np.array([[-1.0], [1.0]]) * np.hypot(open_logs, learnt_logs))
+        return middle, dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

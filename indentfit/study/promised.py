@@ -6,7 +6,8 @@ derivatives of a curve, w the weight of its squares and s the standard deviation
 
     H = sum w J^T J,   V = sum w^2 s^2 f^2 J^T J,   covariance = (H V^-1 H + prior)^-1
 
-where f is the factor by which an unknown noise widens the intervals of so many points, in the median (`learning`).
+where f is the factor by which an unknown noise widens the intervals of so many points, in the median (`learning`). Single fits
+state other intervals: one that learns too small a noise a narrower one, one whose residuals look correlated a wider one (`spread`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from indentfit.inference.identifiability import quantiles
 from indentfit.inference.noise import errors
 
 NORMAL = 1.959964  # the 97.5 % quantile of the normal density
-DRAWN, MOST = 49, 100  # draws of noise; points from which on a fit knows the noise
+DRAWN, MOST = 99, 100  # draws of noise; points from which on a fit knows the noise
+SPAN = (0.05, 0.95)  # quantiles between which an interval is told to lie
 SEEN = 1e-12  # of the largest eigenvalue: directions of less information are not seen
 
 
@@ -65,13 +67,26 @@ def half_widths(evidence: Sequence[Evidence], prior: Array, squares: bool) -> Ar
     squares : bool
         Whether the fit minimises the weighted squares, or equation (1), whose squares weigh in inverse proportion to the misfit.
     """
+    return _widths(evidence, prior, squares, [learning(each.points, len(prior)) if each.learnt else 1.0 for each in evidence])
+
+
+def spread(evidence: Sequence[Evidence], prior: Array, squares: bool) -> Array:
+    """Half widths (2, p) at the quantiles SPAN of what single fits state, over those in the median: each learns the noise of its
+    curves from its own residuals. Arguments as of `half_widths`."""
+    rng, p = np.random.default_rng(0), len(prior)
+    factors = [rng.permutation(learned(each.points, p)) if each.learnt else np.ones(DRAWN) for each in evidence]
+    rows = np.array([_widths(evidence, prior, squares, drawn) for drawn in zip(*factors, strict=True)])
+    return np.asarray(np.quantile(rows, SPAN, axis=0) / np.median(rows, axis=0))
+
+
+def _widths(evidence: Sequence[Evidence], prior: Array, squares: bool, factors: Sequence[float]) -> Array:
+    """Half widths (p,) where the noise of each curve widens intervals by a factor."""
     loads = _loads(evidence, squares)
     scale = 1 / np.sqrt(np.diag(prior))
     H, V = np.zeros_like(prior), np.zeros_like(prior)
-    for load, each in zip(loads, evidence, strict=True):
+    for load, each, factor in zip(loads, evidence, factors, strict=True):
         own = scale[:, None] * each.information * scale
-        widened = learning(each.points, len(prior)) if each.learnt else 1.0
-        H, V = H + load * own, V + (load * widened) ** 2 * own
+        H, V = H + load * own, V + (load * factor) ** 2 * own
     values, vectors = np.linalg.eigh(H)
     seen = vectors[:, values > SEEN * max(values[-1], 1e-300)]
     half = seen @ (seen.T @ H @ seen)
@@ -92,12 +107,17 @@ def _loads(evidence: Sequence[Evidence], squares: bool) -> Array:
     return np.array([loads.get(id(each), usual) / usual for each in evidence])
 
 
-@functools.cache
 def learning(points: int, parameters: int) -> float:
     """The factor, in the median over draws of white noise, by which the 95 % intervals of a fit that has to learn the noise of its
-    points are wider than with the noise known; of a curve whose parameters change it as powers of the depth do."""
+    points are wider than with the noise known."""
+    return max(float(np.median(learned(points, parameters))), 1.0)
+
+
+@functools.cache
+def learned(points: int, parameters: int) -> Array:
+    """These factors (DRAWN,) for each draw of the noise; of a curve whose parameters change it as powers of the depth do."""
     if points > MOST:
-        return 1.0
+        return np.ones(DRAWN)
     number = max(min(parameters, points - 2), 1)
     depth = np.arange(1, points + 1) / points
     shapes, _ = np.linalg.qr(depth[:, None] ** np.arange(1, number + 1))
@@ -106,4 +126,4 @@ def learning(points: int, parameters: int) -> float:
         noise = rng.standard_normal(points)
         _, known = errors([shapes], [shapes @ (shapes.T @ noise) - noise], [1.0])
         widths.append(np.median(quantiles(known.freedom) * np.sqrt(np.diag(known.covar))))
-    return max(float(np.median(widths)) / NORMAL, 1.0)
+    return np.array(widths) / NORMAL

@@ -12,8 +12,11 @@ for the truths and for the fits; their error is printed beside the noise.
 Seen (29 November 2026, 50 truths, 3 draws): achieved over promised 1.08 for the first test and 1.03 for the first pair in the
 median; off by 8.8 and 5.9 % in the median; the first pair among the best two in 92 %, its interval over the best 1.00 in the
 median, 1.07 at most. Error of shared runs 0.11 % of the largest force, beside 1 % noise. With --estimate 1.07 and 1.08, off by
-24.5 and 19.7 %, because two force curves leave phi open; the first pair among the best two in 88 %; spans held 64 and 70 % of the
-achieved intervals.
+24.5 and 19.7 %, because two force curves leave phi open; the first pair among the best two in 88 %.
+
+Seen (30 November 2026, 18 truths of a Latin hypercube of seed 12, --estimate, first test and pair alone): achieved over
+promised 0.91 and 0.90, off by 22 and 14 % in the median; the spans that are told (90 %) held 50 of 54 single fits of each, and the
+median of three in all. Spans of the estimate alone, without the noise that fits learn, held 77 and 79 % of 147 single fits.
 
 Exit code 1 where the achieved interval is more than 25 % off the promised one in the median of the truths, or where the pair that
 is ranked first is among the best two in less than 80 % of them.
@@ -277,11 +280,9 @@ def record_of(shared, case, made, truth, number, asked):
     best = next(test for test in designed.candidates if not test.change.startswith("outline"))
     pairs = [pair for pair in designed.pairs if "outline" not in pair.first + pair.second][:PAIRS]
     common = truth, asked.noise, asked.draws, number, worst
-    single = float(np.median(achieved(shared, case, [made(best)], *common)))
-    widths = []
-    for pair in pairs:
-        told = [made(by_words[words]) for words in (pair.first, pair.second)]
-        widths.append(float(np.median(achieved(shared, case, told, *common))))
+    singles = achieved(shared, case, [made(best)], *common)
+    rows = [achieved(shared, case, [made(by_words[words]) for words in (pair.first, pair.second)], *common) for pair in pairs]
+    single, firsts, widths = float(np.median(singles)), rows[0], [float(np.median(row)) for row in rows]
     return {
         "truth": truth,
         "worst": worst,
@@ -289,15 +290,18 @@ def record_of(shared, case, made, truth, number, asked):
         "pair": [pairs[0].first, pairs[0].second],
         "of_test": single / best.half_width[worst],
         "of_pair": widths[0] / pairs[0].half_width[worst],
-        "spans": [within(single, best, worst), within(widths[0], pairs[0], worst)],
+        "spans": [within(singles, best, worst), within(firsts, pairs[0], worst)],
         "rank": int(np.argsort(np.argsort(widths))[0]) + 1,
         "over_best": widths[0] / min(widths),
     }
 
 
-def within(width, judged, worst):
-    """Whether a half width lies in the span that a design at an estimate tells; None without one."""
-    return None if judged.between is None else bool(judged.between[worst][0] <= width <= judged.between[worst][1])
+def within(widths, judged, worst):
+    """The share of half widths in the span that a design at an estimate tells; None without one."""
+    if judged.between is None:
+        return None
+    low, high = judged.between[worst]
+    return float(np.mean((low <= widths) & (widths <= high)))
 
 
 def summary(records):
@@ -313,7 +317,7 @@ def summary(records):
     told = [record["spans"] for record in records if record.get("spans", [None])[0] is not None]
     if told:
         inside = np.mean(told, axis=0)
-        print(f"achieved within the span that is told: first test {inside[0]:.0%}, first pair {inside[1]:.0%}")
+        print(f"single fits within the span that is told: first test {inside[0]:.0%}, first pair {inside[1]:.0%}")
     print(f"its interval over the best: median {np.median(losses):.3f}, largest {max(losses):.3f}")
     return 0 if max(near) <= 0.25 and share >= 0.8 else 1
 
