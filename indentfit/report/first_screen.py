@@ -210,9 +210,14 @@ def _next_of_parameters(result: FitResult) -> str:
         return f"do another test: `indentfit design CASE --result DIR`{without} says which one determines {_and(weak)} best"
     if any(said.endswith(OF_MISFIT) for said in result.conclusions):
         return 'fit again with the law\'s own misfit as a term: [fit.discrepancy] with scale = "unknown" widens the intervals by it'
+    law = tuple(tried for tried in result.taken_as_known if tried.input == "law")
+    if law and _beside_the_law(result) and not result.recording:
+        return (
+            'fit again with the law\'s own misfit as a term: [fit.discrepancy] with scale = "unknown" widens the intervals by what the '
+            "law misses, and `compare` tells whether another law misses less"
+        )
     checked = "nothing is missing for these parameters; check the inputs that are taken as known, on which the intervals rest"
-    law = [tried for tried in result.taken_as_known if tried.input == "law"]
-    if any(warnings_of(tuple(law), result.parameters)):
+    if any(warnings_of(law, result.parameters)):
         return f'{checked}; of the law, `compare` and [fit.discrepancy] with scale = "unknown" tell'
     return checked
 
