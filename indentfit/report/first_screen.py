@@ -213,8 +213,8 @@ def _next_of_parameters(result: FitResult) -> str:
     law = tuple(tried for tried in result.taken_as_known if tried.input == "law")
     if law and _beside_the_law(result) and not result.recording:
         return (
-            'fit again with the law\'s own misfit as a term: [fit.discrepancy] with scale = "unknown" widens the intervals by what the '
-            "law misses, and `compare` tells whether another law misses less"
+            'fit again with the law\'s own misfit as a term: [fit.discrepancy] with scale = "unknown" widens the intervals by what '
+            "the law misses, and `compare` tells whether another law misses less"
         )
     checked = "nothing is missing for these parameters; check the inputs that are taken as known, on which the intervals rest"
     if any(warnings_of(law, result.parameters)):
