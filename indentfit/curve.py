@@ -391,6 +391,13 @@ def _not_rising(displacement: Array, axes: Axes = INDENTATION) -> Iterator[tuple
     unit = " mm" if axes.across == "displacement" else ""
     for n in map(int, np.flatnonzero(np.diff(np.maximum(displacement, 0.0)) <= 0)[:1] + 1):
         wrong = f"comes after {displacement[n - 1]:g}{unit}; sort the lines and keep the loading only"
-        if displacement[n] == displacement[n - 1]:
+        if _turns(displacement, n):
+            wrong = f"comes after {displacement[n - 1]:g}{unit}: from here on the indenter goes back; keep the loading before it"
+        elif displacement[n] == displacement[n - 1]:
             wrong = "is given twice; keep one of the two lines"
         yield n, f"{axes.across} {displacement[n]:g}{unit} {wrong}"
+
+
+def _turns(displacement: Array, n: int) -> bool:
+    """Whether the points from n on are those of an unloading: several, none of which is deeper than the one before it."""
+    return bool(len(displacement) - n > 3 and np.all(np.diff(displacement[n - 1 :]) <= 0))

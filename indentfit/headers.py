@@ -198,6 +198,8 @@ def _factor(where: str, cell: str, unit: str, target: str) -> float:
 
 def _refusal(where: str, header: list[str], quantity: str, number: int) -> str:
     """Why a header is refused, and both ways on."""
+    if all(map(_is_number, header)):
+        return f"{where}: numbers and no header; write one above them that names the columns, such as Depth (mm),Force (mN)"
     names = ",".join(header)
     start = f"{where}: header {shown(names)} has "
     travel = next((cell for cell in header if TRAVEL & set(re.split(r"[_\s()\[\]/]+", cell.lower()))), None)
@@ -209,6 +211,12 @@ def _refusal(where: str, header: list[str], quantity: str, number: int) -> str:
         return (
             f"{start}no column {wanted}; if {shown(travel)} begins at contact, rename it so; "
             "otherwise give the file as test.record, whose columns [record] names"
+        )
+    if number:
+        cell = next(cell for cell in header if label_of(cell).quantity == quantity and not label_of(cell).kind)
+        return (
+            f"{start}no column {wanted}: {shown(cell)} states no unit; write for example {shown(f'{cell} ({UNITS[quantity]})')}, "
+            "or give the file as test.record, whose columns [record] names"
         )
     return (
         f"{start}no column {wanted}; it must be displacement_mm,force_mN (or with other units: displacement_um); "
