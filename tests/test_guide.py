@@ -283,5 +283,11 @@ def bar(folder):
 TRUTHS = {"gel_and_sphere": gel, "punch_on_cartilage": cartilage, "bar_on_fibres": bar}
 
 
+def test_every_campaign_is_named_on_the_page_of_tests():
+    page = (PAGES / "development.md").read_text(encoding="utf-8")
+    campaigns = {file.name for file in (ROOT / "tests" / "campaigns").glob("*.py")}
+    assert campaigns == set(re.findall(r"python tests/campaigns/(\w+\.py)", page))
+
+
 def test_the_menu_has_four_chapters():
     assert [chapter.title for chapter in chapters()] == ["Tutorials", "How to", "Reference", "Background"]

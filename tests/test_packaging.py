@@ -1,5 +1,6 @@
 """What is installed: a wheel holds every module and page of the package, and the materials as indentfit.materials."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -40,6 +41,22 @@ def test_the_wheel_holds_every_file_of_the_package(tmp_path):
 def test_python_m_indentfit_is_the_command():
     done = subprocess.run([sys.executable, "-m", "indentfit", "--version"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
+    assert done.stdout.startswith("indentfit ")
+
+
+@pytest.mark.guide
+@pytest.mark.parametrize("command", ["pipx install .", "uv tool install ."])
+def test_the_commands_of_the_readme_install_the_tool(command, tmp_path):
+    assert f"\n    {command}\n" in (ROOT / "README.md").read_text()
+    tool = command.partition(" ")[0]
+    if shutil.which(tool) is None:
+        pytest.skip(f"pip install {tool}")
+    source = tmp_path / "source"
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(".venv", ".git", "__pycache__", "build", "*.egg-info"))
+    places = {"PIPX_HOME": "home", "PIPX_BIN_DIR": "bin", "UV_TOOL_DIR": "tools", "UV_TOOL_BIN_DIR": "bin", "UV_CACHE_DIR": "cache"}
+    environment = os.environ | {name: str(tmp_path / place) for name, place in places.items()}
+    subprocess.run(command.split(), cwd=source, env=environment, check=True, capture_output=True, timeout=600)
+    done = subprocess.run([str(tmp_path / "bin" / "indentfit"), "--version"], capture_output=True, text=True, timeout=60)
     assert done.stdout.startswith("indentfit ")
 
 
