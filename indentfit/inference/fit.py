@@ -140,7 +140,7 @@ def fit_with_runs(
     elastic = elastic_case(run)
     if ledger is not None and elastic is not given:
         ledger = ledger.of(elastic)
-    with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool, one_blas_thread(problem.kernel is not None):
+    with RunPool(elastic, ledger=ledger, cluster=cluster, stop=stop) as pool, one_blas_thread():
         problem = _with_bulk(case, problem, pool, problem.start)
         model = Parted.of(pool, elastic) if problem.kernel is None else Relaxing(pool, problem.kernel)
         watched = Watched(model)
