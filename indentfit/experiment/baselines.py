@@ -105,11 +105,14 @@ def _outside(size: float, mean: float, scatter: float) -> float:
 @dataclass(frozen=True)
 class Doubt:
     """How far rivals that fit as well, or nearly, put the contact point, mm, and the zero at the end of loading, mN, from a fit;
-    and the drift that the force does not show, or None where one is ruled out or not looked for."""
+    and the drift that the force does not show, or None where one is ruled out or not looked for.
+
+    shorter: how far fits to shorter stretches put the contact point, mm; noise may explain it, and so may a law of another form."""
 
     contact: float = 0.0
     zero: float = 0.0
     hidden: HiddenDrift | None = None
+    shorter: float = 0.0
 
 
 def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
@@ -117,10 +120,10 @@ def fitted(stretch: Stretch, ends: tuple[str, ...]) -> tuple[Piecewise, Doubt]:
     coarse = stretch.thinned(SEARCHED)
     best = _closest(coarse, ends)
     base, doubt = _with_baseline(coarse, POWERS[best])
-    fit = _chosen(stretch, base.powers, base.baseline)
+    fit, shorter = _chosen(stretch, base.powers, base.baseline)
     if len(ends) > 1:
         doubt = replace(doubt, contact=max(doubt.contact, _beyond(fit, coarse, ends, best)))
-    return _weighed(fit, best, doubt)
+    return _weighed(fit, best, replace(doubt, shorter=shorter))
 
 
 def _closest(stretch: Stretch, ends: tuple[str, ...]) -> str:
@@ -204,8 +207,8 @@ def _beyond(fit: Piecewise, coarse: Stretch, ends: tuple[str, ...], best: str) -
     return most
 
 
-def _chosen(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> Piecewise:
-    """The fit of the longest stretch whose contact point agrees with those of the shorter ones."""
+def _chosen(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> tuple[Piecewise, float]:
+    """The fit of the longest stretch whose contact point agrees with those of the shorter ones, and how far off these are, mm."""
     fits = [fit_of(stretch, powers, baseline)]
     rise = fits[0].residual.size and stretch.force - fits[0].free(stretch.time, stretch.displacement)
     smooth = filtered(np.asarray(rise), max(5, stretch.length // 2))
@@ -218,8 +221,8 @@ def _chosen(stretch: Stretch, powers: tuple[float, ...], baseline: Baseline) -> 
         fits.append(fit_of(stretch.until(stop), powers, baseline))
     for n, wide in enumerate(fits):
         if all(_agree(wide, narrow) for narrow in fits[n + 1 :]):
-            return wide
-    return fits[-1]
+            return wide, max((abs(narrow.contact - wide.contact) for narrow in fits[n + 1 :]), default=0.0)
+    return fits[-1], 0.0
 
 
 def _agree(wide: Piecewise, narrow: Piecewise) -> bool:

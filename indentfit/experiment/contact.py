@@ -17,7 +17,7 @@ from indentfit.errors import RecordError
 from indentfit.experiment.contact_point import ContactPoint, fitted_approach, is_too_uncertain
 from indentfit.experiment.extrapolation import extrapolated_contact
 from indentfit.experiment.loading import Ramp, noise_of
-from indentfit.experiment.stages import RELAXES, FirstStage, first_stage, relaxed
+from indentfit.experiment.stages import RELAXES, FirstStage, first_stage, gives_way, relaxed
 
 FIRST = 5  # samples whose median is the force at which a record begins
 PRELOAD = 0.01  # share of the peak at the first sample from which a missing approach is worth a note
@@ -99,6 +99,9 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
             *notes,
             f"the noise of the force is slow: it leaves {approach.independent():.0f} independent samples for the contact point",
         )
+    if first is None and gives_way(ramp, contact.free(ramp.record.time, ramp.displacement), contact.displacement):
+        # its force follows no law of powers: contact is as far in doubt as it moves with the depth that is fitted
+        contact = replace(contact, uncertainty=float(np.hypot(contact.uncertainty, approach.doubt.shorter)))
     pull = approach.pull()
     if pull > PULLED * ramp.peak:
         notes = (

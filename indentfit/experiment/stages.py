@@ -28,6 +28,8 @@ Pauses = Sequence[tuple[int, int]]
 
 RELAXES = 0.03  # share of its force that a pause loses, from which it is worth a note
 SURELY = 3.0  # standard errors
+GIVES_WAY = 0.02  # share of the peak by which the force is lower after the loading where a sample gives way
+DEEP = 0.5  # share of the depth from which these forces count
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +83,22 @@ def relaxed(ramp: Ramp, start: int, free: float) -> float:
             lost, stderr, above = *_lost(ramp, (begin, end)), float(ramp.force[begin]) - free
             shares.append(lost / above if above > 0 and lost > SURELY * stderr else 0.0)
     return max(shares)
+
+
+def gives_way(ramp: Ramp, free: Array, contact: float) -> bool:
+    """Whether the force after the loading is lower than at the same depths in it: the sample relaxes, or keeps a deformation.
+
+    free: the force without contact (n,), mN; contact: its displacement, mm.
+    """
+    last = ramp.stop + round(ramp.samples)
+    depth, force = ramp.displacement[:last] - contact, ramp.record.force[:last] - free[:last]
+    loading = slice(ramp.low, ramp.stop)
+    rising, peak = np.maximum.accumulate(depth[loading]), float(ramp.force[ramp.stop - 1] - free[ramp.stop - 1])
+    after = np.flatnonzero(depth[ramp.stop :] > DEEP * rising[-1]) + ramp.stop
+    if after.size < FEWEST or peak <= 0:
+        return False
+    lower = np.interp(depth[after], rising, ramp.force[loading] - free[loading]) - force[after]
+    return float(lower.mean()) > GIVES_WAY * peak + SURELY * noise_of(ramp.record.force) / float(np.sqrt(after.size))
 
 
 def _joined(ramp: Ramp, pauses: Pauses, stop: int, filter_share: float, indenter: str | None) -> FirstStage | None:
