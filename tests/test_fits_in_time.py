@@ -39,6 +39,7 @@ from indentfit.inference.wide_fit import widens
 from indentfit.inference.wide_shares import values_of
 from indentfit.inverse.derivatives import curve_derivatives
 from indentfit.inverse.exploration import Watched
+from indentfit.inverse.generations import judged
 from indentfit.inverse.problem import Candidate, inverse_problem
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import uncertain_inputs, widened_problem
@@ -187,6 +188,19 @@ def test_no_parameter_is_determined_by_forces_that_are_far_from_the_viscoelastic
     assert unless_far(known, {"press": 0.009}) == known
     far = unless_far(known, {"press": 0.03, "plug": 0.001})
     assert far["mu"].verdict.startswith("not determined: the forces of the fit are up to 3.0% from") and far["g1"] == known["g1"]
+
+
+def test_a_search_on_a_surrogate_asks_for_no_derivatives(monkeypatch):
+    """Those of a fractional function cost many times what its curves do, and a genetic search went on for a quarter of an hour."""
+    time, depth = held()
+    problem = inverse_problem(case_of(Curve(depth, depth, time=time)))
+    elastic = Evaluation(problem.at_reference(problem.start), (3.0 * (GRID[1:] * 0.3) ** 1.5,), None, 0.0, ())
+    surrogate = learn(problem, [replace(elastic, elastic=elastic)])
+    monkeypatch.setattr(type(problem.kernel), "slopes", None)
+    (best,) = judged(problem, surrogate, [problem.start])
+    assert best is not None and best.objective > 0
+    with pytest.raises(TypeError):
+        surrogate.evaluate([problem.at_reference(problem.start)])
 
 
 def test_a_correction_that_misses_the_curves_is_taken_back():

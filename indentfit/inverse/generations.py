@@ -12,6 +12,7 @@ from indentfit.inverse.course import HistoryStep
 from indentfit.inverse.derivatives import evaluate_at_reference
 from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
+from indentfit.inverse.surrogate import Surrogate
 from indentfit.runs.forward import ForwardModel, Report
 
 PENALTY = 1e3  # objective of a failed point over that of the worst successful point, inside the algorithms only
@@ -112,7 +113,10 @@ def judged(
     problem: InverseProblem, model: ForwardModel, points: Sequence[Mapping[str, Any]], report: Report | None = None
 ) -> list[Candidate | None]:
     """The Candidate of each point with its best scale, None where the mechanics failed."""
-    evaluations = evaluate_at_reference(problem, model, points, report)
+    if isinstance(model, Surrogate):  # its derivatives can be had later; in time they cost many times what the curves do
+        evaluations = model.evaluate([problem.at_reference(point) for point in points], report, derived=False)
+    else:
+        evaluations = evaluate_at_reference(problem, model, points, report)
     solved = [known for known in evaluations if known.forces]
     candidates = iter(problem.judge_best_scales([known.parameters for known in solved], [known.forces or () for known in solved]))
     return [next(candidates) if known.forces else None for known in evaluations]

@@ -120,12 +120,17 @@ class Surrogate:
         return frozenset(self.problem.searched)
 
     def evaluate(
-        self, points: Sequence[Mapping[str, Any]], report: Report | None = None, sensitivities: Collection[str] = ()
+        self,
+        points: Sequence[Mapping[str, Any]],
+        report: Report | None = None,
+        sensitivities: Collection[str] = (),
+        derived: bool = True,
     ) -> list[Evaluation]:
-        """Evaluations of points (name -> value), always with the sensitivities by all searched parameters."""
+        """Evaluations of points (name -> value), with the sensitivities by all searched parameters where they are `derived`."""
         places = np.array([self.problem.place(point) for point in points])
-        predicted = zip(points, self.curves(places), self.slopes(places), self.near_failure(places), strict=True)
-        return [self._evaluation(point, curves, slopes, close) for point, curves, slopes, close in predicted]
+        slopes = self.slopes(places) if derived else [None] * len(points)
+        predicted = zip(points, self.curves(places), slopes, self.near_failure(places), strict=True)
+        return [self._evaluation(*known) for known in predicted]
 
     def curves(self, places: Array) -> Array:
         """Curves of all tests in a row, (m, N) mN at the reference scale, at places (m, d) in units of the ranges."""
@@ -263,16 +268,16 @@ class Surrogate:
         own = self.of_runs(place)
         return float(np.abs(others - own).max(axis=1).min()) if own.size else 0.0
 
-    def _evaluation(self, point: Mapping[str, Any], curves: Array, slopes: Array, close: bool) -> Evaluation:
+    def _evaluation(self, point: Mapping[str, Any], curves: Array, slopes: Array | None, close: bool) -> Evaluation:
         if close:
             return Evaluation(dict(point), None, FAILED_NEAR, 0.0, ())
         problem = self.problem
         ends = np.cumsum([test.curve.force.size for test in problem.tests])[:-1]
         by_test = [
             {name: row / problem.per_unit(name, point) for name, row in zip(problem.searched, part, strict=True)}
-            for part in np.split(slopes, ends, axis=1)
+            for part in ([] if slopes is None else np.split(slopes, ends, axis=1))
         ]
-        return Evaluation(dict(point), tuple(np.split(curves, ends)), None, 0.0, (), tuple(by_test))
+        return Evaluation(dict(point), tuple(np.split(curves, ends)), None, 0.0, (), tuple(by_test) or None)
 
 
 def learn(problem: InverseProblem, evaluations: Iterable[Evaluation], exact: bool = False) -> Surrogate | None:
