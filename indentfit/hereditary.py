@@ -28,6 +28,7 @@ STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates:
 SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
 ROUNDED, FEW = 1e-9, 0.05  # of the time of a corner; of the lifetime of a term: steps so short are summed as a series
+ROOTS, EXACT = 300, 1e-13  # most steps to the roots of a secular equation, and their relative error
 LONGER = 100.0  # times the step before: in such a step y is linear
 REACH = 30.0  # of these logarithms, in units of 1 / alpha: beyond, the density is below 1e-13
 
@@ -100,11 +101,12 @@ class RelaxationFunction:
         kept = np.array(self.shares) > 0
         if share <= SMALLEST_SHARE or not kept.any():
             return self
-        shares, rates = np.array(self.shares)[kept], 1 / np.array(self.times)[kept]
-        v = np.sqrt(share * shares * rates / (1 - share + share * self.instantaneous))
-        slower = np.linalg.eigvalsh(np.diag(rates) - np.outer(v, v))
-        with np.errstate(divide="ignore"):  # of two equal times one has nothing left
-            steepness = (shares * rates / (rates - slower[:, None]) ** 2).sum(axis=1)
+        rates, number = np.unique(1 / np.array(self.times)[kept], return_inverse=True)  # terms of one time are one term
+        shares = np.bincount(number, np.array(self.shares)[kept])
+        squares = share * shares * rates / (1 - share + share * self.instantaneous)
+        below = _below(rates, squares)
+        slower = rates - below
+        steepness = (shares * rates / ((rates - rates[:, None]) + below[:, None]) ** 2).sum(axis=1)
         own = (1 - share) / (share**2 * slower * steepness)
         long_term = self.long_term / (1 - share + share * self.long_term)
         return RelaxationFunction(long_term, tuple(own.tolist()), tuple((1 / slower).tolist()))
@@ -137,6 +139,28 @@ class RelaxationFunction:
             total.append(self.long_term * now + np.tensordot(shares, history, 1))
             before, last = np.inf if corner is None else float(dt), change
         return np.array(total)
+
+
+def _below(rates: Array, squares: Array) -> Array:
+    """How far below each rate (n,), rising, an eigenvalue of diag(rates) - v v' lies, from the squares of v (n,).
+
+    The eigenvalues lie between the rates. Each is found from the rate above it, so that slow ones beside others that are 14 decades
+    faster, as those of fractional functions are, keep their digits; of the whole matrix they would have none.
+    """
+    apart, others = rates - rates[:, None], squares * (1 - np.eye(rates.size))
+    low, high = np.zeros(rates.size), np.diff(rates, prepend=0.0)
+    below = np.minimum(squares, 0.5 * high)
+    for step in range(ROOTS):
+        rest = (others / (apart + below[:, None])).sum(axis=1)
+        deeper = squares / below + rest > 1
+        low, high = np.where(deeper, below, low), np.where(deeper, high, below)
+        ahead = squares / np.where(rest < 1, 1 - rest, np.inf)
+        middle = np.where(low > 0, np.sqrt(low * high), 0.5 * high)
+        there = np.where((ahead > low) & (ahead < high) & (step % 3 < 2), ahead, middle)
+        if np.all(np.abs(there - below) <= EXACT * below):
+            break
+        below = there
+    return below
 
 
 def is_at(corner: float | None, time: float) -> bool:

@@ -100,6 +100,23 @@ def test_fractional_function_of_order_one_half_is_the_error_function(time):
     assert float(function(time)) == pytest.approx(1 + 0.7 * erfcx(np.sqrt(time / 2.0)), abs=1e-7)
 
 
+@pytest.mark.parametrize("order", [0.1, 0.4, 0.9])
+@pytest.mark.parametrize("share", [0.0019, 0.3])
+def test_a_bulk_modulus_in_series_with_a_fractional_function_obeys_its_laplace_transform(order, share):
+    """p M^ = p m^ / (1 - s + s p m^). Eigenvalues of the whole matrix lost the rates that are 14 decades slower than others: forces
+    of a hold were 58 % off, and no fit of a fractional function with a Poisson's ratio of 0.499 came to its truth."""
+    function = fractional(0.8, 1.0, order, "long_term", 2e-4, 200.0)
+    series = function.in_series(share)
+
+    def transform(of, p):
+        return of.long_term + np.sum(np.array(of.shares) * p / (p + 1 / np.array(of.times)))
+
+    for p in (1e-4, 1e-2, 1.0, 1e3):
+        whole = transform(function, p)
+        assert transform(series, p) == pytest.approx(whole / (1 - share + share * whole), rel=1e-10)
+    assert min(series.times) > 0 and min(series.shares) >= 0
+
+
 @pytest.mark.parametrize("order", [0.1, 0.35, 0.9])
 def test_fractional_function_is_the_series_of_mittag_leffler(order):
     terms = np.arange(500)
