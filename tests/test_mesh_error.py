@@ -17,7 +17,7 @@ from indentfit.fem.meshing import count
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
 from indentfit.layer import Layer
-from indentfit.material import typed
+from indentfit.material import load, typed
 
 GEL = typed("mu / 2 * (I1 - 3)", ["mu"])(mu=1.0)
 LAYER = {"shape": "disc", "diameter": 20.0, "thickness": 1.0}
@@ -263,14 +263,40 @@ def test_the_stated_error_of_a_long_strip_holds_its_exact_stiffness(plane_strain
     assert 0.04 * exact < error <= band <= 4 * error
 
 
-def test_the_band_before_the_first_step_holds_the_exact_force_of_a_thin_layer():
-    """A sphere of 20 thicknesses on an incompressible layer: the first forces continue those of the steps, 30 % too small."""
-    depths = 0.4 / 25 * np.arange(1, 26)
+@pytest.mark.parametrize(("depth", "radius"), [(0.4, 20.0), (0.1, 20.0)])
+def test_the_first_forces_on_a_thin_incompressible_layer_meet_the_exact_ones(depth, radius):
+    """They continue those of the steps before the first one, and were 30 and 9 % too small with a first step of an eighth."""
+    depths = depth / 25 * np.arange(1, 26)
     sample = Sample(shape="disc", diameter=80.0, thickness=1.0, base="bonded")
-    sphere = Indenter(shape="sphere", diameter=40.0, friction=0)
+    sphere = Indenter(shape="sphere", diameter=2 * radius, friction=0)
     setup = Setup(sample, sphere, Mesh(), Solver(), depths[-1], "axisymmetric")
     presses = [Press(GEL, LARGEST_BULK_RATIO, 0, depths)]
     test = with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
-    error = np.abs(test.force - Layer(True, 0.5).sphere_force(20.0, depths))[:2]
-    assert np.all(error < test.mesh_error.band[:2]) and np.all(test.mesh_error.band[:2] < 4 * error)
-    assert np.all(test.mesh_error.band[5:] < 0.01 * test.force[5:])
+    error = np.abs(test.force - Layer(True, 0.5).sphere_force(radius, depths))[:2]
+    assert np.all(error < 0.012 * test.force[:2]) and np.all(error < test.mesh_error.band[:2])
+    assert np.all(test.mesh_error.band[:2] < 0.025 * test.force[:2]) and np.all(test.mesh_error.band[5:] < 0.01 * test.force[5:])
+
+
+def steep(depths, b=10.0, **solver):
+    """An incompressible Demiray law under a sphere of the thickness: the test with its error, and its setup."""
+    sample, sphere = Sample(**LAYER, base="bonded"), Indenter(shape="sphere", diameter=2.0, friction=0)
+    setup = Setup(sample, sphere, Mesh(), Solver(**solver), depths[-1], "axisymmetric")
+    presses = [Press(load("demiray_fung")(mu=1.0, b=b), LARGEST_BULK_RATIO, 0, depths)]
+    return with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
+
+
+@pytest.mark.parametrize(("b", "limit"), [(5.0, 5.174), (10.0, 18.405)])
+def test_a_steep_law_on_a_bonded_base_meets_its_limit_and_the_band_holds_it(b, limit):
+    """Limits of 2,231 elements, 40 along the contact and 20 across the thickness. Elements of 0.4 thicknesses at the base were 1.5
+    and 7.7 % too stiff, and stated 0.5 and 1.2 %."""
+    test = steep(np.array([0.15, 0.3]), b)
+    assert test.force[-1] == pytest.approx(limit, rel=1e-2)
+    assert abs(test.force[-1] - limit) <= test.mesh_error.band[-1] + 1e-3 * limit
+
+
+def test_forces_of_a_steep_law_between_the_steps_are_those_of_short_steps():
+    """With eight steps they were up to 1.9 % off, and 0.2 % was stated; the force of b = 20 was up to 22 % off."""
+    depths = 0.3 / 25 * np.arange(1, 26)
+    usual, short = steep(depths), steep(depths, max_step=0.3 / 40)
+    assert usual.force[10:] == pytest.approx(short.force[10:], rel=5e-3)
+    assert (np.abs(usual.force - short.force) <= usual.mesh_error.band + 2e-3 * short.force).all()

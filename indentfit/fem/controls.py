@@ -32,6 +32,8 @@ class Controls:
         Largest step of the depth.
     first_steps : int
         Steps to the last depth when nothing goes wrong.
+    first_depth : float
+        Share of the last depth that the first step may reach at most. Where it fails, the usual first step is taken in its place.
     deadline : Deadline
         Checked once in every iteration.
     progress : Report, or function of the share alone
@@ -43,6 +45,7 @@ class Controls:
     tolerance: float
     max_step: float = np.inf
     first_steps: int = FIRST_STEPS
+    first_depth: float = np.inf
     deadline: Deadline = NEVER
     progress: Callable[..., None] | None = None
     most_iterations: float = np.inf

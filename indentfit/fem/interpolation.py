@@ -34,6 +34,7 @@ class Interpolant:
 
     def __init__(self, depths: Sequence[float] | Array, values: Sequence[Any], power: float = SMOOTH) -> None:
         x, y = np.asarray(depths, dtype=float), np.asarray(values, dtype=float)
+        self._depths, self._values = x, y
         self._power = power if x.size > 2 else SMOOTH
         if self._power == SMOOTH:
             self._spline = CubicSpline(x, y, axis=0)
@@ -57,19 +58,28 @@ class Interpolant:
         return grown * share + 0.5 * _like(root ** (2 * self._power - 1), share) * change
 
     def doubt(self, depths: Array) -> Array:
-        """Share (m,) by which a parabola through the first three steps differs before the first one, at depths (m,), mm; of single
-        values. It is 0 beyond that step, for the power SMOOTH, and on paths of fewer steps.
+        """Share (m,) by which values may err between the equilibria, at depths (m,), mm: how far two other interpolants differ.
 
-        Steep laws and thin incompressible layers bend there: the force of a layer of a twentieth of the sphere's radius, known
-        exactly, lies 30 % above the line's at a third of the first step, and the parabola's 40 %.
+        Before the first step that is a parabola through the first three, in place of a line; it is 0 for the power SMOOTH, and on
+        paths of fewer steps. From the first step on it is a spline through the logarithms, which follows powers and exponentials of
+        the depth: by 0.01 % on gels, by 1 % and more where the force of a steep law doubles within a step.
         """
+        depths = np.asarray(depths, dtype=float)
+        return np.where(depths < self._depths[1], self._doubt_before(depths), self._doubt_between(depths))
+
+    def _doubt_before(self, depths: Array) -> Array:
+        if self._power == SMOOTH or self._depths.size < 4:
+            return np.zeros(depths.size)
         root, x = np.sqrt(depths), self._spline.x[:3]
-        if self._power == SMOOTH or x.size < 3:
-            return np.zeros(len(root))
-        parabola = np.polyval(np.polyfit(x, self._spline(x), 2), root)
-        line = self._share(root)[0]
-        apart = np.divide(np.abs(parabola - line), np.abs(line), out=np.ones_like(line), where=line != 0)
-        return np.where(root < x[0], apart, 0.0)
+        parabola = np.asarray(np.polyval(np.polyfit(x, self._spline(x), 2), root), dtype=float)
+        return _apart(parabola, self._share(root)[0])
+
+    def _doubt_between(self, depths: Array) -> Array:
+        x, y = self._depths[1:], self._values[1:]
+        if x.size < 4 or np.any(y <= 0):
+            return np.zeros(depths.size)
+        logarithms = CubicSpline(np.log(x), np.log(y))
+        return _apart(np.exp(logarithms(np.log(np.maximum(depths, x[0])))), self(depths))
 
     def _share(self, root: Array) -> tuple[Array, Array]:
         """The value over the power of the depth, and its derivative by sqrt(depth), at sqrt(depths) (m,).
@@ -84,6 +94,11 @@ class Interpolant:
 def _like(factors: Array, values: Array) -> Array:
     """Factors (m,) in a shape that multiplies values (m, ...)."""
     return factors.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def _apart(other: Array, own: Array) -> Array:
+    """How far other values (m,) differ from the own ones, over these; 1 where these are 0."""
+    return np.divide(np.abs(other - own), np.abs(own), out=np.ones_like(own), where=own != 0)
 
 
 def _ends(n: int) -> str:

@@ -25,8 +25,8 @@ The constants were chosen so that the band holds the error in 95 % of contacts w
 are known (tests/campaigns/mesh_error.py, tests/test_references.py); those of eight-node bricks are the theory's, an error in
 proportion to the size.
 
-Forces under a sphere before the first step continue those of the steps, on all meshes alike. There the band is at least the
-distance between two ways to continue them (interpolation.Interpolant.doubt).
+Forces between the steps, and under a sphere before the first one, continue those of the steps, on all meshes alike. There the band
+is at least the distance between two ways to continue them (interpolation.Interpolant.doubt).
 """
 
 import functools
@@ -220,7 +220,7 @@ def force_error(test: TestResult, other: TestResult, mesh: SecondMesh, setup: Se
     least = floor + _few_nodes(setup, test.displacement) + _long_steps(setup, test)
     folds = _folds(setup, test.displacement)
     band = np.maximum.accumulate(np.maximum(change, np.maximum(least, folds) * np.abs(test.force)))
-    band = np.maximum(band, _before_first_step(test, setup) * np.abs(test.force))
+    band = np.maximum(band, _between_steps(test, setup) * np.abs(test.force))
     remark = FOLDING if folded(setup, test.displacement) else ""
     relative = np.divide(other.force - test.force, test.force, out=np.zeros_like(test.force), where=test.force != 0)
     correction = corrected(test.displacement, relative, test.force, mesh)
@@ -228,8 +228,8 @@ def force_error(test: TestResult, other: TestResult, mesh: SecondMesh, setup: Se
     return ForceError(band, other.facts.elements, remark, correction, left)
 
 
-def _before_first_step(test: TestResult, setup: Setup) -> Array:
-    """Share (n,) by which the forces before the first step may err, because they continue those of the steps."""
+def _between_steps(test: TestResult, setup: Setup) -> Array:
+    """Share (n,) by which the forces may err between the steps and before the first one, which continue those of the steps."""
     forces = [point.whole_force for point in test.path]
     depths = [point.depth for point in test.path]
     return Interpolant(depths, forces, GROWS[setup.indenter.geometry.end]).doubt(test.displacement)

@@ -16,7 +16,7 @@ from indentfit.fem.body import Bulk, per_element
 from indentfit.fem.constraints import Fixed
 from indentfit.fem.contact import NORMAL, TANGENTIAL, ContactFace
 from indentfit.fem.contact_state import Springs
-from indentfit.fem.controls import FIRST_STEPS, Controls, Report, Work, step_of_few
+from indentfit.fem.controls import Controls, Report, Work, step_of_few
 from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions, of_fibre_angle
 from indentfit.fem.equations import Equations, Loading
@@ -35,6 +35,7 @@ from indentfit.fem.result import Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.sliding import TOGETHER
 from indentfit.fem.stability import loss_of_stability, remedy
+from indentfit.fem.steps import first_depth, first_steps, largest_step
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tries import (
     AGAIN_SECONDS,
@@ -67,10 +68,6 @@ GROWING = 5.0  # springs of bricks under a sphere, cone or wedge, in units of NO
 # Largest tolerance in the meridian plane, where an iteration costs little; at sharp edges a loose one passes over the cutbacks that
 # keep a sticking edge from folding (1.4 % of the force at 30 % depth).
 IN_PLANE, IN_PLANE_SHARP = 1e-4, 1e-6
-FLAT_STEPS = 4  # steps to the last depth of bricks under a flat face with sharp edges
-# Steps to the last depth where a contact grows with friction in the meridian plane: with the usual 8 steps forces are up to 0.3 %
-# off, and 2 % at the first depths. Below a friction of SLIPPERY points slip all the same.
-RUBBING_STEPS, SLIPPERY = 12, 0.05
 RIGID = 1e3  # contact springs of a linear solve, in units of the usual ones
 
 
@@ -172,23 +169,16 @@ class Model:
         The `part` of the first two, and of what `progress` raises, is the TestResult as far as it goes, or None.
         """
         press = replace(press, depths=np.asarray(press.depths, dtype=float), sensitivities=tuple(press.sensitivities))
-        controls = Controls(self._tolerance, self._largest_step(press), self._first_steps, deadline or NEVER, progress)
+        largest = largest_step(self.setup, self.body.n_dofs, self.contact.friction, float(press.depths[-1]))
+        steps = largest, first_steps(self.setup), first_depth(self.setup)
+        controls = Controls(self._tolerance, *steps, deadline or NEVER, progress)
         with _threads(self.body.n_dofs), blamed(type(press.material)):
             return self._tried(press, controls)
-
-    def _largest_step(self, press: Press) -> float:
-        rubs = self.setup.in_plane and self.setup.rubs and self.contact.friction > SLIPPERY
-        longest = float(press.depths[-1]) / RUBBING_STEPS if rubs else np.inf
-        return self.setup.solver.max_step or min(longest, step_of_few(self.body.n_dofs, float(press.depths[-1])))
 
     @property
     def _tolerance(self) -> float:
         in_plane = IN_PLANE_SHARP if has_sharp_edge(self.contact.shape) else IN_PLANE
         return min(self.setup.solver.tolerance, in_plane if self.setup.in_plane else np.inf)
-
-    @property
-    def _first_steps(self) -> int:
-        return FLAT_STEPS if not self.setup.in_plane and has_sharp_edge(self.contact.shape) else FIRST_STEPS
 
     @property
     def power(self) -> float:
@@ -201,7 +191,7 @@ class Model:
         """The moments of the viscoelastic model along a path in time, as `viscous.press_in_time` or `creep.creep_in_time` gives and
         raises them."""
         largest = self.setup.solver.max_step or step_of_few(self.body.n_dofs, float(press.depths[-1]))
-        controls = Controls(self._tolerance, largest, self._first_steps, deadline or NEVER, progress)
+        controls = Controls(self._tolerance, largest, first_steps(self.setup), np.inf, deadline or NEVER, progress)
         loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
         self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):
