@@ -103,7 +103,7 @@ def test_the_meridian_and_the_quarter_of_the_same_sample_agree(indenter, base, d
 def test_a_sphere_that_sticks_has_one_force_whatever_its_steps(steps):
     """Points at the contact's end chattered: 100 to 160 iterations, and retries. The force is near that of a friction of 1, and on
     this mesh follows the place of the contact's end within its elements by 0.3 %."""
-    sticks, few = {**SPHERE, "friction": "stick"}, {"elements": 60}
+    sticks, few = {**SPHERE, "friction": "stick"}, {"elements": 72}
     usual = pressed(DISC, {**SPHERE, "friction": 1.0}, [0.1, 0.2], **few)
     short = pressed(DISC, sticks, [0.1, 0.2], solver=Solver(max_step=0.2 / steps), **few)
     assert short.force == pytest.approx(usual.force, rel=4e-3)
@@ -122,7 +122,7 @@ def test_sensitivities_are_the_derivatives_of_the_force():
         return pressed(DISC, {**rough, "friction": friction}, [0.05, 0.1], kappa, solver=exact, elements=60).force[-1]
 
     # The force jumps by 1e-5 of itself where a point passes from stick to slip: a small difference of friction meets no such jump.
-    assert by["friction"] == pytest.approx((force(0.20005) - force(0.19995)) / 1e-4, rel=1e-3)
+    assert by["friction"] == pytest.approx((force(0.20002) - force(0.19998)) / 4e-5, rel=1e-3)
     assert by["bulk_ratio"] == pytest.approx((force(kappa=50.05) - force(kappa=49.95)) / 0.1, rel=1e-4)
 
 
@@ -131,7 +131,7 @@ def test_a_curve_in_the_plane_solves_the_contact_on_the_factor_of_the_step_befor
     """Newton's iteration alone took 50 iterations, each with a factor of its own, and twice the time."""
     pytest.importorskip("pypardiso")
     facts = pressed({**DISC, "diameter": 8.0}, SPHERE, [0.1, 0.2], kappa).facts
-    assert facts.newton_iterations < 20 and facts.factorizations < 30 and facts.krylov_iterations < 100
+    assert facts.newton_iterations < 20 and facts.factorizations < 30 and facts.krylov_iterations <= 12 * facts.steps
 
 
 def test_the_force_under_a_rough_sphere_hardly_depends_on_the_steps():

@@ -108,7 +108,7 @@ def _target(here: float, step: float, begun: float, largest: float, last: float)
         return last
     if here == 0 and begun < step:
         return begun
-    return largest if here == begun and step == largest else here + step
+    return largest if here == begun and begun < step == largest else here + step
 
 
 def untouched(equations: Equations, loading: Loading, newton: Newton) -> Equilibrium:
