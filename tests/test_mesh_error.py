@@ -277,6 +277,17 @@ def test_the_first_forces_on_a_thin_incompressible_layer_meet_the_exact_ones(dep
     assert np.all(test.mesh_error.band[:2] < 0.025 * test.force[:2]) and np.all(test.mesh_error.band[5:] < 0.01 * test.force[5:])
 
 
+@pytest.mark.campaign
+def test_the_band_of_bricks_under_a_wedge_holds_the_first_forces():
+    """Those of 1,365 bricks, beside which 308 default ones are 17 % too low at a sixth of the depth, where they stated 15 %."""
+    sample = Sample(shape="block", length=4.0, width=12.0, thickness=3.0, base="sliding")
+    wedge = Indenter(shape="wedge", length=6.0, half_angle=65.0, tip_radius=0.3, friction=0)
+    depths, right = np.array([0.072, 0.096, 0.6]), np.array([0.3154, 0.4515, 4.7077])
+    setup, presses = Setup(sample, wedge, Mesh(), Solver(), 0.6, "quarter"), [Press(GEL, 14 / 3, 0, depths)]
+    test = with_mesh_errors(Model(setup).simulate(presses), setup, presses).tests[0]
+    assert (np.abs(test.force - right) <= test.mesh_error.band).all() and test.mesh_error.band[-1] < 0.04 * right[-1]
+
+
 def steep(depths, b=10.0, **solver):
     """An incompressible Demiray law under a sphere of the thickness: the test with its error, and its setup."""
     sample, sphere = Sample(**LAYER, base="bonded"), Indenter(shape="sphere", diameter=2.0, friction=0)
