@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 from fixtures.shared_runs import Basis, Exact, SharedRuns, learned
+from fixtures.supposed_noise import supposed_noise
 from scipy.stats import binom, qmc
 
 from indentfit.case.field_tests import with_field_tests
@@ -39,7 +40,6 @@ from indentfit.inference.consistency import predictions
 from indentfit.inference.estimate import estimate
 from indentfit.inference.identifiability import identifiability
 from indentfit.inference.misfit import no_fit
-from indentfit.inference.noise import WHITE, correlations, possible
 from indentfit.inverse.derivatives import curve_derivatives, evaluate_at_reference
 from indentfit.inverse.problem import inverse_problem
 from indentfit.runs.parted import Parted
@@ -107,12 +107,6 @@ def deviations(forces):
     return [NOISE * forces[0][-1], NOISE * forces[1][-1], SD]
 
 
-def supposed(rng, number, learnt):
-    """Noise (number,) of unit size: drawn from the prior of fits where they learn it, otherwise white."""
-    rho = rng.choice(possible(number)[1:]) if learnt and rng.random() > WHITE else 0.0
-    return np.linalg.cholesky(correlations(number, rho)) @ rng.standard_normal(number)
-
-
 def drops(problem, model, truth):
     """The profiles (3,) of a fit at the truth, and the largest ones (3,) within the intervals."""
     parameters = problem.parameters(estimate(problem, model, problem.weights, problem.units(truth))[0])
@@ -158,9 +152,9 @@ def main():
     for seed, truth in enumerate(truths):
         forces = Parted.of(model, case).evaluate([truth])[0].forces
         _, problem = problem_with(case, forces)
-        rng, learnt = np.random.default_rng([23, seed + asked.seed]), [not asked.white] * 2 + [False]
-        rows = zip(forces, deviations(forces), learnt, strict=True)
-        noisy = problem.measured([f + sd * supposed(rng, f.size, often) for f, sd, often in rows])
+        rng, white = np.random.default_rng([23, seed + asked.seed]), [asked.white] * 2 + [True]
+        rows = zip(forces, deviations(forces), white, strict=True)
+        noisy = problem.measured([f + sd * supposed_noise(rng, f.size, always) for f, sd, always in rows])
         for kept, row in zip((seen, limits), drops(noisy, Exact(noisy, model), truth), strict=True):
             kept.append(row)
     counts, means = np.sum(np.array(seen) <= np.array(limits), axis=0), np.mean(seen, axis=0)
