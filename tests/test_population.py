@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,5 +124,11 @@ def test_the_command_fits_samples_as_one_population(tmp_path):
     )
     stored = read_result(out).result
     assert json.loads(json.dumps(stored.as_json())) | {key: value[key] for key in ("versions", "written")} == value
+    weak = [
+        replace(known, parameters={"mu": replace(known.parameters["mu"], verdict="not determined by these curves: any value")})
+        for known in stored.per_sample.samples
+    ]
+    unsure = replace(stored, per_sample=replace(stored.per_sample, samples=tuple(weak))).summary()
+    assert "mu is determined in 0 of 6 samples" in unsure and "is determined in" not in stored.summary()
     assert CliRunner().invoke(main, ["report", str(out)]).exit_code == 0
     assert "treated / none" in (out / "report.html").read_text()

@@ -3,7 +3,16 @@
 from indentfit.inference.population_fit import Population
 from indentfit.report.html_samples import folders_section, parameters_section, spread_section
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, Text, drawn
-from indentfit.report.population import WHAT, contrast_rows, percents, population_figure, population_rows, shrunken_rows, words
+from indentfit.report.population import (
+    WHAT,
+    contrast_rows,
+    percents,
+    population_figure,
+    population_rows,
+    shrunken_rows,
+    undetermined,
+    words,
+)
 from indentfit.report.schema import Stored
 
 CAPTION = (
@@ -46,6 +55,7 @@ def _population(result: Population) -> Section:
     parts: list[Part] = [
         Figures((drawn(population_figure(result), CAPTION, alt),)),
         Table("The population: means and spread with 95 % intervals", _heads(header), tuple(map(tuple, rows))),
+        *(Text(f"{said}.") for said in undetermined(result)),
         Text(f"{WHAT[:1].upper()}{WHAT[1:]}."),
     ]
     if result.hierarchy and result.hierarchy.contrasts:

@@ -5,6 +5,7 @@ from typing import Any
 
 from indentfit.inference.population import Known
 from indentfit.inference.population_fit import ALL, Population
+from indentfit.inference.verdicts import kind_of
 from indentfit.report.study_text import aligned
 
 WHAT = (
@@ -25,9 +26,23 @@ def population_lines(result: Population) -> Iterator[str]:
             yield from aligned(contrast_rows(result))
         yield ""
         yield from aligned(shrunken_rows(result))
+        yield from (f"amber     {said}" for said in undetermined(result))
         yield f"note      {WHAT}"
     for sample, why in result.left_out.items():
         yield f"left out  {sample}: {why}"
+
+
+def undetermined(result: Population) -> Iterator[str]:
+    """A sentence for each parameter that most samples do not determine: seen of twelve samples with a spread of 20 %, whose curves
+    determined it in none, the interval of the spread was 59 to 4143 %."""
+    singles = [known.parameters for known in result.per_sample.samples if known.sample not in result.left_out]
+    for name in result.hierarchy.parameters if result.hierarchy else ():
+        told = sum(kind_of(known[name]) in ("determined", "weakly determined") for known in singles)
+        if 2 * told < len(singles):
+            yield (
+                f"{name} is determined in {told} of {len(singles)} samples, so trust neither its spread nor its interval: single "
+                "curves that say little of a parameter may seem to differ in it"
+            )
 
 
 def population_rows(result: Population) -> list[list[str]]:
