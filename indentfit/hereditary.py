@@ -28,6 +28,7 @@ STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates:
 SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
 ROUNDED, FEW = 1e-9, 0.05  # of the time of a corner; of the lifetime of a term: steps so short are summed as a series
+NARROW = 1e3  # ratio of rates up to which the eigenvalues of a matrix have enough digits
 ROOTS, EXACT = 300, 1e-13  # most steps to the roots of a secular equation, and their relative error
 LONGER = 100.0  # times the step before: in such a step y is linear
 REACH = 30.0  # of these logarithms, in units of 1 / alpha: beyond, the density is below 1e-13
@@ -147,6 +148,9 @@ def _below(rates: Array, squares: Array) -> Array:
     The eigenvalues lie between the rates. Each is found from the rate above it, so that slow ones beside others that are 14 decades
     faster, as those of fractional functions are, keep their digits; of the whole matrix they would have none.
     """
+    if rates[-1] < NARROW * rates[0]:
+        v = np.sqrt(squares)
+        return np.asarray(rates - np.linalg.eigvalsh(np.diag(rates) - np.outer(v, v)))
     apart, others = rates - rates[:, None], squares * (1 - np.eye(rates.size))
     low, high = np.zeros(rates.size), np.diff(rates, prepend=0.0)
     below = np.minimum(squares, 0.5 * high)
@@ -156,10 +160,9 @@ def _below(rates: Array, squares: Array) -> Array:
         low, high = np.where(deeper, below, low), np.where(deeper, high, below)
         ahead = squares / np.where(rest < 1, 1 - rest, np.inf)
         middle = np.where(low > 0, np.sqrt(low * high), 0.5 * high)
-        there = np.where((ahead > low) & (ahead < high) & (step % 3 < 2), ahead, middle)
-        if np.all(np.abs(there - below) <= EXACT * below):
+        if np.all(np.abs(ahead - below) <= EXACT * below):
             break
-        below = there
+        below = np.where((ahead > low) & (ahead < high) & (step % 3 < 2), ahead, middle)
     return below
 
 
