@@ -28,6 +28,7 @@ from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
 from indentfit.inference.posterior import Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
+from indentfit.inference.shares import WhatIf
 from indentfit.inference.what_if import fitted_again, taken_as_known, warnings_of, what_ifs
 from indentfit.inverse import polynomials
 from indentfit.inverse.course import Proof
@@ -484,6 +485,15 @@ def test_an_input_taken_as_known_has_the_parameters_of_its_other_value():
     assert f"mu {found['friction'].parameters['mu']:.3g} with friction 0.2" in said and "base" not in said
     (alone,) = warnings_of((found["base"], found["friction"]), {"mu": mu})
     assert alone.startswith("taken as known is friction 0.5, and") and f"mu {found['friction'].parameters['mu']:.3g}" in alone
+
+
+def test_of_many_inputs_taken_as_known_those_that_move_most_are_named():
+    mu = ParameterEstimate(1.5, "kPa", interval=(1.45, 1.55), verdict="determined (+-3 %); limited by the noise")
+    moved = {"friction": 1.56, "base": 2.0, "thickness": 1.2, "offset": 1.7, "force": 1.58, "law": 1.5}
+    known = tuple(WhatIf(name, "here", f"there {name}", {"mu": value}) for name, value in moved.items())
+    (said,) = warnings_of(known, {"mu": mu})
+    assert "mu 2 with base there base; mu 1.2 with thickness there thickness; mu 1.7 with offset there offset, outside" in said
+    assert said.endswith("; 2 more inputs would do so, listed below") and "friction" not in said and "law" not in said
 
 
 def test_a_bulk_ratio_taken_as_known_is_told_in_the_word_of_the_case(tmp_path):

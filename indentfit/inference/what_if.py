@@ -44,6 +44,7 @@ NEIGHBOUR, NEARLY = 0.1, 0.47  # of Poisson's ratio: a plausible error, and the 
 STRONGER = 1.05  # of forces, by the gain of the load cell
 WIDER_BY = 1.02  # of the indenter's size
 STIFFENS = 0.05  # of the force at the largest depth, beside the law
+NAMED = 3  # inputs at most in the sentence that warns of them; all are in the list of what is taken as known
 WITHOUT_RUNS = ("offset", "force", "law")
 COARSER = 2.0  # elements of the runs, over those of the case's mesh
 Again = Callable[[list[Array]], dict[str, float]]
@@ -116,16 +117,30 @@ def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEsti
             f"the fit would give {values}, outside of the interval"
         )
     elif telling:
-        taken = ", ".join(dict.fromkeys(f"{tried.input} {tried.taken}" for tried, _ in telling))
-        others = "; ".join(f"{values} with {tried.input} {tried.other}" for tried, values in telling)
+        named = sorted(telling, key=lambda each: _how_far(each[0], estimates), reverse=True)[:NAMED]
+        shown = [each for each in telling if each in named]  # in the order of the inputs
+        taken = ", ".join(dict.fromkeys(f"{tried.input} {tried.taken}" for tried, _ in shown))
+        others = "; ".join(f"{values} with {tried.input} {tried.other}" for tried, values in shown)
+        more = f"; {len(telling) - NAMED} more inputs would do so, listed below" if len(telling) > NAMED else ""
         yield (
             f"taken as known are {taken}, and the intervals hold only if they are right: the fit would give {others}, "
-            "outside of the intervals"
+            f"outside of the intervals{more}"
         )
 
 
 def _moved_out(tried: WhatIf, estimates: Mapping[str, ParameterEstimate]) -> list[str]:
     return [f"{name} {value:.3g}" for name, value in (tried.parameters or {}).items() if _left(estimates.get(name), value)]
+
+
+def _how_far(tried: WhatIf, estimates: Mapping[str, ParameterEstimate]) -> float:
+    """How far the other value of an input moves a determined parameter out of its interval, in units of the interval's width."""
+    outside = [0.0]
+    for name, value in (tried.parameters or {}).items():
+        known = estimates.get(name)
+        if known is not None and known.interval is not None and _left(known, value):
+            low, high = known.interval
+            outside.append(max(low - value, value - high) / max(high - low, 1e-300))
+    return max(outside)
 
 
 def _left(known: ParameterEstimate | None, value: float) -> bool:
