@@ -277,6 +277,18 @@ def test_the_first_forces_on_a_thin_incompressible_layer_meet_the_exact_ones(dep
     assert np.all(test.mesh_error.band[:2] < 0.025 * test.force[:2]) and np.all(test.mesh_error.band[5:] < 0.01 * test.force[5:])
 
 
+def test_the_band_of_a_cone_in_the_plane_holds_the_first_forces():
+    """On a half-space the force of a cone grows as the depth squared, at any strain, because no other length is there."""
+    depths = np.arange(1, 25) / 480
+    sample = Sample(shape="disc", diameter=400.0, thickness=100.0, base="bonded")
+    setup = Setup(sample, Indenter(shape="cone", half_angle=70.0, friction=0), Mesh(), Solver(), depths[-1], "axisymmetric")
+    press = Press(typed("mu / 2 * (I1 - 3)", ["mu"])(mu=1.0), 50.0, 0, depths)
+    (test,) = with_mesh_errors(Model(setup).simulate([press]), setup, [press]).tests
+    error = np.abs(test.force / test.force[-1] * (depths[-1] / depths) ** 2 - 1)
+    assert error[0] > 0.1 and np.all(error < test.mesh_error.band / test.force)
+    assert np.all(test.mesh_error.band[:3] / test.force[:3] < 4 * error[:3])
+
+
 @pytest.mark.campaign
 def test_the_band_of_bricks_under_a_wedge_holds_the_first_forces():
     """Those of 1,365 bricks, beside which 308 default ones are 17 % too low at a sixth of the depth, where they stated 15 %."""

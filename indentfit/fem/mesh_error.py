@@ -59,6 +59,7 @@ SMOOTHLY = 0.3  # of the depth: length over which what remains keeps its sign
 FEWER = 0.75  # share of the elements that a coarser mesh may have at most
 FLOOR = {("axisymmetric", "q2p1"): 2e-3, ("quarter", "q2p1"): 5e-3, ("quarter", "q1p0"): 1e-2}  # of the force
 NODES = {Rings: 0.15, Band: 1.6}  # spheres and wedges on bricks, against the meridian plane and against finer bricks
+POINTED = 0.05  # cones in the meridian plane, whose contact is narrower than an element at the first depths
 FOLDS = {  # factor, power, and largest share of the force
     # Curves of six meshes on layers of 0.5 to 3 punch radii. Punches with an edge of a tenth of the radius have forces that are
     # larger by 15 % without friction, and by 24 % at a friction of 0.3, where the depth is 1.5 radii.
@@ -294,13 +295,17 @@ def _smooth(depth: Array) -> Array:
 
 
 def _few_nodes(setup: Setup, depths: Array) -> Array:
-    """The least relative error (n,) of bricks under a contact that grows: at small depths the contact meets few of their nodes."""
+    """The least relative error (n,) under a contact that grows from nothing: at small depths it meets few nodes of bricks,
+    and a cone in the meridian plane less than an element."""
     shape = setup.indenter.geometry
-    if setup.in_plane or shape.edge_radius is not None:
+    if shape.edge_radius is not None or (setup.in_plane and shape.end != "cone"):
         return np.zeros(len(depths))
-    width = edge_width(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
+    width = (
+        size(setup) if setup.in_plane else edge_width(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
+    )
     contacts = [shape.partition(float(depth)) for depth in depths]
-    return np.array([min(NODES[type(contact)] * (width / contact.half_width) ** 2, 1.0) for contact in contacts])
+    factors = [POINTED if setup.in_plane else NODES[type(contact)] for contact in contacts]
+    return np.array([min(f * (width / contact.half_width) ** 2, 1.0) for f, contact in zip(factors, contacts, strict=True)])
 
 
 def _long_steps(setup: Setup, test: TestResult) -> float:
