@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from indentfit import Case, Indenter, MaterialChoice, Mesh, Sample, Test, simulate
-from indentfit.errors import ConvergenceError
 from indentfit.fem.facts import SolveFacts, said_of_stability
-from indentfit.fem.simulate import Model
 from indentfit.fem.stability import remedy
 from indentfit.material import least_shear_modulus, load
 
@@ -84,13 +82,11 @@ def test_a_path_that_ends_is_told_what_its_indenter_can_change():
     assert remedy(law, 0.0625, sphere).startswith("the law loses its stability at 0.0625 mm")
 
 
-def test_a_path_that_ends_where_its_law_is_unstable_is_not_tried_again(monkeypatch):
-    """Four other tries took four times the time of the first, in each run of a fit, and ended there too."""
-    tried = []
-    monkeypatch.setattr(Model, "_tried_again", lambda *_: tried.append(1))
+def test_a_path_that_ends_where_its_law_is_unstable_at_a_point_is_tried_again():
+    """A point that does not resist one more shear need not be why the contact finds no equilibrium: the second try reaches it all."""
     sample = Sample(shape="disc", diameter=12.0, thickness=4.0, base="bonded")
-    law = MaterialChoice(model="yeoh", parameters={"c10": 0.5, "c20": -3.0, "c30": 0.0}, poisson_ratio=0.4)
-    ball = Indenter(shape="sphere", diameter=4.0, friction=0)
-    with pytest.raises(ConvergenceError, match="the law loses its stability"):
-        simulate(Case(sample=sample, indenter=ball, mesh=Mesh(elements=40), material=law, test=[Test("press", depth=1.0)]))
-    assert not tried
+    law = MaterialChoice(model="yeoh", parameters={"c10": 0.5, "c20": -0.05, "c30": 0.0}, poisson_ratio=0.45)
+    punch = Indenter(shape="cylinder", diameter=3.0, edge_radius=0.1, friction=0.5)
+    case = Case(sample=sample, indenter=punch, mesh=Mesh(elements=40), material=law, test=[Test("press", depth=1.1)])
+    (test,) = simulate(case, mesh_error=False).tests
+    assert test.facts.tries > 1 and "the law loses its stability" in test.facts.first_failure and test.displacement[-1] == 1.1
