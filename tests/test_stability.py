@@ -83,7 +83,7 @@ def test_a_path_that_ends_is_told_what_its_indenter_can_change():
 
 
 def test_a_path_that_ends_where_its_law_is_unstable_at_a_point_is_tried_again():
-    """A point that does not resist one more shear need not be why the contact finds no equilibrium: the second try reaches it all."""
+    """A point that does not resist one more shear need not be what stops the contact: the second try solves it."""
     sample = Sample(shape="disc", diameter=12.0, thickness=4.0, base="bonded")
     law = MaterialChoice(model="yeoh", parameters={"c10": 0.5, "c20": -0.05, "c30": 0.0}, poisson_ratio=0.45)
     punch = Indenter(shape="cylinder", diameter=3.0, edge_radius=0.1, friction=0.5)
