@@ -106,5 +106,5 @@ def _threads(number: int) -> ThreadPoolExecutor:
 def one_blas_thread() -> AbstractContextManager[Any]:
     """Context in which NumPy's OpenBLAS has one thread. Its threads wait actively: the many products of small matrices of a fit
     take a twelfth more processor time with two, and those of relaxation functions of many terms ten times. Results are also the
-    same with any number of cores."""
+    same with any number of cores. The limit is that of the process: where two fits run in threads, the first that ends lifts it."""
     return ThreadpoolController().select(internal_api="openblas").limit(limits=1)

@@ -231,7 +231,7 @@ def require_loading(curve: Curve) -> None:
 def not_loading_only(curve: Curve) -> str:
     """Why a curve is not the loading part of an indentation alone: its first point that is not deeper than the one before it; empty
     where each is."""
-    texts = _not_rising(curve.displacement)
+    texts = _not_rising(curve.displacement, timed=curve.time is not None)
     return next((text if curve.time is None else f"at {curve.time[n]:g} s {text}" for n, text in texts), "")
 
 
@@ -386,12 +386,16 @@ def _not_loading(
         yield deepest, f"{axes.up} {force[deepest]:g} {axes.up_unit} {at}"
 
 
-def _not_rising(displacement: Array, axes: Axes = INDENTATION) -> Iterator[tuple[int, str]]:
-    """The first point of a loading that is not deeper than the one before it."""
+def _not_rising(displacement: Array, axes: Axes = INDENTATION, timed: bool = False) -> Iterator[tuple[int, str]]:
+    """The first point of a loading, `timed` or not, that is not deeper than the one before it."""
     unit = " mm" if axes.across == "displacement" else ""
     for n in map(int, np.flatnonzero(np.diff(np.maximum(displacement, 0.0)) <= 0)[:1] + 1):
         wrong = f"comes after {displacement[n - 1]:g}{unit}; sort the lines and keep the loading only"
-        if _turns(displacement, n):
+        if len(displacement) - n > 2 and not np.any(np.diff(displacement[n - 1 : n + 3])):
+            wrong = "is held from here on; keep the loading before it" + (
+                "" if timed else ", or add a column time_s to fit the hold"
+            )
+        elif _turns(displacement, n):
             wrong = f"comes after {displacement[n - 1]:g}{unit}: from here on the indenter goes back; keep the loading before it"
         elif displacement[n] == displacement[n - 1]:
             wrong = "is given twice; keep one of the two lines"

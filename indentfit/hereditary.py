@@ -25,6 +25,7 @@ import numpy as np
 from indentfit.arrays import Array
 
 STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates: at most, and over the distance of K's poles
+NOTHING = 1e-100  # a share: less is none, and its square would be zero
 SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
 ROUNDED, FEW = 1e-9, 0.05  # of the time of a corner; of the lifetime of a term: steps so short are summed as a series
@@ -99,7 +100,7 @@ class RelaxationFunction:
         share : float
             s, from 0 to below 1, of the elastic force that m = 1 describes.
         """
-        kept = np.array(self.shares) > 0
+        kept = np.array(self.shares) > NOTHING
         if share <= SMALLEST_SHARE or not kept.any():
             return self
         rates, number = np.unique(1 / np.array(self.times)[kept], return_inverse=True)  # terms of one time are one term
@@ -107,7 +108,8 @@ class RelaxationFunction:
         squares = share * shares * rates / (1 - share + share * self.instantaneous)
         below = _below(rates, squares)
         slower = rates - below
-        steepness = (shares * rates / ((rates - rates[:, None]) + below[:, None]) ** 2).sum(axis=1)
+        with np.errstate(divide="ignore"):  # a share too small for its rate to move is none
+            steepness = (shares * rates / ((rates - rates[:, None]) + below[:, None]) ** 2).sum(axis=1)
         own = (1 - share) / (share**2 * slower * steepness)
         long_term = self.long_term / (1 - share + share * self.long_term)
         return RelaxationFunction(long_term, tuple(own.tolist()), tuple((1 / slower).tolist()))

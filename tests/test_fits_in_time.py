@@ -200,7 +200,7 @@ def test_a_search_on_a_surrogate_asks_for_no_derivatives(monkeypatch):
     (best,) = judged(problem, surrogate, [problem.start])
     assert best is not None and best.objective > 0
     with pytest.raises(TypeError):
-        surrogate.evaluate([problem.at_reference(problem.start)])
+        surrogate.evaluate([problem.at_reference(problem.start)], sensitivities=problem.searched)
 
 
 def test_a_correction_that_misses_the_curves_is_taken_back():

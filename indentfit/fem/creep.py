@@ -34,7 +34,6 @@ FIRST, GROWTH = 0.15, 0.3  # as of `viscous`: here the elastic stress changes in
 INVERSE = 4000  # depths at which the elastic force is inverted
 HELD = 2e-4  # difference of the force from the one that is asked for, as a share of it
 TRIES = 8  # depths of one step
-POINTED = "cone"  # end of an indenter under which the force begins as the square of the depth
 EARLY = 0.25  # first step under a flat end, in units of the usual one: outputs before it have the ratio that is known there
 
 
@@ -158,7 +157,8 @@ def with_creep(
         return test
     force = Interpolant([point.depth for point in test.path], [point.whole_force for point in test.path], model.power)
     own = replace(load, force=load.force / model.body.copies)
-    elastic = _pointed(force, test.path[1].depth) if model.contact.shape.end == POINTED else force
+    flat = model.contact.shape.end == "flat"
+    elastic = force if flat else _growing(force, test.path[1].depth, model.power)
     creep = Creep.of(own, relaxation.in_series(share), elastic, float(press.depths[-1]))
     dense = load.times(points)
     depth = creep.at(dense)
@@ -170,7 +170,7 @@ def with_creep(
         depth,
         end,
         max(min(relaxation.times, default=load.arrived), 0.1 * load.arrived),
-        model.contact.shape.end == "flat",
+        flat,
     )
     try:
         moments = model.over_time(press, partial(creep_in_time, plan=plan, relaxation=relaxation), progress, deadline)
@@ -187,13 +187,13 @@ def with_creep(
     return replace(test, in_time=replace(curve, difference=curve.counted(time[1:], ratio - 1)))
 
 
-def _pointed(force: Interpolant, first: float) -> Callable[[Array], Array]:
-    """The force (m,) under a point at depths (m,), mm, which grows as their square up to a first one, mm. A spline from zero may
+def _growing(force: Interpolant, first: float, power: float) -> Callable[[Array], Array]:
+    """The force (m,) of a growing contact at depths (m,), mm, up to a first one, mm, as this power of them. A spline from zero may
     overshoot there: the depth of a small force would be next to nothing, and no first step would be solved."""
 
     def at(depths: Array) -> Array:
         share = np.minimum(depths / first, 1.0)
-        return np.asarray(share**2 * force(np.maximum(depths, first)))
+        return np.asarray(share**power * force(np.maximum(depths, first)))
 
     return at
 

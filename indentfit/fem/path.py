@@ -22,9 +22,9 @@ LEASH = 0.03  # largest motion of a point in one iteration, over the last depth
 SMALLEST_STEP = 1e-2  # over the last depth; where this is not small enough, other springs or another mesh cost less than halving
 SHORT = 0.6  # over the largest step: a shorter step follows a cutback; it may be relaxed, and its springs softened
 TURN = 1.15  # ratio of the stiffnesses after and before a step, from which the spline between the steps needs shorter ones
-# Steps longer than this share of the depth are halved where the power of the depth by which the force grows lies so much above CUBE
-# that the force grows by a quarter more than a cube in a step: the spline between the steps erred by up to 2 % there, and by 20 %
-# under a Demiray law of b = 20. Friction has shorter steps from the start, and more short ones make points chatter.
+# Steps longer than LONGEST_STEEP of the depth are halved where the force grows, in a step, by the share STEEP more than the power
+# CUBE of the depth would: the spline between the steps erred by up to 2 % there, and by 20 % under a Demiray law of b = 20. With
+# friction steps are shorter from the start, and still shorter ones make points chatter.
 LONGEST_STEEP, CUBE, STEEP = 1 / 23, 3.0, 0.25
 CRAWLED = "{iterations} iterations led no further"
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks

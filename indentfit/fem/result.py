@@ -167,7 +167,7 @@ class TimeCurve:
             return self
         other = second.in_time
         if other is None or other.difference is None:
-            return replace(self, by_mesh=UNSOLVED)
+            return replace(self, by_mesh=f"{UNSOLVED}: {other.cause}" if other is not None and other.cause else UNSOLVED)
         if self.creeps:
             both = self.time <= other.time[-1]  # a creep ends where it reaches the depth of the test
             change = np.interp(self.time, other.time, other.displacement)[both] / self.displacement[both] - 1

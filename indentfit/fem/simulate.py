@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
+from indentfit.compiled import one_blas_thread
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem.asked import along, seen_along, sensitivities_along
 from indentfit.fem.body import Bulk, per_element
@@ -445,8 +446,7 @@ class Model:
 def _threads(n_dofs: int) -> Any:
     """Context in which libraries use one thread on small meshes, and on large meshes all threads but those of NumPy's OpenBLAS.
     OpenBLAS' threads wait actively and slow the solver's threads down: a path takes 1.5 times as long."""
-    pools = ThreadpoolController()
-    return (pools if n_dofs < THREADS_PAY else pools.select(internal_api="openblas")).limit(limits=1)
+    return ThreadpoolController().limit(limits=1) if n_dofs < THREADS_PAY else one_blas_thread()
 
 
 def _reach(part: TestResult | None) -> float:

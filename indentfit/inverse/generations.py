@@ -114,7 +114,7 @@ def judged(
 ) -> list[Candidate | None]:
     """The Candidate of each point with its best scale, None where the mechanics failed."""
     if isinstance(model, Surrogate):  # its derivatives can be had later; in time they cost many times what the curves do
-        evaluations = model.evaluate([problem.at_reference(point) for point in points], report, derived=False)
+        evaluations = model.evaluate([problem.at_reference(point) for point in points], report)
     else:
         evaluations = evaluate_at_reference(problem, model, points, report)
     solved = [known for known in evaluations if known.forces]

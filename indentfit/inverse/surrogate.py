@@ -124,11 +124,10 @@ class Surrogate:
         points: Sequence[Mapping[str, Any]],
         report: Report | None = None,
         sensitivities: Collection[str] = (),
-        derived: bool = True,
     ) -> list[Evaluation]:
-        """Evaluations of points (name -> value), with the sensitivities by all searched parameters where they are `derived`."""
+        """Evaluations of points (name -> value), with the sensitivities by all searched parameters where any are asked for."""
         places = np.array([self.problem.place(point) for point in points])
-        slopes = self.slopes(places) if derived else [None] * len(points)
+        slopes = self.slopes(places) if sensitivities else [None] * len(points)
         predicted = zip(points, self.curves(places), slopes, self.near_failure(places), strict=True)
         return [self._evaluation(*known) for known in predicted]
 

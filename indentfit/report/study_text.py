@@ -14,7 +14,7 @@ from indentfit.study.sweep import Sweep, SweepPoint
 Row = list[str]
 LEARNS = (
     "intervals are those that fits of curves with white noise are expected to state at these parameters, in the median; where a "
-    "fit takes its residuals for correlated, its interval is up to three times as wide"
+    "fit takes its residuals for correlated, its interval is two to five times as wide"
 )
 OPEN = (
     "intervals are those that fits of curves with white noise are expected to state, in the median over what the estimate leaves "
