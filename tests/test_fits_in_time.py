@@ -293,6 +293,8 @@ def test_a_fit_of_ramp_and_hold_has_the_moduli_and_the_relaxation(fitted):
     assert [fitted.parameters[name].unit for name in ("mu", "g1", "tau1")] == ["kPa", "1", "s"]
     assert fitted.runs <= 4  # the relaxation needs no run: the start, and the meshes
     assert any("viscoelastic model; the hereditary integral of the elastic force differs by" in note for note in fitted.notes)
+    (form,) = fitted.closed_forms.values()  # a layer of finite strain under a sphere of 1 mm, 0.3 mm deep at the end
+    assert form.base_in_time == "long_term" and form.layer == pytest.approx(fitted.parameters["mu"].value, rel=0.1)
 
 
 def test_a_fit_in_time_is_written(fitted, tmp_path):

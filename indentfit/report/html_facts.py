@@ -97,6 +97,6 @@ def closed_table(forms: Mapping[str, ClosedForm]) -> list[Part]:
     first = next(iter(forms.values()))
     words = (
         f"Closed forms assume small strain, no friction and a layer much wider than the contact; here with a {first.base} base and "
-        f"Poisson's ratio {number(first.poisson_ratio)}."
+        f"Poisson's ratio {number(first.poisson_ratio)}{first.of_time()}."
     )
     return [Table("Moduli of the same curves at small depth by closed forms", CLOSED, rows), Text(words)]

@@ -4,9 +4,12 @@ They are exact for small strain, no friction, and a layer much wider than the co
 neo-Hookean gel resists 4 % less at a depth of 0.1 radii, 7 % less at 0.2. Under a flat punch of 0.15 thicknesses that sticks it
 resists 1 % less at a depth of 0.15 radii and 4 % less at half a radius; under one that slips 9 to 13 % less there, as far as a
 sharp edge has a force at all. Spheres and flat punches on materials without fibres have them.
+
+Of a material that relaxes, the elastic force is inside of a hereditary integral (Lee and Radok 1960, J Appl Mech 27:438), with the
+relaxation of the fit: the closed forms then give the modulus of its base, at once or after infinite time.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,7 +17,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import stdtrit
 
-from indentfit.arrays import Array
+from indentfit import elastic
+from indentfit.arrays import Array, Ints
 from indentfit.case import Case, Test
 from indentfit.case.laws import has_fibres
 from indentfit.curve import Curve
@@ -33,7 +37,10 @@ SOLVED = 1e-3  # relative error of the layer's own solution: a modulus outside b
 WORSE = 2.0  # a fit is so many times farther from the forces than the layer, before the layer speaks against the fit
 EXPLAINED = 1.5  # a fit that differs by at most so many times what finite strain does to the last force is explained by it
 BENDS = 0.05  # of the modulus, by which that of the deeper half of the forces is another
+BULK = "bulk_ratio"
 SUFFICES = 0.05  # relative half-width of the modulus's 95 % interval, by the scatter of the forces
+Elastic = Callable[[Array, float], Array]  # depths (n,), mm, and nu -> forces (n,), mN
+Over = Callable[[Elastic, float], Array]  # elastic forces, and nu -> forces of the points of a curve, mN
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,8 @@ class ClosedForm:
     bend : float
         By what share the layer's modulus of the deeper half of these forces exceeds that of the other half; 0 where their scatter
         can explain it.
+    base_in_time : str
+        Of a material that relaxes, whose modulus it is: "long_term" or "instantaneous"; empty for another.
     """
 
     formula: str
@@ -78,6 +87,7 @@ class ClosedForm:
     sphere: float = 0.0
     misfit: float | None = None
     bend: float = 0.0
+    base_in_time: str = ""
 
     def young(self, shear_modulus: float) -> float:
         """Young's modulus of a shear modulus, kPa."""
@@ -90,8 +100,12 @@ class ClosedForm:
         return (
             f"elastic layer {layer}, {name} {half}, +- {self.scatter:.1%} by scatter, {self.points} forces to "
             f"{quantity(self.depth, 'mm', 3)} (small strain, wide layer, {self.base} base, no friction, "
-            f"nu {self.poisson_ratio:.4g}){self._bends()}"
+            f"nu {self.poisson_ratio:.4g}{self.of_time()}){self._bends()}"
         )
+
+    def of_time(self) -> str:
+        """Which modulus of a material that relaxes it is, in words after a comma; empty for another."""
+        return f", {self.base_in_time.replace('_', '-')} moduli with the relaxation of the fit" if self.base_in_time else ""
 
     def _bends(self) -> str:
         """That the forces do not follow the closed form, whose modulus then is a mean and has another error than the scatter."""
@@ -174,7 +188,9 @@ class ClosedForm:
         return asdict(self)
 
 
-def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) -> dict[str, ClosedForm]:
+def closed_forms(
+    case: Case, curves: Mapping[str, Curve], shear_modulus: float, relaxed: Mapping[str, Any] | None = None
+) -> dict[str, ClosedForm]:
     """The ClosedForm of each curve that has one.
 
     Parameters
@@ -183,16 +199,21 @@ def closed_forms(case: Case, curves: Mapping[str, Curve], shear_modulus: float) 
     curves : mapping of the name of a test to its curve
     shear_modulus : float, kPa
         Of the simulation or the fit: it decides Poisson's ratio where the case gives a bulk modulus.
+    relaxed : mapping of name -> value, or None
+        The parameters of a relaxation, among others; a material that relaxes has no closed forms without.
 
     Returns
     -------
     dict of test -> ClosedForm
-        Empty for a material with fibres, for one that relaxes, and for a sample with layers.
+        Empty for a material with fibres, and for a sample with layers.
     """
-    if has_fibres(case.law) or case.material.relaxation is not None or next(left_out(case), None):
+    if has_fibres(case.law) or (case.material.relaxation is not None and relaxed is None) or next(left_out(case), None):
         return {}
     nu = case.material.poisson_ratio_at(shear_modulus)
-    forms = {test.name: _closed_form(case, test, curves[test.name], nu) for test in case.indentations if test.name in curves}
+    if case.relaxation is not None and relaxed and BULK in relaxed:
+        nu = elastic.poisson_ratio(relaxed[BULK])
+    tests = [test for test in case.indentations if test.name in curves]
+    forms = {test.name: _closed_form(case, test, curves[test.name], nu, relaxed or {}) for test in tests}
     return {name: form for name, form in forms.items() if form is not None}
 
 
@@ -207,29 +228,59 @@ def left_out(case: Case) -> Iterator[str]:
         yield f"{beside}: they are those of a sample without stress, and this one was stretched before"
 
 
-def _closed_form(case: Case, test: Test, curve: Curve, nu: float) -> ClosedForm | None:
-    shape, sample = case.indenter_of(test).geometry, case.sample_of(test)
+def _closed_form(case: Case, test: Test, curve: Curve, nu: float, relaxed: Mapping[str, Any]) -> ClosedForm | None:
+    shape, sample, relaxation = case.indenter_of(test).geometry, case.sample_of(test), case.relaxation
     thickness = sample.thickness
     formula = formula_of(shape)
     if not formula or not 0 <= nu <= 0.5:
         return None
-    layer, radius = Layer(sample.base == "bonded", nu), shape.half_width / thickness
+    radius = shape.half_width / thickness
+    if relaxation is None:
+        over = _over_depth(curve)
+    else:
+        from indentfit.runs.closed_in_time import over_time  # it needs the models, which have closed forms beside them
+
+        over = over_time(case, test, curve, relaxed)
+
+    def of_layer(depth: Array, nu: float) -> Array:
+        return _forces(formula, Layer(sample.base == "bonded", nu), radius, depth / thickness) * thickness**2
+
+    def of_half_space(depth: Array, nu: float) -> Array:
+        return _half_space(formula, nu, radius, depth / thickness) * thickness**2
+
+    try:
+        unit = over(of_layer, nu)
+    except ValueError:  # far wider than thick
+        return None
+    half = over(of_half_space, nu)
+    force, last = curve.force, unit.size - 1
     for share in SMALL:
-        depth, force = _small(curve, share * min(shape.half_width, thickness))
-        try:
-            exact, scatter = _modulus(forces := _forces(formula, layer, radius, depth / thickness) * thickness**2, force)
-        except ValueError:  # far wider than thick
-            return None
+        small = _small(curve, share * min(shape.half_width, thickness), last)
+        exact, scatter = _modulus(unit[small], force[small])
         if scatter < SUFFICES:
             break
-    half, _ = _modulus(_half_space(formula, nu, radius, depth / thickness) * thickness**2, force)
-    deepest = float(curve.displacement[-1])
-    unit = _forces(formula, layer, radius, np.maximum(curve.displacement, 0.0) / thickness) * thickness**2
-    end, misfit = float(unit[-1]), float(np.sqrt(np.mean((curve.force - exact * unit) ** 2)) / np.max(np.abs(curve.force)))
-    sphere = _sphere(deepest / shape.half_width) if formula == "Hertz" else 0.0
+    deepest, timed = curve.deepest, relaxation is not None
+    misfit = float(np.sqrt(np.mean((force[: last + 1] - exact * unit) ** 2)) / np.max(np.abs(force)))
     return ClosedForm(
-        formula, half, exact, sample.base, nu, float(depth[-1]), depth.size, scatter, end, sphere, misfit, _bend(forces, force)
+        formula,
+        half_space=_modulus(half[small], force[small])[0],
+        layer=exact,
+        base=sample.base,
+        poisson_ratio=nu,
+        depth=float(curve.displacement[small].max()),
+        points=small.size,
+        scatter=scatter,
+        end=None if timed else float(unit[-1]),
+        sphere=_sphere(deepest / shape.half_width) if formula == "Hertz" else 0.0,
+        misfit=misfit,
+        bend=_bend(unit[small], force[small]),
+        base_in_time=relaxation.base if relaxation is not None else "",
     )
+
+
+def _over_depth(curve: Curve) -> Over:
+    """Elastic forces at the depths of a curve."""
+    return lambda of, nu: of(np.maximum(curve.displacement, 0.0), nu)
 
 
 def _sphere(depth: float) -> float:
@@ -272,12 +323,12 @@ def formula_of(shape: IndenterShape) -> str:
     return "flat punch" if has_sharp_edge(shape) else ""
 
 
-def _small(curve: Curve, limit: float) -> tuple[Array, Array]:
-    """Depths above zero up to a limit, at least those of the first points, and their forces."""
-    pressed = curve.displacement > 0
-    depth, force = curve.displacement[pressed], curve.force[pressed]
-    count = max(int(np.count_nonzero(depth <= limit)), FEWEST)
-    return depth[:count], force[:count]
+def _small(curve: Curve, limit: float, last: int) -> Ints:
+    """Numbers of the points of a curve, up to a last one, with depths above zero up to a limit, at least of the first FEWEST."""
+    pressed = np.flatnonzero(curve.displacement[: last + 1] > 0)
+    beyond = curve.displacement[pressed] > limit
+    count = int(np.argmax(beyond)) if beyond.any() else pressed.size
+    return pressed[: max(count, FEWEST)]
 
 
 def _forces(formula: str, layer: Layer, radius: float, depth: Array) -> Array:
