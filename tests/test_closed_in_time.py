@@ -76,7 +76,7 @@ def test_the_relaxation_is_that_of_the_fit_and_not_of_the_start():
 def test_the_bulk_modulus_does_not_relax():
     """nu 0.4: F = 4 a d G (3 K + G)/(3 K + 4 G) twice, with p G^ = 1 + 0.8 p/(p + 2), by partial fractions over p.
 
-    The share of the bulk modulus is that of a spring in series, which is nearly so; with a pressure that relaxes too, it is 4 % off.
+    The share of the bulk modulus is that of a spring in series, which is nearly so; with one that relaxes too, it is 4 % off.
     """
     nu, rate = 0.4, 2.0
     bulk = 2 * (1 + nu) / (3 * (1 - 2 * nu))

@@ -209,3 +209,15 @@ def test_the_interval_of_a_peak_holds_drifts_that_noise_hides():
         held += abs(record.peak - 1) <= record.peak_uncertainty
         widths.append(record.peak_uncertainty)
     assert held >= 14 and np.median(widths) < 0.02
+
+
+@pytest.mark.parametrize(("noise", "seed"), [(0.02, 1), (0.05, 0)])
+def test_a_contact_point_is_warned_of_where_its_interval_makes_a_record_poor(noise, seed):
+    """Every record's rating says the interval; one of 15 quiet records had a warning of 5 to 10 % of the depth beside it."""
+    t, rng = np.arange(600) * 0.01, np.random.default_rng(seed)
+    force = 100 * np.maximum((t - 3) / 3, 0) ** 2 + 100 * noise * rng.standard_normal(t.size)
+    done = process_record(RawRecord(t, t - 3, force, "cone"), settings=Record(indenter="cone"))
+    share = done.contact.uncertainty / done.depth
+    assert f"contact within {share:.1%} of the depth" in str(done.judgement)
+    assert (share > 0.05) and done.judgement.rating == ("poor" if share > 0.1 else "fair") == ("fair" if noise == 0.02 else "poor")
+    assert any("contact point is uncertain" in note for note in done.notes) == (share > 0.1)

@@ -17,7 +17,7 @@ from indentfit.experiment.contact import locate_contact
 from indentfit.experiment.contact_point import METHODS, ContactPoint, is_too_uncertain
 from indentfit.experiment.fine_travel import with_fine_travel
 from indentfit.experiment.hertz import Hertz, hertz_modulus
-from indentfit.experiment.judgement import Judgement, judged
+from indentfit.experiment.judgement import CONTACT, Judgement, judged
 from indentfit.experiment.loading import Ramp, constant_velocity, find_ramp
 from indentfit.experiment.peak import peak_notes, peak_of, peak_uncertainty
 from indentfit.experiment.record import RawRecord
@@ -29,6 +29,7 @@ from indentfit.experiment.stiffness import Line, Parabola, linear_fit, quadratic
 STANDARD = 1.96  # standard deviations in half of a 95 % interval
 SHORTEST_HOLD = 2.0  # durations of the ramp: a relaxation is fitted to longer holds
 FEWEST_LEFT = 10  # samples within limits of depth and force
+WIDE = CONTACT[1]  # of the depth, for half of the interval of the contact point: the rating of every record says a smaller one
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +281,7 @@ def _notes(ramp: Ramp, contact: ContactPoint, depth: float, thickness: float | N
     """One line for each unusual property of the record."""
     if contact.index < ramp.length and contact.method in METHODS:
         yield "contact begins soon after the start of the record: the baseline is short"
-    if contact.uncertainty > 0.05 * depth:
+    if contact.uncertainty > WIDE * depth:
         yield f"the contact point is uncertain by {contact.uncertainty / depth:.0%} of the depth"
     if thickness and depth > 0.5 * thickness:
         yield f"the indentation is {depth / thickness:.0%} of the thickness deep: check units and thickness"
