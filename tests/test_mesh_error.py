@@ -299,16 +299,18 @@ def test_the_band_of_a_rounded_edge_in_few_elements_holds_the_forces_of_many():
         assert np.max(test.mesh_error.band / test.force) < 5 * np.max(error / test.force)
 
 
-def test_the_band_of_a_cone_in_the_plane_holds_the_first_forces():
-    """On a half-space the force of a cone grows as the depth squared, at any strain, because no other length is there."""
+@pytest.mark.parametrize(("elements", "worst"), [(None, 0.01), (400, 0.1)])
+def test_first_forces_of_a_cone_in_the_plane_grow_as_the_depth_squared_and_the_band_holds_what_they_err(elements, worst):
+    """On a half-space, at any strain, because no other length is there. They were 19 % too small with elements of one width."""
     depths = np.arange(1, 25) / 480
     sample = Sample(shape="disc", diameter=400.0, thickness=100.0, base="bonded")
-    setup = Setup(sample, Indenter(shape="cone", half_angle=70.0, friction=0), Mesh(), Solver(), depths[-1], "axisymmetric")
-    press = Press(typed("mu / 2 * (I1 - 3)", ["mu"])(mu=1.0), 50.0, 0, depths)
+    cone = Indenter(shape="cone", half_angle=70.0, friction=0)
+    setup = Setup(sample, cone, Mesh(elements=elements), Solver(), depths[-1], "axisymmetric")
+    press = Press(GEL, 50.0, 0, depths)
     (test,) = with_mesh_errors(Model(setup).simulate([press]), setup, [press]).tests
     error = np.abs(test.force / test.force[-1] * (depths[-1] / depths) ** 2 - 1)
-    assert error[0] > 0.1 and np.all(error < test.mesh_error.band / test.force)
-    assert np.all(test.mesh_error.band[:3] / test.force[:3] < 4 * error[:3])
+    assert np.all(error < worst) and np.all(error < test.mesh_error.band / test.force)
+    assert test.mesh_error.band[0] / test.force[0] < 10 * worst and np.all(test.mesh_error.band[6:] / test.force[6:] < worst)
 
 
 @pytest.mark.campaign

@@ -42,8 +42,7 @@ from indentfit.fem.controls import FIRST_STEPS, Report
 from indentfit.fem.interpolation import POWERS as GROWS
 from indentfit.fem.interpolation import Interpolant
 from indentfit.fem.meridian_mesh import ROUND
-from indentfit.fem.mesh import edge_width
-from indentfit.fem.meshing import count, resized, size
+from indentfit.fem.meshing import count, resized, size, widths_within
 from indentfit.fem.result import ForceError, Simulation, TestResult
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
@@ -302,12 +301,10 @@ def _few_nodes(setup: Setup, depths: Array) -> Array:
     shape = setup.indenter.geometry
     if shape.edge_radius is not None or (setup.in_plane and shape.end != "cone"):
         return np.zeros(len(depths))
-    width = (
-        size(setup) if setup.in_plane else edge_width(setup.sample, setup.indenter, setup.mesh, setup.solver.element, setup.depth)
-    )
     contacts = [shape.partition(float(depth)) for depth in depths]
-    factors = [POINTED if setup.in_plane else NODES[type(contact)] for contact in contacts]
-    return np.array([min(f * (width / contact.half_width) ** 2, 1.0) for f, contact in zip(factors, contacts, strict=True)])
+    factors = np.array([POINTED if setup.in_plane else NODES[type(contact)] for contact in contacts])
+    half_widths = np.array([contact.half_width for contact in contacts])
+    return np.minimum(factors * (widths_within(setup, half_widths) / half_widths) ** 2, 1.0)
 
 
 def _coarse_edge(setup: Setup) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from indentfit.fem.controls import FIRST_STEPS, step_of_few
+from indentfit.fem.controls import FIRST_DEPTH, FIRST_STEPS, step_of_few
 from indentfit.fem.setup import Setup
 from indentfit.indenters import has_sharp_edge
 
@@ -10,9 +10,6 @@ FLAT_STEPS = 4  # steps to the last depth of bricks under a flat face with sharp
 # Steps to the last depth where a contact grows with friction in the meridian plane: with the usual 8 steps forces are up to 0.3 %
 # off, and 2 % at the first depths. Below a friction of SLIPPERY points slip all the same.
 RUBBING_STEPS, SLIPPERY = 12, 0.05
-# Share of the depth at which the first step ends where a contact grows in the meridian plane. The forces before it continue those
-# of the steps: with a first step of an eighth those of a layer of a twentieth of the sphere's radius were 30 % too small.
-FIRST_DEPTH = 1 / 32
 
 
 def largest_step(setup: Setup, n_dofs: int, friction: float, last: float) -> float:
