@@ -1,6 +1,6 @@
 """Campaign of designs: does a further test bring the interval that `design` promises, and is the pair ranked first among the best?
 
-    python tests/campaigns/design.py [--truths 50] [--draws 3] [--estimate] [--kept design_runs.npz] [--output design.jsonl]
+    python tests/campaigns/design.py [--truths 50] [--draws 3] [--seed 0] [--estimate] [--kept design_runs.npz] [--output design.jsonl]
 
 The case is cases/quickstart (strip, forces along and across the fibres). At each truth of a Latin hypercube `design` ranks further
 tests by the case's own tests at the truth, with noise of 1 % of the largest force and 5 um in side views. Synthetic curves of the
@@ -243,6 +243,7 @@ def main():
     parser.add_argument("--truths", type=int, default=50)
     parser.add_argument("--draws", type=int, default=3)
     parser.add_argument("--noise", type=float, default=0.01)
+    parser.add_argument("--seed", type=int, default=0, help="of the truths and of their noise")
     parser.add_argument("--kept", type=Path, help="file in which shared runs are kept")
     parser.add_argument("--output", type=Path, help="file of JSON lines; the campaign goes on where it was stopped")
     parser.add_argument("--estimate", action="store_true", help="design at the estimate of the case's own curves")
@@ -253,13 +254,13 @@ def main():
     for place in (asking, further):
         place.RunPool = shared.pool
     low, high = np.array(list(TRUTHS.values())).T
-    rows = low + qmc.LatinHypercube(len(TRUTHS), seed=0).random(50) * (high - low)
+    rows = low + qmc.LatinHypercube(len(TRUTHS), seed=asked.seed).random(50) * (high - low)
     made, records = told_by(case), kept_records(asked.output)
     for number in range(min(asked.truths, 50)):
         key = f"{number} {'estimate' if asked.estimate else 'truth'}"
         if key not in records:
             truth = dict(zip(TRUTHS, rows[number].tolist(), strict=True))
-            records[key] = {"key": key} | record_of(shared, case, made, truth, number, asked)
+            records[key] = {"key": key} | record_of(shared, case, made, truth, 1000 * asked.seed + number, asked)
             if asked.output:
                 with asked.output.open("a") as output:
                     output.write(json.dumps(records[key]) + "\n")
