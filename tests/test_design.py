@@ -16,6 +16,8 @@ from indentfit.displacements import Displacements
 from indentfit.errors import CaseError, ConvergenceError, DesignError
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
+from indentfit.report.html_design import design_page
+from indentfit.report.schema import Stored
 from indentfit.runs.forward import Evaluation
 from indentfit.study import design as asking
 from indentfit.study import further as module
@@ -194,6 +196,34 @@ def test_an_estimate_is_judged_over_what_its_tests_leave_open(springs):
     assert "in 90 % of fits" in vague.summary()
     again = Design.from_json(json.loads(json.dumps(vague.as_json())))
     assert again.summary() == vague.summary()
+
+
+def test_values_at_which_a_test_has_no_solution_are_counted_and_told(monkeypatch, tmp_path):
+    """Wide indenters fail beyond the estimate, among them at two of the three values that it leaves open; or at the estimate."""
+
+    class Failing(Springs):
+        def evaluate(self, points, report=None, sensitivities=()):
+            if self.case.indenter.geometry.width > 3 and any(point["zeta"] > limit for point in points):
+                raise ConvergenceError("no equilibrium")
+            return super().evaluate(points, report, sensitivities)
+
+        def forces(self, point):
+            return super().forces(point | {"mu": 1 + point["zeta"]})
+
+    put(monkeypatch, Failing)
+    case = white_matter(ZETA)
+    for limit, unsolved in ((4.0, 1), (2.9, None)):
+        told = design(case, {"zeta": 3.0}, noise=5.0, estimated=True)
+        wide = [test for test in told.candidates if test.change.startswith("width 4")]
+        assert {test.unsolved for test in wide if not test.cause} == ({unsolved} if unsolved else set())
+        assert told.unsolved == 0 and not any(test.unsolved for test in told.candidates if test not in wide)
+        words = "width 4 mm, angle 90°, to 0.495 mm: no solution at 1 of the values that the estimate leaves open"
+        assert (words in told.summary()) == bool(unsolved)
+        again = Design.from_json(json.loads(json.dumps(told.as_json())))
+        assert again.summary() == told.summary()
+        if unsolved:
+            assert {pair.unsolved for pair in told.pairs if "width 4" in pair.first + pair.second} == {1}
+            assert words in design_page(Stored(tmp_path, told, None, (), None, {}), told).sections[1].parts[-1].lines[0]
 
 
 def test_other_kinds_and_pairs_are_ranked(springs):

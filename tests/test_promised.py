@@ -7,6 +7,7 @@ from scipy.stats import t as student
 
 from indentfit.case import Range
 from indentfit.study.design import _open
+from indentfit.study.further import Known
 from indentfit.study.promised import NORMAL, Evidence, half_widths, learning, spread
 
 pytestmark = pytest.mark.quick
@@ -81,3 +82,26 @@ def test_what_an_estimate_leaves_open_lies_at_quantiles_of_a_normal_density_with
 def test_at_the_bound_all_that_is_left_open_lies_within_the_range():
     ranges = {"phi": Range(start=1.0, min=0.0, max=5.0)}
     assert all(0.0 < one["phi"] < 5.0 for one in _open({"phi": 0.0}, ranges, np.array([[1.0]])))
+
+
+def evidence_at(*noises):
+    """Of a curve at each place, whose noise differs from place to place; empty where there is none."""
+    return tuple((Evidence(J.T @ J / s**2, 1.0, s, 25, 1.0),) if s else () for s in noises)
+
+
+def test_values_without_evidence_are_counted_and_shift_no_others():
+    """Four places, the last of which decides the span: where the own tests or a further one fail at another, the parameters count
+    with the others, and where they fail at all others, no span is told."""
+
+    def known(*noises):
+        return Known(({"a": 1.0, "b": 1.0},) * len(noises), ("a", "b"), WEAK, evidence_at(*noises), True, 0.1, 0.1, 0.1)
+
+    whole, gone = known(0.1, 0.2, 0.3, 0.9).promised(), known(0.1, 0.2, None, 0.9).promised()
+    assert (whole.unsolved, gone.unsolved) == (0, 1)
+    assert gone[:2] == known(0.1, 0.1, 0.2, 0.9).promised()[:2]
+    further = evidence_at(0.1, None, None, 0.5)
+    assert known(0.1, 0.2, 0.3, 0.9).promised(further).unsolved == 2
+    assert known(0.1, None, 0.3, 0.9).promised(evidence_at(0.1, 0.2, None, 0.5)).unsolved == 2
+    none = known(0.1, 0.2, 0.3, 0.9).promised(evidence_at(0.1, None, None, None))
+    assert (none.unsolved, none.between) == (3, None)
+    assert known(0.1).promised() == (known(0.1).promised().half_width, None, 0)

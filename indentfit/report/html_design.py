@@ -7,6 +7,7 @@ from indentfit.report import plots
 from indentfit.report.html_case import again_section, case_words, number, tests_table
 from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, drawn
 from indentfit.report.schema import Stored
+from indentfit.report.study_text import design_notes
 from indentfit.study.design import Design
 
 
@@ -64,6 +65,7 @@ def _tests(design: Design) -> Section:
             for pair in design.pairs
         )
         parts.append(Table(f"Pairs of further tests, the best for {design.worst} first", header, pairs))
+    parts.append(Lines(tuple(f"Note: {note}." for note in design_notes(design))))
     return Section("tests", "Further tests", tuple(parts))
 
 
@@ -78,5 +80,5 @@ def _command(stored: Stored, design: Design) -> str:
     moved = {name: at[name] for name in start if at[name] != start[name]}
     options = "".join(f" --set material.{name}.start={value!r}" for name, value in moved.items())
     seen = "" if design.view_noise is None else f" --view-noise {design.view_noise!r}"
-    open_values = " --estimated" if design.between else ""
+    open_values = " --estimated" if design.between or design.unsolved else ""
     return f"design --noise {design.noise!r}{seen}{open_values}{options}"

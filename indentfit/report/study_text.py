@@ -20,6 +20,10 @@ OPEN = (
     "intervals are those that fits of curves with white noise are expected to state, in the median over what the estimate leaves "
     "open; the span is that of single fits, which also learn their noise"
 )
+UNSOLVED = (
+    "{}: no solution at {} of the values that the estimate leaves open: half widths and spans are those at the others and at the "
+    "estimate, and may be wider there"
+)
 SHOWN, SHOWN_PAIRS = 12, 3  # further tests in the table of a design, and pairs below it
 
 
@@ -238,7 +242,15 @@ def design_lines(design: Design) -> Iterator[str]:
         yield f"pair      {pair.first}; and {pair.second}: {gain:.2g} times narrower" + (
             f"; needs {pair.effort}" if pair.effort else ""
         )
-    yield from (f"note      {remark}" for remark in (*design.remarks, OPEN if design.between else LEARNS))
+    yield from (f"note      {remark}" for remark in design_notes(design))
+
+
+def design_notes(design: Design) -> tuple[str, ...]:
+    """What has to be known beside the numbers of a design: the meaning of its intervals, and where there was no solution."""
+    shown = [test for test in design.candidates[:SHOWN] if test.unsolved > design.unsolved]
+    gone = [UNSOLVED.format(test.whole_words, test.unsolved) for test in shown]
+    own = [UNSOLVED.format("the tests of the case", design.unsolved)] if design.unsolved else []
+    return *design.remarks, *own, *gone, OPEN if design.between or design.unsolved else LEARNS
 
 
 def _span(design: Design, judged: Design | FurtherTest) -> str:

@@ -54,8 +54,7 @@ AS_KNOWN = (
 
 @dataclass(frozen=True)
 class FurtherPair:
-    """Two further tests, with the errors by both and the tests of the case together; `effort`, `solves`, `half_width` and `between`
-    as those of a `FurtherTest`."""
+    """Two further tests, with the errors by both and the tests of the case together; what follows `stderr` as in a `FurtherTest`."""
 
     first: str
     second: str
@@ -64,6 +63,7 @@ class FurtherPair:
     solves: int | None = None
     half_width: dict[str, float] | None = None
     between: dict[str, tuple[float, float]] | None = None
+    unsolved: int = 0
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -92,6 +92,7 @@ class Design:
     view_noise : float or None, mm
         Standard deviation of a displacement in a side view; None in files of earlier versions.
     half_width, between : dicts of parameter -> half width, and (least, largest), or None
+    unsolved : int
         Of the 95 % intervals by the case's own tests, as those of a `FurtherTest`.
     """
 
@@ -109,6 +110,7 @@ class Design:
     view_noise: float | None = None
     half_width: dict[str, float] | None = None
     between: dict[str, tuple[float, float]] | None = None
+    unsolved: int = 0
 
     def as_json(self) -> dict[str, Any]:
         """The stable keys of design.json, under the tag `format`."""
@@ -120,6 +122,7 @@ class Design:
             "stderr": self.stderr,
             **({"half_width": self.half_width} if self.half_width else {}),
             **({"between": self.between} if self.between else {}),
+            **({"unsolved": self.unsolved} if self.unsolved else {}),
             "worst": self.worst,
             "candidates": [asdict(test) for test in self.candidates],
             "pairs": [asdict(pair) for pair in self.pairs],
@@ -134,7 +137,8 @@ class Design:
         remarks, pairs = tuple(value.get("remarks", ())), tuple(FurtherPair(**pair) for pair in value.get("pairs", ()))
         known = value["parameters"], value["noise_mN"], value["stderr"], value["worst"], tests, value["runs"]
         seen, wide, between = value.get("view_noise_mm"), value.get("half_width"), value.get("between")
-        return cls(*known, remarks=remarks, pairs=pairs, view_noise=seen, half_width=wide, between=between)
+        promised = {"half_width": wide, "between": between, "unsolved": value.get("unsolved", 0)}
+        return cls(*known, remarks=remarks, pairs=pairs, view_noise=seen, **promised)
 
     def widths(self, judged: Design | FurtherTest | FurtherPair | None = None) -> dict[str, float] | None:
         """Half widths of the 95 % intervals by a further test, by a pair, or by the tests of the case; in files of earlier versions
@@ -243,7 +247,8 @@ def design(
     squares = case.fit.method == "least_squares"
     known = Known(tuple(places), tuple(ranges), prior, rows, squares, noise, noise / largest, view_noise or SEEN * deepest)
     told, used = further_tests(elastic, in_time, known, execution)
-    (now, between), whole = known.promised(), {**values, **(in_time.values if in_time else {})}
+    promised, whole = known.promised(), {**values, **(in_time.values if in_time else {})}
+    now = promised.half_width
     worst = max(now, key=lambda name: now[name] / (RADIAN if name == TURN else abs(whole[name]) or ranges[name].max))
     tests = sorted(
         (_judged(known, further) for further in told), key=lambda test: test.half_width[worst] if test.half_width else np.inf
@@ -260,8 +265,7 @@ def design(
         remarks=remarks,
         pairs=pairs,
         view_noise=known.view_noise,
-        half_width=now,
-        between=between,
+        **promised._asdict(),
     )
 
 
@@ -299,8 +303,7 @@ def _open(values: Values, ranges: Mapping[str, Range], covar: Array) -> list[Val
 def _judged(known: Known, further: Told) -> FurtherTest:
     if further.evidence is None:
         return further.test
-    half_width, between = known.promised(further.evidence)
-    return replace(further.test, stderr=known.stderr(further.evidence), half_width=half_width, between=between)
+    return replace(further.test, stderr=known.stderr(further.evidence), **known.promised(further.evidence)._asdict())
 
 
 def _pairs(known: Known, told: Sequence[Told], worst: str) -> tuple[FurtherPair, ...]:
@@ -308,7 +311,7 @@ def _pairs(known: Known, told: Sequence[Told], worst: str) -> tuple[FurtherPair,
     best: dict[tuple[str, float | None], tuple[float, Told]] = {}
     for further in told:
         if further.evidence is not None:
-            width, key = known.promised(further.evidence)[0][worst], (further.test.change, further.test.angle)
+            width, key = known.promised(further.evidence).half_width[worst], (further.test.change, further.test.angle)
             if key not in best or width < best[key][0]:
                 best[key] = (width, further)
     chosen = [further for _, further in sorted(best.values(), key=lambda pair: pair[0])][:BEST]
@@ -322,7 +325,7 @@ def _pair(known: Known, a: Told, b: Told) -> FurtherPair:
         first + other if first and other else () for first, other in zip(a.evidence or (), b.evidence or (), strict=True)
     )
     words, solves = (a.test.whole_words, b.test.whole_words), (a.test.solves or 0) + (b.test.solves or 0)
-    return FurtherPair(*words, known.stderr(evidence), efforts, solves, *known.promised(evidence))
+    return FurtherPair(*words, known.stderr(evidence), efforts, solves, **known.promised(evidence)._asdict())
 
 
 def _own(case: Case, places: Sequence[Values], execution: Execution) -> tuple[list[Forces | None], int]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,6 +79,9 @@ class FurtherTest:
     between : dict of parameter -> (least, largest), or None
         Half widths between which 90 % of single fits are expected to state theirs, where the parameters are an estimate by the
         tests of the case that leaves much open.
+    unsolved : int
+        Number of the values that the estimate leaves open at which there is no solution of the test; the half width and the span
+        are those at the others, and at the estimate.
     """
 
     change: str
@@ -91,6 +94,7 @@ class FurtherTest:
     solves: int | None = None
     half_width: dict[str, float] | None = None
     between: dict[str, tuple[float, float]] | None = None
+    unsolved: int = 0
 
     @property
     def words(self) -> str:
@@ -103,6 +107,14 @@ class FurtherTest:
 
 
 Rows = tuple[tuple[Evidence, ...], ...]  # evidence at each place; empty where there is none
+
+
+class Promise(NamedTuple):
+    """Intervals that a fit is expected to state, as those of a `FurtherTest`."""
+
+    half_width: dict[str, float]
+    between: dict[str, tuple[float, float]] | None
+    unsolved: int
 
 
 @dataclass(frozen=True)
@@ -118,7 +130,7 @@ class Known:
     prior : array (p, p)
         Information before all tests.
     own : tuple of tuples of Evidence
-        That of the case's own tests, at each place.
+        That of the case's own tests, at each place; the first, the parameters', is never empty.
     squares : bool
         Whether fits minimise squares, or equation (1).
     noise : float, mN
@@ -143,21 +155,24 @@ class Known:
         covar = np.linalg.inv(self.prior + sum(each.information for each in every))
         return dict(zip(self.names, np.sqrt(np.diag(covar)).tolist(), strict=True))
 
-    def promised(self, evidence: Rows = ()) -> tuple[dict[str, float], dict[str, tuple[float, float]] | None]:
+    def promised(self, evidence: Rows = ()) -> Promise:
         """Half widths of the expected 95 % intervals at the parameters; or, where values are left open, the median over those, and
-        the span of what single fits state: over these values, and over the noise that each learns."""
+        the span of what single fits state: over these values, and over the noise that each learns. Where some of these values have
+        no evidence, the parameters themselves count with the others; where none has, there is no span."""
         more = evidence or ((),) * len(self.own)
-        pairs = [(own, new) for own, new in zip(self.own, more, strict=True) if own and (new or not evidence)]
-        rows = np.array([half_widths((*own, *new), self.prior, self.squares) for own, new in pairs])
-        rows = rows[1:] if len(rows) > 1 else rows
-        middle = dict(zip(self.names, np.median(rows, axis=0).tolist(), strict=True))
-        if len(self.places) == 1:
-            return middle, None
-        at = np.median(rows, axis=0)
-        open_logs = np.log(np.array([rows.min(axis=0), rows.max(axis=0)]) / at)
-        learnt_logs = np.log(spread((*pairs[0][0], *pairs[0][1]), self.prior, self.squares))
-        low, high = at * np.exp(np.array([[-1.0], [1.0]]) * np.hypot(open_logs, learnt_logs))
-        return middle, dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+        every = [(*own, *new) if own and (new or not evidence) else () for own, new in zip(self.own, more, strict=True)]
+        first, solved = every[0], [each for each in every[1:] if each]
+        unsolved = len(self.places) - 1 - len(solved)
+        at = [*([first] if unsolved or not solved else []), *solved]
+        rows = np.array([half_widths(each, self.prior, self.squares) for each in at])
+        middle = np.median(rows, axis=0)
+        told = dict(zip(self.names, middle.tolist(), strict=True))
+        if not solved:
+            return Promise(told, None, unsolved)
+        open_logs = np.log(np.array([rows.min(axis=0), rows.max(axis=0)]) / middle)
+        learnt_logs = np.log(spread(first, self.prior, self.squares))
+        low, high = middle * np.exp(np.array([[-1.0], [1.0]]) * np.hypot(open_logs, learnt_logs))
+        return Promise(told, dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True)), unsolved)
 
 
 @dataclass(frozen=True, eq=False)
