@@ -54,7 +54,7 @@ AS_KNOWN = (
 
 @dataclass(frozen=True)
 class FurtherPair:
-    """Two further tests, with the errors by both and the tests of the case together; what follows `stderr` as in a `FurtherTest`."""
+    """Two further tests, with the errors by both and the tests of the case together; the rest as in a `FurtherTest`."""
 
     first: str
     second: str
