@@ -132,7 +132,7 @@ def their_law(pymecht, name, axis):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_pymecht_has_the_same_stresses(name, pymecht):
-    """Nominal stresses of pymecht, which is exactly incompressible. Largest difference seen: 2.3e-6 (1.1.3), by our bulk modulus."""
+    """Nominal stresses of pymecht, which is exactly incompressible. The largest difference seen was 2.3e-6 (1.1.3)."""
     material = load(name)(**LAWS[name][0])
     model, values = their_law(pymecht, name, 0)
     for kind, sample in (("uniaxial", pymecht.UniaxialExtension), ("biaxial", pymecht.PlanarBiaxialExtension)):
