@@ -242,6 +242,28 @@ def prony(shares: Sequence[float], times: Sequence[float], base: str = "long_ter
     return RelaxationFunction(1.0 if base == "long_term" else 1.0 - sum(shares), tuple(shares), tuple(times))
 
 
+def fractional_in_series(share: float, time: float, order: float, base: str, part: float) -> tuple[float, float]:
+    """Share and time of the fractional function that `RelaxationFunction.in_series` makes of one, which is one of the same order.
+
+    With x = (p tau)^alpha, p m^ = (1 + (1 + g) x) / (1 + x) on the long-term base, so that p M^ is the same function of
+    (1 + s g) x; on the instantaneous base p m^ = (1 - g + x) / (1 + x), and p M^ is that of x / (1 - s g).
+
+    Parameters
+    ----------
+    share : float
+        g.
+    time : float, s
+        tau.
+    order : float
+        alpha.
+    base : "long_term" or "instantaneous"
+    part : float
+        s, from 0 to below 1, of the elastic force that m = 1 describes.
+    """
+    stiffer = 1 + part * share if base == "long_term" else 1 - part * share
+    return share * (1 - part) / stiffer, time * stiffer ** ((1 if base == "long_term" else -1) / order)
+
+
 def fractional(share: float, time: float, order: float, base: str, shortest: float, longest: float) -> RelaxationFunction:
     """The function of the fractional Zener model (springs and a spring-pot), a power law between two plateaus.
 

@@ -22,7 +22,7 @@ from indentfit.fem.in_time import with_time
 from indentfit.fem.result import TimeCurve
 from indentfit.fem.setup import InTime
 from indentfit.fem.viscous import StressHistory, press_in_time, pulled_back
-from indentfit.hereditary import Ramp, fractional, prony
+from indentfit.hereditary import Ramp, fractional, fractional_in_series, prony
 from indentfit.material import load
 from indentfit.runs.forward import of_relaxation
 from indentfit.runs.key import Inputs
@@ -125,6 +125,17 @@ def test_a_bulk_modulus_in_series_with_a_fractional_function_obeys_its_laplace_t
         whole = transform(function, p)
         assert transform(series, p) == pytest.approx(whole / (1 - share + share * whole), rel=1e-10)
     assert min(series.times) > 0 and min(series.shares) >= 0
+
+
+@pytest.mark.parametrize("base", ["long_term", "instantaneous"])
+@pytest.mark.parametrize("order", [0.1, 0.4, 0.95])
+def test_a_bulk_modulus_in_series_with_a_fractional_function_makes_another_fractional_one(order, base):
+    """Its closed form is what the eigenvalues of many exponentials give."""
+    for part in (0.0019, 0.3):
+        share, time = fractional_in_series(0.8, 1.5, order, base, part)
+        known, exact = (fractional(g, t, order, base, 1e-6, 1e6) for g, t in ((share, time), (0.8, 1.5)))
+        at = np.geomspace(1e-3, 1e3, 13)
+        assert known(at) == pytest.approx(exact.in_series(part)(at), rel=1e-6)
 
 
 @pytest.mark.parametrize("order", [0.1, 0.35, 0.9])

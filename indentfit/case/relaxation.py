@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, WrapValidator
 from indentfit.case.quantities import Positive, Quantity, Unit, as_tuple, is_number, refusal
 from indentfit.case.ranges import Range
 from indentfit.case.section import Section, known
-from indentfit.hereditary import RelaxationFunction, fractional, prony
+from indentfit.hereditary import RelaxationFunction, fractional, fractional_in_series, prony
 from indentfit.units import number_in
 
 Seconds = Annotated[Positive, Quantity("s")]
@@ -188,7 +188,7 @@ class Relaxation(Section):
         modulus = "long-term" if self.base == "long_term" else "instantaneous"
         return f"g {shares} of {over}, tau {times} s, {kind}; the parameters are {modulus} moduli"
 
-    def function(self, ramp: float, end: float, values: Mapping[str, Any] | None = None) -> RelaxationFunction:
+    def function(self, ramp: float, end: float, values: Mapping[str, Any] | None = None, part: float = 0.0) -> RelaxationFunction:
         """The function m(t) for a test.
 
         Parameters
@@ -199,6 +199,8 @@ class Relaxation(Section):
             The longest time that is asked for.
         values : mapping of name -> value, or None
             Values of parameters, among others; the start values stand for those that it does not name.
+        part : float
+            Share of the elastic force that does not relax, as of springs in series (`RelaxationFunction.in_series`).
 
         Returns
         -------
@@ -208,9 +210,10 @@ class Relaxation(Section):
         shares = [given[f"g{n}"] if f"g{n}" in given else _start(share) for n, share in enumerate(self.g, 1)]
         times = [given[f"tau{n}"] if f"tau{n}" in given else _start(time) for n, time in enumerate(self.tau, 1)]
         if self.order is None:
-            return prony(shares, times, self.base)
+            return prony(shares, times, self.base).in_series(part)
         order = float(given.get("order", _start(self.order)))
-        return fractional(float(shares[0]), float(times[0]), order, self.base, SPAN[0] * ramp, SPAN[1] * end)
+        share, time = fractional_in_series(float(shares[0]), float(times[0]), order, self.base, part)
+        return fractional(share, time, order, self.base, SPAN[0] * ramp, SPAN[1] * end)
 
 
 def _start(value: float | Range) -> float:

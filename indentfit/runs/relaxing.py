@@ -144,7 +144,7 @@ class Kernel:
         return 0.0 if self.bulk is None else self.bulk.at(test, values.get(BULK))
 
     def _function(self, ramp: Ramp, test: int, values: Mapping[str, Any]) -> RelaxationFunction:
-        return self.relaxation.function(ramp.seconds, ramp.end, values).in_series(self.share(test, values))
+        return self.relaxation.function(ramp.seconds, ramp.end, values, self.share(test, values))
 
     def slopes(self, elastic: Sequence[Array], values: Mapping[str, Any], names: Iterable[str]) -> tuple[dict[str, Array], ...]:
         """Derivatives of the forces of each curve by parameters of the relaxation, and by the bulk ratio as far as it changes what
