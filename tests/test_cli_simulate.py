@@ -19,7 +19,7 @@ from indentfit.curve import Curve, write_curve
 from indentfit.errors import ConvergenceError, Stopped
 from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
-from indentfit.report.stress_plots import surface
+from indentfit.report.shown import surface
 from indentfit.report.vtu import _with_components
 from indentfit.runs.forward import simulate
 from indentfit.runs.points import setup_of

@@ -29,12 +29,12 @@ from indentfit.fem.simulate import Model
 from indentfit.fibres import direction
 from indentfit.inference.per_sample import PerSample, SampleFit, parameter_spread
 from indentfit.inference.result import ParameterEstimate, Profile
-from indentfit.report.fields import Solved
 from indentfit.report.folder import copy_case, json_text, refuse_existing, result_folder, write_curves
 from indentfit.report.html import write_report
 from indentfit.report.mirror import whole
 from indentfit.report.per_sample import sample_lines
 from indentfit.report.plots import force_displacement, residual
+from indentfit.report.solved import Solved
 from indentfit.report.vtu import fibre_gradients, file_names, write_vtu
 from indentfit.runs.forward import simulate
 from indentfit.runs.points import setup_of

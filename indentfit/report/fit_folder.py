@@ -3,6 +3,7 @@
 import contextlib
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,15 @@ from indentfit.errors import OutputError
 from indentfit.inference.result import FitResult
 from indentfit.report.displacement_files import FILE as DISPLACEMENTS
 from indentfit.report.displacement_files import fields_of, write_displacements
-from indentfit.report.fields import write_stresses_at
+from indentfit.report.fields import write_pictures
 from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.law_plot import law_misfits
 from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
+from indentfit.report.shown import Shown
+from indentfit.report.solved import stresses_at
 from indentfit.report.time_curves import fit_over_time
 from indentfit.runs.isolated import Died, beside
 
@@ -54,7 +57,7 @@ def fill_fit(
     warn : function
         Called with the text of a warning.
     apart : bool
-        Whether the stresses are computed and drawn by a second process beside the other files.
+        Whether the stresses are computed by a second process beside the other files.
 
     Raises
     ------
@@ -64,10 +67,10 @@ def fill_fit(
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
     drawn: contextlib.AbstractContextManager[Callable[[], str | None]] = contextlib.nullcontext(lambda: None)
     if fields and result.objective is not None and result.case.indentations:
-        drawn = _drawn(folder / "fields", result, apart)
-    with drawn as remark:
+        drawn = _stresses(folder / "fields", result, apart)
+    with drawn as draw:
         written = _fill(folder, result)
-        if said := remark():
+        if said := draw():
             warn(said)
     write_report(folder)
     return written
@@ -102,25 +105,29 @@ def _fill(folder: Path, result: FitResult) -> dict[str, Any]:
     return written
 
 
-def _drawn(folder: Path, result: FitResult, apart: bool) -> contextlib.AbstractContextManager[Callable[[], str | None]]:
-    """Context that gives a function: it ends when the stresses at the optimum are in the folder, and returns why they are not, in
-    words; a fit whose stresses cannot be computed does not fail."""
+def _stresses(folder: Path, result: FitResult, apart: bool) -> contextlib.AbstractContextManager[Callable[[], str | None]]:
+    """Context that gives a function: it draws the stresses at the optimum into the folder, and returns why it cannot, in words; a
+    fit whose stresses cannot be computed does not fail."""
     assert result.case is not None  # `fill_fit` refuses it
     point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
     work = (folder, result.case, point, result.refined)
-    if not apart:
-        return contextlib.nullcontext(lambda: write_stresses_at(*work))
-    return _drawn_beside(*work)
+    return _drawn(beside(stresses_at, *work) if apart else contextlib.nullcontext(partial(stresses_at, *work)), folder)
 
 
 @contextlib.contextmanager
-def _drawn_beside(*work: Any) -> Iterator[Callable[[], str | None]]:
-    with beside(write_stresses_at, *work) as value:
+def _drawn(
+    computed: contextlib.AbstractContextManager[Callable[[], list[Shown] | str]], folder: Path
+) -> Iterator[Callable[[], str | None]]:
+    with computed as value:
 
-        def remark() -> str | None:
+        def draw() -> str | None:
             try:
-                return value()
+                shown = value()
             except Died as error:
                 return f"no stress pictures: {error}"
+            if isinstance(shown, str):
+                return shown
+            write_pictures(folder, shown)
+            return None
 
-        yield remark
+        yield draw

@@ -7,11 +7,12 @@ from indentfit.case import Case
 from indentfit.errors import OutputError
 from indentfit.report import mesh_check as mesh_check_report
 from indentfit.report import sweep as sweep_report
-from indentfit.report.fields import FieldChoice, Solved, write_fields
+from indentfit.report.fields import FieldChoice, write_fields
 from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.plots import designs
 from indentfit.report.schema import case_json
+from indentfit.report.solved import Solved
 from indentfit.report.time_curves import depth_over_time, force_over_time, write_time_curves
 from indentfit.runs.simulated import SimulatedCase
 from indentfit.study.design import Design
