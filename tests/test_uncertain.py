@@ -504,7 +504,7 @@ def test_a_bulk_ratio_taken_as_known_is_told_in_the_word_of_the_case(tmp_path):
     assert (above.taken, above.other) == (below.taken, "50 (Poisson's ratio 0.4901)")
 
 
-@pytest.mark.parametrize("ratio, others", [(0.0, ["0", "0.1"]), (0.3, ["0.2", "0.4"]), (0.48, ["0.4995"]), (0.5, ["0.4901"])])
+@pytest.mark.parametrize("ratio, others", [(0.0, ["0.1"]), (0.3, ["0.2", "0.4"]), (0.48, ["0.4995"]), (0.5, ["0.4901"])])
 def test_poisson_ratios_that_are_tried_are_neighbours_of_one_that_is_far_from_incompressible(tmp_path, ratio, others):
     straight_curve(tmp_path / "parallel.csv", 30)
     gel = read_case(tiny_case(tmp_path, material={"poisson_ratio": ratio}))

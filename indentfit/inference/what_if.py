@@ -187,8 +187,10 @@ def _of_bulk_ratio(case: Case) -> Iterator[WhatIf]:
     others = [SOFT if ratio > 2 * SOFT else STIFF]
     if own < NEARLY:
         others = [bulk_ratio(max(own - NEIGHBOUR, 0.0)), bulk_ratio(min(own + NEIGHBOUR, poisson_ratio(SOFT)))]
+    taken = _with_poisson_ratio(case, ratio)
     for other in others:
-        yield WhatIf("bulk_ratio", _with_poisson_ratio(case, ratio), _with_poisson_ratio(case, other))
+        if (tried := _with_poisson_ratio(case, other)) != taken:  # a ratio of 0 has no smaller neighbour
+            yield WhatIf("bulk_ratio", taken, tried)
 
 
 def _with_poisson_ratio(case: Case, ratio: float) -> str:
