@@ -1,28 +1,31 @@
 """Many samples as one population: the mean and the between-sample spread of each parameter, without what noise makes of them.
 
 The logarithm of each parameter is normal over the samples, with a mean for each group and one standard deviation (between samples)
-for all groups; before the curves, means are uniform in the logarithm, and standard deviations uniform up to WIDEST. Each sample
-brings the density of its own curves (on the surrogate of its fit, the noise integrated out), as weighted draws, so that noise is
-not counted as variability, and no run is needed (Hogg, Myers, Bovy 2010, Astrophys J 725:2166). Errors that all samples share, such
-as those of the mesh and of the rig's friction, widen the interval of the mean, and not the spread.
+for all groups. Before the curves, the medians exp(mean) are uniform, as a parameter is in a single fit, and standard deviations
+half normal with the scale USUAL: samples seldom differ more than by a factor of seven to either side. Each sample brings the
+density of its own curves (on the surrogate of its fit, the noise integrated out), as weighted draws, so that noise is not counted
+as variability, and no run is needed (Hogg, Myers, Bovy 2010, Astrophys J 725:2166). Errors that all samples share, such as those of
+the mesh and of the rig's friction, widen the intervals of the mean and of each sample, and not the spread.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from indentfit.arrays import Array
+from indentfit.inference.log_sum import log_sum
 from indentfit.inference.plain import Interval
 
-WIDEST = 3.0  # largest standard deviation of a logarithm between samples
+USUAL, WIDEST = 1.0, 3.0  # standard deviation of a logarithm between samples: scale of its prior, and largest
 DRAWS, ROUNDS, ENOUGH = 2000, 12, 400  # of the means and spreads: draws of a round, rounds, effective draws after which they end
 HEAVY = 5.0  # degrees of freedom of the tails of the draws
 OF_SAMPLE = 1000  # draws of each sample's parameters
 SHOWN = 200  # draws of means and spreads under which each sample is estimated again
+AGAIN = 2  # times that each sample's density is drawn again where the population is
 FEWEST = 3  # samples
 LEVELS = (0.025, 0.975)
 
@@ -48,14 +51,42 @@ class SampleDraws:
     @classmethod
     def of(cls, name: str, group: str, values: Array, shares: Array, seed: int) -> "SampleDraws":
         """The draws (m, p) of a posterior whose prior is uniform in the parameters, with their shares (m,)."""
-        positive = np.all(values > 0, axis=1)
-        logs = np.log(np.where(positive[:, None], values, 1.0))
-        # the shares are those of a density uniform in the values, which is the value itself in its logarithm
-        weights = np.where(positive, shares * np.exp(-np.sum(logs - logs[int(np.argmax(shares))], axis=1)), 0.0)
-        if not weights.any():
-            return cls(name, group, logs[:1], np.ones(1))
-        chosen = np.random.default_rng(seed).choice(len(weights), OF_SAMPLE, p=weights / weights.sum())
-        return cls(name, group, logs[chosen], np.full(OF_SAMPLE, 1 / OF_SAMPLE))
+        shares = np.where(np.all(values > 0, axis=1), shares, 0.0)
+        if not shares.any():
+            return cls(name, group, np.zeros((1, values.shape[1])), np.ones(1))
+        chosen = np.random.default_rng(seed).choice(len(shares), OF_SAMPLE, p=shares / shares.sum())
+        logs = np.log(values[chosen])
+        # the draws are those of a density uniform in the values, which is the value itself in its logarithm
+        sums = -logs.sum(axis=1)
+        return cls(name, group, logs, np.exp(sums - logsumexp(sums)))
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The population as it is predicted for one group: a mixture of normal densities of the logarithms, all equally probable.
+
+    Parameters
+    ----------
+    means, sds : arrays (k, p)
+    """
+
+    means: Array
+    sds: Array
+
+    def draws(self, number: int, rng: np.random.Generator) -> Array:
+        """Draws (number, p)."""
+        n = rng.integers(len(self.means), size=number)
+        return np.asarray(self.means[n] + self.sds[n] * rng.standard_normal((number, self.means.shape[1])))
+
+    def log_density(self, logs: Array) -> Array:
+        """Logarithm of the density at logarithms (m, p), (m,)."""
+        precisions = 1 / self.sds**2
+        squares = logs**2 @ precisions.T - 2 * logs @ (self.means * precisions).T + np.sum(self.means**2 * precisions, axis=1)
+        volumes = np.log(self.sds).sum(axis=1) + 0.5 * logs.shape[1] * np.log(2 * np.pi)
+        return log_sum(-0.5 * squares - volumes, axis=1) - np.log(len(self.means))
+
+
+Again = Callable[[Mapping[str, Predicted]], Sequence[SampleDraws]]
 
 
 @dataclass(frozen=True)
@@ -105,7 +136,12 @@ class Hierarchy:
 
 
 def hierarchy(
-    samples: Sequence[SampleDraws], units: Mapping[str, str], shared: Mapping[str, float], reference: str, seed: int
+    samples: Sequence[SampleDraws],
+    units: Mapping[str, str],
+    shared: Mapping[str, float],
+    reference: str,
+    seed: int,
+    again: Again | None = None,
 ) -> Hierarchy:
     """The Hierarchy of samples.
 
@@ -119,6 +155,8 @@ def hierarchy(
     reference : str
         The group with which the others are compared.
     seed : int
+    again : function or None
+        From the predicted population of each group to draws of the same samples that follow it.
 
     Returns
     -------
@@ -128,8 +166,13 @@ def hierarchy(
     model = _Model(tuple(samples), tuple(groups), len(units))
     rng = np.random.default_rng(seed)
     draws = model.posterior(rng)
+    for _ in range(AGAIN if again else 0):
+        assert again is not None
+        model = replace(model, samples=tuple(again(model.predicted(draws[:SHOWN]))))
+        draws = model.posterior(rng, draws)
     means, sds = model.split(draws)  # (m, g, p), (m, p)
-    shift = rng.standard_normal((len(draws), len(units))) * np.array([shared.get(name, 0.0) for name in units])
+    common = np.array([shared.get(name, 0.0) for name in units])
+    shift = rng.standard_normal((len(draws), len(units))) * common
     parameters, contrasts = {}, []
     for k, (name, unit) in enumerate(units.items()):
         natural = np.exp(means[:, :, k] + 0.5 * sds[:, k, None] ** 2 + shift[:, k, None])
@@ -140,7 +183,7 @@ def hierarchy(
         for g, group in enumerate(groups[1:], start=1):
             ratio = np.exp(means[:, g, k] - means[:, 0, k])
             contrasts.append(Contrast(name, group, reference, _known(ratio), float(np.mean(ratio > 1))))
-    return Hierarchy(parameters, tuple(contrasts), model.shrunken(draws[:SHOWN], list(units)))
+    return Hierarchy(parameters, tuple(contrasts), model.shrunken(draws[:SHOWN], list(units), common, rng))
 
 
 def _known(draws: Array) -> Known:
@@ -164,21 +207,24 @@ class _Model:
     def log_density(self, places: Array) -> Array:
         """Logarithm of the density at places, (m,)."""
         means, sds = self.split(places)
-        total = np.log(sds).sum(axis=1)  # uniform in the standard deviation, whose logarithm is the coordinate
+        medians = means.sum(axis=(1, 2))  # logarithm of the density of means whose exponentials are uniform
+        total = medians + np.sum(np.log(sds) - 0.5 * (sds / USUAL) ** 2, axis=1)  # the logarithm of sds is the coordinate
         for sample in self.samples:
-            total = total + logsumexp(self._terms(sample, means, sds), axis=0)
+            total = total + log_sum(self._terms(sample, means, sds), axis=0)
         return np.where(np.all(sds < WIDEST, axis=1), total, -np.inf)
 
     def _terms(self, sample: SampleDraws, means: Array, sds: Array) -> Array:
         """Logarithms of weight times normal density of each draw of a sample, (draws, m)."""
-        mean = means[:, self.groups.index(sample.group)]
-        x = sample.logs
-        squares = (x**2) @ (1 / sds**2).T - 2 * x @ (mean / sds**2).T + np.sum((mean / sds) ** 2, axis=1)
-        return np.asarray(np.log(sample.weights)[:, None] - 0.5 * squares - np.log(sds).sum(axis=1))
+        mean, x = means[:, self.groups.index(sample.group)], sample.logs
+        terms = np.column_stack([x**2, x]) @ np.vstack([-0.5 / sds.T**2, mean.T / sds.T**2])
+        terms += np.log(sample.weights)[:, None]
+        terms -= 0.5 * np.sum((mean / sds) ** 2, axis=1) + np.log(sds).sum(axis=1)
+        return terms
 
-    def posterior(self, rng: np.random.Generator) -> Array:
-        """Draws of the coordinates from their posterior, (DRAWS, n), by adaptive importance sampling."""
-        centre, covar = self._start()
+    def posterior(self, rng: np.random.Generator, before: Array | None = None) -> Array:
+        """Draws of the coordinates from their posterior, (DRAWS, n), by adaptive importance sampling that begins where the draws of
+        a similar posterior are."""
+        centre, covar = self._start() if before is None else (before.mean(axis=0), np.atleast_2d(np.cov(before.T)))
         effective, kept = 0.0, np.tile(centre, (DRAWS, 1))
         wider = 2.0
         for _ in range(ROUNDS):
@@ -214,22 +260,22 @@ class _Model:
         of_spreads = 0.5 / max(len(own) - len(self.groups), 1) * (variance / between) ** 2
         return centre, np.diag(np.concatenate([of_means, np.minimum(of_spreads, 1.0)]))
 
-    def shrunken(self, places: Array, names: Sequence[str]) -> dict[str, dict[str, Known]]:
-        """Each sample's parameters given all samples."""
+    def predicted(self, places: Array) -> dict[str, Predicted]:
+        """The population of each group, as places of the posterior predict it."""
+        means, sds = self.split(places)
+        return {group: Predicted(means[:, g], sds) for g, group in enumerate(self.groups)}
+
+    def shrunken(self, places: Array, names: Sequence[str], common: Array, rng: np.random.Generator) -> dict[str, dict[str, Known]]:
+        """Each sample's parameters given all samples, with the relative errors (p,) that all samples share."""
         means, sds = self.split(places)
         known = {}
         for sample in self.samples:
             terms = self._terms(sample, means, sds)
-            weights = np.exp(terms - logsumexp(terms, axis=0)).mean(axis=1)
-            known[sample.name] = {name: _weighted(sample.logs[:, k], weights) for k, name in enumerate(names)}
+            weights = np.exp(terms - log_sum(terms.copy(), axis=0)).mean(axis=1)
+            chosen = rng.choice(len(weights), DRAWS, p=weights / weights.sum())
+            logs = sample.logs[chosen] + common * rng.standard_normal((DRAWS, len(names)))
+            known[sample.name] = {name: _known(np.exp(logs[:, k])) for k, name in enumerate(names)}
         return known
-
-
-def _weighted(logs: Array, weights: Array) -> Known:
-    order = np.argsort(logs)
-    shares = np.cumsum(weights[order]) / weights.sum()
-    low, middle, high = np.exp(np.interp((LEVELS[0], 0.5, LEVELS[1]), shares, logs[order])).tolist()
-    return Known(middle, (low, high))
 
 
 def pooled_sd(values: Array, groups: Sequence[str]) -> float | None:

@@ -11,15 +11,17 @@ from pydantic import TypeAdapter
 
 from indentfit.case import Case
 from indentfit.errors import CaseError
-from indentfit.inference.evidence import evidence
 from indentfit.inference.fit import FitWithRuns
 from indentfit.inference.law_curves import alternatives_of
 from indentfit.inference.per_sample import PerSample, SampleFit
-from indentfit.inference.population import FEWEST, Hierarchy, SampleDraws, hierarchy, pooled_sd
+from indentfit.inference.population import FEWEST, Hierarchy, hierarchy, pooled_sd
 from indentfit.inference.residual_noise import unknown_noise
+from indentfit.inference.sample_density import SampleDensity
+from indentfit.inference.verdicts import kind_of
 
 ALL = "all samples"
 CONTROLS = ("control", "controls", "untreated", "sham", "healthy")  # names of a group with which others are compared
+DETERMINED = ("determined", "weakly determined")
 OWN = ("offset", "force")  # inputs whose errors each sample has by itself
 
 
@@ -58,9 +60,23 @@ class Population:
             "reference": self.reference,
             "population": None if self.hierarchy is None else asdict(self.hierarchy),
             "plain_sd": self.plain,
+            "not_determined": list(self.weak),
             "left_out": self.left_out,
             "per_sample": self.per_sample.as_json(),
         }
+
+    @property
+    def told(self) -> dict[str, int]:
+        """For each parameter the number of samples whose own curves determine it, if only weakly."""
+        names = list(self.hierarchy.parameters) if self.hierarchy else []
+        singles = [known.parameters for known in self.per_sample.samples if known.sample not in self.left_out]
+        return {name: sum(kind_of(known[name]) in DETERMINED for known in singles) for name in names}
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """The parameters that most samples do not determine. Their spread is no number to be trusted: twelve samples that differ by
+        20 % and determine it in none gave 59 to 4143 % once, and with the prior of the spread 12 to 300 %."""
+        return tuple(name for name, told in self.told.items() if 2 * told < len(self.groups) - len(self.left_out))
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "Population":
@@ -118,10 +134,12 @@ def population(fits: Sequence[SampleFit], singles: PerSample, groups: Mapping[st
     joint, plain = None, {}
     if len(used) >= FEWEST:
         names = list(singles.free)
-        samples = [_draws(fitted, member[fitted.sample], seed) for fitted in used]
+        samples = [_density(fitted, member[fitted.sample], seed) for fitted in used]
         values = np.array([[_result(fitted).parameters[name].value for name in names] for fitted in used])
         units = {name: _result(used[0]).parameters[name].unit for name in names}
-        joint = hierarchy(samples, units, {name: _shared(used, name) for name in names}, reference, seed)
+        shared = {name: _shared(used, name) for name in names}
+        own = [sample.draws() for sample in samples]
+        joint = hierarchy(own, units, shared, reference, seed, lambda there: [s.under(there[s.group]) for s in samples])
         pooled = {name: pooled_sd(values[:, k], [member[fitted.sample] for fitted in used]) for k, name in enumerate(names)}
         plain = {name: sd for name, sd in pooled.items() if sd is not None}
     return Population(singles, member, reference, joint, plain, left_out)
@@ -145,17 +163,12 @@ def _result(fitted: SampleFit) -> Any:
     return fitted.result
 
 
-def _draws(fitted: SampleFit, group: str, seed: int) -> SampleDraws:
-    """The density of a sample's curves over the parameters: noise and the sample's own inputs are integrated out."""
+def _density(fitted: SampleFit, group: str, seed: int) -> SampleDensity:
     whole: FitWithRuns | None = fitted.whole
     assert whole is not None  # the samples without runs are left out
-    alternatives = alternatives_of(whole)
-    known = [(c, evidence(c, unknown_noise(whole.problem, 0.0, moves=c.moves), seed)) for _, c in alternatives]
-    logs = np.array([np.log(prior) + each.log for (prior, _), (_, each) in zip(alternatives, known, strict=True)])
-    odds = np.exp(logs - logs.max()) / np.exp(logs - logs.max()).sum()
-    values = np.concatenate([curves.values(each.places) for curves, each in known])
-    shares = np.concatenate([share * each.shares for share, (_, each) in zip(odds, known, strict=True)])
-    return SampleDraws.of(fitted.sample, group, values, shares, seed)
+    problem, pairs = whole.problem, alternatives_of(whole)
+    known = [(prior, curves, unknown_noise(problem, 0.0, moves=curves.moves)) for prior, curves in pairs]
+    return SampleDensity.of(fitted.sample, group, known, seed)
 
 
 def _shared(fits: Sequence[SampleFit], name: str) -> float:

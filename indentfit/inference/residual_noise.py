@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
 
 from indentfit.arrays import Array, Ints
 from indentfit.curve import Curve
+from indentfit.inference.log_sum import log_sum
 from indentfit.inference.noise import correlations
 from indentfit.inverse.problem import InverseProblem
 
@@ -52,7 +52,7 @@ class TestNoise:
 
     def log_density(self, residuals: Array) -> Array:
         """Logarithm of the density of residuals (m, N), (m,)."""
-        return np.asarray(logsumexp(self._table(residuals).reshape(len(residuals), -1), axis=1))
+        return log_sum(self._table(residuals).reshape(len(residuals), -1), axis=1)
 
     def whitener(self, residuals: Array) -> Array:
         """The matrix (n, n) that makes residuals (N,) independent with unit variance, under their most probable noise."""
@@ -64,17 +64,18 @@ class TestNoise:
     def size(self, residuals: Array) -> float:
         """The most probable size of the noise in residuals (N,), mN."""
         table = self._table(residuals[None])[0]
-        return float(self.sizes[int(np.argmax(logsumexp(table, axis=0)))])
+        return float(self.sizes[int(np.argmax(log_sum(table, axis=0)))])
 
     def _table(self, residuals: Array) -> Array:
         """Logarithm of density times prior for each correlation and size, (m, kinds, sizes)."""
         prior = -np.log(len(self.kinds) * self.sizes.size) - 0.5 * self.rows.size * np.log(2 * np.pi)
-        parts = []
-        for known in self.kinds:
+        table = np.empty((len(residuals), len(self.kinds), self.sizes.size))
+        for kind, known in enumerate(self.kinds):
             variance = self.sizes[:, None] ** 2 + known.shared  # (sizes, n)
             squares = (residuals[:, self.rows] @ known.turn.T) ** 2
-            parts.append(-0.5 * (squares @ (1 / variance).T + np.log(variance).sum(axis=1)) - known.log_volume)
-        return np.stack(parts, axis=1) + prior
+            volumes = 0.5 * np.log(variance).sum(axis=1) + known.log_volume - prior
+            np.subtract(squares @ (-0.5 / variance).T, volumes, out=table[:, kind])
+        return table
 
 
 @dataclass(frozen=True, eq=False)

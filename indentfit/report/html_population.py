@@ -6,12 +6,12 @@ from indentfit.report.page import Figures, Lines, Page, Part, Section, Table, Te
 from indentfit.report.population import (
     WHAT,
     contrast_rows,
-    percents,
+    mean_of,
     population_figure,
     population_rows,
     shrunken_rows,
+    spread_of,
     undetermined,
-    words,
 )
 from indentfit.report.schema import Stored
 
@@ -43,9 +43,8 @@ def _lead(result: Population) -> str:
         return "The single fits are below."
     parts = []
     for name, known in result.hierarchy.parameters.items():
-        unit = "" if known.unit in ("", "1") else f" {known.unit}"
-        mean = known.mean[result.reference] if result.reference in known.mean else next(iter(known.mean.values()))
-        parts.append(f"{name}: mean {words(mean)}{unit}, between samples {percents(known.sd)}")
+        group = result.reference if result.reference in known.mean else next(iter(known.mean))
+        parts.append(f"{name}: mean {mean_of(result, name, group)}, between samples {spread_of(result, name)}")
     return f"{'; '.join(parts)}."
 
 

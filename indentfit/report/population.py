@@ -5,7 +5,6 @@ from typing import Any
 
 from indentfit.inference.population import Known
 from indentfit.inference.population_fit import ALL, Population
-from indentfit.inference.verdicts import kind_of
 from indentfit.report.study_text import aligned
 
 WHAT = (
@@ -33,16 +32,12 @@ def population_lines(result: Population) -> Iterator[str]:
 
 
 def undetermined(result: Population) -> Iterator[str]:
-    """A sentence for each parameter that most samples do not determine: seen of twelve samples with a spread of 20 %, whose curves
-    determined it in none, the interval of the spread was 59 to 4143 %."""
-    singles = [known.parameters for known in result.per_sample.samples if known.sample not in result.left_out]
-    for name in result.hierarchy.parameters if result.hierarchy else ():
-        told = sum(kind_of(known[name]) in ("determined", "weakly determined") for known in singles)
-        if 2 * told < len(singles):
-            yield (
-                f"{name} is determined in {told} of {len(singles)} samples, so trust neither its spread nor its interval: single "
-                "curves that say little of a parameter may seem to differ in it"
-            )
+    """A sentence for each parameter that most samples do not determine."""
+    for name in result.weak:
+        yield (
+            f"{name} is determined in {result.told[name]} of {len(result.groups) - len(result.left_out)} samples, so its spread "
+            "between samples is not told: single curves that say little of a parameter may seem to differ in it"
+        )
 
 
 def population_rows(result: Population) -> list[list[str]]:
@@ -51,12 +46,26 @@ def population_rows(result: Population) -> list[list[str]]:
     groups = list(next(iter(result.hierarchy.parameters.values())).mean)
     heads = [f"mean{'' if group == ALL else f' of {group}'}" for group in groups]
     rows = [["parameter", *heads, "between samples (sd)", "plain sd"]]
-    for name, known in result.hierarchy.parameters.items():
-        unit = "" if known.unit in ("", "1") else f" {known.unit}"
-        means = [f"{words(known.mean[group])}{unit}" for group in groups]
+    for name in result.hierarchy.parameters:
         plain = result.plain.get(name)
-        rows.append([name, *means, percents(known.sd), "–" if plain is None else f"{plain:.0%}"])
+        means = [mean_of(result, name, group) for group in groups]
+        rows.append([name, *means, spread_of(result, name), "–" if plain is None else f"{plain:.0%}"])
     return rows
+
+
+def mean_of(result: Population, name: str, group: str) -> str:
+    """The mean of a group with its interval and unit; the interval alone where most samples do not determine the parameter."""
+    assert result.hierarchy is not None
+    known = result.hierarchy.parameters[name]
+    unit = "" if known.unit in ("", "1") else f" {known.unit}"
+    low, high = known.mean[group].interval
+    return f"{low:.3g} to {high:.3g}{unit}" if name in result.weak else f"{words(known.mean[group])}{unit}"
+
+
+def spread_of(result: Population, name: str) -> str:
+    """The spread between samples with its interval; no number where most samples do not determine the parameter."""
+    assert result.hierarchy is not None
+    return "not determined" if name in result.weak else percents(result.hierarchy.parameters[name].sd)
 
 
 def contrast_rows(result: Population) -> list[list[str]]:

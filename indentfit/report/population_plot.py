@@ -15,7 +15,8 @@ MOST_NAMES = 20  # samples whose names are written
 
 def population(result: Population, path: Place = None) -> Figure:
     """A panel for each parameter: every sample alone (open marks) and given all samples (filled), the mean of each group with its
-    95 % interval (dark band), and one standard deviation between samples (light band). Saves path.svg and path.png."""
+    95 % interval (dark band), and one standard deviation between samples (light band; none where most samples do not determine the
+    parameter). Saves path.svg and path.png."""
     assert result.hierarchy is not None  # there is no figure of too few samples
     names = list(result.hierarchy.parameters)
     with matplotlib.rc_context(STYLE):
@@ -24,7 +25,8 @@ def population(result: Population, path: Place = None) -> Figure:
         FigureCanvasAgg(figure)
         for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
             _panel(axes, result, name)
-        handles, labels = figure.axes[0].get_legend_handles_labels()
+        every = [pair for axes in figure.axes for pair in zip(*axes.get_legend_handles_labels(), strict=True)]
+        labels, handles = zip(*{label: handle for handle, label in reversed(every)}.items(), strict=True)
         figure.legend(handles, labels, loc="outside upper left", ncols=2 if len(names) == 1 else 4)
         save(figure, path)
     return figure
@@ -39,10 +41,13 @@ def _panel(axes: Axes, result: Population, name: str) -> None:
         at = [n for n, sample in enumerate(order) if result.groups[sample] == group]
         ends, colour = (min(at) - 0.5, max(at) + 0.5), COLOURS[g % len(COLOURS)]
         first = g == 0
-        low, high = mean.value * (1 - known.sd.value), mean.value * (1 + known.sd.value)
-        axes.fill_between(ends, low, high, color=colour, alpha=0.10, linewidth=0, label="± sd between samples" if first else None)
         axes.fill_between(ends, *mean.interval, color=colour, alpha=0.30, linewidth=0, label="mean, 95 %" if first else None)
-        axes.plot(ends, [mean.value] * 2, color=colour)
+        if name not in result.weak:
+            low, high = mean.value * (1 - known.sd.value), mean.value * (1 + known.sd.value)
+            axes.fill_between(
+                ends, low, high, color=colour, alpha=0.10, linewidth=0, label="± sd between samples" if first else None
+            )
+            axes.plot(ends, [mean.value] * 2, color=colour)
         if group != ALL:
             axes.text(
                 sum(ends) / 2, 1.0, _label(group), transform=axes.get_xaxis_transform(), ha="center", color=colour, fontsize=7
