@@ -3,11 +3,13 @@
 import csv
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from fixtures.cases import tiny_case
+from scipy.integrate import trapezoid
 from scipy.stats import norm, t
 
 from indentfit.cli import main
@@ -15,7 +17,8 @@ from indentfit.curve import Curve, write_curve
 from indentfit.errors import RecordError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.specimens import read_groups
-from indentfit.inference.population import SampleDraws, hierarchy, pooled_sd
+from indentfit.inference.population import Predicted, SampleDraws, hierarchy, pooled_sd
+from indentfit.inference.sample_density import SampleDensity
 from indentfit.report.schema import read_result
 from indentfit.runs.forward import simulate
 
@@ -84,6 +87,66 @@ def test_an_error_that_all_samples_share_widens_the_mean_and_not_the_spread():
     assert shared.sd == alone.sd
 
 
+def test_an_error_that_all_samples_share_is_in_the_interval_of_each_sample():
+    """The samples' own curves are exact, so that the shared error of 10 % is all that is left."""
+    shrunken = hierarchy(samples_of(spread_logs(12, 0.3), 1e-3), {"mu": "kPa"}, {"mu": 0.1}, "all", 0).shrunken
+    widths = [np.log(known["mu"].interval[1] / known["mu"].interval[0]) for known in shrunken.values()]
+    assert widths == pytest.approx([2 * 1.96 * 0.1] * 12, rel=0.1)
+
+
+class Straight:
+    """Curves of a law of one parameter between 0 and 10: the forces are the parameter and 1."""
+
+    names, size, scanned, moves = ("mu",), 1, 2048, ()
+
+    def forces(self, places):
+        return np.column_stack([10 * places[:, 0], np.ones(len(places))])
+
+    def log_prior(self, places):
+        return np.where((places[:, 0] >= 0) & (places[:, 0] <= 1), 0.0, -np.inf)
+
+    def scaled(self, places, target, weights):
+        return places
+
+    def values(self, places):
+        return 10 * places
+
+    def start(self):
+        return np.full(1, 0.5)
+
+
+class Gaussian:
+    """Noise of a known size, of the first force."""
+
+    def __init__(self, measured, sigma):
+        self.measured, self.sigma = np.array([measured, 1.0]), sigma
+        self.tests = (SimpleNamespace(rows=np.arange(2)),)
+
+    def log_likelihood(self, forces):
+        return -0.5 * ((forces[:, 0] - self.measured[0]) / self.sigma) ** 2
+
+    def whiteners(self, force):
+        return [(np.arange(2), np.eye(2) / self.sigma)]
+
+
+@pytest.mark.parametrize("mean, sd", [(0.5, 0.02), (0.0, 0.3)])
+def test_draws_of_a_sample_tell_how_probable_its_curves_are_in_a_population(mean, sd):
+    """Of a population far narrower than what the sample's curves say; a quadrature of likelihood times density is the oracle."""
+    own = SampleDensity.of("s", "all", [(1.0, Straight(), Gaussian(1.0, 0.8))], 0)
+    logs = np.linspace(-8, np.log(10), 20001)
+
+    def exact(mean, sd):
+        return trapezoid(np.exp(-0.5 * ((np.exp(logs) - 1.0) / 0.8) ** 2) * norm.pdf(logs, mean, sd), logs)
+
+    def by_draws(drawn, mean, sd):
+        return drawn.weights @ norm.pdf(drawn.logs[:, 0], mean, sd)
+
+    drawn = own.under(Predicted(np.array([[mean]]), np.array([[sd]])))
+    known = by_draws(drawn, mean, sd) / by_draws(drawn, mean + sd, sd)
+    assert known == pytest.approx(exact(mean, sd) / exact(mean + sd, sd), rel=0.03)
+    assert np.sum(np.abs(drawn.logs[:, 0] - mean) < 2 * sd) > 400
+
+
 def test_groups_are_read_from_a_column_and_faults_are_named(tmp_path):
     path = tmp_path / "manifest.csv"
     path.write_text("sample,treatment\na,control\na,control\nb,treated\n")
@@ -128,7 +191,9 @@ def test_the_command_fits_samples_as_one_population(tmp_path):
         replace(known, parameters={"mu": replace(known.parameters["mu"], verdict="not determined by these curves: any value")})
         for known in stored.per_sample.samples
     ]
-    unsure = replace(stored, per_sample=replace(stored.per_sample, samples=tuple(weak))).summary()
-    assert "mu is determined in 0 of 6 samples" in unsure and "is determined in" not in stored.summary()
+    unsure = replace(stored, per_sample=replace(stored.per_sample, samples=tuple(weak)))
+    assert "mu is determined in 0 of 6 samples" in unsure.summary() and "is determined in" not in stored.summary()
+    assert "not determined" in unsure.summary().splitlines()[1] and unsure.as_json()["not_determined"] == ["mu"]
+    unsure.plot()
     assert CliRunner().invoke(main, ["report", str(out)]).exit_code == 0
     assert "treated / none" in (out / "report.html").read_text()
