@@ -36,10 +36,14 @@ SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step of the contact's own iteration, trie
 
 @dataclass(frozen=True)
 class Approach:
-    """An iterate whose residual is within the tolerance, and how many factors were made on the way."""
+    """The forces of an iterate whose residual is within the tolerance, and how many factors were made on the way."""
 
-    at: Iterate
+    here: Balance
     new_factors: int
+
+    @property
+    def at(self) -> Iterate:
+        return self.here.at
 
     @property
     def iterations(self) -> int:
@@ -61,7 +65,7 @@ def approached(increment: Increment, at: Iterate, solver: LinearSolver, controls
         if here is None or (best is not None and not here.unbalanced < LOST * best.unbalanced):
             return None
         if here.unbalanced <= SAFE * controls.tolerance * here.contact_force:
-            return Approach(at, made)
+            return Approach(here, made)
         best = here if best is None or here.unbalanced < best.unbalanced else best
         sizes.append(here.unbalanced)
         slow = len(sizes) > PATIENCE and here.unbalanced > sizes[0] * PACE ** (len(sizes) - 1)

@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import scipy.sparse as sp
+
 from indentfit.arrays import Array
 from indentfit.fem import sensitivity
 from indentfit.fem.contact import ContactFace
 from indentfit.fem.contact_state import ContactState, Springs
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.directions import Direction
-from indentfit.fem.equations import Iterate, Linearisation
+from indentfit.fem.equations import Balance, Increment, Iterate, Linearisation
 from indentfit.fem.linear.solver import LinearSolver
 
 
@@ -71,6 +73,27 @@ class Equilibrium:
     def whole_force(self) -> float:
         """The force, mN, with what is missing: its error is of the second order in the springs' deflection and the residual."""
         return self.force + self.withheld + self.residual_error
+
+    def rested(self, there: Balance, increment: Increment, dilatation: sp.csr_matrix) -> "Equilibrium":
+        """The equilibrium at the same depth that balanced forces are, after a time, with this one's motion; dilatation: that by
+        which they are balanced (n_p, n)."""
+        face, springs = increment.equations.face, increment.loading.springs
+        rate = face.rate(there.contact, self.motion)
+        missing = there.residual @ self.motion + there.gap.ravel() @ (dilatation @ self.motion)
+        return replace(
+            self,
+            u=there.at.u,
+            pressure=there.at.pressure + there.gap,
+            contact=there.contact,
+            springs=springs,
+            force=face.force(there.contact),
+            stiffness=face.total(rate),
+            penalty_error=face.penalty_error(there.contact, rate, springs),
+            residual_error=float(missing),
+            withheld=0.0,
+            rate=rate,
+            derivatives=None,
+        )
 
     def since(self, here: "Equilibrium", face: ContactFace, ways: Sequence[Direction]) -> "Equilibrium":
         """This step with the traction's rate since the step `here`, the penalty error by that rate, and the derivatives of both by

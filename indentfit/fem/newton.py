@@ -26,8 +26,13 @@ class Newton:
     controls: Controls
     work: Work
 
-    def equilibrium(self, increment: Increment, at: Iterate, most: int = MAX_ITERATIONS) -> tuple[Equilibrium, int]:
+    def equilibrium(
+        self, increment: Increment, at: Iterate, most: int = MAX_ITERATIONS, rests: Equilibrium | None = None
+    ) -> tuple[Equilibrium, int]:
         """The Equilibrium of an increment from an iterate near it, and the number of iterations; `contact_first` is tried before.
+
+        Where the indenter rests at the depth of another equilibrium, `rests`, that of `contact_first` keeps the motion of that one,
+        and no tangent is made.
 
         Raises
         ------
@@ -37,6 +42,8 @@ class Newton:
         OutOfTime
         """
         near = approached(increment, at, self.solver, self.controls)
+        if near is not None and rests is not None:
+            return rests.rested(near.here, increment, self.solver.dilatation), near.iterations
         at, before = (at, 0) if near is None else (near.at, near.iterations)
         hard, tolerance, merit = 0, self.controls.tolerance, None
         for iteration in range(most):

@@ -128,11 +128,12 @@ def _increment(equations: Equations, loading: Loading, here: Equilibrium, depth:
     return Increment(equations, loading, depth, history, changes, leash)
 
 
-def _step(newton: Newton, increment: Increment, here: Equilibrium, relax: bool) -> tuple[Equilibrium, int]:
-    """The equilibrium of an increment from the tangent prediction, by Newton's iteration or relaxation, and the iterations."""
+def _step(newton: Newton, increment: Increment, here: Equilibrium, relax: bool, rests: bool = False) -> tuple[Equilibrium, int]:
+    """The equilibrium of an increment from the tangent prediction, by Newton's iteration or relaxation, and the iterations; rests:
+    whether the indenter does not move."""
     at = _predicted(increment, here)
     try:
-        return newton.equilibrium(increment, at)
+        return newton.equilibrium(increment, at, rests=here if rests else None)
     except ConvergenceError as first:
         if not relax:
             raise
