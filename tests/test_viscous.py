@@ -224,7 +224,8 @@ def test_steps_in_time_share_factors_and_a_hold_starts_from_relaxed_tractions():
     moments = test.model.over_time(
         press_of(case, case.tests[0], GEL(mu=1.0)), partial(press_in_time, ramp=ramp, relaxation=function)
     )
-    assert test.model.solver.work.factorizations - before <= len(moments)
+    risen = [moment for moment in moments if moment.time <= 0.5 + 1e-9]
+    assert test.model.solver.work.factorizations - before <= len(risen)  # a hold needs none
     forces = [moment.at.whole_force * test.model.body.copies for moment in moments]
     assert forces[-1] == pytest.approx(test.in_time.force[-1], rel=1e-3)
     held = [moment for moment in moments if moment.time > 0.5 + 1e-9]

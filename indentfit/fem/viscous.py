@@ -12,7 +12,8 @@ tangent is consistent.
 The path goes through a ramp of the depth and a hold. Its steps of a ramp are those of an elastic path; in a hold, where only the
 small redistribution of the stress changes S_e, they grow in proportion to the time since the ramp's end. A step of a hold starts
 from tractions and pressures that have relaxed as the whole force does, so that little is left to iterate. The factor of an earlier
-step serves the next, although that is another number of times as stiff (`contact_first` corrects this).
+step serves the next, although that is another number of times as stiff (`contact_first` corrects this); steps of a hold, in which
+the indenter rests, make no tangent.
 """
 
 from __future__ import annotations
@@ -196,7 +197,7 @@ def _follow(
         newton.controls.deadline.check()
         here = moments[-1].at_corner() if is_at(ramp.seconds, moments[-1].time) else moments[-1]
         largest = _largest(here.time, ramp, newton.controls, shortest)
-        dt, before = min(step, largest), newton.work.iterations
+        dt, before = _to_end(here.time, min(step, largest), ramp), newton.work.iterations
         try:
             depth = float(ramp.depth_at(here.time + dt))
             moments.append(in_step(here, dt, depth, elastic.LEASH * ramp.depth, equations, loading, newton, failed))
@@ -237,8 +238,12 @@ def _largest(time: float, ramp: Ramp, controls: Controls, shortest: float) -> fl
     if time < ramp.seconds * (1 - 1e-9):
         longest = min(ramp.seconds / controls.first_steps, controls.max_step / ramp.depth * ramp.seconds)
         return ramp.seconds - time if time + 1.01 * longest > ramp.seconds else longest
-    longest = max(FIRST * shortest, GROWTH * (time - ramp.seconds))
-    return ramp.end - time if time + 1.3 * longest > ramp.end else longest
+    return _to_end(time, max(FIRST * shortest, GROWTH * (time - ramp.seconds)), ramp)
+
+
+def _to_end(time: float, dt: float, ramp: Ramp) -> float:
+    """A step of time in a hold, or a little longer where it then ends the hold."""
+    return ramp.end - time if time >= ramp.seconds * (1 - 1e-9) and time + 1.3 * dt > ramp.end else dt
 
 
 def _share(time: float, ramp: Ramp) -> float:
