@@ -45,6 +45,8 @@ class FirstStage:
 def first_stage(ramp: Ramp, filter_share: float, indenter: str | None) -> FirstStage | None:
     """The `FirstStage` of a ramp; None where the loading has no pause in contact."""
     pauses = pauses_of(ramp)
+    if not pauses:
+        return None
     for count, stop in enumerate([*(begin for begin, _ in pauses), ramp.stop]):
         try:
             part = find_ramp(ramp.record.part(slice(0, stop)), filter_share)
