@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
+from scipy.signal import lfilter, savgol_filter
 
 from indentfit.case import Record
 from indentfit.errors import RecordError
@@ -221,3 +221,20 @@ def test_a_contact_point_is_warned_of_where_its_interval_makes_a_record_poor(noi
     assert f"contact within {share:.1%} of the depth" in str(done.judgement)
     assert (share > 0.05) and done.judgement.rating == ("poor" if share > 0.1 else "fair") == ("fair" if noise == 0.02 else "poor")
     assert any("contact point is uncertain" in note for note in done.notes) == (share > 0.1)
+
+
+def test_slow_noise_that_hides_how_a_sample_stiffens_puts_contact_in_doubt():
+    """Sixteen records under a cone of a sample that stiffens as exp(2 x): the interval of 95 % held 7 of 16 contacts."""
+    t, pole = np.arange(800) / 400, np.exp(-1 / 40)
+    force = np.maximum(t - 1, 0) ** 2 * np.exp(2 * (t - 2))
+    held = []
+    for seed in range(100, 116):
+        rng = np.random.default_rng(seed)
+        slow = lfilter([1.0], [1.0, -pole], rng.standard_normal(t.size + 500))[500:] * np.sqrt(1 - pole**2)
+        noisy = force + 3e-3 * slow + 1e-3 * rng.standard_normal(t.size)
+        try:
+            done = process_record(RawRecord(t, t - 1, 100 * noisy, "stiff"), settings=Record(indenter="cone"))
+        except RecordError:
+            continue  # too uncertain
+        held.append(abs(done.contact.displacement) <= done.contact.uncertainty)
+    assert len(held) >= 13 and sum(held) >= len(held) - 4  # the binomial 99 % band of 13 to 16

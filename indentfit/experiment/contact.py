@@ -99,9 +99,12 @@ def _searched(ramp: Ramp, settings: Record) -> Located:
             *notes,
             f"the noise of the force is slow: it leaves {approach.independent():.0f} independent samples for the contact point",
         )
+    # Slow noise may hide the sample's law, and one that gives way follows none of powers: contact is as far in doubt as it moves
+    # with the depth that is fitted.
+    moves = approach.moves_in_slow_noise()
     if first is None and gives_way(ramp, contact.free(ramp.record.time, ramp.displacement), contact.displacement):
-        # its force follows no law of powers: contact is as far in doubt as it moves with the depth that is fitted
-        contact = replace(contact, uncertainty=float(np.hypot(contact.uncertainty, approach.doubt.shorter)))
+        moves = max(moves, approach.doubt.shorter)
+    contact = replace(contact, uncertainty=float(np.hypot(contact.uncertainty, moves)))
     pull = approach.pull()
     if pull > PULLED * ramp.peak:
         notes = (

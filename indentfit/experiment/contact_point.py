@@ -34,6 +34,8 @@ PULL = 6.0  # standard deviations of the noise by which the force falls below th
 TRIALS = 60  # simulated records that give the uncertainty of the methods `threshold` and `variance_ratio`
 ON_TRUST = 0.45  # share of the change of the force without contact during the loading, where it cannot be seen, that is in doubt
 SURELY = 3.0  # standard errors from which a drift is one
+SLOW = 0.3  # share of the samples that are independent, below which noise is slow
+OF_NOISE = 3.0  # intervals of the noise
 EVEN = 0.95 * np.sqrt(3.0)  # standard deviations in half of a 95 % interval of an error that is evenly spread, as of rounding
 SIGMAS = 5.0  # standard deviations of the method `threshold`
 
@@ -175,6 +177,15 @@ class Approach:
     def independent(self) -> float:
         """How many independent samples the noise leaves."""
         return independent(self.model.noise)
+
+    def moves_in_slow_noise(self) -> float:
+        """How far the contact point moves with the fitted depth, mm, where the noise is so slow that it may hide the sample's law.
+
+        A shorter stretch has noise of its own: more than some intervals of the whole one count as that. 0 where noise is not slow.
+        """
+        if self.independent() >= SLOW * self.model.residual.size:
+            return 0.0
+        return min(self.doubt.shorter, OF_NOISE * reach(self.model))
 
     def pull(self) -> float:
         """How far the force falls below the baseline close to contact, mN: an adhesive sample pulls; 0 where noise explains it.
