@@ -189,6 +189,9 @@ def test_the_end_mark_of_a_block_is_no_cut_off_line(tmp_path):
         ("時間 (s),ストローク (mm),試験力 (mN)", "cp932"),
         ("시간(s),변위(mm),하중(mN)", "cp949"),
         ("Время (с),Перемещение (мм),Сила (мН)", "cp1251"),
+        ("Время (с),Деформация (мм),Усилие (мН)", "cp866"),
+        ("Час (с),Переміщення (мм),Зусилля (мН)", "koi8-u"),
+        ("Час (с),Переміщення (мм),Сила (мН)", "cp1251"),
         ("Tijd (s),Verplaatsing (mm),Kracht (mN)", "utf-8"),
         ("Czas [s],Przemieszczenie [mm],Siła [mN]", "utf-8"),
         ("time_S,tip_position_mm,normal_force_mN", "utf-8"),
@@ -208,6 +211,32 @@ def test_a_gap_falls_toward_the_sample(header, tmp_path):
     """Rheometers write the gap between their plates."""
     record = read_record(written(tmp_path / "r.txt", [header], (T, 3.0 - D, F)))
     np.testing.assert_allclose(record.displacement, D - 3.0, atol=1e-9)
+
+
+def test_units_of_a_labchart_text_are_those_of_its_channels_and_not_of_their_ranges(tmp_path):
+    """Two blocks; the range of an amplifier is in V, and the unit in a line of its own. The file may leave times out."""
+    keys = "Interval=\t0.01 s\nTimeFormat=\tStartOfBlock\nChannelTitle=\tForce\tDisplacement\nRange=\t10.0 V\t5.0 V\n"
+    keys += "UnitName=\tuN\tum\nTopValue=\t1\t2\n"
+    rows = "".join(f"{t:.4f}\t{1e3 * f:.6f}\t{1e3 * d:.6f}\n" for t, d, f in zip(T, D, F, strict=True))
+    path = tmp_path / "r.txt"
+    path.write_text(keys + rows + keys + rows.replace("\t", "\t ", 1))
+    records = read_records(path)
+    assert len(records) == 2
+    for record in records:
+        np.testing.assert_allclose(record.force, F, atol=1e-8)
+        np.testing.assert_allclose(record.displacement, D, atol=1e-8)
+        np.testing.assert_allclose(record.time, T, atol=1e-4)
+    path.write_text(keys + "".join(line.partition("\t")[2] + "\n" for line in rows.splitlines()))
+    with pytest.raises(RecordError, match="no column of time and no sampling rate"):
+        read_record(path)
+    np.testing.assert_allclose(read_record(path, Record(rate=100)).force, F, atol=1e-8)
+
+
+@pytest.mark.parametrize(("size", "told"), [(1e-6, True), (1.0, False)])
+def test_forces_so_small_that_a_cantilever_measures_them_are_told_in_any_unit(size, told, tmp_path):
+    """A travel of the piezo beside forces in N: the bending of the cantilever is a part of it."""
+    path = written(tmp_path / "r.txt", ["Time (s)\tZSnsr (m)\tForce (N)"], (T, 1e-3 * D, 1e-3 * size * F / F.max()))
+    assert any("what a cantilever bends" in note for note in read_record(path).notes) == told
 
 
 LABVIEW = """LabVIEW Measurement\t

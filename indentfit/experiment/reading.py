@@ -12,6 +12,7 @@ from indentfit.errors import RecordError
 from indentfit.experiment.formats.afm import AfmFormat
 from indentfit.experiment.formats.columns import records
 from indentfit.experiment.formats.format import Format
+from indentfit.experiment.formats.labchart import LabchartFormat
 from indentfit.experiment.formats.labview import LabviewFormat
 from indentfit.experiment.formats.presets import LOOKED_AT, Preset, preset_of
 from indentfit.experiment.formats.table import Table
@@ -20,7 +21,8 @@ from indentfit.experiment.formats.workbook import WorkbookFormat
 from indentfit.experiment.record import RawRecord
 
 WORKBOOK = WorkbookFormat()
-FORMATS: tuple[Format, ...] = (WORKBOOK, AfmFormat(), LabviewFormat(), TextFormat())  # the first that recognises a file reads it
+# the first that recognises a file reads it
+FORMATS: tuple[Format, ...] = (WORKBOOK, AfmFormat(), LabviewFormat(), LabchartFormat(), TextFormat())
 
 
 def read_record(path: str | Path, settings: Record | None = None) -> RawRecord:

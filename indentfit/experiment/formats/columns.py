@@ -11,6 +11,7 @@ import numpy as np
 
 from indentfit.arrays import Array, Ints
 from indentfit.case import Record, RecordChannel
+from indentfit.digits import quantity
 from indentfit.errors import RecordError
 from indentfit.experiment.formats.cantilever import with_force
 from indentfit.experiment.formats.choice import (
@@ -32,6 +33,7 @@ from indentfit.units import unit_factor
 FEWEST_READ = 20  # rows of numbers that are read at all; a record needs FEWEST
 ALIKE = 0.9  # correlation of a deflection with the force that it measures
 OF_CANTILEVERS = ("nN", "pN")  # units of forces that only the bending of a cantilever measures
+SMALL = 1e-3  # mN: forces of a range below it are measured in the same way, in whatever unit
 FLAT = 0.05  # share of the rise of a force that stays at first
 TRAVEL = 2  # rank of the first words (`words.WORDS`) that name the travel of a stage, and not an indentation
 
@@ -328,11 +330,21 @@ def _travel_notes(source: _Source, travel: _Travel) -> Iterator[str]:
             f"the file has a column {source.label(deflection)!r} that is not subtracted from {source.label(place)!r}: the travel "
             "is more than the indentation; give record.displacement.minus"
         )
-    elif deflection is None and not indentation and source.settings.compliance is None and _force_unit(source) in OF_CANTILEVERS:
+    elif deflection is None and not indentation and source.settings.compliance is None and (small := _of_a_cantilever(source)):
         yield (
-            f"forces in {_force_unit(source)} are measured by what a cantilever bends, and {source.label(place)!r} may hold that "
+            f"forces {small} are measured by what a cantilever bends, and {source.label(place)!r} may hold that "
             "bending: give record.stiffness, the cantilever's spring constant; no need where the column is the indentation itself"
         )
+
+
+def _of_a_cantilever(source: _Source) -> str:
+    """How small the forces are, in words, where only the bending of a cantilever measures such; empty where they are larger."""
+    if _force_unit(source) in OF_CANTILEVERS:
+        return f"in {_force_unit(source)}"
+    force = _calibrated(
+        source, chosen_column(source.path, source.table, "force", source.settings.force), "force", source.settings.force
+    )
+    return f"below {quantity(SMALL, 'mN')}" if np.nanmax(force[0]) - np.nanmin(force[0]) < SMALL else ""
 
 
 def _force_unit(source: _Source) -> str | None:

@@ -15,10 +15,16 @@ BYTE_ORDER_MARKS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
+CYRILLIC = (  # Russian, Ukrainian, Bulgarian
+    "время", "перемещение", "сила", "нагрузка", "усилие", "деформация", "глубина", "час", "переміщення", "зусилля",
+    "навантаження", "деформація", "глибина", "време", "преместване", "натоварване", "дълбочина",
+)  # fmt: skip
 TELLING = {  # words of headers, by which an encoding is told from others that decode the bytes too
     "cp932": ("時間", "変位", "荷重", "試験力", "ストローク", "秒"),
     "cp949": ("시간", "변위", "하중"),
-    "cp1251": ("время", "перемещение", "сила", "нагрузка"),
+    "cp1251": CYRILLIC,
+    "cp866": CYRILLIC,  # of programs for DOS
+    "koi8-u": CYRILLIC,
 }
 LOOKED_AT = 4000  # bytes
 

@@ -9,22 +9,23 @@ TARGETS = {"time": "s", "displacement": "mm", "force": "mN"}
 # Words of each quantity in ranks: where a header has several columns of a quantity, the first rank is taken.
 WORDS: dict[str, tuple[str, ...]] = {
     "time": (
-        "time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 tid aika čas zaman thời t",
+        "time zeit prüfzeit temps tiempo tempo 时间 時間 经过时间 elapsed tijd czas время 시간 tid aika čas zaman thời час време t",
         "ts",
     ),
     "displacement": (
         "indentation indent depth penetration separation eindringtiefe eindringweg enfoncement profondeur "
-        "压入深度 深さ 押込み深さ pd",
+        "压入深度 深さ 押込み深さ глубина глибина дълбочина pd",
         "displacement disp extension compression weg standardweg verformung allongement déplacement deplacement desplazamiento "
         "spostamento verplaatsing przemieszczenie перемещение 位移 変位 변위 travel distance deformation deslocamento förskjutning "
-        "chuyển yer "
+        "chuyển yer переміщення преместване деформация деформація pomak deplasare perpindahan vandring carrera "
         "forskydning forskyvning siirtymä posunutí",
         "crosshead traverse traversenweg stroke ストローク hub course position stage step steps",
         "piezo height lvdt tip z d x s h",
     ),
     "force": (
         "force load kraft standardkraft prüfkraft normalkraft charge effort fuerza carga forza kracht siła сила нагрузка "
-        "力 载荷 荷重 試験力 负荷 试验力 하중 fn fz gram grams força síla voima kuvvet lực",
+        "力 载荷 荷重 試験力 负荷 试验力 하중 усилие зусилля навантаження натоварване beban forță "
+        "fn fz gram grams força síla voima kuvvet lực",
         "f p l",
     ),
 }
