@@ -24,6 +24,7 @@ from indentfit.arrays import Array, Bools
 from indentfit.errors import RecordError
 from indentfit.experiment.baselines import Doubt, HiddenDrift, fitted
 from indentfit.experiment.loading import SHORTEST_FILTER, Ramp, filtered
+from indentfit.experiment.noise import noise_in
 from indentfit.experiment.piecewise import POWERS, Piecewise, Stretch, independent, solved, stretch_of
 
 CONFIDENCE = 0.95  # a stated uncertainty is half of this interval
@@ -35,6 +36,7 @@ TRIALS = 60  # simulated records that give the uncertainty of the methods `thres
 ON_TRUST = 0.45  # share of the change of the force without contact during the loading, where it cannot be seen, that is in doubt
 SURELY = 3.0  # standard errors from which a drift is one
 SLOW = 0.3  # share of the samples that are independent, below which noise is slow
+FEWEST_BEFORE = 40  # samples before contact that tell its noise
 OF_NOISE = 3.0  # intervals of the noise
 EVEN = 0.95 * np.sqrt(3.0)  # standard deviations in half of a 95 % interval of an error that is evenly spread, as of rounding
 SIGMAS = 5.0  # standard deviations of the method `threshold`
@@ -181,9 +183,11 @@ class Approach:
     def moves_in_slow_noise(self) -> float:
         """How far the contact point moves with the fitted depth, mm, where the noise is so slow that it may hide the sample's law.
 
-        A shorter stretch has noise of its own: more than some intervals of the whole one count as that. 0 where noise is not slow.
+        A shorter stretch has noise of its own: more than some intervals of the whole one count as that. 0 where the noise before
+        contact is not slow: a law that the powers do not follow leaves a slow residual behind contact.
         """
-        if self.independent() >= SLOW * self.model.residual.size:
+        before = self.model.residual[self.model.stretch.displacement < self.model.contact]
+        if before.size < FEWEST_BEFORE or independent(noise_in(before - before.mean())) >= SLOW * before.size:
             return 0.0
         return min(self.doubt.shorter, OF_NOISE * reach(self.model))
 
