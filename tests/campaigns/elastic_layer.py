@@ -11,7 +11,8 @@ within 0.1 % more, the file's own error. Exit code 1 where a point lies outside 
 
 Measured in the meridian plane, 92 of 92 solved: from -0.28 to +0.11 % at a tenth of the depths, median size 0.06 %. At the depths
 themselves two of 92 lie above 0.3 %, the widest punch on a bonded layer, nu 0.49 and 0.5, at +0.37 and +0.41 %. That is no error of
-the mesh (finer ones: +0.39 %): the layer under it gets thinner by 0.2 %, and stiffer, and a tenth of the depth leaves +0.07 %.
+the mesh (finer ones: +0.39 %): the layer under it gets thinner by 0.2 %, and stiffer, and a tenth of the depth leaves +0.067 and
++0.069 % on the same mesh (commit 956a9ba: +0.368 and +0.413 % at the depths themselves).
 With ten elements along the contact the 36 spheres err by -0.14 to +0.08 %, and the 56 punches by -0.23 to +0.41 % as before (54
 within 0.3 %, median size 0.067 %).
 On quarters of bricks (--symmetry quarter --worst 0.01) the 56 punches err by +0.06 to +0.996 %, those narrower than a 24th of the
