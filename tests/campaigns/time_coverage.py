@@ -8,8 +8,8 @@ curve is fitted on a surrogate of the elastic runs, and the profile intervals of
 
 Seen: sphere mu 381, g1 383, g2 382, tau1 377 and tau2 386 of 400; --indenter punch --friction 0.5 --seed 1: 376, 384, 384, 385 and
 383 (368 to 390 are allowed); Ginf/G0 within 2 % in all; 55 s of CPU each. On 30 November 2026: --seed 2101 383, 374, 383, 379,
-377; --seed 2102 --indenter punch --friction 0.5 383, 382, 383, 386, 390; --seed 2103 --indenter cone --friction 0.3 386, 379, 383, 375,
-377.
+377; --seed 2102 --indenter punch --friction 0.5 383, 382, 383, 386, 390; --seed 2103 --indenter cone --friction 0.3 386, 379, 383,
+375, 377.
 
 Exit code 1 where the coverage of mu, g1 or g2 is outside of the binomial 99 % band, or Ginf/G0 is off by over 2 % in more than 5 %.
 """
