@@ -24,7 +24,8 @@ import numpy as np
 
 from indentfit.arrays import Array
 
-STEP, OF_POLE = 0.6, 0.35  # of the logarithms of a fractional function's rates: at most, and over the distance of K's poles
+STEP, OF_POLE = 0.6, 0.35  # of a fractional function's rates, in `_rule`: at most, and over the distance of poles
+HALVINGS = 40  # of the interval in which that distance lies
 NOTHING = 1e-100  # a share: less is none, and its square would be zero
 SMALLEST_SHARE = 1e-5  # of a force that does not relax
 DENSE = 240  # intervals of a ramp
@@ -272,8 +273,9 @@ def fractional(share: float, time: float, order: float, base: str, shortest: flo
 
         K(r) = sin(alpha pi) / pi  r^(alpha - 1) / (r^(2 alpha) + 2 r^alpha cos(alpha pi) + 1)
 
-    (Gorenflo and Mainardi 1997), which the trapezoidal rule in log(r) sums. Rates that are so slow that they do nothing within
-    `longest` add to the long-term plateau; rates so fast that they are over within `shortest` are left out.
+    (Gorenflo and Mainardi 1997), which the trapezoidal rule sums in log(r), or where K has a narrow peak, near order 1, in a
+    coordinate in which it is wide (`_rule`). Rates that are so slow that they do nothing within `longest` add to the long-term
+    plateau; rates so fast that they are over within `shortest` are left out.
 
     Parameters
     ----------
@@ -292,12 +294,29 @@ def fractional(share: float, time: float, order: float, base: str, shortest: flo
     RelaxationFunction
     """
     plateau = 1.0 if base == "long_term" else 1.0 - share
-    step = min(STEP, OF_POLE * np.pi * (1 - order) / order)
-    logs = np.arange(-REACH / order, REACH / order, step)
-    weights = share * step * _density(logs, order)
+    logs, widths = _rule(order)
+    weights = share * widths * _density(logs, order)
     slow, fast = logs < np.log(1e-6 * time / longest), logs > np.log(1e2 * time / shortest)
     kept = ~slow & ~fast
     return RelaxationFunction(plateau + float(weights[slow].sum()), tuple(weights[kept]), tuple(time * np.exp(-logs[kept])))
+
+
+def _rule(order: float) -> tuple[Array, Array]:
+    """Logarithms (n,) of the rates that stand for the others, in units of 1 / tau, and their widths.
+
+    The density has poles at +-i p, p = pi (1 - order) / order. With log r = u - cos(v)^2 tanh u and v - sin(2 v) / 2 = p, the
+    function of u has none nearer than +-i v, and near order 1 v is far larger than p: a few rates crowd at the peak.
+    """
+    pole = np.pi * (1 - order) / order
+    low, high = 0.0, np.pi / 2
+    for _ in range(HALVINGS if pole < high else 0):
+        middle = (low + high) / 2
+        low, high = (middle, high) if middle - np.sin(2 * middle) / 2 < pole else (low, middle)
+    bend = np.cos(high) ** 2
+    step = min(STEP, OF_POLE * max(high, pole))
+    u = np.arange(-REACH / order, REACH / order, step)
+    flat = np.tanh(u)
+    return u - bend * flat, step * (1 - bend * (1 - flat**2))
 
 
 def _density(logs: Array, order: float) -> Array:
