@@ -8,37 +8,43 @@ where it cannot be used. A kind passes where the held share of the records witho
 95 %, the stated interval of the peak holds it as often at least, and no peak without a flag is off by more than 1 %.
 tests/test_instruments.py reruns it in short.
 
-Half of the laws are outside of what is fitted (`law`). On commit 6b7d875, seed 10010, 200 records of each kind (plain: records
-without a flag, held of them, binomial 99 % band; in brackets, kinds that are nearly always flagged: held of all not refused):
+Half of the laws are outside of what is fitted (`law`). Notes that put nothing in doubt are no flags (`TOLD`).
 
-    approach           172  168  155-170      drift             10    9  7-10  (183: 180)
-    end_not_known      163  155  147-161      slope             12   11  9-12  (178: 173)
-    uneven             164  161  148-162      curved_drift      45   44  38-45
-    coarse_approach    175  171  158-173      small_waves     (196) 188
-    doubled_times      180  170  163-178      slow_noise        14   13  11-14 (198: 178, out of its band of 179-195)
-    blocks             151  140  136-149      ringing          124  121  111-123
-    noisy_travel       163  157  147-161      adhesion        (188) 188
-    steps              121  111  108-120      wavy            (161) 147  (band 145-159)
-    clipped_travel      39   37  33-39        reversed_rows   (200) 192
-    clipped             all 200 refused       clipped_hold     194 refused, 5 of 6
+On commit c9cb075 (nine kinds on one before it), seed 13013, never used before, 200 records of each kind: records without a flag,
+held of them, binomial 99 % band; in brackets, kinds that are nearly always flagged: of all not refused. Every kind is within its
+band, and no peak without a flag is off by over 1 %:
 
-coarse_travel (100 records, with its displacement interpolated): 97 plain, 89 held, band 86-97, no peak off by over 1 %.
-soft_turn was out of its band, 96 of 120, as the slow end of the loading was fitted too; without it 111 of 124 (band 111-123). No
-peak without a flag is off by over 1 %, but one of soft_turn, by 1.19 %.
+    approach           173  167  156-171  preload            172  168  155-170
+    end_not_known      171  163  154-169  stages             162  150  146-160
+    short_approach      81   79   71- 81  relaxing_stages    111  110   99-110
+    in_contact         125  124  112-124  soft_turn          123  117  110-122
+    hold               167  157  151-165  creep              176  165  159-174
+    rest_first         170  164  153-168  cycles             160  149  144-158
+    two_speeds         171  161  154-169  slight_drift        90   84   79- 90
+    retract            174  171  157-172  drift               11   11    8- 11  (187: 183)
+    retract_chosen     173  166  156-171  slope                9    9    6-  9  (176: 169)
+    reversed_rows      176  173  159-174  curved_drift        51   48   44- 51
+    uneven             166  161  150-164  wavy              (166: 155, band 150-164)
+    coarse_approach    162  152  146-160  small_waves       (195: 188, band 177-192)
+    doubled_times      181  174  164-179  slow_noise          26   25   21- 26  (195: 186, band 177-192)
+    blocks             166  159  150-164  ringing            148  146  133-146
+    noisy_travel       167  157  151-165  adhesion          (170: 169, band 153-168)
+    coarse_travel      191  181  173-188  clipped            all 200 refused
+    steps              144  134  129-143  clipped_hold       189 refused, 8 of 11
+    clipped_travel       8    8    5-  8
 
-creep, since a held force ends the loading (its peaks were 122 of 148 on 10010, its contacts 146 of 168 on 41), 200 records each:
-seed 10010 157 of 160 (band 144-158), 41 159 of 167 (151-165), 42 154 of 159 (143-157); all peaks held. soft_turn, since contact of
-a sample that gives way is as far in doubt as it moves with the fitted depth, 120 each: seed 51 63 of 64, 52 62 of 67 (58-67);
-before, 200 each, 101 of 113 and 100 of 113 (101-112). slow_noise is in doubt: of all records, flagged or not, seeds 31 and 32 hold
-531 of 594, and a sample that stiffens steeply under a slow noise 46 of 65; nearly all of them are flagged.
+slow_noise held 531 of 594 (seeds 31 and 32), flagged or not, and a sample that stiffens steeply under a slow noise 46 of 65,
+before contact was as far in doubt there as it moves with the fitted depth; since then 557 of 591 (band 548-575).
 
-On commit 72dee14, seed 9009, all kinds that there were lay within their bands (100 records each), contacts without a flag were held
-in 542 of 553 with a law inside and in 381 of 401 with a law outside. Commit 851e7b6, seed 10010, 200 records each: within the band
-were approach, end_not_known, short_approach, hold, rest_first, two_speeds, retract, cycles, drift, slight_drift, slope and
-curved_drift, with one peak off by -1.27 % without a flag (short_approach, a column) and one by -1.08 % (stages).
+Of ordinary records (approach), seeds 8008, 13013 and 77, 72 of 600 are flagged: 27 as noise leaves the peak uncertain (3 standard
+errors above 1 %), 44 as a drift that the approach cannot rule out may change it by over 1 % (95 %). Without the second, 7 of 600
+records of slight_drift have a peak off by 1.1 to 2.7 % and no flag; by the drifts that are common alone (`HiddenDrift.beyond`),
+54 are flagged and one peak is off by 1.4 %; with 1.64 standard errors in place of 1.96, 61 and the same one.
 
-Before, with all laws inside of what is fitted, seeds 3003, 5005 and 8008 had every kind that was run within its band (25 of 31 on
-8008), and one or two peaks of some 2,800 off by 1.06 to 1.63 %, all in slight_drift.
+Earlier: creep, since a held force ends the loading, seeds 10010, 41 and 42, 157 of 160, 159 of 167 and 154 of 159; seed 10010 on
+commits 6b7d875 and 851e7b6, 200 records each, had every kind but soft_turn and slow_noise within its band, and three peaks off by
+1.08 to 1.27 % without a flag. Seeds 3003, 5005 and 8008, with all laws inside of what is fitted, had 25 of 31 kinds or more
+within their bands, and one or two peaks of some 2,800 off by 1.06 to 1.63 %.
 """
 
 import argparse
@@ -60,6 +66,12 @@ from indentfit.experiment.record import RawRecord
 BAND = 0.99  # of binomial draws
 PEAK = 0.01  # share by which a peak may be off
 FLAGS = ("contact", "zero", "baseline", "approach", "adhesion", "peak", "saturated", "drift")
+TOLD = (
+    "read backwards",
+    "the loading has a pause",
+    "in pauses of the loading",
+    "the record has no approach: the zero of the force is",
+)  # no doubts
 POWERS = {"flat": (1.0, 2.0), "sphere": (1.5, 2.5), "cone": (2.0, 1.5)}
 
 
@@ -488,6 +500,12 @@ class Tally:
         return low <= self.held <= high and self.peak_held >= low and not self.peak_off
 
 
+def is_flag(note):
+    """Whether a note puts contact, zero or peak in doubt; that contact was sought before a pause is no doubt."""
+    told = any(words in note for words in TOLD) and "cannot be told" not in note
+    return not told and any(word in note for word in FLAGS)
+
+
 def tally(kind, trials, seed=0, verbose=False):
     """The Tally of a kind."""
     counts = Tally()
@@ -504,7 +522,7 @@ def tally(kind, trials, seed=0, verbose=False):
             continue
         held = abs(done.contact.displacement - record.truth.contact) <= done.contact.uncertainty
         off = done.peak / record.truth.peak - 1
-        flagged = any(word in note for note in done.notes for word in FLAGS)
+        flagged = any(is_flag(note) for note in done.notes)
         widths.append(done.contact.uncertainty / record.depth)
         if verbose and ((not flagged and (not held or abs(off) > PEAK)) or (verbose == 2 and not held)):
             miss = (done.contact.displacement - record.truth.contact) / record.depth
