@@ -147,6 +147,41 @@ def test_draws_of_a_sample_tell_how_probable_its_curves_are_in_a_population(mean
     assert np.sum(np.abs(drawn.logs[:, 0] - mean) < 2 * sd) > 400
 
 
+class Leaning(Straight):
+    """The same with an uncertain input, normal about the middle of its range, which makes the force up to a half larger."""
+
+    size = 2
+
+    def forces(self, places):
+        return np.column_stack([10 * places[:, 0] * (0.75 + 0.5 * places[:, 1]), np.ones(len(places))])
+
+    def log_prior(self, places):
+        inside = np.all((places >= 0) & (places <= 1), axis=1)
+        return np.where(inside, norm.logpdf(places[:, 1], 0.5, 0.2), -np.inf)
+
+    def values(self, places):
+        return 10 * places[:, :1]
+
+    def start(self):
+        return np.full(2, 0.5)
+
+
+def test_uncertain_inputs_of_a_sample_are_integrated_out_where_the_population_is():
+    """A quadrature over parameter and input is the oracle."""
+    own = SampleDensity.of("s", "all", [(1.0, Leaning(), Gaussian(2.0, 0.1))], 0)
+    logs, inputs = np.linspace(-1, 2, 1501), np.linspace(0, 1, 401)
+    curves = np.exp(logs)[:, None] * (0.75 + 0.5 * inputs)
+    likely = trapezoid(np.exp(-0.5 * ((curves - 2.0) / 0.1) ** 2) * norm.pdf(inputs, 0.5, 0.2), inputs, axis=1)
+    drawn = own.under(Predicted(np.array([[0.8]]), np.array([[0.05]])))
+    exact = [trapezoid(likely * norm.pdf(logs, mean, 0.05), logs) for mean in (0.8, 0.75)]
+    known = [drawn.weights @ norm.pdf(drawn.logs[:, 0], mean, 0.05) for mean in (0.8, 0.75)]
+    assert known[0] / known[1] == pytest.approx(exact[0] / exact[1], rel=0.05)
+    first = own.draws()
+    assert np.average(first.logs[:, 0], weights=first.weights) == pytest.approx(
+        trapezoid(likely * logs, logs) / trapezoid(likely, logs), abs=0.02
+    )
+
+
 def test_groups_are_read_from_a_column_and_faults_are_named(tmp_path):
     path = tmp_path / "manifest.csv"
     path.write_text("sample,treatment\na,control\na,control\nb,treated\n")
