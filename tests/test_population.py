@@ -230,5 +230,7 @@ def test_the_command_fits_samples_as_one_population(tmp_path):
     assert "mu is determined in 0 of 6 samples" in unsure.summary() and "is determined in" not in stored.summary()
     assert "not determined" in unsure.summary().splitlines()[1] and unsure.as_json()["not_determined"] == ["mu"]
     unsure.plot()
+    few = replace(stored, hierarchy=replace(stored.hierarchy, effective=40.0)).summary()
+    assert "rests on 40 effective draws" in few and "effective" not in stored.summary()
     assert CliRunner().invoke(main, ["report", str(out)]).exit_code == 0
     assert "treated / none" in (out / "report.html").read_text()

@@ -22,6 +22,7 @@ from indentfit.inference.plain import Interval
 
 USUAL, WIDEST = 1.0, 3.0  # standard deviation of a logarithm between samples: scale of its prior, and largest
 DRAWS, ROUNDS, ENOUGH = 2000, 12, 400  # of the means and spreads: draws of a round, rounds, effective draws after which they end
+FEW = 100  # effective draws below which intervals are rough
 HEAVY = 5.0  # degrees of freedom of the tails of the draws
 OF_SAMPLE = 1000  # draws of each sample's parameters
 SHOWN = 200  # draws of means and spreads under which each sample is estimated again
@@ -128,11 +129,18 @@ class Contrast:
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """The population: its parameters, the contrasts of its groups, and each sample's values given all samples (shrunken)."""
+    """The population: its parameters, the contrasts of its groups, each sample's values given all samples (shrunken), and the
+    effective number of draws from which these come."""
 
     parameters: dict[str, PopulationParameter]
     contrasts: tuple[Contrast, ...] = ()
     shrunken: dict[str, dict[str, Known]] = field(default_factory=dict)
+    effective: float = float(ENOUGH)
+
+    @property
+    def rough(self) -> bool:
+        """Whether the draws are too few for good intervals."""
+        return self.effective < FEW
 
 
 def hierarchy(
@@ -165,11 +173,11 @@ def hierarchy(
     groups = list(dict.fromkeys([reference, *(sample.group for sample in samples)]))
     model = _Model(tuple(samples), tuple(groups), len(units))
     rng = np.random.default_rng(seed)
-    draws = model.posterior(rng)
+    draws, effective = model.posterior(rng)
     for _ in range(AGAIN if again else 0):
         assert again is not None
         model = replace(model, samples=tuple(again(model.predicted(draws[:SHOWN]))))
-        draws = model.posterior(rng, draws)
+        draws, effective = model.posterior(rng, draws)
     means, sds = model.split(draws)  # (m, g, p), (m, p)
     common = np.array([shared.get(name, 0.0) for name in units])
     shift = rng.standard_normal((len(draws), len(units))) * common
@@ -183,7 +191,7 @@ def hierarchy(
         for g, group in enumerate(groups[1:], start=1):
             ratio = np.exp(means[:, g, k] - means[:, 0, k])
             contrasts.append(Contrast(name, group, reference, _known(ratio), float(np.mean(ratio > 1))))
-    return Hierarchy(parameters, tuple(contrasts), model.shrunken(draws[:SHOWN], list(units), common, rng))
+    return Hierarchy(parameters, tuple(contrasts), model.shrunken(draws[:SHOWN], list(units), common, rng), effective)
 
 
 def _known(draws: Array) -> Known:
@@ -221,9 +229,9 @@ class _Model:
         terms -= 0.5 * np.sum((mean / sds) ** 2, axis=1) + np.log(sds).sum(axis=1)
         return terms
 
-    def posterior(self, rng: np.random.Generator, before: Array | None = None) -> Array:
+    def posterior(self, rng: np.random.Generator, before: Array | None = None) -> tuple[Array, float]:
         """Draws of the coordinates from their posterior, (DRAWS, n), by adaptive importance sampling that begins where the draws of
-        a similar posterior are."""
+        a similar posterior are; and their effective number."""
         centre, covar = self._start() if before is None else (before.mean(axis=0), np.atleast_2d(np.cov(before.T)))
         effective, kept = 0.0, np.tile(centre, (DRAWS, 1))
         wider = 2.0
@@ -243,7 +251,7 @@ class _Model:
             apart = places - centre
             covar = (apart * soft[:, None]).T @ apart + 1e-8 * np.eye(centre.size)
             wider = 1.3
-        return kept
+        return kept, effective
 
     def _start(self) -> tuple[Array, Array]:
         """The moments of the samples' own means, as a first guess."""

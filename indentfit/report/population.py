@@ -32,7 +32,9 @@ def population_lines(result: Population) -> Iterator[str]:
 
 
 def undetermined(result: Population) -> Iterator[str]:
-    """A sentence for each parameter that most samples do not determine."""
+    """A sentence for each parameter that most samples do not determine, and one where draws are few."""
+    if result.hierarchy is not None and result.hierarchy.rough:
+        yield f"the population rests on {result.hierarchy.effective:.0f} effective draws: take its intervals for rough"
     for name in result.weak:
         yield (
             f"{name} is determined in {result.told[name]} of {len(result.groups) - len(result.left_out)} samples, so its spread "
