@@ -78,7 +78,7 @@ def test_a_flat_punch_presses_with_spring_times_penetration(element):
 def test_contact_acts_on_the_nodes_that_may_touch_and_on_no_other(name, element):
     """The direct solver's factor ends in a dense matrix of these dofs: the nodes below them would make it several times larger."""
     contact, solid = contact_of(INDENTERS[name], 0.5, element)
-    facets = np.concatenate([solid.mesh.boundaries[part] for part in ("footprint", "overhung")])
+    facets = np.concatenate([solid.mesh.boundaries[part] for part in ("footprint", "beside", "overhung")])
     assert_allclose(contact.surface, np.sort(solid.basis.get_dofs(facets).flatten()))
 
 

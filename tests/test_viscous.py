@@ -340,7 +340,7 @@ def one_element(*_, **__):
     places = {"top": (1, 3.0), "base": (1, 0.0), "x0": (0, 0.0), "z0": (2, 0.0), "footprint": (1, 3.0)}
     sides = {name: block.facets_satisfying(lambda x, i=i, at=at: np.abs(x[i] - at) < 1e-9) for name, (i, at) in places.items()}
     quadratic = MeshHex2.from_mesh(block)
-    return MeshHex2(quadratic.p, quadratic.t).with_boundaries({**sides, "overhung": np.zeros(0, int)})
+    return MeshHex2(quadratic.p, quadratic.t).with_boundaries({**sides, **dict.fromkeys(("beside", "overhung"), np.zeros(0, int))})
 
 
 def isochoric(x, b):

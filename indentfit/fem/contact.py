@@ -32,7 +32,7 @@ Where the footprint is tied and the punch sinks in, the surface beside the edge 
 plane this surface is a candidate for contact with that upright wall, which is smooth. Without the wall the surface would pass into
 the punch, and the sample would have several equilibria there, whose forces differ by 2 to 3 %. The surface beside a rounded edge
 comes to lie against the wall above it, too, from a depth of about six edge radii on: without it forces were up to 3 % off at a
-depth of 15 edge radii and 12 % at thirty.
+depth of 15 edge radii and 12 % at thirty; bricks were not solved at thirty.
 
 Springs have to be stiff enough for the pressure p, too (`ContactFace.firm`). In a wave of the surface along the face, of wave
 number k, the pressure pushes the crests into the springs: it gains p k for each unit of sliding and of sinking in, against the

@@ -57,23 +57,24 @@ class ContactPoints(Protocol):
 
 
 class NodePoints:
-    """The nodes of the facets of bricks that may touch: the footprint, then the side that the indenter overhangs.
+    """The nodes of the facets of bricks that may touch: the footprint, the surface beside it, the side that the indenter overhangs.
 
     Parameters
     ----------
     solid : Solid, Tied or Sliding
-        Its mesh has the boundaries footprint and overhung.
+        Its mesh has the boundaries footprint, beside and overhung.
     thickness : float, mm
     """
 
     def __init__(self, solid: Solid | Tied | Sliding, thickness: float) -> None:
-        parts = [solid.mesh.boundaries[name] for name in ("footprint", "overhung")]
+        parts = [solid.mesh.boundaries[name] for name in ("footprint", "beside", "overhung")]
         facets, self.under = np.concatenate(parts), np.arange(sum(map(len, parts))) < len(parts[0])
         elements, nodes, areas = facet_nodes(solid, facets)
         self.dofs, self.n_dofs = solid.dofs[elements, nodes], solid.n_dofs
         self._signs, self._nodes, self._n_nodes = solid.signs[elements, nodes], solid.nodes[elements, nodes], solid.basis.N // 3
         self.X = np.ascontiguousarray(np.moveaxis(solid.basis.doflocs[:, 3 * self._nodes], 0, -1))
-        counts = self.under[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the footprint alone
+        side = np.arange(len(facets)) >= len(facets) - len(parts[-1])
+        counts = ~side[:, None] | (self.X[..., 1] < thickness * (1 - 1e-9))  # the top's nodes belong to the top's facets alone
         self.weights = np.ascontiguousarray(areas * counts)
         self.spacing = np.sqrt(areas.sum(axis=1)) / (np.sqrt(areas.shape[1]) - 1)
         self.surface, places = np.unique(self.dofs, return_inverse=True)

@@ -71,6 +71,7 @@ FAR_REACH, REACHES = 24.0, 0.9
 # A round contact that grows wider than the thickness ends farther out than on a half-space, in coarser elements: default meshes
 # have more elements in all, by up to WIDE_DEFAULT, where its radius there is WIDE thicknesses.
 WIDE, WIDE_DEFAULT = (1.2, 1.4), 1.25
+WALL = 2.0  # depth, in radii of a rounded edge, from which on the surface beside it may come to lie against the wall above it
 GROWTH = 1.2  # power with which the number of elements grows as the wanted error falls
 FEWEST = 20
 
@@ -128,8 +129,8 @@ def quarter(
     -------
     MeshHex, or for quadratic bricks MeshHex2
         A mesh with the boundaries top, base, x0, z0 (empty where the plane lies inside of the mesh), footprint (facets of the top
-        that may touch the indenter) and overhung (facets of the side that may touch it, below a strip that is longer than the
-        sample; otherwise none).
+        that may touch the indenter's face), beside (those that may come to lie against the wall above a rounded edge) and overhung
+        (facets of the side that may touch the indenter, below a strip that is longer than the sample; otherwise none).
 
     Raises
     ------
@@ -237,11 +238,23 @@ def _bricks(task: _Task, size: float, rim: float, grown: tuple[int, ...]) -> Mes
             "x0": lambda p: np.abs(p[0]) < eps,
             "z0": lambda p: np.abs(p[2]) < eps,
             "footprint": lambda p: (p[1] > top - eps) & inside(p),
+            "beside": lambda p: (p[1] > top - eps) & ~inside(p) & _beside(task, np.abs(p[0]), np.abs(p[2])),
             "overhung": lambda p: (
                 (p[1] < top - eps) & (p[1] > lowest) & (np.abs(p[0]) > eps) & (np.abs(p[2]) > eps) & side(p) & inside(p)
             ),
         }
     )
+
+
+def _beside(task: _Task, x: Array, z: Array) -> Bools:
+    """Which points of the top, at x and z (n,) in mm, may come to lie against the wall above a rounded edge, by their distance."""
+    radius = task.indenter.edge_radius
+    if not radius or task.depth < WALL * radius:
+        return np.zeros(x.shape, dtype=bool)
+    contact = task.indenter.partition(task.depth)
+    if isinstance(contact, Rings):
+        return np.asarray(np.hypot(x, z) < contact.radius + task.depth)
+    return (x < contact.half_length + task.depth) & (z < contact.half_width + task.depth)
 
 
 def _parts(task: _Task, size: float, rim: float = 1.0, scaled: bool = True) -> tuple[list[Array], Array]:
