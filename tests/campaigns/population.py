@@ -9,6 +9,10 @@ folder keeps the runs and the sets, so that a campaign goes on where it was stop
 
 Prints for each parameter how often its mean, its spread and the samples' own values lie in their intervals, with the exact binomial
 99 % band about 95 % for the sets, and the medians of the spread and of the plain spread of the samples' best values.
+
+Seen on 30 November 2026, the first 56 sets (band 48 to 56): the mean of mu, zeta, phi held in 54, 56, 54, the spread in 53, 53, 56;
+the samples' own values in 657, 654, 658 of 672. Medians of the spread 0.21, 0.20, 0.30 (that of phi 0.04 to 1.1, by the interval),
+of the plain spread 0.19, 0.26, 0.70. 7 s of CPU for a set.
 """
 
 import argparse
