@@ -246,8 +246,9 @@ def prony(shares: Sequence[float], times: Sequence[float], base: str = "long_ter
 def fractional_in_series(share: float, time: float, order: float, base: str, part: float) -> tuple[float, float]:
     """Share and time of the fractional function that `RelaxationFunction.in_series` makes of one, which is one of the same order.
 
-    With x = (p tau)^alpha, p m^ = (1 + (1 + g) x) / (1 + x) on the long-term base, so that p M^ is the same function of
-    (1 + s g) x; on the instantaneous base p m^ = (1 - g + x) / (1 + x), and p M^ is that of x / (1 - s g).
+    With x = (p tau)^alpha, p m^ = (1 + (1 + g) x) / (1 + x) on the long-term base, so that p M^ is one of the same form,
+    with the share g (1 - s) / (1 + s g), of (1 + s g) x; on the instantaneous base p m^ = (1 - g + x) / (1 + x), and p M^ is one of
+    the same form, with the share g (1 - s) / (1 - s g), of x / (1 - s g).
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ ON_TRUST = 0.45  # share of the change of the force without contact during the l
 SURELY = 3.0  # standard errors from which a drift is one
 SLOW = 0.3  # share of the samples that are independent, below which noise is slow
 FEWEST_BEFORE = 40  # samples before contact that tell its noise
-OF_NOISE = 3.0  # intervals of the noise
+OF_NOISE = 3.0  # half widths of contact's interval by noise alone: no longer a move of contact counts
 EVEN = 0.95 * np.sqrt(3.0)  # standard deviations in half of a 95 % interval of an error that is evenly spread, as of rounding
 SIGMAS = 5.0  # standard deviations of the method `threshold`
 
@@ -183,8 +183,9 @@ class Approach:
     def moves_in_slow_noise(self) -> float:
         """How far the contact point moves with the fitted depth, mm, where the noise is so slow that it may hide the sample's law.
 
-        A shorter stretch has noise of its own: more than some intervals of the whole one count as that. 0 where the noise before
-        contact is not slow: a law that the powers do not follow leaves a slow residual behind contact.
+        A shorter stretch has noise of its own: what exceeds OF_NOISE times `reach` counts as that. 0 where the noise before
+        contact is not slow (a law that the powers do not follow leaves a slow residual behind contact), and where fewer than
+        FEWEST_BEFORE samples before contact do not tell whether it is.
         """
         before = self.model.residual[self.model.stretch.displacement < self.model.contact]
         if before.size < FEWEST_BEFORE or independent(noise_in(before - before.mean())) >= SLOW * before.size:

@@ -95,6 +95,7 @@ class Equilibrium:
             residual_error=float(missing),
             withheld=0.0,
             rate=rate,
+            step=0.0,
             derivatives=None,
         )
 

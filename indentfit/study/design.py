@@ -91,9 +91,13 @@ class Design:
         What the records of the case cannot see of a relaxation; empty where the material is elastic.
     view_noise : float or None, mm
         Standard deviation of a displacement in a side view; None in files of earlier versions.
-    half_width, between : dicts of parameter -> half width, and (least, largest), or None
+    half_width : dict of parameter -> half width, or None
+        Half width of the 95 % interval that a fit of the case's own tests is expected to state; None in files of earlier versions.
+    between : dict of parameter -> (least, largest), or None
+        Half widths between which 90 % of such fits are expected to state theirs; None where the design is not at an estimate that
+        leaves much open.
     unsolved : int
-        Of the 95 % intervals by the case's own tests, as those of a `FurtherTest`.
+        Number of the values that the estimate leaves open at which the case's own tests have no solution.
     """
 
     FORMAT: ClassVar[str] = "indentfit.design/2"

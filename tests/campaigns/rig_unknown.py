@@ -90,7 +90,6 @@ def fitted(name: str, asked: argparse.Namespace, shared: Path | None) -> tuple[d
         command += [word for key in sets for word in ("--set", key)]
         command += ["--reuse", str(shared)] if shared else []
         command += ["--resume"] if (asked.folder / f".{output.name}.unfinished").exists() else []
-        command += ["--resume"] if (asked.folder / f".{output.name}.unfinished").exists() else []
         with (asked.folder / f"{output.name}.log").open("w") as log:
             subprocess.run(command, stdout=log, stderr=log, check=False)
     return json.loads((output / "result.json").read_text()), output
