@@ -225,8 +225,16 @@ def test_values_at_which_a_test_has_no_solution_are_counted_and_told(monkeypatch
         again = Design.from_json(json.loads(json.dumps(told.as_json())))
         assert again.summary() == told.summary()
         if unsolved:
-            assert {pair.unsolved for pair in told.pairs if "width 4" in pair.first + pair.second} == {1}
-            assert words in design_page(Stored(tmp_path, told, None, (), None, {}), told).sections[1].parts[-1].lines[0]
+            wide_pairs = [pair for pair in told.pairs if "width 4" in pair.first + pair.second]
+            assert {pair.unsolved for pair in wide_pairs} == {1}
+            said = f"{wide_pairs[0].first}; and {wide_pairs[0].second}: no solution at 1 of the values"
+            lines = design_page(Stored(tmp_path, told, None, (), None, {}), told).sections[1].parts[-1].lines
+            assert words in lines[0] and said in " ".join(lines) and "where there is no solution" in lines[0]
+            last = replace(told, candidates=(*[test for test in told.candidates if test not in wide], *wide), pairs=())
+            assert words not in last.summary()  # its table ends before them
+            assert words in design_page(Stored(tmp_path, last, None, (), None, {}), last).sections[1].parts[-1].lines[0]
+            lost = replace(told, between=None, unsolved=3)
+            assert "the span is that of single fits" in told.summary() and "the span is" not in lost.summary()
 
 
 def test_other_kinds_and_pairs_are_ranked(springs):

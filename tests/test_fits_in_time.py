@@ -23,7 +23,7 @@ from indentfit.fem.time_map import TimeMap
 from indentfit.hereditary import Ramp, prony
 from indentfit.inference.certainty import Certainty
 from indentfit.inference.density import Density
-from indentfit.inference.fit import _judged, _worse
+from indentfit.inference.fit import _judged, _with_moduli, _worse
 from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import JointFit, ModelError, first_runs, joint_fit
 from indentfit.inference.joint_profiles import joint_profiles
@@ -295,6 +295,17 @@ def test_a_fit_of_ramp_and_hold_has_the_moduli_and_the_relaxation(fitted):
     assert any("viscoelastic model; the hereditary integral of the elastic force differs by" in note for note in fitted.notes)
     (form,) = fitted.closed_forms.values()  # a layer of finite strain under a sphere of 1 mm, 0.3 mm deep at the end
     assert form.base_in_time == "long_term" and form.layer == pytest.approx(fitted.parameters["mu"].value, rel=0.1)
+
+
+def test_a_fit_with_a_retraction_says_how_deep_its_forces_go(fitted):
+    """The last displacement is that of the retraction; forces are a third above those of the fit."""
+    curve = fitted.measured["press"]
+    known = np.append(curve.displacement, [0.2, 0.1]), 4 / 3 * np.append(curve.force, curve.force[-1] * np.array([0.5, 0.2]))
+    back = Curve(*known, time=np.append(curve.time, curve.time[-1] + np.array([0.1, 0.2])))
+    case = case_of(back, {"terms": 2})
+    notes = _with_moduli(case, replace(fitted, case=case, notes=())).notes
+    (said,) = [note for note in notes if "below that of the elastic layer" in note]
+    assert "the fit all forces to 0.3 mm" in said and "a law or relaxation that does not follow the curve" in said
 
 
 def test_a_fit_in_time_is_written(fitted, tmp_path):

@@ -9,6 +9,7 @@ from fixtures.cases import SHARED, straight_curve, tiny_case
 
 from indentfit.case.laws import isotropic_moduli
 from indentfit.curve import Curve, write_curve
+from indentfit.elastic import bulk_ratio
 from indentfit.experiment.measured import read_case
 from indentfit.inference.moduli import moduli
 from indentfit.inference.result import FitResult, ParameterEstimate
@@ -90,6 +91,18 @@ def test_a_hertz_curve_gives_its_modulus_back(tmp_path):
     assert form.sphere == pytest.approx(0.0080, abs=1e-4) and form.at_the_end(3.0, curve) == ""
     said = form.at_the_end(3.0, Curve(d, 0.974 * curve.force))
     assert "at 0.2 mm the model's force is 2.7% below" in said and "0.8% of it because a sphere is no paraboloid" in said
+
+
+def test_a_fitted_bulk_ratio_decides_the_closed_forms_modulus(tmp_path):
+    """A flat punch on a half-space: F = 4 mu a d / (1 - nu), of a sample that may have been taken for incompressible."""
+    d, nu = np.linspace(0.01, 0.2, 20), 0.3
+    punch = {"shape": "cylinder", "width": None, "length": None, "radius": 2.5, "friction": 0.0}
+    sample = {"diameter": 4000.0, "thickness": 2000.0, "base": "bonded"}
+    case = press(tmp_path, Curve(d, 4 * 3.0 * 2.5 / (1 - nu) * d), sample=sample, indenter=punch, material={"poisson_ratio": 0.5})
+    for fitted, mu in (({"mu": 3.0}, 3.0 * 0.5 / 0.7), ({"mu": 3.0, "bulk_ratio": bulk_ratio(nu)}, 3.0)):
+        form = closed_forms(case, {"press": case.curves[0]}, 3.0, fitted)["press"]
+        assert (form.half_space, form.layer) == (pytest.approx(mu), pytest.approx(mu, rel=2e-3))
+    assert form.poisson_ratio == pytest.approx(nu)
 
 
 def test_the_brain_under_a_punch(tmp_path):

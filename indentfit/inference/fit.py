@@ -387,7 +387,7 @@ def _with_moduli(case: Case, result: FitResult) -> FitResult:
     values = {name: known.value for name, known in result.parameters.items()}
     shear_modulus = case.law(**{name: values[name] for name in case.law.parameters}).shear_modulus
     forms = closed_forms(case, result.measured, shear_modulus, values)
-    said = [(name, form.beside(shear_modulus, result.measured[name].displacement[-1])) for name, form in forms.items()]
+    said = [(name, form.beside(shear_modulus, result.measured[name].deepest)) for name, form in forms.items()]
     said += [(name, form.at_the_end(shear_modulus, result.curves[name])) for name, form in forms.items() if name in result.curves]
     notes = (*result.notes, *(f"{name}: {why}" for name, why in said if why and result.objective is not None))
     notes = (*notes, *left_out(case))

@@ -65,7 +65,7 @@ def _tests(design: Design) -> Section:
             for pair in design.pairs
         )
         parts.append(Table(f"Pairs of further tests, the best for {design.worst} first", header, pairs))
-    parts.append(Lines(tuple(f"Note: {note}." for note in design_notes(design))))
+    parts.append(Lines(tuple(f"Note: {note}." for note in design_notes(design, design.candidates, design.pairs))))
     return Section("tests", "Further tests", tuple(parts))
 
 

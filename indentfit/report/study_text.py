@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from indentfit.digits import Scale, sizes
 from indentfit.study.convergence import Approach, Index
-from indentfit.study.design import Design
+from indentfit.study.design import Design, FurtherPair
 from indentfit.study.further import FurtherTest
 from indentfit.study.mesh_check import MeshCheck, MeshResult
 from indentfit.study.refit import Refit
@@ -22,7 +22,7 @@ OPEN = (
 )
 UNSOLVED = (
     "{}: no solution at {} of the values that the estimate leaves open: half widths and spans are those at the others and at the "
-    "estimate, and may be wider there"
+    "estimate, and may be wider where there is no solution"
 )
 SHOWN, SHOWN_PAIRS = 12, 3  # further tests in the table of a design, and pairs below it
 
@@ -242,15 +242,17 @@ def design_lines(design: Design) -> Iterator[str]:
         yield f"pair      {pair.first}; and {pair.second}: {gain:.2g} times narrower" + (
             f"; needs {pair.effort}" if pair.effort else ""
         )
-    yield from (f"note      {remark}" for remark in design_notes(design))
+    shown = design.candidates[:SHOWN], design.pairs[:SHOWN_PAIRS]
+    yield from (f"note      {remark}" for remark in design_notes(design, *shown))
 
 
-def design_notes(design: Design) -> tuple[str, ...]:
-    """What has to be known beside the numbers of a design: the meaning of its intervals, and where there was no solution."""
-    shown = [test for test in design.candidates[:SHOWN] if test.unsolved > design.unsolved]
-    gone = [UNSOLVED.format(test.whole_words, test.unsolved) for test in shown]
+def design_notes(design: Design, tests: Sequence[FurtherTest], pairs: Sequence[FurtherPair]) -> tuple[str, ...]:
+    """What has to be known beside the numbers of a design that shows so many tests and pairs: the meaning of its intervals, and
+    where there was no solution."""
     own = [UNSOLVED.format("the tests of the case", design.unsolved)] if design.unsolved else []
-    return *design.remarks, *own, *gone, OPEN if design.between or design.unsolved else LEARNS
+    gone = [UNSOLVED.format(test.whole_words, test.unsolved) for test in tests if test.unsolved > design.unsolved]
+    both = [UNSOLVED.format(f"{pair.first}; and {pair.second}", pair.unsolved) for pair in pairs if pair.unsolved > design.unsolved]
+    return *design.remarks, *own, *gone, *both, OPEN if design.between else LEARNS
 
 
 def _span(design: Design, judged: Design | FurtherTest) -> str:

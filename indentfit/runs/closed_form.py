@@ -127,7 +127,7 @@ class ClosedForm:
             f"mu of the fit is {abs(apart):.1%} {side} that of the elastic layer: the layer takes forces to "
             f"{quantity(self.depth, 'mm', 3)}, at small strain and without friction, the fit all forces to "
             f"{quantity(deepest, 'mm', 3)}; finite strain, friction, the sample's width, "
-            "or a law that does not follow the curve make the difference"
+            f"or a law {'or relaxation ' if self.base_in_time else ''}that does not follow the curve make the difference"
         )
 
     def at_the_end(self, shear_modulus: float, model: Curve) -> str:
@@ -189,7 +189,7 @@ class ClosedForm:
 
 
 def closed_forms(
-    case: Case, curves: Mapping[str, Curve], shear_modulus: float, relaxed: Mapping[str, Any] | None = None
+    case: Case, curves: Mapping[str, Curve], shear_modulus: float, fitted: Mapping[str, Any] | None = None
 ) -> dict[str, ClosedForm]:
     """The ClosedForm of each curve that has one.
 
@@ -199,21 +199,22 @@ def closed_forms(
     curves : mapping of the name of a test to its curve
     shear_modulus : float, kPa
         Of the simulation or the fit: it decides Poisson's ratio where the case gives a bulk modulus.
-    relaxed : mapping of name -> value, or None
-        The parameters of a relaxation, among others; a material that relaxes has no closed forms without.
+    fitted : mapping of name -> value, or None
+        The parameters of a fit: a fitted bulk ratio decides Poisson's ratio, and those of a relaxation the forces in time. A
+        material that relaxes has no closed forms without.
 
     Returns
     -------
     dict of test -> ClosedForm
         Empty for a material with fibres, and for a sample with layers.
     """
-    if has_fibres(case.law) or (case.material.relaxation is not None and relaxed is None) or next(left_out(case), None):
+    if has_fibres(case.law) or (case.material.relaxation is not None and fitted is None) or next(left_out(case), None):
         return {}
     nu = case.material.poisson_ratio_at(shear_modulus)
-    if case.relaxation is not None and relaxed and BULK in relaxed:
-        nu = elastic.poisson_ratio(relaxed[BULK])
+    if fitted and BULK in fitted:
+        nu = elastic.poisson_ratio(fitted[BULK])
     tests = [test for test in case.indentations if test.name in curves]
-    forms = {test.name: _closed_form(case, test, curves[test.name], nu, relaxed or {}) for test in tests}
+    forms = {test.name: _closed_form(case, test, curves[test.name], nu, fitted or {}) for test in tests}
     return {name: form for name, form in forms.items() if form is not None}
 
 
