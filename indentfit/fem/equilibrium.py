@@ -14,9 +14,6 @@ from indentfit.fem.directions import Direction
 from indentfit.fem.equations import Balance, Increment, Iterate, Linearisation
 from indentfit.fem.linear.solver import LinearSolver
 
-# Relative residual of the motion at rest: under the stiff springs of a linear solve 1e-6 left stiffnesses of strips 4 % off.
-ACCURACY = 1e-9
-
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
@@ -138,7 +135,7 @@ def equilibrium_of(
     fresh = solver.refresh()
     by_depth = increment.equations.fixed.freed(face.by_depth(contact))
     # a low accuracy of the motion serves to predict a step; a requested stiffness needs full accuracy
-    motion = solver.solve(there.tangent, -by_depth, ACCURACY if at_rest else None, deadline=deadline)
+    motion = solver.solve(there.tangent, -by_depth, sensitivity.ACCURACY if at_rest else None, deadline=deadline)
     rate = face.rate(contact, motion)
     penalty_error = face.penalty_error(contact, rate, loading.springs)
     derivatives = None

@@ -25,6 +25,7 @@ from indentfit.inverse.objective import equation_one
 from indentfit.inverse.polynomials import design_points, warp
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
+from indentfit.inverse.stretching import otherwise_stretched
 from indentfit.inverse.surrogate import Surrogate, learn
 from indentfit.inverse.wide import UncertainInput
 from indentfit.runs.forward import Evaluation
@@ -199,6 +200,9 @@ def joint_fit(
         surrogate = learn(problem, model.known, exact=True)
         if surrogate is None:
             return None
+        if len(proofs) >= ROUNDS and not proofs[-1].right:
+            surrogate = otherwise_stretched(surrogate, model.known)
+            problem = surrogate.problem
         progress(0.6 + 0.4 * min(len(proofs) / ROUNDS, 1.0), f"surrogate of {len(surrogate.training)} runs")
         fit = replace(fitted(problem, inputs, surrogate, error, seed), proofs=tuple(proofs), history=tuple(history))
         enough = settled(fit)
