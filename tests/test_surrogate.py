@@ -1,5 +1,7 @@
 """The surrogate and the searches on it: exact where it must be, honest about its error, and right about the optimum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fixtures.formulas import DEPTH, FREE, TRUTH, Formula, bent, formula, problem
@@ -15,6 +17,7 @@ from indentfit.inverse.polish import polish
 from indentfit.inverse.polynomials import design_points
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.progress import SILENT
+from indentfit.inverse.stretching import otherwise_stretched
 from indentfit.inverse.surrogate import fit_polynomial, learn
 from indentfit.runs.forward import Evaluation
 
@@ -84,6 +87,29 @@ def test_the_error_it_states_is_that_of_leaving_each_run_out(slopes, monkeypatch
         errors.append(np.sqrt(np.sum((predicted[0] - left.curves) ** 2)) * left.weight)
     points = found.training[0].curves.size
     assert found.error == pytest.approx(np.sqrt(np.mean(np.square(errors)) / points), rel=1e-6)
+
+
+def test_a_widened_problem_stretches_a_range_by_the_runs_near_its_optimum():
+    """Curves that go by the reciprocal of a parameter, as those of a limit of stretch, leave nothing right by the usual stretch."""
+
+    def reciprocal(zeta, phi):
+        return DEPTH * (1 + 0.5 / (0.02 + zeta) + 0.1 * phi)
+
+    def linear(zeta, phi):
+        return DEPTH * (1 + 0.3 * zeta + 0.1 * phi)
+
+    near = np.random.default_rng(3).uniform((0.2, 0.1), (0.35, 0.3), (9, 2))
+    places = np.vstack([design_points(2, True, 0), near])
+    for function, better in ((reciprocal, True), (linear, False)):
+        whole = replace(one_test(function(5.0, 0.7), "zeta", "phi"), warps={"phi": 0.0})
+        known_runs = runs(function, places, slopes=True)
+        usual = learn(whole, known_runs)
+        other = otherwise_stretched(usual, known_runs)
+        there = np.random.default_rng(4).uniform((0.2, 0.1), (0.35, 0.3), (50, 2))
+        true = np.array([function(20 * u, 5 * v) for u, v in there])
+        off, then = (np.abs(known.curves(there) - true).max() for known in (usual, other))
+        assert (other.problem.warps.get("zeta", 10.0) > 10.0) == better and other.problem.warps["phi"] == 0.0
+        assert then < 0.1 * off if better else then <= off
 
 
 def test_sensitivities_save_runs():
