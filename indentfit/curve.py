@@ -391,7 +391,7 @@ def _not_rising(displacement: Array, axes: Axes = INDENTATION, timed: bool = Fal
     unit = " mm" if axes.across == "displacement" else ""
     for n in map(int, np.flatnonzero(np.diff(np.maximum(displacement, 0.0)) <= 0)[:1] + 1):
         wrong = f"comes after {displacement[n - 1]:g}{unit}; sort the lines and keep the loading only"
-        if len(displacement) - n > 2 and not np.any(np.diff(displacement[n - 1 : n + 3])):
+        if _rests(displacement, n):
             wrong = "is held from here on; keep the loading before it" + (
                 "" if timed else ", or add a column time_s to fit the hold"
             )
@@ -400,6 +400,12 @@ def _not_rising(displacement: Array, axes: Axes = INDENTATION, timed: bool = Fal
         elif displacement[n] == displacement[n - 1]:
             wrong = "is given twice; keep one of the two lines"
         yield n, f"{axes.across} {displacement[n]:g}{unit} {wrong}"
+
+
+def _rests(displacement: Array, n: int) -> bool:
+    """Whether the points from n on begin with a hold of the largest depth: several at that of the one before, and none deeper."""
+    held = displacement[n - 1 : n + 3]
+    return bool(held.size == 4 and held[0] > 0 and np.all(held == held[0]) and not np.any(displacement > held[0]))
 
 
 def _turns(displacement: Array, n: int) -> bool:

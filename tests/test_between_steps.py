@@ -23,4 +23,5 @@ def test_a_first_force_that_is_not_positive_leaves_the_later_ones_their_doubt():
     assert usual.max() > 0.01 and doubt.max() > 0.8 * usual.max()
     error = np.abs(late(BETWEEN) / steep(BETWEEN) - 1)
     assert np.all(doubt >= 0.5 * error) and error.max() > 0.01
-    assert not late.doubt(np.array([0.15])).any()
+    early = np.array([0.15, 0.2, 0.24])
+    assert np.all(late.doubt(early) == 1) and np.abs(late(early) / steep(early) - 1).max() > 0.3

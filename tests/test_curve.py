@@ -111,6 +111,11 @@ BAD = {
         "line 7: displacement 0.4 mm is held from here on; keep the loading before it, or add a column time_s",
     ),
     "a hold and an unloading": (HEADER + ROWS + "0.4,20\n0.4,10\n0.4,5\n0.2,4\n", "line 7: displacement 0.4 mm is held from here"),
+    "a pause in the loading": (HEADER + ROWS + "0.4,20\n0.4,10\n0.4,5\n0.5,40\n", "line 7: displacement 0.4 mm is given twice"),
+    "a rest before the loading": (
+        HEADER + "0,0\n0,0\n0,0\n0,0\n" + ROWS,
+        "line 3: displacement 0 mm is given twice",
+    ),
     "a duplicate displacement": (HEADER + ROWS + "0.4,40\n", "line 7: displacement 0.4 mm is given twice"),
     "unloading": (HEADER + ROWS + "0.3,2\n0.2,1\n", "keep the loading only"),
     "a negative displacement": (HEADER + "-0.1,1\n" + ROWS, "line 2: displacement -0.1 mm is negative"),

@@ -494,6 +494,10 @@ def test_of_many_inputs_taken_as_known_those_that_move_most_are_named():
     (said,) = warnings_of(known, {"mu": mu})
     assert "mu 2 with base there base; mu 1.2 with thickness there thickness; mu 1.7 with offset there offset, outside" in said
     assert said.endswith("; 2 more inputs would do so, listed below") and "friction" not in said and "law" not in said
+    twice = WhatIf("base", "here", "elsewhere", {"mu": 1.57})  # an input that is named already
+    (said,) = warnings_of((*known[:4], twice), {"mu": mu})
+    assert said.endswith("; 1 more input would do so, listed below")
+    assert warnings_of((*known[1:4], twice), {"mu": mu}).__next__().endswith("outside of the intervals")
 
 
 def test_a_bulk_ratio_taken_as_known_is_told_in_the_word_of_the_case(tmp_path):

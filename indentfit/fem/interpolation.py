@@ -63,7 +63,7 @@ class Interpolant:
         Before the first step that is a parabola through the first three, in place of a line; it is 0 for the power SMOOTH, and on
         paths of fewer steps. From the first step on it is a spline through the logarithms, which follows powers and exponentials of
         the depth: by 0.01 % on gels, by 1 % and more where the force of a steep law doubles within a step. Logarithms need positive
-        values: it begins behind the last equilibrium whose value is not, and says nothing (0) before it.
+        values: it begins behind the last equilibrium whose value is not, and up to there the doubt is that of all of the value, 1.
         """
         depths = np.asarray(depths, dtype=float)
         return np.where(depths < self._depths[1], self._doubt_before(depths), self._doubt_between(depths))
@@ -79,9 +79,9 @@ class Interpolant:
         begins = int(np.max(np.flatnonzero(self._values <= 0), initial=0)) + 1
         x, y = self._depths[begins:], self._values[begins:]
         if x.size < 4:
-            return np.zeros(depths.size)
+            return np.zeros(depths.size) if begins <= 1 else np.ones(depths.size)
         logarithms = CubicSpline(np.log(x), np.log(y))
-        return np.where(depths < x[0], 0.0, _apart(np.exp(logarithms(np.log(np.maximum(depths, x[0])))), self(depths)))
+        return np.where(depths < x[0], 1.0, _apart(np.exp(logarithms(np.log(np.maximum(depths, x[0])))), self(depths)))
 
     def _share(self, root: Array) -> tuple[Array, Array]:
         """The value over the power of the depth, and its derivative by sqrt(depth), at sqrt(depths) (m,).

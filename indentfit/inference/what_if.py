@@ -121,7 +121,8 @@ def warnings_of(known: tuple[WhatIf, ...], estimates: Mapping[str, ParameterEsti
         shown = [each for each in telling if each in named]  # in the order of the inputs
         taken = ", ".join(dict.fromkeys(f"{tried.input} {tried.taken}" for tried, _ in shown))
         others = "; ".join(f"{values} with {tried.input} {tried.other}" for tried, values in shown)
-        more = f"; {len(telling) - NAMED} more inputs would do so, listed below" if len(telling) > NAMED else ""
+        left = len({tried.input for tried, _ in telling} - {tried.input for tried, _ in shown})
+        more = f"; {left} more input{'s' * (left > 1)} would do so, listed below" if left else ""
         yield (
             f"taken as known are {taken}, and the intervals hold only if they are right: the fit would give {others}, "
             f"outside of the intervals{more}"
