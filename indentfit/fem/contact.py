@@ -28,11 +28,14 @@ cone and a rounded punch need is smaller: at STICK_IN_PLANE their forces are wit
 A sharp edge (edge_radius = 0) has no normal. There the material face of the initial footprint is the candidate for contact: flat,
 unilateral, free to slip. A rounded edge is a signed distance in the current configuration.
 
-Where the footprint is tied and the punch sinks in, the surface beside the edge folds up against the punch's side. In the meridian
-plane this surface is a candidate for contact with that upright wall, which is smooth. Without the wall the surface would pass into
-the punch, and the sample would have several equilibria there, whose forces differ by 2 to 3 %. The surface beside a rounded edge
-comes to lie against the wall above it, too, from a depth of about six edge radii on: without it forces were up to 3 % off at a
-depth of 15 edge radii and 12 % at thirty; bricks were not solved at thirty.
+Where the footprint is tied and the punch sinks in, the surface beside its sharp edge folds up against the punch's side. In the
+meridian plane, not on bricks, this surface is a candidate for contact with that upright wall, which is smooth. Without the wall the
+surface would pass into the punch, and the sample would have several equilibria there, whose forces differ by 2 to 3 %.
+
+The surface beside a rounded edge comes to lie against the wall above it, too, from a depth of about six edge radii on. It is a
+candidate in the meridian plane, and on bricks where the press is deeper than `mesh.WALL` edge radii. Without it forces in the plane
+were up to 3 % off at a depth of 15 edge radii and 12 % at thirty, where bricks were not solved. On bricks only round punches were
+measured, not strips, and not the error of the friction at the wall, which drags new contact (`ContactFace.ahead`).
 
 Springs have to be stiff enough for the pressure p, too (`ContactFace.firm`). In a wave of the surface along the face, of wave
 number k, the pressure pushes the crests into the springs: it gains p k for each unit of sliding and of sinking in, against the
@@ -84,7 +87,8 @@ class _Trial:
 
 
 class ContactFace:
-    """The points of a body that may touch one indenter: the footprint, then the side that the indenter overhangs.
+    """The points of a body that may touch one indenter: the footprint, the surface beside it, the side that the indenter
+    overhangs.
 
     Parameters
     ----------
@@ -108,8 +112,10 @@ class ContactFace:
         Whether the points of a facet are tied to the indenter.
     shape : IndenterShape
     ahead : bool
-        Whether a point that comes to touch within a step is anchored where it touches. On bricks a flat end's contact hardly grows,
-        and the few nodes of a side that comes to touch a bar snap with such anchors where fibres are stiff.
+        Whether a point that comes to touch within a step is anchored where it touches, not where the step began. Not on bricks
+        under a flat end: there the face's contact hardly grows, and the few nodes of a side that comes to touch a bar snap with
+        such anchors where fibres are stiff. So a point that comes to touch a rounded edge or the wall above it on bricks has
+        friction against its motion before it touched, too, for one step; the error was not measured.
     friction : float
         Coefficient of friction.
     """
