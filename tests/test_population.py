@@ -17,8 +17,9 @@ from indentfit.curve import Curve, write_curve
 from indentfit.errors import RecordError
 from indentfit.experiment.measured import read_case
 from indentfit.experiment.specimens import read_groups
-from indentfit.inference.population import Predicted, SampleDraws, hierarchy, pooled_sd
+from indentfit.inference.population import USUAL, WIDEST, Predicted, SampleDraws, hierarchy, pooled_sd
 from indentfit.inference.sample_density import SampleDensity
+from indentfit.report.population import contrast_rows, words
 from indentfit.report.schema import read_result
 from indentfit.runs.forward import simulate
 
@@ -46,6 +47,41 @@ def test_without_noise_the_interval_of_the_mean_is_that_of_students_t_and_the_sp
     assert np.log(found.mean["all"].interval[1] / found.mean["all"].interval[0]) == pytest.approx(2 * half, rel=0.1)
     assert found.sd.value == pytest.approx(0.2, rel=0.1)
     assert found.sd.interval[0] < 0.17 and 0.28 < found.sd.interval[1] < 0.42
+
+
+def exact_ends(groups, error):
+    """95 % ends of each group's mean and of the spread by quadrature over the standard deviation, given which the means are normal:
+    means normal about the mean of all logarithms with WIDEST, standard deviations half normal with USUAL and at most WIDEST."""
+    sds, centre, ends = np.geomspace(1e-5, WIDEST, 20001), np.mean(np.concatenate(groups)), (0.025, 0.975)
+    variance, logs, given = sds**2 + error**2, np.log(sds) - 0.5 * (sds / USUAL) ** 2, []
+    for group in groups:
+        precision = len(group) / variance + 1 / WIDEST**2
+        mean = (np.sum(group) / variance + centre / WIDEST**2) / precision
+        squares = np.sum(np.square(group)) / variance + (centre / WIDEST) ** 2 - mean**2 * precision
+        logs = logs - 0.5 * (len(group) * np.log(variance) + np.log(precision) + squares)
+        given.append((mean + sds**2 / 2, precision**-0.5))
+    shares = np.exp(logs - logs.max())
+    shares, x = shares / shares.sum(), np.linspace(-8, 20, 1401)
+    means = [np.exp(np.interp(ends, [shares @ norm.cdf(at, *pair) for at in x], x)) for pair in given]
+    return means, np.interp(ends, np.cumsum(shares), np.sqrt(np.expm1(sds**2)))
+
+
+@pytest.mark.parametrize(
+    "groups",
+    [
+        [[-0.26, 0.0, 0.26]],
+        [[-0.26, -0.09, 0.09, 0.26]],
+        [[-0.26, 0.0, 0.26], [0.4, 0.7, 0.95]],
+        [[-0.3, 0.0, 0.2], [0.6], [1.0, 1.2]],
+    ],
+)
+def test_few_samples_have_the_intervals_of_a_quadrature(groups):
+    names = [str(n) for n, group in enumerate(groups) for _ in group]
+    known = hierarchy(samples_of(np.concatenate(groups), 0.02, names), {"mu": "kPa"}, {}, "0", 0).parameters["mu"]
+    means, spread = exact_ends(groups, 0.02)
+    assert known.sd.interval == pytest.approx(spread, rel=0.05)
+    for group, mean in zip(known.mean.values(), means, strict=True):
+        assert group.interval == pytest.approx(mean, rel=0.05)
 
 
 def test_noise_is_not_counted_as_variability():
@@ -182,6 +218,21 @@ def test_uncertain_inputs_of_a_sample_are_integrated_out_where_the_population_is
     )
 
 
+def test_curves_that_do_not_tell_a_parameter_from_0_leave_a_population_with_ends():
+    """A quadrature over mean, standard deviation and each sample's logarithm is the oracle; the likelihood is flat towards 0."""
+    own = [SampleDensity.of(str(n), "all", [(1.0, Straight(), Gaussian(0.1, 0.3))], n) for n in range(4)]
+    drawn = [density.draws() for density in own]
+    joint = hierarchy(drawn, {"mu": "kPa"}, {}, "all", 0, lambda there: [density.under(there["all"]) for density in own])
+    logs, means, sds = np.linspace(-30, 2, 1601), np.linspace(-16, 8, 161), np.geomspace(0.05, WIDEST, 40)
+    centre, likely = np.mean([sample.logs.mean() for sample in drawn]), np.exp(-0.5 * ((np.exp(logs) - 0.1) / 0.3) ** 2)
+    each = np.array([trapezoid(likely * norm.pdf(logs, means[:, None], sd), logs, axis=1) for sd in sds])
+    density = each**4 * norm.pdf(means, centre, WIDEST) * (sds * np.exp(-0.5 * (sds / USUAL) ** 2))[:, None]
+    natural, shares = np.exp(means + 0.5 * sds[:, None] ** 2).ravel(), density.ravel() / density.sum()
+    order = np.argsort(natural)
+    exact = np.interp((0.025, 0.975), np.cumsum(shares[order]), natural[order])
+    assert np.log(joint.parameters["mu"].mean["all"].interval) == pytest.approx(np.log(exact), abs=0.5)  # a sixth of WIDEST
+
+
 def test_groups_are_read_from_a_column_and_faults_are_named(tmp_path):
     path = tmp_path / "manifest.csv"
     path.write_text("sample,treatment\na,control\na,control\nb,treated\n")
@@ -229,6 +280,9 @@ def test_the_command_fits_samples_as_one_population(tmp_path):
     unsure = replace(stored, per_sample=replace(stored.per_sample, samples=tuple(weak)))
     assert "mu is determined in 0 of 6 samples" in unsure.summary() and "is determined in" not in stored.summary()
     assert "not determined" in unsure.summary().splitlines()[1] and unsure.as_json()["not_determined"] == ["mu"]
+    row = ["mu", "treated / none"]
+    assert contrast_rows(unsure)[1] == [*row, "not determined", "not determined"]
+    assert contrast_rows(stored)[1] == [*row, words(stored.hierarchy.contrasts[0].ratio), f"{contrast['above']:.3g}"]
     unsure.plot()
     few = replace(stored, hierarchy=replace(stored.hierarchy, effective=40.0)).summary()
     assert "rests on 40 effective draws" in few and "effective" not in stored.summary()

@@ -1,11 +1,12 @@
 """Many samples as one population: the mean and the between-sample spread of each parameter, without what noise makes of them.
 
 The logarithm of each parameter is normal over the samples, with a mean for each group and one standard deviation (between samples)
-for all groups. Before the curves, the medians exp(mean) are uniform, as a parameter is in a single fit, and standard deviations
-half normal with the scale USUAL: samples seldom differ more than by a factor of seven to either side. Each sample brings the
-density of its own curves (on the surrogate of its fit, the noise integrated out), as weighted draws, so that noise is not counted
-as variability, and no run is needed (Hogg, Myers, Bovy 2010, Astrophys J 725:2166). Errors that all samples share, such as those of
-the mesh and of the rig's friction, widen the intervals of the mean and of each sample, and not the spread.
+for all groups. Before the curves, each of these means is normal about the mean of all samples' own logarithms with the standard
+deviation WIDEST, which keeps them finite where curves do not tell a parameter from 0; and standard deviations are half normal with
+the scale USUAL: samples seldom differ more than by a factor of seven to either side. Each sample brings the density of its own
+curves (on the surrogate of its fit, the noise integrated out), as weighted draws, so that noise is not counted as variability, and
+no run is needed (Hogg, Myers, Bovy 2010, Astrophys J 725:2166). Errors that all samples share, such as those of the mesh and of the
+rig's friction, widen the intervals of the mean and of each sample, and not the spread.
 """
 
 import math
@@ -22,6 +23,7 @@ from indentfit.inference.plain import Interval
 
 USUAL, WIDEST = 1.0, 3.0  # standard deviation of a logarithm between samples: scale of its prior, and largest
 DRAWS, ROUNDS, ENOUGH = 2000, 12, 400  # of the means and spreads: draws of a round, rounds, effective draws after which they end
+LAST = 150_000  # draws times samples of one further round, in which few samples with their long tails get more draws
 FEW = 100  # effective draws below which intervals are rough
 HEAVY = 5.0  # degrees of freedom of the tails of the draws
 OF_SAMPLE = 1000  # draws of each sample's parameters
@@ -171,13 +173,13 @@ def hierarchy(
     Hierarchy
     """
     groups = list(dict.fromkeys([reference, *(sample.group for sample in samples)]))
-    model = _Model(tuple(samples), tuple(groups), len(units))
+    model = _Model(tuple(samples), tuple(groups), _Frame.of(samples, groups))
     rng = np.random.default_rng(seed)
     draws, effective = model.posterior(rng)
-    for _ in range(AGAIN if again else 0):
-        assert again is not None
-        model = replace(model, samples=tuple(again(model.predicted(draws[:SHOWN]))))
-        draws, effective = model.posterior(rng, draws)
+    if again is not None:
+        for _ in range(AGAIN):
+            model = replace(model, samples=tuple(again(model.predicted(draws[:SHOWN]))))
+            draws, effective = model.posterior(rng, draws)
     means, sds = model.split(draws)  # (m, g, p), (m, p)
     common = np.array([shared.get(name, 0.0) for name in units])
     shift = rng.standard_normal((len(draws), len(units))) * common
@@ -200,23 +202,74 @@ def _known(draws: Array) -> Known:
 
 
 @dataclass(frozen=True, eq=False)
+class _Frame:
+    """What each sample's own draws say: the prior's centre, and coordinates in which the means hardly depend on the spreads. (The
+    uncertainty of a mean grows with the spread, so that normal draws of both together would miss large spreads.)
+
+    Parameters
+    ----------
+    centre : array (p,)
+        Mean of the samples' own logarithms.
+    bases : array (g, p)
+        The same of each group; the centre for a group without samples.
+    counts : array (g,)
+    noise : array (p,)
+        Median variance of a sample's own logarithms.
+    between : array (p,)
+        First guess of the variance between samples.
+    """
+
+    centre: Array
+    bases: Array
+    counts: Array
+    noise: Array
+    between: Array
+
+    @classmethod
+    def of(cls, samples: Sequence[SampleDraws], groups: Sequence[str]) -> "_Frame":
+        own, inner = map(np.array, zip(*(_moments(sample) for sample in samples), strict=True))
+        member = np.array([[sample.group == group for group in groups] for sample in samples], dtype=float)
+        counts, centre = member.sum(axis=0), own.mean(axis=0)
+        bases = np.where(counts[:, None] > 0, (member.T @ own) / np.maximum(counts, 1.0)[:, None], centre)
+        variance = np.sum((own - member @ bases) ** 2, axis=0) / max(len(own) - len(groups), 1)
+        noise = np.median(inner, axis=0)
+        return cls(centre, bases, counts, noise, np.maximum(variance - noise, 0.1 * variance + 1e-6))
+
+    def scales(self, sds: Array) -> Array:
+        """Standard deviations (m, g, p) of the groups' means given those between samples (m, p)."""
+        return 1 / np.sqrt(self.counts[:, None] / (sds**2 + self.noise)[:, None, :] + 1 / WIDEST**2)
+
+
+def _moments(sample: SampleDraws) -> tuple[Array, Array]:
+    """Mean and variance (p,) of a sample's logarithms by its own curves, uniform in the parameters, as its single fit has them."""
+    shares = np.log(sample.weights) + sample.logs.sum(axis=1)
+    shares = np.exp(shares - logsumexp(shares))
+    mean = shares @ sample.logs
+    return mean, shares @ (sample.logs - mean) ** 2
+
+
+@dataclass(frozen=True, eq=False)
 class _Model:
-    """Means of the groups and logarithms of the spreads as coordinates: (g * p means, p logarithms)."""
+    """Means of the groups, as the frame scales them, and logarithms of the spreads as coordinates: (g * p means, p logarithms)."""
 
     samples: tuple[SampleDraws, ...]
     groups: tuple[str, ...]
-    p: int
+    frame: _Frame
 
     def split(self, places: Array) -> tuple[Array, Array]:
         """Means (m, g, p) of the logarithms, and standard deviations (m, p)."""
-        cut = len(self.groups) * self.p
-        return places[:, :cut].reshape(len(places), len(self.groups), self.p), np.exp(places[:, cut:])
+        bases = self.frame.bases
+        sds = np.exp(places[:, bases.size :])
+        return bases + places[:, : bases.size].reshape(-1, *bases.shape) * self.frame.scales(sds), sds
 
     def log_density(self, places: Array) -> Array:
         """Logarithm of the density at places, (m,)."""
+        return np.concatenate([self._log_density(places[n : n + DRAWS]) for n in range(0, len(places), DRAWS)])
+
+    def _log_density(self, places: Array) -> Array:
         means, sds = self.split(places)
-        medians = means.sum(axis=(1, 2))  # logarithm of the density of means whose exponentials are uniform
-        total = medians + np.sum(np.log(sds) - 0.5 * (sds / USUAL) ** 2, axis=1)  # the logarithm of sds is the coordinate
+        total = np.sum(np.log(sds) - 0.5 * (sds / USUAL) ** 2, axis=1)  # the logarithm of sds is the coordinate
+        total += np.sum(np.log(self.frame.scales(sds)) - 0.5 * ((means - self.frame.centre) / WIDEST) ** 2, axis=(1, 2))
         for sample in self.samples:
             total = total + log_sum(self._terms(sample, means, sds), axis=0)
         return np.where(np.all(sds < WIDEST, axis=1), total, -np.inf)
@@ -230,21 +283,25 @@ class _Model:
         return terms
 
     def posterior(self, rng: np.random.Generator, before: Array | None = None) -> tuple[Array, float]:
-        """Draws of the coordinates from their posterior, (DRAWS, n), by adaptive importance sampling that begins where the draws of
-        a similar posterior are; and their effective number."""
+        """Draws of the coordinates from their posterior, (m, n), by adaptive importance sampling that begins where the draws of a
+        similar posterior are; and their effective number."""
         centre, covar = self._start() if before is None else (before.mean(axis=0), np.atleast_2d(np.cov(before.T)))
-        effective, kept = 0.0, np.tile(centre, (DRAWS, 1))
+        effective, kept, size = 0.0, np.tile(centre, (DRAWS, 1)), DRAWS
         wider = 2.0
         for _ in range(ROUNDS):
             kind = multivariate_t(centre, wider * covar * (HEAVY - 2) / HEAVY, df=HEAVY)
-            places = np.reshape(kind.rvs(DRAWS, random_state=rng), (DRAWS, centre.size))
+            places = np.reshape(kind.rvs(size, random_state=rng), (size, centre.size))
             weights = self.log_density(places) - np.reshape(kind.logpdf(places), -1)
             shares = np.exp(weights - logsumexp(weights))
             number = float(1 / np.sum(shares**2))
             if number > effective:
-                effective, kept = number, places[rng.choice(DRAWS, DRAWS, p=shares)]
-            if effective >= ENOUGH:
+                effective, kept = number, places[rng.choice(size, size, p=shares)]
+            if size > DRAWS:
                 break
+            if effective >= ENOUGH:
+                size = LAST // len(self.samples)
+                if size <= DRAWS:
+                    break
             soft = np.exp(0.5 * (weights - weights.max())) if number < 0.05 * DRAWS else shares
             soft = soft / soft.sum()
             centre = soft @ places
@@ -254,19 +311,12 @@ class _Model:
         return kept, effective
 
     def _start(self) -> tuple[Array, Array]:
-        """The moments of the samples' own means, as a first guess."""
-        own = np.array([np.average(sample.logs, axis=0, weights=sample.weights) for sample in self.samples])
-        inner = np.array([np.average((s.logs - m) ** 2, axis=0, weights=s.weights) for s, m in zip(self.samples, own, strict=True)])
-        member = np.array([[sample.group == group for group in self.groups] for sample in self.samples], dtype=float)
-        counts = np.maximum(member.sum(axis=0), 1.0)
-        means = (member.T @ own) / counts[:, None]
-        left = own - member @ means
-        variance = np.sum(left**2, axis=0) / max(len(own) - len(self.groups), 1)
-        between = np.maximum(variance - np.median(inner, axis=0), 0.1 * variance + 1e-6)
-        centre = np.concatenate([means.ravel(), 0.5 * np.log(between)])
-        of_means = (variance[None] / counts[:, None] + 1e-8).ravel()
-        of_spreads = 0.5 / max(len(own) - len(self.groups), 1) * (variance / between) ** 2
-        return centre, np.diag(np.concatenate([of_means, np.minimum(of_spreads, 1.0)]))
+        """The frame's moments, as a first guess."""
+        frame = self.frame
+        freedom = max(len(self.samples) - len(self.groups), 1)
+        of_spreads = 0.5 / freedom * ((frame.between + frame.noise) / frame.between) ** 2
+        centre = np.concatenate([np.zeros(frame.bases.size), 0.5 * np.log(frame.between)])
+        return centre, np.diag(np.concatenate([np.ones(frame.bases.size), np.minimum(of_spreads, 1.0)]))
 
     def predicted(self, places: Array) -> dict[str, Predicted]:
         """The population of each group, as places of the posterior predict it."""

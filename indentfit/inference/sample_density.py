@@ -1,8 +1,8 @@
 """The density of one sample's curves over its parameters, as weighted draws: noise and the sample's own inputs are integrated out.
 
 A population that is narrow beside a sample's own interval meets few draws of the sample's density, and the chance by which it does
-so would count as knowledge. So a population is estimated twice: from draws of each sample's own density first, and then from draws
-half of which are of the population that the first estimate predicts (Hesterberg 1995, Technometrics 37:185).
+so would count as knowledge. So a population is estimated three times: from draws of each sample's own density first, and then twice
+from draws half of which are of the population that the estimate before predicts (Hesterberg 1995, Technometrics 37:185).
 """
 
 from collections.abc import Sequence

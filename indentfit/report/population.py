@@ -12,6 +12,8 @@ WHAT = (
     "as spread; the plain spread of the single fits has them in it"
 )
 
+UNKNOWN = "not determined"
+
 
 def population_lines(result: Population) -> Iterator[str]:
     """A Population in words, line by line."""
@@ -67,15 +69,17 @@ def mean_of(result: Population, name: str, group: str) -> str:
 def spread_of(result: Population, name: str) -> str:
     """The spread between samples with its interval; no number where most samples do not determine the parameter."""
     assert result.hierarchy is not None
-    return "not determined" if name in result.weak else percents(result.hierarchy.parameters[name].sd)
+    return UNKNOWN if name in result.weak else percents(result.hierarchy.parameters[name].sd)
 
 
 def contrast_rows(result: Population) -> list[list[str]]:
-    """A header and a row for each contrast of two groups."""
+    """A header and a row for each contrast of two groups; no numbers where most samples do not determine the parameter."""
     assert result.hierarchy is not None
     rows = [["parameter", "groups", "ratio of means", "probability that it is above 1"]]
     for known in result.hierarchy.contrasts:
-        rows.append([known.parameter, f"{known.group} / {known.reference}", words(known.ratio), f"{known.above:.3g}"])
+        said = [words(known.ratio), f"{known.above:.3g}"]
+        said = [UNKNOWN] * 2 if known.parameter in result.weak else said
+        rows.append([known.parameter, f"{known.group} / {known.reference}", *said])
     return rows
 
 
