@@ -178,7 +178,7 @@ def test_relaxation_looks_at_the_deadline(monkeypatch):
         clock.runs_from = clock.looks
         return usual(*words)
 
-    def never(self, increment, at, most=0):
+    def never(self, increment, at, most=0, rests=None):
         raise ConvergenceError("no equilibrium by Newton's iteration", increment.depth)
 
     monkeypatch.setattr(path, "relaxed", relaxed)
