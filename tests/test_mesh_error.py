@@ -101,13 +101,27 @@ def sticking_punch(symmetry):
 
 @pytest.mark.skipif(not (SHARED / "oracles").is_dir(), reason="../shared/oracles is not here")
 def test_a_sharp_edge_that_sticks_meets_another_code_within_one_percent_and_its_band_holds_that():
-    """From 0.15 mm on the surface folds up against the wall, which the other code does not know: it is up to 1.5 % softer there."""
+    """From 0.15 mm on the surface folds up against the wall, which the other code does not know. On fine meshes the force at 0.27
+    mm is 0.9 % larger with the wall; without it, it lies within 0.2 % of the other code."""
     test, depths, right, own = sticking_punch("axisymmetric")
     error = np.abs(test.force / right - 1)
     assert test.facts.tries == 1 and not test.mesh_error.remark
-    before = depths < 0.25
-    assert (error <= 0.01 + own)[before].all() and (error <= 0.015 + own).all()
-    assert (error <= test.mesh_error.band / right + own)[before].all()
+    assert (error <= 0.01 + own).all()
+    assert (error <= test.mesh_error.band / right + own).all()
+    assert (error <= 0.004 + own)[depths < 0.16].all()
+
+
+def test_the_force_of_a_sharp_edge_that_sticks_hardly_changes_on_a_finer_mesh():
+    """Rings of eight elements about the corner turned up against the wall too stiffly: by 0.14 % here, and more to the limit."""
+    depths = np.array([0.105, 0.21])
+    punch = {"shape": "cylinder", "diameter": 1.0, "friction": "stick"}
+    sample, gel = Sample(shape="disc", diameter=12.0, thickness=1.0, base="bonded"), Press(GEL, 1000.0, 0, depths)
+    usual, fine = (
+        Model(Setup(sample, Indenter(**punch), Mesh(error=error), Solver(), depths[-1], "axisymmetric")).run(gel)
+        for error in (0.01, 0.003)
+    )
+    assert fine.facts.elements > 2 * usual.facts.elements and fine.facts.tries == 1
+    np.testing.assert_allclose(usual.force, fine.force, rtol=1e-3)
 
 
 @pytest.mark.campaign

@@ -13,7 +13,6 @@ import numpy as np
 from indentfit.arrays import Array
 
 BLOCK = 0.3  # half-width of the block of rings, of the least of punch radius, thickness and the sample's rest beside the punch
-RING = 1.75  # a ring is wider than the last one by the factor 1 + RING / divisions
 LEAST_RING = 1.5  # the block's half-width is at least so many times that of the squares at the corner
 
 Sideways = Callable[[float, float, float], Array]
@@ -36,6 +35,8 @@ class Corner:
         Wanted width of the elements at the corner.
     divisions : int
         Elements along half of a ring's side: a ring has four times as many.
+    growth : float
+        A ring is wider than the last one by the factor 1 + growth.
     """
 
     radius: float
@@ -44,6 +45,7 @@ class Corner:
     top: float
     width: float
     divisions: int
+    growth: float
 
     @property
     def block(self) -> float:
@@ -82,7 +84,7 @@ class Corner:
         return radii, self.thickness - np.linspace(half_width, 0.0, n + 1)
 
     def _rings(self) -> Array:
-        number = max(1, round(np.log(self.block / self.core) / np.log(1 + RING / self.divisions)))
+        number = max(1, round(np.log(self.block / self.core) / np.log(1 + self.growth)))
         widths = np.geomspace(self.core, self.block, number + 1)
         widths[0], widths[-1] = self.core, self.block
         return np.stack([_outline(*self._around(width)) for width in widths], axis=2)
