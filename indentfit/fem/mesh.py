@@ -129,8 +129,8 @@ def quarter(
     -------
     MeshHex, or for quadratic bricks MeshHex2
         A mesh with the boundaries top, base, x0, z0 (empty where the plane lies inside of the mesh), footprint (facets of the top
-        that may touch the indenter's face), beside (those that may come to lie against the wall above a rounded edge) and overhung
-        (facets of the side that may touch the indenter, below a strip that is longer than the sample; otherwise none).
+        that may touch the indenter's face), beside (those that may come to lie against the wall above a round punch's rounded edge)
+        and overhung (facets of the side that may touch the indenter, below a strip longer than the sample; otherwise none).
 
     Raises
     ------
@@ -247,14 +247,12 @@ def _bricks(task: _Task, size: float, rim: float, grown: tuple[int, ...]) -> Mes
 
 
 def _beside(task: _Task, x: Array, z: Array) -> Bools:
-    """Which points of the top, at x and z (n,) in mm, may come to lie against the wall above a rounded edge, by their distance."""
-    radius = task.indenter.edge_radius
-    if not radius or task.depth < WALL * radius:
+    """Which points of the top, at x and z (n,) in mm, may come to lie against the wall above a round punch's rounded edge, by
+    their distance from its face."""
+    radius, contact = task.indenter.edge_radius, task.indenter.partition(task.depth)
+    if not radius or task.depth < WALL * radius or not isinstance(contact, Rings):
         return np.zeros(x.shape, dtype=bool)
-    contact = task.indenter.partition(task.depth)
-    if isinstance(contact, Rings):
-        return np.asarray(np.hypot(x, z) < contact.radius + task.depth)
-    return (x < contact.half_length + task.depth) & (z < contact.half_width + task.depth)
+    return np.asarray(np.hypot(x, z) < contact.radius + task.depth)
 
 
 def _parts(task: _Task, size: float, rim: float = 1.0, scaled: bool = True) -> tuple[list[Array], Array]:
