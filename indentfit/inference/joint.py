@@ -40,6 +40,7 @@ LIMIT = 10  # largest number of rounds
 RIGHT = 0.3  # largest shift of a free parameter, over its standard error, by the error of a prediction that counts as right
 OF_INPUTS = 0.3  # what such a shift of an uncertain input counts beside one of a free parameter
 AS_GOOD = 2.0  # growth of chi2 up to which a place is as good as the optimum
+BEATEN = 0.5  # of the optimum's objective: a run below it is much nearer to the points
 FIRST_NOISE = 0.02  # of a curve's largest force: where the search for the noise begins
 CONFIDENCE = 0.95
 SUPPOSED, SMOOTHLY = 3.0, 0.5  # smooth errors of the surrogate that count beside those of runs; their length, over the depth
@@ -206,7 +207,7 @@ def joint_fit(
         progress(0.6 + 0.4 * min(len(proofs) / ROUNDS, 1.0), f"surrogate of {len(surrogate.training)} runs")
         fit = replace(fitted(problem, inputs, surrogate, error, seed), proofs=tuple(proofs), history=tuple(history))
         enough = settled(fit)
-        if len(proofs) >= rounds or (fit.reached and (enough or len(proofs) >= ROUNDS)):
+        if len(proofs) >= rounds or (fit.reached and (enough or (len(proofs) >= ROUNDS and not beaten(fit)))):
             return fit
         proof, errors = proved(fit, model, () if enough else telling(fit, seed))
         proofs.append(proof)
@@ -472,6 +473,15 @@ def settled(fit: JointFit) -> bool:
         [np.full(part.stop - part.start, sigma**2) for part, sigma in zip(curves.slices, noise.sigma, strict=True)]
     )
     return bool(np.mean(errors[fit.posterior.rows]) <= np.mean(left[fit.posterior.rows]) * curves.size / fit.posterior.rows.size)
+
+
+def beaten(fit: JointFit) -> bool:
+    """Whether a run comes much nearer to the points than the optimum: the surrogate's error is then so large that the optimum is
+    only one of the places that it allows."""
+    curves, start = fit.posterior.curves, fit.posterior.curves.problem.start
+    rows = [fit.surrogate.measured(run.curves, start) * (1 + curves.mesh) for run in fit.surrogate.training]
+    runs = curves.problem.judge_best_scales([start] * len(rows), [[row[part] for part in curves.slices] for row in rows])
+    return min(run.objective for run in runs) < BEATEN * _objective(fit)
 
 
 def _objective(fit: JointFit) -> float:

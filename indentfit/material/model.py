@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from indentfit.arrays import Array
 from indentfit.errors import MaterialError
-from indentfit.material.derive import Derived, Law, derive, has_two_families
+from indentfit.material.derive import Derived, Law, derive, has_two_families, proportional
 from indentfit.material.functions import Term
 from indentfit.material.jets import Jet, at_rest, value_at
 from indentfit.material.kinematics import INVARIANTS, REST, REST_OF_TWO, SECOND_FAMILY, determinant, invariants
@@ -298,7 +298,8 @@ def shipped(cls: type[Material]) -> bool:
 def require_derivable(cls: type[Material]) -> Derived:
     """The energy's compiled derivatives, derived and checked once per class.
 
-    Reading a case calls this function for laws that are not indentfit's own, so that a wrong law is refused before any solve.
+    Reading a case calls this function for laws that are not indentfit's own, so that a wrong law is refused before any solve. The
+    first parameter that the energy of such a law is proportional to becomes its scale, where it states none.
 
     Parameters
     ----------
@@ -316,7 +317,10 @@ def require_derivable(cls: type[Material]) -> Derived:
     if "_derivatives" not in vars(cls):  # a subclass has its own
         if not hasattr(cls, "energy"):
             raise MaterialError(f"{cls.__name__} has no method `energy`")
-        cls._derivatives = derive(law_of(cls))
+        law = law_of(cls)
+        cls._derivatives = derived = derive(law)
+        if cls.scale is None and not shipped(cls):
+            cls.scale = next((name for name in cls.parameters if proportional(law, derived, name)), None)
     return cls._derivatives
 
 

@@ -10,11 +10,10 @@ from functools import cache
 from typing import Any
 
 from indentfit.errors import MaterialError
-from indentfit.material.derive import proportional
 from indentfit.material.functions import FUNCTIONS, Term, applied
 from indentfit.material.jets import Jet
 from indentfit.material.kinematics import INVARIANTS, SECOND_FAMILY
-from indentfit.material.model import Material, law_of, require_derivable
+from indentfit.material.model import Material, require_derivable
 from indentfit.material.parameter import Parameter
 from indentfit.material.stretches import STRETCHES
 from indentfit.material.words import nearest, one_line
@@ -63,10 +62,7 @@ def typed_class(energy: str, parameters: tuple[tuple[str, Parameter], ...]) -> t
     """The material class of a typed energy, made once for a text and its parameters; raises MaterialError as `typed`."""
     _refuse_parameter_names([name for name, _ in parameters])
     cls = _made_class(energy, _parsed(energy), dict(parameters))
-    derived = require_derivable(cls)
-    if cls.scale is None:
-        law = law_of(cls)
-        cls.scale = next((name for name in cls.parameters if proportional(law, derived, name)), None)
+    require_derivable(cls)
     cls._source = typed_class, energy, parameters
     return cls
 
