@@ -484,6 +484,27 @@ def test_an_uncertainty_of_nothing_known_is_refused():
         coarse_white_matter({"offfset": 0.1})
 
 
+# Published values
+
+
+@pytest.mark.parametrize(
+    ("values", "runs"),
+    [({"mu": 1.9, "zeta": 5.0, "phi": 1.0}, 0), ({"mu": 1.9, "zeta": 25.0, "phi": 1.0}, 1), ({"mu": 1.9, "friction": 0.2}, 1)],
+)
+def test_published_values_are_run_where_the_surrogate_does_not_know_their_objective(explored, values, runs):
+    """Inside of the ranges it knows it to its stated error; outside of them, and of inputs that it does not have, it does not."""
+    whole, pool, surrogate, best, known = explored
+    case = white_matter().model_copy(update={"fit": Fit(published=values)})
+    before = pool.evaluations
+    comparison = certainty.published_comparison(Solution(case, whole, pool, best, known), {}, surrogate)
+    used = pool.evaluations - before
+    point = {**best.parameters, **values}
+    exact = whole.judge(point, pool.evaluate([whole.at_reference(point)])[0].forces).objective
+    assert used == runs and (comparison.error is None) == bool(runs)
+    assert comparison.objective == pytest.approx(exact, abs=3 * (comparison.error or 1e-9))
+    assert (comparison.error or 0) < 0.03 * exact
+
+
 # The whole, on the forward model
 
 

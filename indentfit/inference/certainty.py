@@ -60,6 +60,7 @@ from indentfit.runs.forward import ForwardModel
 from indentfit.runs.points import setup_of
 
 TRUSTED = 0.1  # largest error of a surrogate, over the misfit, with which conclusions are drawn from the surrogate
+PREDICTED = 0.03  # largest error, over the objective, with which the surrogate gives the objective of published parameters
 RIGHT = 0.15  # largest difference between a run and its prediction, over a profile's limit
 SOLVES = 12  # sets of parameters that least squares may run, ends of profiles included
 UNPROVED = (
@@ -149,7 +150,7 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     singles = alone_unless_in_doubt(alone_unless_proved(findings.tests_alone, optimum.success), recording(case))
     findings = replace(findings, tests_alone=singles)
     estimates = with_seen(case, estimates, optimum.best.parameters)
-    published = published_comparison(solution, estimates)
+    published = published_comparison(solution, estimates, _learned(problem, model, exploration) if problem.searched else None)
     noise = noise_of(problem, alone_known)
     exact = _what_ifs(solution, model, exploration, estimates)
     return Certainty(
@@ -420,14 +421,35 @@ def mesh_size(case: Case, model: ForwardModel) -> MeshSize | None:
     return MeshSize(elements, ORDER[case.solver.element] / dimensions)
 
 
-def published_comparison(solution: Solution, estimates: dict[str, ParameterEstimate]) -> PublishedComparison | None:
-    """The published parameters that the case names: their objective for these curves, and whether each lies in its interval."""
+def published_comparison(
+    solution: Solution, estimates: dict[str, ParameterEstimate], surrogate: Surrogate | None = None
+) -> PublishedComparison | None:
+    """The published parameters that the case names: their objective for these curves, and whether each lies in its interval. A run
+    gives the objective, or a surrogate that knows it within PREDICTED."""
     published = solution.case.fit.published
     if not published:
         return None
     point = {**solution.best.parameters, **published}
-    run = evaluate_at_reference(solution.problem, solution.model, [point])[0]
-    objective = solution.problem.judge(point, run.forces).objective if run.forces else None
+    predicted: tuple[float | None, float | None] | None = None
+    if surrogate is not None and set(published) <= set(solution.problem.free):
+        predicted = _predicted_objective(solution.problem, surrogate, point)
+    if predicted is None:
+        run = evaluate_at_reference(solution.problem, solution.model, [point])[0]
+        predicted = solution.problem.judge(point, run.forces).objective if run.forces else None, None
     intervals = {name: estimates[name].interval for name in published if name in estimates}
     inside = {name: bool(between[0] <= published[name] <= between[1]) for name, between in intervals.items() if between}
-    return PublishedComparison(dict(published), objective, inside)
+    return PublishedComparison(dict(published), predicted[0], inside, predicted[1])
+
+
+def _predicted_objective(problem: InverseProblem, surrogate: Surrogate, point: dict[str, float]) -> tuple[float, float] | None:
+    """The objective of a point by a surrogate, mN, and how far the jackknife says that it may be off; None where that is much."""
+    place = problem.place(point)
+    (forces,) = (run.forces for run in evaluate_at_reference(problem, surrogate, [point]))
+    if forces is None or np.any((place < 0) | (place > 1)) or surrogate.near_failure(place[None])[0]:
+        return None
+    objective = problem.judge(point, forces).objective
+    lost = problem.factor(point) * surrogate.spread(place)
+    parts = np.split(lost, np.cumsum([test.curve.force.size for test in problem.tests])[:-1], axis=1)
+    rows = zip(problem.tests, parts, strict=True)
+    error = sum(test.weight * float(np.sqrt(np.sum(part**2) / part.shape[1])) for test, part in rows)
+    return (objective, error) if error <= PREDICTED * objective else None

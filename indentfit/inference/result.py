@@ -226,11 +226,15 @@ class RivalOptimum:
 
 @dataclass(frozen=True)
 class PublishedComparison:
-    """Published parameters that the case names: their objective on these curves, mN, and whether each lies in its interval."""
+    """Published parameters that the case names: their objective on these curves, mN, and whether each lies in its interval.
+
+    `error` is how far the objective may be off, mN, where the surrogate gave it; None where a run did.
+    """
 
     parameters: dict[str, float]
     objective: float | None
     inside: dict[str, bool]
+    error: float | None = None
 
 
 @dataclass(frozen=True)
