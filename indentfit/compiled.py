@@ -73,7 +73,8 @@ def _on_stack(typingctx: Any, shape: Any) -> Any:
     kind = numba.types.Array(numba.types.float64, len(lengths), "C")
 
     def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        block = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), math.prod(lengths)))
+        with builder.goto_entry_block():  # `cgutils.alloca_once` would store zeros, number by number in machine code
+            block = builder.alloca(ir.ArrayType(ir.DoubleType(), math.prod(lengths)))
         block.align = 64
         array = context.make_array(kind)(context, builder)
         strides = [8 * math.prod(lengths[n + 1 :]) for n in range(len(lengths))]
