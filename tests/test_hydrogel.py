@@ -11,12 +11,14 @@ import pytest
 from fixtures.cases import CASES
 
 from indentfit.experiment.measured import read_case
-from indentfit.inference.fit import fit
+from indentfit.inference.fit import _with_moduli, fit
 from indentfit.inference.moduli import moduli
 from indentfit.inference.shares import InputShare, UncertainInputs
 
 GEL = CASES / "hydrogel_sphere" / "case.toml"
 MU = 9.0 / (2 * 1.499)
+FOUND = {"bulk_ratio": 25.0, "sample.base": "sliding", "thickness": 4.2}  # inputs at an optimum, as runs take them
+STATED = {"material.bulk_ratio": 25.0, "sample.base": "sliding", "sample.thickness": 4.2}
 SECONDS = 15.0  # of CPU, in all, with compiled code cached
 
 
@@ -56,6 +58,15 @@ def test_the_closed_forms_stand_beside_it(fitted):
     assert form.formula == "Hertz" and form.base == "bonded"
     assert form.layer == pytest.approx(MU, rel=form.scatter + 0.07)  # noise, and large strain at 0.2 radii
     assert form.half_space > 1.1 * form.layer
+
+
+def test_closed_forms_take_unknown_inputs_as_the_fit_found_them(fitted):
+    """Those of a case that states these values: Poisson's ratio, base and thickness."""
+    found = _with_moduli(fitted.case, replace(fitted, uncertain=UncertainInputs(at=FOUND))).closed_forms["press"]
+    stated = _with_moduli(read_case(GEL, [f"{key}={value}" for key, value in STATED.items()]), fitted).closed_forms["press"]
+    assert found == stated
+    assert (found.poisson_ratio, found.base) == (pytest.approx((3 * 25 - 2) / (6 * 25 + 2)), "sliding")
+    assert found.layer > 1.05 * fitted.closed_forms["press"].layer
 
 
 def test_the_noise_of_the_curve_is_the_stated_one(fitted):

@@ -386,7 +386,7 @@ def _with_moduli(case: Case, result: FitResult) -> FitResult:
     """The result with the moduli that its parameters mean, and those of the measured curves by closed forms."""
     values = {name: known.value for name, known in result.parameters.items()}
     shear_modulus = case.law(**{name: values[name] for name in case.law.parameters}).shear_modulus
-    forms = closed_forms(case, result.measured, shear_modulus, values)
+    forms = closed_forms(case, result.measured, shear_modulus, {**result.uncertain.at, **values})
     said = [(name, form.beside(shear_modulus, result.measured[name].deepest)) for name, form in forms.items()]
     said += [(name, form.at_the_end(shear_modulus, result.curves[name])) for name, form in forms.items() if name in result.curves]
     notes = (*result.notes, *(f"{name}: {why}" for name, why in said if why and result.objective is not None))

@@ -17,7 +17,6 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import stdtrit
 
-from indentfit import elastic
 from indentfit.arrays import Array, Ints
 from indentfit.case import Case, Test
 from indentfit.case.laws import has_fibres
@@ -200,8 +199,9 @@ def closed_forms(
     shear_modulus : float, kPa
         Of the simulation or the fit: it decides Poisson's ratio where the case gives a bulk modulus.
     fitted : mapping of name -> value, or None
-        The parameters of a fit: a fitted bulk ratio decides Poisson's ratio, and those of a relaxation the forces in time. A
-        material that relaxes has no closed forms without.
+        The parameters of a fit, and inputs as `runs.points` takes them: a fitted bulk ratio decides Poisson's ratio, a fitted
+        thickness, base or indenter's size the layer, and the parameters of a relaxation the forces in time. A material that
+        relaxes has no closed forms without.
 
     Returns
     -------
@@ -210,12 +210,21 @@ def closed_forms(
     """
     if has_fibres(case.law) or (case.material.relaxation is not None and fitted is None) or next(left_out(case), None):
         return {}
+    case = case if fitted is None else _at_inputs(case, fitted)
     nu = case.material.poisson_ratio_at(shear_modulus)
-    if fitted and BULK in fitted:
-        nu = elastic.poisson_ratio(fitted[BULK])
     tests = [test for test in case.indentations if test.name in curves]
     forms = {test.name: _closed_form(case, test, curves[test.name], nu, fitted or {}) for test in tests}
     return {name: form for name, form in forms.items() if form is not None}
+
+
+def _at_inputs(case: Case, fitted: Mapping[str, Any]) -> Case:
+    """The case with the inputs among fitted values, but for the contact point: the curves are as they were measured."""
+    from indentfit.runs.points import split_point  # it needs the models, which have closed forms beside them
+
+    for key, value in split_point(case.law, fitted).changes.items():
+        table, name = key.split(".")
+        case = case.model_copy(update={table: getattr(case, table).with_key(name, value)})
+    return case
 
 
 def left_out(case: Case) -> Iterator[str]:
