@@ -19,7 +19,7 @@ from indentfit.errors import CaseError
 from indentfit.inference import joint
 from indentfit.inference.density import Density
 from indentfit.inference.discrepancy import LawError, law_error
-from indentfit.inference.draws import drawn
+from indentfit.inference.draws import drawn, over_u
 from indentfit.inference.fit import fit
 from indentfit.inference.joint import ModelError
 from indentfit.inference.law_misfit import LawMisfit, PosteriorDraws
@@ -115,7 +115,7 @@ def test_the_posterior_is_that_of_generalised_least_squares(scale):
     known = joint.joint_fit(problem, (), Watched(Proportional()), ModelError.none(20, law), 0)
     draws = drawn(known, 0)
     density = Density(known)
-    assert np.isfinite(density(_starts(density, 40, np.random.default_rng(0)))).all()  # walkers of emcee begin there
+    assert np.isfinite(over_u(density, _starts(density, draws, 40, np.random.default_rng(0)))).all()  # walkers of emcee begin there
     values = 200 * draws.places[:, 0]
     mean = draws.shares @ values
     middle, sd = exact(force, roots, [scale] if scale else np.linspace(*SCALES, 40))

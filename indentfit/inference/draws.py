@@ -20,7 +20,8 @@ from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
 
 SHARE = 0.95  # of the posterior that an interval holds
-ROUND, ROUNDS, FEWEST_ROUNDS = 1500, 30, 3  # draws of each round; rounds at most and at least
+ROUND, LATER = 1500, 5000  # draws of each of the first rounds, and of each later one: few draws miss a thin part of the density
+ROUNDS, FEWEST_ROUNDS = 20, 3  # rounds at most and at least
 WANTED, ENOUGH = 2500.0, 400.0  # effective number of draws at which drawing ends, and below which draws make no interval
 PARTS = 6  # of the mixture that follows the draws
 FOLLOWED, STEPS = 2000, 6  # draws that a mixture follows, and steps of EM
@@ -48,12 +49,15 @@ class Draws:
         Effective number of draws: 1 / sum of the squares of the weights.
     log_evidence : float
         Logarithm of the density of the curves, up to a constant that alternatives share.
+    mixture : Mixture or None
+        The density, over u, from which the last ones were drawn.
     """
 
     places: Array
     shares: Array
     effective: float
     log_evidence: float
+    mixture: "Mixture | None" = None
 
     @property
     def enough(self) -> bool:
@@ -79,15 +83,16 @@ def drawn(fit: JointFit, seed: int) -> Draws:
     Draws
     """
     density, rng = Density(fit), np.random.default_rng(seed)
-    mixtures = [_first(fit, density)]
+    mixtures, counts = [_first(fit, density)], [ROUND]
     us, logs, proposed = np.zeros((0, density.size)), np.zeros(0), np.zeros(0)
     while True:
-        new = mixtures[-1].drawn(ROUND, rng)
-        logs = np.concatenate([logs, density(ndtr(new)) - 0.5 * np.sum(new**2, axis=1)])
-        before = _summed([known.log(new) for known in mixtures[:-1]]) if mixtures[1:] else np.full(ROUND, -np.inf)
-        us, proposed = np.vstack([us, new]), np.concatenate([proposed, before])
-        proposed = np.logaddexp(proposed, mixtures[-1].log(us)) if mixtures[1:] else mixtures[0].log(us)
-        weights = logs - proposed + np.log(len(mixtures))
+        new = mixtures[-1].drawn(counts[-1], rng)
+        logs, us = np.concatenate([logs, over_u(density, new)]), np.vstack([us, new])
+        earlier = [known.log(new) + np.log(count) for known, count in zip(mixtures[:-1], counts[:-1], strict=True)]
+        before = _summed(earlier) if earlier else np.full(counts[-1], -np.inf)
+        last = mixtures[-1].log(us) + np.log(counts[-1])
+        proposed = np.logaddexp(np.concatenate([proposed, before]), last) if earlier else last
+        weights = logs - proposed + np.log(len(us))
         total = float(logsumexp(weights))
         if not np.isfinite(total):
             return Draws(density.place(fit.mode.z)[None], np.ones(1), 1.0, -np.inf)
@@ -95,8 +100,14 @@ def drawn(fit: JointFit, seed: int) -> Draws:
         effective = float(1 / np.sum(shares**2))
         if (effective >= WANTED and len(mixtures) >= FEWEST_ROUNDS) or len(mixtures) == ROUNDS:
             evidence = total - float(np.log(len(us))) - 0.5 * density.size * float(np.log(2 * np.pi))
-            return Draws(ndtr(us), shares, effective, evidence)
+            return Draws(ndtr(us), shares, effective, evidence, mixtures[-1])
         mixtures.append(_followed(us, tempered(weights, 20.0 * density.size), rng))
+        counts.append(ROUND if len(mixtures) <= FEWEST_ROUNDS else LATER)
+
+
+def over_u(density: Density, u: Array) -> Array:
+    """Logarithm of the density over u, (m,), up to a constant."""
+    return np.asarray(density(ndtr(u)) - 0.5 * np.sum(u**2, axis=1))
 
 
 def _summed(logs: Sequence[Array] | Array) -> Array:
@@ -124,8 +135,8 @@ class Mixture:
     roots: Array
     shares: Array
 
-    def drawn(self, number: int, rng: np.random.Generator) -> Array:
-        """Draws, (number, d); some are standard normal."""
+    def drawn(self, number: int, rng: np.random.Generator | np.random.RandomState) -> Array:
+        """Draws, (number, d), part by part; some are standard normal."""
         counts = rng.multinomial(number, [*(1 - WHOLE) * self.shares, WHOLE])
         d = self.centres.shape[1]
         rows = []
@@ -229,9 +240,26 @@ def pieces(alternatives: Sequence[Draws], probabilities: Sequence[float], n: int
     width = np.diff(grid)
     mass = np.sum([probabilities[k] * _mass(alternatives[k], n, kernels[k], grid) for k in counted], axis=0)
     density = mass / np.maximum(width, 1e-300)
-    order = np.argsort(-density)
-    count = int(np.searchsorted(np.cumsum(mass[order]), share * mass.sum())) + 1
-    level = density[order[min(count, mass.size) - 1]]
+    cells = _smallest(density, mass, share)
+    return tuple((float(grid[first]), float(grid[last])) for first, last in cells)
+
+
+def _smallest(density: Array, mass: Array, share: float) -> list[tuple[int, int]]:
+    """First and last edges of the runs of cells, joined over shallow dips, that hold a share of the mass at the highest level of
+    the density: joined at the level at which the cells alone hold it, they would hold more, where a long tail is flat."""
+    levels = np.sort(density)[::-1]
+    wanted, first, last = share * float(mass.sum()), 0, density.size - 1
+    while first < last:
+        middle = (first + last) // 2
+        if sum(mass[a:b].sum() for a, b in _joined(density, levels[middle])) >= wanted:
+            last = middle
+        else:
+            first = middle + 1
+    return _joined(density, levels[last])
+
+
+def _joined(density: Array, level: float) -> list[tuple[int, int]]:
+    """Runs of cells (first, last + 1) of at least a density, joined where the dip between them is shallow."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (density >= level).astype(int), [0]]))).reshape(-1, 2).tolist()
     joined = [edges[0]]
     for first, last in edges[1:]:
@@ -239,7 +267,7 @@ def pieces(alternatives: Sequence[Draws], probabilities: Sequence[float], n: int
             joined[-1][1] = last
         else:
             joined.append([first, last])
-    return tuple((float(grid[first]), float(grid[last])) for first, last in joined)
+    return [(first, last) for first, last in joined]
 
 
 def _kernel(values: Array, shares: Array, effective: float) -> float:

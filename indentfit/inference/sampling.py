@@ -1,21 +1,26 @@
 """Samples of the density over parameters and uncertain inputs, on the surrogate of a fit, by emcee (Foreman-Mackey et al. 2013).
 
 Size (uniform in its logarithm) and correlation of the noise of each test are coordinates too, and an unknown scale of the law's
-misfit, and so are integrated out.
+misfit, and so are integrated out. Walkers begin at weighted draws (`draws`) and live in the same coordinates u. Half of their steps
+are proposals from the mixture that these draws have ended with, whatever the walker's place; with steps between walkers alone, a
+chain over unknown inputs was correlated over 1,000 steps.
 Several alternatives, such as two bases, are sampled each; a draw of the result is one of theirs, by their probabilities. This
 module needs `indentfit[posterior]`.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from indentfit.arrays import Array, Ints
 from indentfit.case import Case
 from indentfit.errors import CaseError
 from indentfit.inference.density import Density
+from indentfit.inference.draws import LARGEST, Draws, Mixture, drawn, over_u
 from indentfit.inference.joint import JointFit, ModelError, fitted
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Curves
@@ -219,10 +224,12 @@ class Chain:
 
 
 def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
-    density = Density(fit)
-    rng = np.random.default_rng(seed)
-    starts = _starts(density, WALKERS * density.size, rng)
-    sampler = emcee.EnsembleSampler(len(starts), density.size, density, vectorize=True)
+    density, known = Density(fit), drawn(fit, seed)
+    starts = _starts(density, known, WALKERS * density.size, np.random.default_rng(seed))
+    moves: list[tuple[Any, float]] = [(emcee.moves.StretchMove(), 0.5)]
+    if known.mixture is not None:
+        moves.append((emcee.moves.MHMove(_Independent(known.mixture)), 0.5))
+    sampler = emcee.EnsembleSampler(len(starts), density.size, partial(over_u, density), vectorize=True, moves=moves)
     state = emcee.State(starts, random_state=np.random.RandomState(seed % 2**32).get_state())
     correlated = np.inf
     while sampler.iteration < MOST_STEPS and sampler.iteration < LONG * correlated:
@@ -231,10 +238,11 @@ def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
         correlated = correlated if np.isfinite(correlated) else np.inf
     burnt = int(min(BURNT * correlated, sampler.iteration / 2)) if np.isfinite(correlated) else sampler.iteration // 2
     kept = np.linspace(burnt, sampler.iteration - 1, DRAWS).astype(int)
-    places = sampler.get_chain()[kept].swapaxes(0, 1)
+    u = sampler.get_chain()[kept].swapaxes(0, 1)
+    places = ndtr(u)
     return Chain(
         density.values(places[..., : density.curves.size]),
-        sampler.get_log_prob()[kept].T,
+        sampler.get_log_prob()[kept].T + 0.5 * np.sum(u**2, axis=2),  # of the places
         density.sigma(places),
         float(np.mean(sampler.acceptance_fraction)),
         correlated,
@@ -242,19 +250,19 @@ def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
     )
 
 
-def _starts(density: Density, walkers: int, rng: np.random.Generator) -> Array:
-    """Places of the walkers: about the optimum and other maxima, (walkers, n + 2 tests), or one column more."""
-    fit = density.fit
-    modes = [fit.mode, *(mode for mode in fit.others if mode.chi2 < fit.mode.chi2 + 9)]
-    drawn = []
-    for k in range(walkers):
-        mode = modes[k % len(modes)]
-        root = np.linalg.cholesky(mode.covar + 1e-12 * np.eye(len(mode.z)))
-        z = mode.z + np.minimum(1.0, 0.3 / np.sqrt(np.diag(mode.covar))) * (root @ rng.standard_normal(len(mode.z)))
-        inside = np.abs((z + 1) % 2 - 1)  # mirrored at 0 and 1
-        place = density.place(np.clip(inside, 1e-4, 1 - 1e-4))
-        sigmas = slice(len(z), len(z) + len(density.used))
-        place[sigmas] += 0.2 * rng.standard_normal(len(density.used)) / (density.highest - density.lowest)
-        place[sigmas.stop :] = rng.random(place.size - sigmas.stop)
-        drawn.append(np.clip(place, 1e-6, 1 - 1e-6))
-    return np.array(drawn)
+@dataclass(frozen=True, eq=False)
+class _Independent:
+    """Proposals of emcee's that do not depend on the place of a walker, with the ratio of densities that makes them fair."""
+
+    mixture: Mixture
+
+    def __call__(self, u: Array, rng: np.random.RandomState) -> tuple[Array, Array]:
+        new = rng.permutation(self.mixture.drawn(len(u), rng))
+        return new, self.mixture.log(u) - self.mixture.log(new)
+
+
+def _starts(density: Density, known: Draws, walkers: int, rng: np.random.Generator) -> Array:
+    """Where walkers begin, over u: draws by their weights, a little apart, (walkers, n + 2 tests), or one column more."""
+    u = np.clip(ndtri(known.places[rng.choice(len(known.shares), walkers, p=known.shares)]), -LARGEST, LARGEST)
+    apart = u + 1e-3 * rng.standard_normal(u.shape)  # walkers that begin at one place would not leave each other
+    return np.where(np.isfinite(over_u(density, apart))[:, None], apart, u)
