@@ -48,9 +48,7 @@ from indentfit.runs.forward import Evaluation
 
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
 UNPROVED = "the optimum was not proved by a run"
-# Intervals reach no farther towards the ends of profiles than the smallest set that holds this share of the posterior, or than this
-# share of a piece beside the piece.
-BEYOND, BESIDE = 0.985, 0.15
+BESIDE = 0.13  # of a piece's width: intervals follow profiles so far beside the smallest set, and stay within 1.3 of its width
 SLIT = 0.1  # of the whole set's width: narrower gaps between its pieces are filled
 
 
@@ -146,9 +144,9 @@ class WideFit:
 def pieces_of(alternatives: Sequence[WideAlternative], n: int) -> tuple[Interval, ...]:
     """The 95 % set of free parameter n, in units of the range, the most probable alternative first.
 
-    It is the smallest set that holds 95 % of the posterior, and what the profiles allow beyond, within the smallest set of 98.5 %
-    or within 15 % of a piece's width beside it. The posterior alone holds truths as often as the priors draw them; a truth where a
-    prior ends, such as a contact without any friction, would lie just outside. Where a density is normal, profiles allow no more.
+    It is the smallest set that holds 95 % of the posterior, and what the profiles allow within 13 % of a piece's width beside it. The
+    posterior alone holds truths as often as the priors draw them; a truth where a prior ends, such as a contact without any
+    friction, would lie just outside. Where a density is normal, profiles allow no more.
     Where there are too few effective draws the set is the mixture of profiles. It reaches to the optimum, whose value the result
     states.
     """
@@ -157,8 +155,7 @@ def pieces_of(alternatives: Sequence[WideAlternative], n: int) -> tuple[Interval
     if enough_draws(alternatives):
         parts = draws.pieces(known, shares, n)
         beside = [(low - BESIDE * (high - low), high + BESIDE * (high - low)) for low, high in parts]
-        beyond = mixture.common(mixture.union(draws.pieces(known, shares, n, BEYOND), beside), joined)
-        joined = mixture.union(parts, beyond)
+        joined = mixture.union(parts, mixture.common(beside, joined))
     return without_slits(reaching(joined, float(alternatives[0].fit.mode.z[n])))
 
 
@@ -259,7 +256,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
         unknown = elements is None and bool(case.fit.uncertain.mesh and case.indentations)
-        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part, ROUNDS if unknown else LIMIT)
+        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part, ROUNDS if unknown else LIMIT, start=not changes)
         if fit is not None and unknown:
             mesh, elements = mesh_error(case, fit, model)
             fit = _with_mesh(fit, mesh, model, case.fit.seed, part)
@@ -324,8 +321,9 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
     """The error of the forces by the mesh, and the number of elements of the second mesh; none where a run for it fails."""
     curves = fit.posterior.curves
     size = curves.measured().size
+    place = fit.proofs[-1].parameters if fit.reached else curves.point(fit.mode.z)  # of a run that is known, if it is as good
     try:
-        error = mesh_error_at(case, curves.problem, model, curves.point(fit.mode.z))
+        error = mesh_error_at(case, curves.problem, model, place)
     except Underivable:
         return ModelError.none(size, fit.error.law), None
     covar = block_diag(*error.covar) * case.fit.uncertain.mesh**2
