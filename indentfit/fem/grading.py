@@ -30,6 +30,8 @@ class Grading:
         Factor on the widths of elements along a strip.
     least : int
         Number of elements on each side of the edge, at least.
+    parts : int
+        Number of equal elements into which the one at the contact's edge is divided.
     base : Grading or None
         Grading of the base mesh, whose numbers of elements this mesh scales; None for the base mesh itself.
     """
@@ -40,6 +42,7 @@ class Grading:
     rim: float
     long: float = 1.0
     least: int = 2
+    parts: int = 1
     base: Grading | None = None
 
     def width(self, distance: Array) -> Array:
@@ -81,7 +84,9 @@ def graded(start: float, stop: float, grading: Grading, at: float, least: int = 
         share = first * share + (1 - first) * share**2
     nodes = np.interp(count[-1] * (share if at == start else 1 - share[::-1]), count, fine)
     nodes[0], nodes[-1] = start, stop
-    return nodes
+    first = 0 if at == start else nodes.size - 2
+    between = np.linspace(nodes[first], nodes[first + 1], grading.parts + 1)[1:-1]
+    return np.insert(nodes, first + 1, between)
 
 
 def continued(start: float, stop: float, grading: Grading, least: int = 1) -> Array:

@@ -72,9 +72,9 @@ FOLDS = {  # factor, power, and largest share of the force
     # curve within 0.2 %, with it the surface cannot pass into the punch, and the force is 0.8 % larger at 0.54 radii. A wall that
     # sticks adds 0.5 %.
     "stick": (0.03, 1.0, 0.01),
-    # Bricks have no wall there and are coarser at the edge; how they fold up depends on the steps: 384 default ones lie up to
-    # 4.3 % above that curve in four steps, and up to 5.1 % in eight, from a depth of 0.36 radii on.
-    "stick on bricks": (0.12, 1.0, 0.06),
+    # Bricks have no wall there and are coarser at the edge: default ones lie up to 2.0 % above that curve, at 0.36 radii,
+    # and a punch as wide as the layer is thick 1.8 % above the plane, at 0.19 radii.
+    "stick on bricks": (0.1, 1.0, 0.03),
 }
 POWERS = (-1, 0, 1)  # of the depth: what a correction, relative to the force, is made of
 DEEPER = 1 + 1e-9  # round-off
@@ -347,9 +347,7 @@ def _folds(setup: Setup, depths: Array) -> Array:
 
 def _sticks_on_bricks(setup: Setup) -> bool:
     """Whether bricks lie under a round punch with a sharp edge that sticks."""
-    shape = setup.indenter.geometry
-    round_punch = has_sharp_edge(shape) and isinstance(shape.partition(setup.depth), Rings)
-    return round_punch and not setup.in_plane and setup.indenter.friction == "stick"
+    return setup.ties_round and not setup.in_plane
 
 
 def _kind_of_edge(setup: Setup) -> str:

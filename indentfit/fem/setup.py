@@ -14,6 +14,7 @@ from indentfit.fem.symmetry import PARTS, Part, Symmetry
 from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Families, Fibre, fibre_of
 from indentfit.hereditary import Ramp, RelaxationFunction
+from indentfit.indenters import Rings, has_sharp_edge
 from indentfit.material import Material
 
 
@@ -87,6 +88,12 @@ class Setup:
     def rubs(self) -> bool:
         """Whether points come to touch one by one under friction: the force depends a little on the steps of the depth then."""
         return self.indenter.geometry.edge_radius is None and self.indenter.friction != 0
+
+    @property
+    def ties_round(self) -> bool:
+        """Whether the sample is tied to the face of a round punch with a sharp edge."""
+        shape = self.indenter.geometry
+        return self.indenter.friction == "stick" and has_sharp_edge(shape) and isinstance(shape.partition(self.depth), Rings)
 
     @property
     def remark(self) -> str:
