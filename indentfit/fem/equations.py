@@ -17,6 +17,8 @@ from indentfit.fem.contact import ContactFace
 from indentfit.fem.contact_state import ContactState, History, Springs
 from indentfit.fem.directions import Direction
 from indentfit.fem.linear.tangent import Tangent
+from indentfit.fem.sliding import Sliding
+from indentfit.fem.tied import Tied
 from indentfit.fibres import Fibre
 from indentfit.material import Material
 
@@ -31,6 +33,13 @@ class Equations:
     body: Body
     face: ContactFace
     fixed: Fixed
+
+    def sliding_on(self, u: Array) -> "Equations":
+        """These equations with layers that slide where they lie at displacements u (n,); themselves without such layers."""
+        if not isinstance(self.body, Sliding | Tied):
+            return self
+        body = self.body.sliding_on(u)
+        return self if body is self.body else replace(self, body=body, fixed=Fixed(body, self.fixed.dofs))
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,13 @@ from indentfit.fem.tied import Tied
 APART = 0.02  # of the depth: how far apart the faces of layers that slide may be, by the mesh and by the pairing of their points
 
 
-def meshed_body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian | Sliding, ContactPoints]:
-    """The meshed body as the setup asks for it, and the points at which it may touch."""
+def meshed_body(setup: Setup, rim: float, follows: bool = False) -> tuple[Solid | Tied | Meridian | Sliding, ContactPoints]:
+    """The meshed body as the setup asks for it, and the points at which it may touch; follows: whether points of layers that slide
+    lie on what they have slid on, not on what they lay on at rest."""
+    reach = setup.depth if follows else None
     if setup.in_plane:
-        meridian = with_slides(Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth)), setup.sample)
+        plane = Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth))
+        meridian = with_slides(plane, setup.sample, reach)
         return meridian, EdgePoints(meridian)
     element, part = setup.solver.element, setup.part
     mesh = quarter(setup.sample, setup.indenter, setup.mesh, element, setup.depth, rim, part.grown)
@@ -31,7 +34,7 @@ def meshed_body(setup: Setup, rim: float) -> tuple[Solid | Tied | Meridian | Sli
         solid: Solid = FormSolid(mesh, element, part)
     else:
         solid = Solid(mesh, element, part)
-    whole = with_slides(solid, setup.sample)
+    whole = with_slides(solid, setup.sample, reach)
     body = Tied(whole) if part.tied else whole
     return body, NodePoints(body, setup.sample.thickness)
 

@@ -5,6 +5,8 @@ length when Newton's iteration fails. The curve between the steps is a spline, s
 requested outputs.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from indentfit.arrays import Array
@@ -75,13 +77,14 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
         depth = _target(here.depth, step, begun, largest, last)
         short = step < SHORT * largest
         try:
-            there, iterations = _step(newton, _increment(equations, loading, here, depth, LEASH * last), here, short)
+            increment = _increment(equations, loading, here, depth, LEASH * last)
+            there, iterations, ahead = _step(newton, increment, here, short)
         except ConvergenceError as error:
             step, begun = step if depth == begun else (depth - here.depth) / 2, np.inf
             loading = loading.softened() if short else loading
             _cut_back(newton, step < SMALLEST_STEP * last, depth, error)
             continue
-        newton.work.steps += 1
+        newton.work.steps, equations = newton.work.steps + 1, ahead
         springs = equations.face.firm(springs, there.contact, loading.material.shear_modulus)
         loading = loading.stiffened(springs)
         path.append(_augmented(equations, loading, newton, there, LEASH * last).since(here, equations.face, loading.directions))
@@ -128,18 +131,21 @@ def _increment(equations: Equations, loading: Loading, here: Equilibrium, depth:
     return Increment(equations, loading, depth, history, changes, leash)
 
 
-def _step(newton: Newton, increment: Increment, here: Equilibrium, relax: bool, rests: bool = False) -> tuple[Equilibrium, int]:
-    """The equilibrium of an increment from the tangent prediction, by Newton's iteration or relaxation, and the iterations; rests:
-    whether the indenter does not move."""
+def _step(
+    newton: Newton, increment: Increment, here: Equilibrium, relax: bool, rests: bool = False
+) -> tuple[Equilibrium, int, Equations]:
+    """The equilibrium of an increment from the tangent prediction, by Newton's iteration or relaxation, the iterations, and its
+    equations, whose layers slide where the prediction takes them; rests: whether the indenter does not move."""
     at = _predicted(increment, here)
+    increment = replace(increment, equations=increment.equations.sliding_on(at.u))
     try:
-        return newton.equilibrium(increment, at, rests=here if rests else None)
+        return *newton.equilibrium(increment, at, rests=here if rests else None), increment.equations
     except ConvergenceError as first:
         if not relax:
             raise
         newton.solver.forget()
         try:
-            return relaxed(newton, increment, at)
+            return *relaxed(newton, increment, at), increment.equations
         except ConvergenceError as error:
             raise (first if INVERTED in first.cause else error) from None  # the first error says more than the last residual
 
@@ -168,7 +174,7 @@ def _augmented(equations: Equations, loading: Loading, newton: Newton, there: Eq
         if abs(there.penalty_error) <= WITHHELD * abs(there.force):
             break
         try:
-            there, _ = _step(newton, _increment(equations, loading, there, there.depth, leash), there, relax=True)
+            there, *_ = _step(newton, _increment(equations, loading, there, there.depth, leash), there, relax=True)
         except ConvergenceError:
             break  # the larger penalty error is reported
     return there

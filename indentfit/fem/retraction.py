@@ -129,7 +129,7 @@ def _step(
     now, leash = here.stiffened(equations, loading, dt), elastic.LEASH * deepest
     back = here.at.step < 0  # as the step before
     history = here.at.contact.advanced(here.at.rate if back else None, Stride(depth - here.at.depth, here.at.step, False))
-    there, _ = elastic._step(newton, Increment(equations, now, depth, history, (), leash), here.at, relax)
+    there, *_ = elastic._step(newton, Increment(equations, now, depth, history, (), leash), here.at, relax)
     there = elastic._augmented(equations, now, newton, there, leash)
     before = here.at if back else replace(here.at, step=0.0)
     return here.after(dt, there.since(before, equations.face, ()), equations, loading)

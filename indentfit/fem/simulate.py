@@ -43,6 +43,7 @@ from indentfit.fem.tries import (
     AGAIN_SHARE,
     FINE,
     FINE_ITERATIONS,
+    FOLLOWING,
     MUCH_DEEPER,
     SECOND_TRIES,
     SECOND_TRIES_FINE,
@@ -85,6 +86,8 @@ class Model:
     setup : Setup
     rim : float
         Width of the elements where the indenter leaves the sample, in units of the usual width.
+    follows : bool
+        Whether points of layers that slide lie on what they have slid on (fem.facing).
 
     Raises
     ------
@@ -94,10 +97,10 @@ class Model:
         The linear solver is not installed.
     """
 
-    def __init__(self, setup: Setup, rim: float = 1.0) -> None:
+    def __init__(self, setup: Setup, rim: float = 1.0, follows: bool = False) -> None:
         self.setup, self.rim = setup, rim
         started = time.perf_counter()
-        self.body, points = meshed_body(setup, rim)
+        self.body, points = meshed_body(setup, rim, follows)
         self.mesh = self.body.mesh
         self.layer = setup.sample.layer_at(self.mesh.p[1, self.mesh.t].mean(axis=0))  # number of each element's, from the top
         self.contact = ContactFace(points, setup.indenter, setup.sample.thickness)
@@ -252,11 +255,12 @@ class Model:
         raise first
 
     def _second_tries(self) -> tuple[Try, ...]:
+        following = (FOLLOWING,) if self.setup.sample.slides else ()
         if self.setup.in_plane:
-            return SECOND_TRIES_IN_PLANE
+            return following + SECOND_TRIES_IN_PLANE
         if self.contact.shape.edge_radius is None:
-            return SECOND_TRIES_ROUND
-        return SECOND_TRIES_FINE if self._fine else SECOND_TRIES
+            return following + SECOND_TRIES_ROUND
+        return following + (SECOND_TRIES_FINE if self._fine else SECOND_TRIES)
 
     @property
     def _fine(self) -> bool:
@@ -264,14 +268,14 @@ class Model:
         return not self.setup.in_plane and self.contact.shape.edge_radius is not None and self.body.n_dofs > FINE
 
     def _coarser(self, attempt: Try) -> "Model":
-        """This model, or a model with a coarser mesh: at the rim where the strip leaves the sample, or everywhere."""
-        if attempt.rim == self.rim and attempt.elements == 1:
+        """This model, one with a coarser mesh, at the rim where the strip leaves the sample or everywhere, or one that follows."""
+        if attempt.rim == self.rim and attempt.elements == 1 and not attempt.follows:
             return self
         setup = self.setup
         if attempt.elements < 1:
             elements = round(attempt.elements * self.mesh.nelements / setup.quarters)
             setup = replace(setup, mesh=setup.mesh.model_copy(update={"size": None, "elements": elements}))
-        return Model(setup, attempt.rim)  # a new model, so that no run depends on the runs before it
+        return Model(setup, attempt.rim, attempt.follows)  # a new model, so that no run depends on the runs before it
 
     def _run(self, attempt: Try, press: Press, controls: Controls) -> TestResult:
         started, before = time.perf_counter(), self._linear_work

@@ -1,16 +1,18 @@
 """A body of layers that slide on each other without friction and stay together, as a body.
 
-The mesh is cut where layers slide: each of the two faces has nodes of its own. Points that lay on each other at rest, x on the
-lower face and y on the upper one, stay in one tangent plane: with the means a, b of both faces' tangents,
+The mesh is cut where layers slide: each of the two faces has nodes of its own. A point x of the lower face and the point y of the
+upper face on which it lies stay in one tangent plane: with the means a, b of both faces' tangents,
 
     det(a, b, y - x) = 0    (in a meridian plane b is the direction across it),
 
-which is exact up to the third power of how far they slid (the mean of both normals is that of the chord between them). The
-pressure that keeps this is an unknown of the body like those that keep the volume: each pair of facets is one more element, whose
-"dilatation" is the gap at its Gauss points and whose "bulk modulus" is so large that the gap is nothing. The pressure acts along
-the mean normal on both faces alike, so that no force and no moment is lost (Nanson's formula gives the deformed area).
+which is exact up to the third power of how far they slid (the mean of both normals is that of the chord between them). The pairs
+are those at rest, or, where that is too far, those of each step (`fem.facing`). The pressure that keeps this is an unknown of the
+body like those that keep the volume: each point is one more element, whose "dilatation" is the gap and whose "bulk modulus" is so
+large that the gap is nothing. The pressure acts along the mean normal on both faces alike, so that no force and no moment is lost
+(Nanson's formula gives the deformed area).
 """
 
+import copy
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +28,7 @@ from indentfit.case.tables import Sample
 from indentfit.errors import MeshError
 from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
 from indentfit.fem.element import Solid, sparsity
+from indentfit.fem.facing import Faces, Facing, grid, shapes_at
 from indentfit.fem.meridian import Meridian
 from indentfit.fibres import Fibre
 from indentfit.material import Material
@@ -56,30 +59,35 @@ def cut(mesh: Mesh, heights: Sequence[float]) -> Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Pairs of facets that slide on each other, of a body with k displacements at each node.
+    """Points of lower facets that slide on upper facets, of a body with k displacements at each node.
 
     Attributes
     ----------
-    nodes : array (n_f, 2 n_k)
-        Nodes of the lower facet, then those of the upper one in the same order.
-    rest : array (n_f, 2 n_k, 3), mm
-        Their places at rest.
+    faces : Faces
+    nodes : array (n_p, 2 n_k)
+        Nodes of each point's lower facet, then those of the upper facet on which it lies.
     k : int
     weights : array (3, n_p, 2 n_k)
-        What makes of the nodes' places, at each Gauss point, the means of both faces' tangents, and the distance of the faces.
-    scale : array (n_f, n_p)
+        What makes of the nodes' places the means of both faces' tangents, and the distance of the faces.
+    scale : array (n_p,)
         The gap mode over the determinant.
+    follows : bool
+        Whether points lie on what they have slid on, not on what they lay on at rest.
     """
 
+    faces: Faces
     nodes: Ints
-    rest: Array
     k: int
     weights: Array
     scale: Array
+    follows: bool
 
     @classmethod
-    def of(cls, body: "Solid | Meridian", heights: Sequence[float], thickness: Sequence[float]) -> "Facets":
-        """The pairs at some heights, mm, each with the thickness of the thinner layer beside it, mm.
+    def of(
+        cls, body: "Solid | Meridian", heights: Sequence[float], thickness: Sequence[float], reach: float | None = None
+    ) -> "Facets":
+        """The facets at some heights, mm, each with the thickness of the thinner layer beside it, mm; reach: how far points may
+        slide that lie on what they have slid on, mm.
 
         Raises
         ------
@@ -95,36 +103,48 @@ class Facets:
             lower, upper = (_facet_nodes(body, np.flatnonzero(touching & side), at) for side in (below, ~below))
             pairs.append(_paired(points, lower, upper))
             owner.append(np.full(len(lower), number))
-        nodes = np.concatenate(pairs)
-        rest = np.zeros((*nodes.shape, 3))
-        rest[..., : len(points)] = np.moveaxis(points[:, nodes], 0, -1)
-        shapes, slopes, shares = _face_shapes(nodes.shape[1] // 2, len(points) - 1)
-        tangents = [np.hstack([slope, slope]) / 2 for slope in slopes]
-        if len(points) == 2:
-            tangents.append(np.zeros_like(tangents[0]))
-        made = cls(nodes, rest, len(points), np.array([*tangents, np.hstack([-shapes, shapes])]), np.empty(0))
+        lower, upper = np.split(np.concatenate(pairs), 2, axis=1)
+        interface = np.concatenate(owner)
+        faces = Faces.of(points.T, lower, upper, interface, reach)
+        made = cls._facing(faces, faces.at_rest, len(points), np.ones(len(faces.own)), reach is not None)
         a, b, _ = made._vectors(np.zeros(points.size))
-        area = np.linalg.norm(np.cross(a, b), axis=2)
-        ring = 1.0 if len(points) == 3 else 2 * np.pi * np.einsum("pn,fn->fp", np.hstack([shapes, shapes]) / 2, rest[..., 0])
-        return replace(made, scale=np.sqrt(shares * ring / area / lengths[np.concatenate(owner)][:, None]))
+        area = np.linalg.norm(np.cross(a, b), axis=1)
+        ring = 1.0 if len(points) == 3 else 2 * np.pi * faces.radius
+        return replace(made, scale=np.sqrt(faces.shares * ring / area / lengths[interface][faces.own]))
+
+    @classmethod
+    def _facing(cls, faces: Faces, on: Facing, k: int, scale: Array, follows: bool) -> "Facets":
+        """The facets with each point on what a Facing says."""
+        below, above = faces.shapes, faces.shapes_above(on)
+        tangents = [np.hstack([under, over]) / 2 for under, over in zip(below[1:], above[1:], strict=True)]
+        if k == 2:
+            tangents.append(np.zeros_like(tangents[0]))
+        nodes = np.hstack([faces.lower[faces.own], faces.upper[on.facet]])
+        return cls(faces, nodes, k, np.array([*tangents, np.hstack([-below[0], above[0]])]), scale, follows)
+
+    def sliding_on(self, u: Array) -> "Facets":
+        """These facets with each point on what it lies on at displacements u (n,); themselves where points do not follow."""
+        if not self.follows:
+            return self
+        return self._facing(self.faces, self.faces.facing(u.reshape(-1, self.k)), self.k, self.scale, True)
 
     def gaps(self, u: Array) -> Array:
-        """The gap modes (n_f, n_p) at displacements u (n,), in the unit of a dilatation's modes."""
-        return np.asarray(self.scale * np.linalg.det(np.stack(self._vectors(u), axis=2)))
+        """The gap modes (n_p,) at displacements u (n,), in the unit of a dilatation's modes."""
+        return np.asarray(self.scale * np.linalg.det(np.stack(self._vectors(u), axis=1)))
 
     def slopes(self, u: Array) -> Array:
-        """Their derivatives by the facets' displacements, (n_f, n_p, 2 n_k, k)."""
+        """Their derivatives by the displacements of each point's nodes, (n_p, 2 n_k, k)."""
         a, b, d = self._vectors(u)
         normals = np.array([np.cross(b, d), np.cross(d, a), np.cross(a, b)])[..., : self.k]
-        return np.einsum("fp,vpn,vfpi->fpni", self.scale, self.weights, normals)
+        return np.einsum("p,vpn,vpi->pni", self.scale, self.weights, normals)
 
     def curvature(self, u: Array, pressure: Array) -> Array:
-        """Their second derivatives times pressures (n_f, n_p), summed: (n_f, 2 n_k, k, 2 n_k, k)."""
+        """Their second derivatives times pressures (n_p,): (n_p, 2 n_k, k, 2 n_k, k)."""
         vectors, out = self._vectors(u), 0.0
         for first, second, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             pairs = np.einsum("pn,po->pno", self.weights[first], self.weights[second])
-            turn = np.einsum("ijk,fpk->fpij", LEVI_CIVITA, vectors[third])[..., : self.k, : self.k]
-            out = out + np.einsum("fp,pno,fpij->fnioj", self.scale * pressure, pairs - pairs.swapaxes(1, 2), turn, optimize=True)
+            turn = np.einsum("ijk,pk->pij", LEVI_CIVITA, vectors[third])[..., : self.k, : self.k]
+            out = out + np.einsum("p,pno,pij->pnioj", self.scale * pressure, pairs - pairs.swapaxes(1, 2), turn, optimize=True)
         return np.asarray(out)
 
     def apart(self, u: Array) -> float:
@@ -141,29 +161,23 @@ class Facets:
     def _sampled(self, u: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], float]:
         """Points (n, 3) all over the lower and the upper faces with their normals and how far they have moved along y, and the
         largest distance of neighbours, mm."""
-        n_k, dim = self.nodes.shape[1] // 2, self.k - 1
-        shapes, slopes, _ = _face_shapes(n_k, dim, (np.arange(SAMPLES) + 0.5) / SAMPLES)
-        x = self._places(u)
-        faces = []
-        for side in (x[:, :n_k], x[:, n_k:]):
+        dim, faces, sides = self.k - 1, self.faces, []
+        shapes, *slopes = shapes_at(faces.lower.shape[1], grid((np.arange(SAMPLES) + 0.5) / SAMPLES, dim))
+        places = faces.places(u.reshape(-1, self.k))
+        for nodes in (faces.lower, faces.upper):
+            side = places[nodes]
             tangents = [np.einsum("pn,fni->fpi", slope, side) for slope in slopes]
             across = tangents[1] if dim == 2 else np.broadcast_to([0.0, 0.0, 1.0], tangents[0].shape)
             normals = np.cross(tangents[0], across)
             normals /= np.linalg.norm(normals, axis=2, keepdims=True) * np.sign(normals[..., 1:2])
-            points = np.einsum("pn,fni->fpi", shapes, side).reshape(-1, 3)
-            faces.append((points, normals.reshape(-1, 3), points[:, 1] - np.repeat(self.rest[:, 0, 1], len(shapes))))
-        widths = np.ptp(x[:, :n_k], axis=1)
-        return faces[0], faces[1], float(np.linalg.norm(widths, axis=1).max() / SAMPLES)
-
-    def _places(self, u: Array) -> Array:
-        """Places (n_f, 2 n_k, 3) of the facets' nodes, mm."""
-        x = self.rest.copy()
-        x[..., : self.k] += u.reshape(-1, self.k)[self.nodes]
-        return x
+            points, rest = np.einsum("pn,fni->fpi", shapes, side).reshape(-1, 3), faces.rest[nodes[:, 0], 1]
+            sides.append((points, normals.reshape(-1, 3), points[:, 1] - np.repeat(rest, len(shapes))))
+        widths = np.ptp(places[faces.lower], axis=1)
+        return sides[0], sides[1], float(np.linalg.norm(widths, axis=1).max() / SAMPLES)
 
     def _vectors(self, u: Array) -> tuple[Array, Array, Array]:
-        """Both tangents and the distance of the faces at the Gauss points, each (n_f, n_p, 3)."""
-        a, b, d = np.einsum("vpn,fni->vfpi", self.weights, self._places(u))
+        """Both tangents and the distance of the faces at the points, each (n_p, 3)."""
+        a, b, d = np.einsum("vpn,pni->vpi", self.weights, self.faces.places(u.reshape(-1, self.k))[self.nodes])
         return a, b if self.k == 3 else b + np.array([0.0, 0.0, 1.0]), d
 
 
@@ -187,21 +201,6 @@ def _paired(points: Array, lower: Ints, upper: Ints) -> Ints:
     return np.hstack([lower, np.take_along_axis(beside, away.argmin(axis=2), axis=1)])
 
 
-def _face_shapes(n_nodes: int, dim: int, points: Array | None = None) -> tuple[Array, list[Array], Array]:
-    """Shape functions (n_p, n_nodes) at points along each of the `dim` coordinates of a facet, their derivatives by the
-    coordinates, and the points' weights; by default at Gauss points, one less than nodes in a row: more would lock the faces."""
-    n = round(n_nodes ** (1 / dim))
-    x, w = np.polynomial.legendre.leggauss(n - 1)
-    places, points = np.linspace(0, 1, n), (x + 1) / 2 if points is None else points
-    powers = np.linalg.inv(places[:, None] ** np.arange(n))
-    N: Array = (points[:, None] ** np.arange(n)) @ powers
-    dN = (np.arange(n) * points[:, None] ** np.maximum(np.arange(n) - 1, 0)) @ powers
-    if dim == 1:
-        return N, [dN], np.asarray(w / 2)
-    # the first coordinate changes fastest, as in _facet_nodes
-    return np.asarray(np.kron(N, N)), [np.kron(N, dN), np.kron(dN, N)], np.asarray(np.kron(w / 2, w / 2))
-
-
 class Sliding:
     """A Body whose layers slide on each other.
 
@@ -220,23 +219,39 @@ class Sliding:
     """
 
     def __init__(self, body: "Solid | Meridian", facets: Facets) -> None:
-        self.solid, self.facets, self._n = body, facets, len(body.nodes)
+        self.solid, self._n = body, len(body.nodes)
         self.mesh, self.element, self.basis, self.copies = body.mesh, body.element, body.basis, body.copies
-        self.weights, self.nodes, k = body.weights, body.nodes, facets.k
-        links = np.repeat(facets.nodes[:, :1], body.nodes.shape[1], axis=1)
-        links[:, : facets.nodes.shape[1]] = facets.nodes
-        self.dofs = np.concatenate([body.dofs, (k * links[..., None] + np.arange(k)).astype(np.int32)])
-        nothing = np.zeros((len(links), body.means.shape[1]))
+        self.weights, self.nodes, self._k = body.weights, body.nodes, facets.k
+        self.coupled = _as_cells(facets.faces.coupled, body.nodes.shape[1])
+        nothing = np.zeros((len(facets.nodes), body.means.shape[1]))
         self.volume, self.means = np.concatenate([body.volume, nothing[:, 0]]), np.concatenate([body.means, nothing])
-        self.signs = np.ones(self.dofs.shape)
-        cells = self.dofs[:, :, 0] // k
-        self.indptr, self.indices, self.positions = sparsity(cells, body.n_dofs // k, k)
+        cells = np.concatenate([body.nodes, self.coupled])
+        self.indptr, self.indices, self.positions = sparsity(cells, body.n_dofs // self._k, self._k)
+        self._blocks = _blocks(self.indptr, self.indices, self._k)
         self._places = _places(body.indptr, body.indices, self.indptr, self.indices)
-        linked = self.dofs[self._n :, : facets.nodes.shape[1]].reshape(len(links), -1)
-        self._linked = linked
-        columns = k * self.positions[self._n :, : facets.nodes.shape[1], : facets.nodes.shape[1]]
-        entries = self.indptr[linked].reshape(*facets.nodes.shape, k, 1, 1) + columns[:, :, None, :, None] + np.arange(k)
-        self._entries = entries.reshape(len(links), linked.shape[1], linked.shape[1])
+        self._link(facets)
+
+    def _link(self, facets: Facets) -> None:
+        """Take the points of facets as elements."""
+        self.facets, k, nodes = facets, self._k, facets.nodes
+        links = _as_cells(nodes, self.nodes.shape[1])
+        self.dofs = np.concatenate([self.solid.dofs, (k * links[..., None] + np.arange(k)).astype(np.int32)])
+        self.signs = np.ones(self.dofs.shape)
+        self._linked = (k * nodes[..., None] + np.arange(k)).reshape(len(nodes), -1)
+        wanted = nodes[:, :, None].astype(np.int64) * (self.indptr.size // k) + nodes[:, None]
+        columns = k * (np.searchsorted(self._blocks, wanted) - self.indptr[k * nodes][:, :, None] // k**2)
+        entries = self.indptr[self._linked].reshape(*nodes.shape, k, 1, 1) + columns[:, :, None, :, None] + np.arange(k)
+        self._entries = entries.reshape(len(nodes), self._linked.shape[1], self._linked.shape[1])
+
+    def sliding_on(self, u: Array) -> "Sliding":
+        """This body with each point of a lower face on what it lies on at displacements u (n,); itself where points do not
+        follow."""
+        facets = self.facets.sliding_on(u)
+        if facets is self.facets:
+            return self
+        other = copy.copy(self)
+        other._link(facets)
+        return other
 
     @property
     def n_dofs(self) -> int:
@@ -258,7 +273,7 @@ class Sliding:
     def state(self, u: Array, fibre: Fibre) -> BodyState:
         own = self.solid.state(u, fibre)
         gaps = np.zeros((len(self._linked), self.means.shape[1]))
-        gaps[:, : self.facets.scale.shape[1]] = self.facets.gaps(u)
+        gaps[:, 0] = self.facets.gaps(u)
         return BodyState(own.I, np.concatenate([own.theta, gaps]), own.valid)
 
     def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
@@ -290,16 +305,16 @@ class Sliding:
         values[self._places] = own_values
         stiffness = per_element(law.kappa if bulk is None else bulk, len(self.dofs))[n:]
         B = self.facets.slopes(u)
-        B = B.reshape(*B.shape[:2], -1)
-        K = self.facets.curvature(u, pressure[n:, : B.shape[1]]).reshape(len(B), B.shape[2], B.shape[2])
-        K += np.einsum("f,fpa,fpb->fab", stiffness, B, B)
+        B = B.reshape(len(B), -1)
+        K = self.facets.curvature(u, pressure[n:, 0]).reshape(len(B), B.shape[1], B.shape[1])
+        K += np.einsum("p,pa,pb->pab", stiffness, B, B)
         np.add.at(values, self._entries, K)
         return self._with_links(forces, u, self.pressure(state, law)), values
 
     def dilatation_map(self, u: Array) -> Array:
         slopes = self.facets.slopes(u)
         links = np.zeros((len(slopes), self.means.shape[1], *self.dofs.shape[1:]))
-        links[:, : slopes.shape[1], : slopes.shape[2]] = slopes
+        links[:, 0, : slopes.shape[1]] = slopes
         return np.concatenate([self.solid.dilatation_map(u), links])
 
     def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
@@ -324,20 +339,35 @@ class Sliding:
     def _with_links(self, forces: Array, u: Array, pressure: Array) -> Array:
         """Forces (n,) with those of the interfaces' pressures."""
         slopes = self.facets.slopes(u)
-        links = np.einsum("fpni,fp->fni", slopes, pressure[self._n :, : slopes.shape[1]])
+        links = slopes * pressure[self._n :, 0, None, None]
         return forces + np.bincount(self._linked.ravel(), links.ravel(), forces.size)
 
 
-def with_slides(body: Uncut, sample: Sample) -> Uncut | Sliding:
-    """A body with the interfaces at which the sample's layers slide; itself where none do. Raises MeshError for linear elements,
-    which are held together at one point of each facet."""
+def with_slides(body: Uncut, sample: Sample, reach: float | None = None) -> Uncut | Sliding:
+    """A body with the interfaces at which the sample's layers slide; itself where none do. Points lie on what they have slid on, as
+    far as `reach`, mm; without it on what they lay on at rest. Raises MeshError for linear elements, which are held together at one
+    point of each facet."""
     if not sample.slides:
         return body
     if body.element != "q2p1":
         raise MeshError(f'solver.element = "{body.element}": layers with interface = "sliding" take "q2p1" only; leave the key out')
     ends = [sample.thickness, *(sample.thickness - depth for depth in sample.interfaces), 0.0]
     thinner = [min(ends[n - 1] - ends[n], ends[n] - ends[n + 1]) for n in (ends.index(height) for height in sample.slides)]
-    return Sliding(body, Facets.of(body, sample.slides, thinner))
+    return Sliding(body, Facets.of(body, sample.slides, thinner, reach))
+
+
+def _as_cells(nodes: Ints, n: int) -> Ints:
+    """Nodes (m, k) of links as those of elements with n nodes: the first one is repeated."""
+    cells = np.repeat(nodes[:, :1], n, axis=1)
+    cells[:, : nodes.shape[1]] = nodes
+    return cells
+
+
+def _blocks(indptr: Ints, indices: Ints, k: int) -> Array:
+    """The numbers row * n + column of the k x k blocks of a CSR pattern with n rows of blocks, in rising order."""
+    rows = np.repeat(np.arange(indptr.size - 1), np.diff(indptr))
+    first = (rows % k == 0) & (indices % k == 0)
+    return (rows[first] // k).astype(np.int64) * (indptr.size // k) + indices[first] // k
 
 
 def _rows(bulk: Bulk, n: int) -> Bulk:

@@ -6,6 +6,8 @@ body of all nodes (`element.Solid`, or that of the forms) gives forces Tᵀ f an
 image, so that u_x = u_z = 0 there.
 """
 
+import copy
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
@@ -48,10 +50,27 @@ class Tied:
         self._node, self._own = number[image], np.flatnonzero(own)
         signs = np.where(own[:, None], 1.0, TURN)
         self._sign, self._dof = signs.ravel(), (3 * self._node[:, None] + np.arange(3)).ravel()
-        cells = solid.dofs[:, :, 0] // 3
-        self.signs, self.dofs = np.ascontiguousarray(signs[cells]), self._dof[solid.dofs].astype(np.int32)
+        self._signs = signs
+        self._number_dofs()
+        cells = np.concatenate([solid.nodes, solid.coupled]) if isinstance(solid, Sliding) else solid.nodes
         self.indptr, self.indices, self.positions = sparsity(self._node[cells], self._own.size, 3)
         self._gather = _Gather.of(solid, self)
+
+    def _number_dofs(self) -> None:
+        """The unknowns that move the elements' nodes, with their signs."""
+        cells = self.solid.dofs[:, :, 0] // 3
+        self.signs, self.dofs = np.ascontiguousarray(self._signs[cells]), self._dof[self.solid.dofs].astype(np.int32)
+
+    def sliding_on(self, u: Array) -> "Tied":
+        """This body with each point of a lower face on what it lies on at displacements u (n,); itself where points do not
+        follow."""
+        solid = self.solid.sliding_on(self.all_of(u)) if isinstance(self.solid, Sliding) else self.solid
+        if solid is self.solid:
+            return self
+        other = copy.copy(self)
+        other.solid = solid
+        other._number_dofs()
+        return other
 
     @property
     def n_dofs(self) -> int:

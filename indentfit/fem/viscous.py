@@ -258,7 +258,7 @@ def in_step(
     now = here.stiffened(equations, loading, dt)
     rests = depth == here.at.depth
     before = here.at if depth > here.at.depth else _relaxed(here.at, here.share_left(dt))
-    there, _ = elastic._step(newton, elastic._increment(equations, now, before, depth, leash), before, relax, rests)
+    there, *_ = elastic._step(newton, elastic._increment(equations, now, before, depth, leash), before, relax, rests)
     there = elastic._augmented(equations, now, newton, there, leash)
     there = there.since(here.at, equations.face, ()) if depth > here.at.depth else replace(there, rate=here.at.rate)
     return here.after(dt, there, equations, loading)
