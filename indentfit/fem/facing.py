@@ -170,4 +170,5 @@ def shapes_at(n_nodes: int, places: Array) -> Array:
 def _gauss(n: int, dim: int) -> tuple[Array, Array]:
     """The Gauss points (n_p, dim) of a facet, n in a row, and their shares (n_p,)."""
     x, w = np.polynomial.legendre.leggauss(n)
-    return grid((x + 1) / 2, dim), w / 2 if dim == 1 else np.kron(w / 2, w / 2)
+    shares = np.asarray(w / 2, dtype=float)
+    return grid((x + 1) / 2, dim), shares if dim == 1 else np.kron(shares, shares)

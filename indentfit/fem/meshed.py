@@ -1,7 +1,5 @@
 """The meshed body of a setup: bricks of a part of the sample, or its meridian plane; layers may slide, a half is tied to itself."""
 
-from collections.abc import Sequence
-
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError
 from indentfit.fem.body import Body
@@ -47,21 +45,12 @@ def apart(body: Body, u: Array) -> float:
     return cut.facets.apart(body.unfolded(u)[1]) if isinstance(cut, Sliding) else 0.0
 
 
-def require_together(body: Body, path: Sequence[Equilibrium]) -> None:
-    """Raise ConvergenceError, with the path up to there, where the faces of layers that slide do not lie on each other."""
-    if not isinstance(body, Sliding | Tied):
-        return
-    for step in range(len(path) - 1, 0, -1):
-        if apart(body, path[step].u) <= APART * path[step].depth:
-            break
-    else:
-        step = 0
-    if step < len(path) - 1:
-        off = apart(body, path[step + 1].u) / path[step + 1].depth
+def require_together(body: Body, there: Equilibrium, step: int) -> None:
+    """Raise ConvergenceError where the faces of layers that slide do not lie on each other at a step."""
+    off = apart(body, there.u) / there.depth if isinstance(body, Sliding | Tied) else 0.0
+    if off > APART:
         cause = (
             f"the faces of layers that slide lie {off:.1%} of the depth apart or in each other (allowed {APART:.0%}): they slide "
             "too far, or the mesh is too coarse for how they bend; give a smaller depth, or a smaller mesh.error"
         )
-        error = ConvergenceError(cause, path[step + 1].depth, step + 1)
-        error.part = path[: step + 1]
-        raise error
+        raise ConvergenceError(cause, there.depth, step)

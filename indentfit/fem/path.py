@@ -15,6 +15,7 @@ from indentfit.fem.contact_state import Stride
 from indentfit.fem.controls import FIRST_STEPS
 from indentfit.fem.equations import Equations, Increment, Iterate, Loading
 from indentfit.fem.equilibrium import Equilibrium
+from indentfit.fem.meshed import require_together
 from indentfit.fem.newton import INVERTED, Newton
 from indentfit.fem.relaxation import relaxed
 
@@ -87,7 +88,9 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
         newton.work.steps, equations = newton.work.steps + 1, ahead
         springs = equations.face.firm(springs, there.contact, loading.material.shear_modulus)
         loading = loading.stiffened(springs)
-        path.append(_augmented(equations, loading, newton, there, LEASH * last).since(here, equations.face, loading.directions))
+        there = _augmented(equations, loading, newton, there, LEASH * last).since(here, equations.face, loading.directions)
+        require_together(equations.body, there, newton.work.steps)
+        path.append(there)
         if newton.controls.progress is not None:
             newton.controls.progress(depth / last)
         step = _next_step(step, iterations, SMALLEST_STEP * last)

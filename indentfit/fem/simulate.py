@@ -28,7 +28,7 @@ from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.pardiso import THREADS_PAY
 from indentfit.fem.linear.solver import LinearSolver, LinearWork
-from indentfit.fem.meshed import meshed_body, require_together
+from indentfit.fem.meshed import meshed_body
 from indentfit.fem.newton import Newton
 from indentfit.fem.observation import Observed, rows_of
 from indentfit.fem.path import indent, untouched
@@ -229,7 +229,8 @@ class Model:
         """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
         springs, often does not with others. Raises the first try's ConvergenceError where every try fails."""
         started = time.process_time()
-        first = replace(controls, most_iterations=FINE_ITERATIONS) if self._fine else controls
+        few = self._fine or self.setup.sample.slides
+        first = replace(controls, most_iterations=FINE_ITERATIONS) if few else controls
         try:
             return self._run(USUAL, press, first)
         except ConvergenceError as error:
@@ -290,7 +291,6 @@ class Model:
 
         try:
             path = indent(self.equations, loading, newton, press.depths)
-            require_together(self.body, path)
         except IndentfitError as error:
             end = float(press.depths[-1])
             said = self._explained(error, press, loading) if isinstance(error, ConvergenceError) else known_to(error, end)
