@@ -23,11 +23,12 @@ SECOND = 10.0  # a place beyond the end of a facet counts as so many times farth
 
 @dataclass(frozen=True, eq=False)
 class Facing:
-    """For each point the number (n_p,) of the upper facet on which it lies, and the place (n_p, dim) there, 0 to 1 along each
-    coordinate."""
+    """For each point the number (n_p,) of the upper facet on which it lies, the place (n_p, dim) there, 0 to 1 along each
+    coordinate, and whether it lies on one: a rim that has slid beyond the other lies on nothing."""
 
     facet: Ints
     place: Array
+    covered: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ class Faces:
             away = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
             reached = (away <= reach) & (interface[:, None] == interface)
         own, shapes = np.repeat(np.arange(n_f), len(places)), np.tile(shapes_at(n_k, places), (1, n_f, 1))
-        at_rest = Facing(own, np.tile(places, (n_f, 1)))
+        at_rest = Facing(own, np.tile(places, (n_f, 1)), np.ones(own.size, dtype=bool))
         return cls(rest, lower, upper, reached, dim, own, at_rest, shapes, np.tile(shares, n_f))
 
     @property
@@ -117,11 +118,11 @@ class Faces:
         above = places[self.upper]
         point, facet = self._pairs(x, above)
         place, away = _nearest(above[facet], x[point], self.dim)
-        beyond = np.maximum(np.maximum(-place, place - 1), 0.0)
+        beyond = np.maximum(np.maximum(-place, place - 1), 0.0).max(axis=1)
         sizes = np.linalg.norm(np.ptp(above[facet], axis=1), axis=1)
-        order = np.lexsort((away + SECOND * sizes * beyond.max(axis=1), point))
+        order = np.lexsort((away + SECOND * sizes * beyond, point))
         first = order[np.unique(point[order], return_index=True)[1]]
-        return Facing(facet[first], place[first])
+        return Facing(facet[first], place[first], beyond[first] < BESIDE * (1 - 1e-9))
 
     def _pairs(self, x: Array, above: Array) -> tuple[Ints, Ints]:
         """Points and upper facets that are near each other; of a point that is near none, the nearest one."""

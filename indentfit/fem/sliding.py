@@ -68,7 +68,8 @@ class Facets:
         Nodes of each point's lower facet, then those of the upper facet on which it lies.
     k : int
     weights : array (3, n_p, 2 n_k)
-        What makes of the nodes' places the means of both faces' tangents, and the distance of the faces.
+        What makes of the nodes' places the means of both faces' tangents, and the distance of the faces; nothing of a point that
+        lies on nothing.
     scale : array (n_p,)
         The gap mode over the determinant.
     follows : bool
@@ -120,7 +121,8 @@ class Facets:
         if k == 2:
             tangents.append(np.zeros_like(tangents[0]))
         nodes = np.hstack([faces.lower[faces.own], faces.upper[on.facet]])
-        return cls(faces, nodes, k, np.array([*tangents, np.hstack([-below[0], above[0]])]), scale, follows)
+        weights = np.array([*tangents, np.hstack([-below[0], above[0]])]) * on.covered[:, None]
+        return cls(faces, nodes, k, weights, scale, follows)
 
     def sliding_on(self, u: Array) -> "Facets":
         """These facets with each point on what it lies on at displacements u (n,); themselves where points do not follow."""
