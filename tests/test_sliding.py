@@ -150,10 +150,12 @@ def test_points_follow_what_they_have_slid_on(symmetry, indenter, along):
     assert np.abs(facets.gaps(u.ravel())).max() < 1e-12
     a, b, away = facets._vectors(u.ravel())
     held = np.linalg.norm(np.cross(a, b), axis=1) > 0
-    x = np.einsum("pn,pni->pi", facets.faces.shapes[0], facets.faces.rest[facets.faces.lower[facets.faces.own]])
+    faces = facets.faces[0]
+    x = np.einsum("pn,pni->pi", faces.shapes[0], faces.rest[faces.lower[faces.own]])
+    held, away = held[: len(x)], away[: len(x)]
     covered = np.all(x[:, along] > 1.0, axis=1) & (np.linalg.norm(x[:, along], axis=1) < 9.0)
     assert covered.sum() > 20 and held[covered].all() and np.abs(away[covered]).max() < 1e-9
-    assert not held[x[:, 0] < 0.5].any()
+    assert along != [0] or not held[x[:, 0] < 0.5].any()
     assert np.abs(body.facets._vectors(u.ravel())[2]).max() > 0.99  # those at rest
 
 
@@ -226,7 +228,7 @@ def test_a_stretched_sample_of_sliding_layers_has_fields():
 def test_faces_that_come_apart_end_the_path(follows):
     """The upper face lifted by 0.6 and 3 % of the depth where the sample is pressed: where points follow, 2 % are allowed."""
     body, depth = model(sample(), BALL, mesh=Mesh(elements=120), follows=follows).body, 0.2
-    facets = body.facets.faces
+    facets = body.facets.faces[0]
     upper, u = np.unique(facets.upper), np.zeros((body.n_dofs // 2, 2))
     u[np.unique(np.hstack([facets.lower, facets.upper])), 1] = -0.5 * depth
     assert apart(body, u.ravel()) < 1e-12

@@ -11,9 +11,9 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools, Ints
 
-# A facet that slides over others is held between its Gauss points as well, at as many in a row as it has nodes, by this share of
-# the stiffness at them. Some shapes of a facet vanish at its Gauss points: under pressures that are large beside the shear modulus
-# faces folded into each other there.
+# Facets that slide over others, of both faces, are held between their Gauss points as well, at as many points in a row as they have
+# nodes, by this share of the stiffness. Some shapes of a facet vanish at its Gauss points: under pressures that are
+# large beside the shear modulus faces folded into each other there.
 BETWEEN = 0.02
 BESIDE = 0.25  # of a facet's width: how far beyond its ends a point may lie on it, at a rim or a plane of symmetry
 NEAR = 0.3  # of a facet's extent: points within so much of the box around it are looked at
@@ -65,16 +65,19 @@ class Faces:
     shares: Array
 
     @classmethod
-    def of(cls, points: Array, lower: Ints, upper: Ints, interface: Ints, reach: float | None) -> "Faces":
+    def of(
+        cls, points: Array, lower: Ints, upper: Ints, interface: Ints, reach: float | None = None, between: bool = False
+    ) -> "Faces":
         """The faces at points (n_v, dim + 1) at rest. Points of one interface may slide as far as `reach`, mm; without it each
-        remains on the facet that it lies on at rest, and facets are held at their Gauss points alone."""
+        remains on the facet that it lies on at rest. They are Gauss points of the lower facets, or those by which facets are held
+        weakly between these."""
         rest, (n_f, n_k), dim = np.zeros((len(points), 3)), lower.shape, points.shape[1] - 1
         rest[:, : points.shape[1]] = points
         n = round(n_k ** (1 / dim))
         places, shares = _gauss(n - 1, dim)  # more points in a row would lock the faces
-        if reach is not None:
-            weak, weights = _gauss(n, dim)
-            places, shares = np.vstack([places, weak]), np.append(shares, BETWEEN * weights)
+        if between:
+            places, shares = _gauss(n, dim)
+            shares = BETWEEN * shares
         reached = np.eye(n_f, dtype=bool)
         if reach is not None:
             low, high = (end(rest[upper], axis=1) for end in (np.min, np.max))

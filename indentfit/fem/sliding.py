@@ -63,9 +63,11 @@ class Facets:
 
     Attributes
     ----------
-    faces : Faces
+    faces : tuple of Faces
+        The first one has the Gauss points of the lower facets. Where points follow, others have those by which lower and upper
+        facets are held between them; of upper facets with both faces exchanged.
     nodes : array (n_p, 2 n_k)
-        Nodes of each point's lower facet, then those of the upper facet on which it lies.
+        Nodes of each point's own facet, then those of the facet on which it lies.
     k : int
     weights : array (3, n_p, 2 n_k)
         What makes of the nodes' places the means of both faces' tangents, and the distance of the faces; nothing of a point that
@@ -76,7 +78,7 @@ class Facets:
         Whether points lie on what they have slid on, not on what they lay on at rest.
     """
 
-    faces: Faces
+    faces: tuple[Faces, ...]
     nodes: Ints
     k: int
     weights: Array
@@ -106,29 +108,38 @@ class Facets:
             owner.append(np.full(len(lower), number))
         lower, upper = np.split(np.concatenate(pairs), 2, axis=1)
         interface = np.concatenate(owner)
-        faces = Faces.of(points.T, lower, upper, interface, reach)
-        made = cls._facing(faces, faces.at_rest, len(points), np.ones(len(faces.own)), reach is not None)
+        faces = [Faces.of(points.T, lower, upper, interface, reach)]
+        if reach is not None:
+            both = ((lower, upper), (upper, lower))
+            faces += [Faces.of(points.T, own, other, interface, reach, between=True) for own, other in both]
+        made = cls._facing(tuple(faces), [part.at_rest for part in faces], len(points), np.empty(0), reach is not None)
         a, b, _ = made._vectors(np.zeros(points.size))
         area = np.linalg.norm(np.cross(a, b), axis=1)
-        ring = 1.0 if len(points) == 3 else 2 * np.pi * faces.radius
-        return replace(made, scale=np.sqrt(faces.shares * ring / area / lengths[interface][faces.own]))
+        shares, ring, layers = (
+            np.concatenate(known)
+            for known in zip(*((part.shares, 2 * np.pi * part.radius, lengths[interface][part.own]) for part in faces), strict=True)
+        )
+        return replace(made, scale=np.sqrt(shares * (1.0 if len(points) == 3 else ring) / area / layers))
 
     @classmethod
-    def _facing(cls, faces: Faces, on: Facing, k: int, scale: Array, follows: bool) -> "Facets":
-        """The facets with each point on what a Facing says."""
-        below, above = faces.shapes, faces.shapes_above(on)
-        tangents = [np.hstack([under, over]) / 2 for under, over in zip(below[1:], above[1:], strict=True)]
-        if k == 2:
-            tangents.append(np.zeros_like(tangents[0]))
-        nodes = np.hstack([faces.lower[faces.own], faces.upper[on.facet]])
-        weights = np.array([*tangents, np.hstack([-below[0], above[0]])]) * on.covered[:, None]
-        return cls(faces, nodes, k, weights, scale, follows)
+    def _facing(cls, faces: tuple[Faces, ...], on: Sequence[Facing], k: int, scale: Array, follows: bool) -> "Facets":
+        """The facets with each point on what the Facings say."""
+        nodes, weights = [], []
+        for part, lies in zip(faces, on, strict=True):
+            own, other = part.shapes, part.shapes_above(lies)
+            tangents = [np.hstack([a, b]) / 2 for a, b in zip(own[1:], other[1:], strict=True)]
+            if k == 2:
+                tangents.append(np.zeros_like(tangents[0]))
+            weights.append(np.array([*tangents, np.hstack([-own[0], other[0]])]) * lies.covered[:, None])
+            nodes.append(np.hstack([part.lower[part.own], part.upper[lies.facet]]))
+        return cls(faces, np.concatenate(nodes), k, np.concatenate(weights, axis=1), scale, follows)
 
     def sliding_on(self, u: Array) -> "Facets":
         """These facets with each point on what it lies on at displacements u (n,); themselves where points do not follow."""
         if not self.follows:
             return self
-        return self._facing(self.faces, self.faces.facing(u.reshape(-1, self.k)), self.k, self.scale, True)
+        on = [part.facing(u.reshape(-1, self.k)) for part in self.faces]
+        return self._facing(self.faces, on, self.k, self.scale, True)
 
     def gaps(self, u: Array) -> Array:
         """The gap modes (n_p,) at displacements u (n,), in the unit of a dilatation's modes."""
@@ -163,7 +174,7 @@ class Facets:
     def _sampled(self, u: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], float]:
         """Points (n, 3) all over the lower and the upper faces with their normals and how far they have moved along y, and the
         largest distance of neighbours, mm."""
-        dim, faces, sides = self.k - 1, self.faces, []
+        dim, faces, sides = self.k - 1, self.faces[0], []
         shapes, *slopes = shapes_at(faces.lower.shape[1], grid((np.arange(SAMPLES) + 0.5) / SAMPLES, dim))
         places = faces.places(u.reshape(-1, self.k))
         for nodes in (faces.lower, faces.upper):
@@ -179,7 +190,7 @@ class Facets:
 
     def _vectors(self, u: Array) -> tuple[Array, Array, Array]:
         """Both tangents and the distance of the faces at the points, each (n_p, 3)."""
-        a, b, d = np.einsum("vpn,pni->vpi", self.weights, self.faces.places(u.reshape(-1, self.k))[self.nodes])
+        a, b, d = np.einsum("vpn,pni->vpi", self.weights, self.faces[0].places(u.reshape(-1, self.k))[self.nodes])
         return a, b if self.k == 3 else b + np.array([0.0, 0.0, 1.0]), d
 
 
@@ -224,7 +235,7 @@ class Sliding:
         self.solid, self._n = body, len(body.nodes)
         self.mesh, self.element, self.basis, self.copies = body.mesh, body.element, body.basis, body.copies
         self.weights, self.nodes, self._k = body.weights, body.nodes, facets.k
-        self.coupled = _as_cells(facets.faces.coupled, body.nodes.shape[1])
+        self.coupled = _as_cells(facets.faces[0].coupled, body.nodes.shape[1])
         nothing = np.zeros((len(facets.nodes), body.means.shape[1]))
         self.volume, self.means = np.concatenate([body.volume, nothing[:, 0]]), np.concatenate([body.means, nothing])
         cells = np.concatenate([body.nodes, self.coupled])
