@@ -49,7 +49,6 @@ from indentfit.fem.tries import (
     SECOND_TRIES_FINE,
     SECOND_TRIES_IN_PLANE,
     SECOND_TRIES_ROUND,
-    SLIDING_ITERATIONS,
     USUAL,
     Try,
     known_to,
@@ -230,8 +229,7 @@ class Model:
         """The TestResult of the first try that is solved: a sharp corner that folds up on one mesh, or slips under soft contact
         springs, often does not with others. Raises the first try's ConvergenceError where every try fails."""
         started = time.process_time()
-        few = (FINE_ITERATIONS,) if self._fine else (SLIDING_ITERATIONS,) if self.setup.sample.slides else ()
-        first = replace(controls, most_iterations=few[0]) if few else controls
+        first = replace(controls, most_iterations=FINE_ITERATIONS) if self._fine else controls
         try:
             return self._run(USUAL, press, first)
         except ConvergenceError as error:

@@ -27,8 +27,8 @@ FOLLOWING = Try(follows=True)  # the second try where layers slide: the steps of
 SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
 # On a mesh of more dofs than this a try that takes so many iterations is given up where another mesh may do: the rim of a fine mesh
 # under a strip folds up in many small snaps, each of which takes dozens of iterations. A rim as wide as that of a coarse mesh, in
-# short steps, often has none. So is a long one of layers that slide, whose points can follow.
-FINE, FINE_ITERATIONS, SLIDING_ITERATIONS = 15_000, 150, 300
+# short steps, often has none.
+FINE, FINE_ITERATIONS = 15_000, 150
 SECOND_TRIES_FINE = (Try(rim=4.0, steps=3), *SECOND_TRIES)
 SECOND_TRIES_ROUND = (Try(springs=5.0), Try(elements=0.5), Try(springs=0.2))
 SECOND_TRIES_IN_PLANE = (Try(elements=0.5), Try(springs=3.0), Try(springs=0.3), Try(elements=0.25))
