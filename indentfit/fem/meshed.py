@@ -18,13 +18,13 @@ from indentfit.fem.tied import Tied
 APART, APART_AT_REST = 0.02, 0.005
 
 
-def meshed_body(setup: Setup, rim: float, follows: bool = False) -> tuple[Solid | Tied | Meridian | Sliding, ContactPoints]:
-    """The meshed body as the setup asks for it, and the points at which it may touch; follows: whether points of layers that slide
-    lie on what they have slid on, not on what they lay on at rest."""
+def meshed_body(setup: Setup, rim: float, follows: str = "") -> tuple[Solid | Tied | Meridian | Sliding, ContactPoints]:
+    """The meshed body as the setup asks for it, and the points at which it may touch; follows: whose points lie on what they have
+    slid on, where layers slide, those of the "lower" or of the "upper" faces."""
     reach = setup.depth if follows else None
     if setup.in_plane:
         plane = Meridian(meridian_mesh(setup.sample, setup.indenter, setup.mesh, setup.depth))
-        meridian = with_slides(plane, setup.sample, reach)
+        meridian = with_slides(plane, setup.sample, reach, follows)
         return meridian, EdgePoints(meridian)
     element, part = setup.solver.element, setup.part
     mesh = quarter(setup.sample, setup.indenter, setup.mesh, element, setup.depth, rim, part.grown)
@@ -34,7 +34,7 @@ def meshed_body(setup: Setup, rim: float, follows: bool = False) -> tuple[Solid 
         solid: Solid = FormSolid(mesh, element, part)
     else:
         solid = Solid(mesh, element, part)
-    whole = with_slides(solid, setup.sample, reach)
+    whole = with_slides(solid, setup.sample, reach, follows)
     body = Tied(whole) if part.tied else whole
     return body, NodePoints(body, setup.sample.thickness)
 

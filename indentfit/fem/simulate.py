@@ -86,8 +86,8 @@ class Model:
     setup : Setup
     rim : float
         Width of the elements where the indenter leaves the sample, in units of the usual width.
-    follows : bool
-        Whether points of layers that slide lie on what they have slid on (fem.facing).
+    follows : str
+        Whose points lie on what they have slid on, where layers slide, those of the "lower" or "upper" faces (fem.facing).
 
     Raises
     ------
@@ -97,7 +97,7 @@ class Model:
         The linear solver is not installed.
     """
 
-    def __init__(self, setup: Setup, rim: float = 1.0, follows: bool = False) -> None:
+    def __init__(self, setup: Setup, rim: float = 1.0, follows: str = "") -> None:
         self.setup, self.rim = setup, rim
         started = time.perf_counter()
         self.body, points = meshed_body(setup, rim, follows)
@@ -255,7 +255,7 @@ class Model:
         raise first
 
     def _second_tries(self) -> tuple[Try, ...]:
-        following = (FOLLOWING,) if self.setup.sample.slides else ()
+        following = FOLLOWING if self.setup.sample.slides else ()
         if self.setup.in_plane:
             return following + SECOND_TRIES_IN_PLANE
         if self.contact.shape.edge_radius is None:

@@ -64,8 +64,8 @@ class Facets:
     Attributes
     ----------
     faces : tuple of Faces
-        The first one has the Gauss points of the lower facets. Where points follow, others have those by which lower and upper
-        facets are held between them; of upper facets with both faces exchanged.
+        The first one has the Gauss points of the lower facets; those of the upper ones, with both faces exchanged, where these
+        follow. Then others have the points by which facets of both faces are held between them.
     nodes : array (n_p, 2 n_k)
         Nodes of each point's own facet, then those of the facet on which it lies.
     k : int
@@ -87,10 +87,15 @@ class Facets:
 
     @classmethod
     def of(
-        cls, body: "Solid | Meridian", heights: Sequence[float], thickness: Sequence[float], reach: float | None = None
+        cls,
+        body: "Solid | Meridian",
+        heights: Sequence[float],
+        thickness: Sequence[float],
+        reach: float | None = None,
+        follows: str = "",
     ) -> "Facets":
         """The facets at some heights, mm, each with the thickness of the thinner layer beside it, mm; reach: how far points may
-        slide that lie on what they have slid on, mm.
+        slide that lie on what they have slid on, mm; follows: of which faces the Gauss points are then.
 
         Raises
         ------
@@ -107,6 +112,8 @@ class Facets:
             pairs.append(_paired(points, lower, upper))
             owner.append(np.full(len(lower), number))
         lower, upper = np.split(np.concatenate(pairs), 2, axis=1)
+        if follows == "upper":
+            lower, upper = upper, lower
         interface = np.concatenate(owner)
         faces = [Faces.of(points.T, lower, upper, interface, reach)]
         if reach is not None:
@@ -356,7 +363,7 @@ class Sliding:
         return forces + np.bincount(self._linked.ravel(), links.ravel(), forces.size)
 
 
-def with_slides(body: Uncut, sample: Sample, reach: float | None = None) -> Uncut | Sliding:
+def with_slides(body: Uncut, sample: Sample, reach: float | None = None, follows: str = "") -> Uncut | Sliding:
     """A body with the interfaces at which the sample's layers slide; itself where none do. Points lie on what they have slid on, as
     far as `reach`, mm; without it on what they lay on at rest. Raises MeshError for linear elements, which are held together at one
     point of each facet."""
@@ -366,7 +373,7 @@ def with_slides(body: Uncut, sample: Sample, reach: float | None = None) -> Uncu
         raise MeshError(f'solver.element = "{body.element}": layers with interface = "sliding" take "q2p1" only; leave the key out')
     ends = [sample.thickness, *(sample.thickness - depth for depth in sample.interfaces), 0.0]
     thinner = [min(ends[n - 1] - ends[n], ends[n] - ends[n + 1]) for n in (ends.index(height) for height in sample.slides)]
-    return Sliding(body, Facets.of(body, sample.slides, thinner, reach))
+    return Sliding(body, Facets.of(body, sample.slides, thinner, reach, follows))
 
 
 def _as_cells(nodes: Ints, n: int) -> Ints:

@@ -10,20 +10,20 @@ from indentfit.fem.deadline import Deadline
 @dataclass(frozen=True)
 class Try:
     """One try of a press: factors on the usual contact springs, on the width of the elements at the mesh's rim, and on the numbers
-    of elements and of steps to the last depth."""
+    of elements and of steps to the last depth; and whose points follow, where layers slide (fem.facing)."""
 
     springs: float = 1.0
     rim: float = 1.0
     elements: float = 1.0
     steps: int = 1
-    follows: bool = False
+    follows: str = ""
 
 
 USUAL = Try()
 # Second tries may take this processor time, s, or this many times that of the first try, where that is longer.
 AGAIN_SECONDS, AGAIN_SHARE = 60.0, 1.5
 MUCH_DEEPER = 1.1  # a curve that ended early is given as on the usual mesh, unless another try got that much deeper
-FOLLOWING = Try(follows=True)  # the second try where layers slide: the steps of such a path take longer
+FOLLOWING = (Try(follows="lower"), Try(follows="upper"))  # where layers slide; the steps of such paths take longer
 SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
 # On a mesh of more dofs than this a try that takes so many iterations is given up where another mesh may do: the rim of a fine mesh
 # under a strip folds up in many small snaps, each of which takes dozens of iterations. A rim as wide as that of a coarse mesh, in
