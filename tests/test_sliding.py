@@ -1,6 +1,5 @@
 """Layers that slide on each other: against a sliding base, Hankel's transform, parts of the sample, and central differences."""
 
-import contextlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from indentfit.case.tables import Indenter, Layer, Mesh, Sample, Solver
 from indentfit.errors import ConvergenceError, MeshError
+from indentfit.fem.facts import said_of_tries
 from indentfit.fem.fields import recover
-from indentfit.fem.meshed import apart, require_together
+from indentfit.fem.meshed import apart, require_together, slid_too_far
 from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
 from indentfit.fem.tied import Tied
@@ -224,26 +224,40 @@ def test_a_stretched_sample_of_sliding_layers_has_fields():
     assert len(fields.layer) == made.mesh.nelements and result.force[-1] > 0
 
 
-@pytest.mark.parametrize("follows", ["", "lower"])
-def test_faces_that_come_apart_end_the_path(follows):
-    """The upper face lifted by 0.6 and 3 % of the depth where the sample is pressed: where points follow, 2 % are allowed."""
-    body, depth = model(sample(), BALL, mesh=Mesh(elements=120), follows=follows).body, 0.2
+def test_faces_that_come_apart_end_the_path():
+    """The upper face lifted by 0.4, 0.6 and 3 % of the depth where the sample is pressed."""
+    body, depth = model(sample(), BALL, mesh=Mesh(elements=120)).body, 0.2
     facets = body.facets.faces[0]
     upper, u = np.unique(facets.upper), np.zeros((body.n_dofs // 2, 2))
     u[np.unique(np.hstack([facets.lower, facets.upper])), 1] = -0.5 * depth
     assert apart(body, u.ravel()) < 1e-12
-    require_together(body, SimpleNamespace(u=u.ravel(), depth=depth), 1)
-    for lifted, allowed in ((0.006, follows != ""), (0.03, False)):
+
+    def lifted(share):
         moved = u.copy()
-        moved[upper, 1] += lifted * depth
+        moved[upper, 1] += share * depth
         there = SimpleNamespace(u=moved.ravel(), depth=depth)
-        assert apart(body, there.u) == pytest.approx(lifted * depth, rel=0.01)
-        with (
-            contextlib.nullcontext()
-            if allowed
-            else pytest.raises(ConvergenceError, match=rf"lie {lifted:.1%} of the depth apart .* smaller mesh.error")
-        ):
-            require_together(body, there, 2)
+        assert apart(body, there.u) == pytest.approx(share * depth, rel=0.01)
+        return there
+
+    for share in (0.004, 0.006):
+        require_together(body, lifted(share), 2)
+    with pytest.raises(ConvergenceError, match=r"lie 3.0% of the depth apart .* smaller mesh.error"):
+        require_together(body, lifted(0.03), 2)
+    assert slid_too_far(body, [None, lifted(0.004)]) is None
+    assert "0.6% of the depth apart" in slid_too_far(body, [None, lifted(0.006), lifted(0.004)]).cause
+
+
+def test_points_follow_where_faces_come_apart_or_the_result_says_that_they_do(monkeypatch):
+    made, asked = model(sample(), BALL), press(5.0, 1.0)
+    usual = made.run(asked)
+    monkeypatch.setattr("indentfit.fem.meshed.APART_AT_REST", 0.0)
+    follows = made.run(asked)
+    assert follows.facts.tries == 2 and follows.force == pytest.approx(usual.force, rel=1e-3)
+    monkeypatch.setattr("indentfit.fem.simulate.FOLLOWING", ())
+    kept = made.run(asked)
+    assert kept.facts.tries == 1 and np.array_equal(kept.force, usual.force)
+    assert "apart or in each other (allowed 0.0%)" in next(said_of_tries([("press", kept.facts)]))
+    assert not list(said_of_tries([("press", usual.facts)]))
 
 
 @pytest.mark.parametrize(

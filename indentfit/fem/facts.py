@@ -43,6 +43,7 @@ class SolveFacts:
     touching, slipping : float
         Shares of the points under the indenter that touch the indenter, and that slip, at the last depth.
     first_failure : str or None
+        Also, of a curve that was solved at the first try, how far the faces of layers that slide are apart.
     unstable_from : float or None, mm
         Depth of the first step at which the law does not resist one more shear at some point; None where it does, or where it
         has fibres.
@@ -198,6 +199,8 @@ def said_of_tries(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
         if facts.tries > 1:
             mesh = f"a mesh of {facts.elements} elements"
             yield f"test {name!r} was solved at try {facts.tries}, on {mesh}; the first try: {facts.first_failure}"
+        elif facts.first_failure is not None:
+            yield f"test {name!r}: {facts.first_failure}; forces may be off by more than the stated error (give a smaller depth)"
 
 
 def said_of_stability(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:

@@ -1,5 +1,9 @@
 """The meshed body of a setup: bricks of a part of the sample, or its meridian plane; layers may slide, a half is tied to itself."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError
 from indentfit.fem.body import Body
@@ -13,9 +17,13 @@ from indentfit.fem.setup import Setup
 from indentfit.fem.sliding import Sliding, with_slides
 from indentfit.fem.tied import Tied
 
-# Shares of the depth by which the faces of layers that slide may be apart: where points lie on what they have slid on, by the mesh,
-# and where they lie on what they lay on at rest, by that as well (at 0.9 % a force was 1.9 % too small).
+# Shares of the depth by which the faces of layers that slide may be apart at all, and by which they may be where points lie on what
+# they lay on at rest (at 0.9 % a force was 1.9 % too small): beyond that the curve is solved with points that follow.
 APART, APART_AT_REST = 0.02, 0.005
+LIE = (
+    "the faces of layers that slide lie {:.1%} of the depth apart or in each other (allowed {:.1%}): they slide too far, or the "
+    "mesh is too coarse for how they bend"
+)
 
 
 def meshed_body(setup: Setup, rim: float, follows: str = "") -> tuple[Solid | Tied | Meridian | Sliding, ContactPoints]:
@@ -47,16 +55,19 @@ def apart(body: Body, u: Array) -> float:
 
 def require_together(body: Body, there: Equilibrium, step: int) -> None:
     """Raise ConvergenceError where the faces of layers that slide do not lie on each other at a step."""
-    cut = _cut(body)
-    if cut is None:
-        return
-    allowed, off = APART if cut.facets.follows else APART_AT_REST, apart(body, there.u) / there.depth
-    if off > allowed:
-        cause = (
-            f"the faces of layers that slide lie {off:.1%} of the depth apart or in each other (allowed {allowed:.1%}): they slide "
-            "too far, or the mesh is too coarse for how they bend; give a smaller depth, or a smaller mesh.error"
-        )
+    off = apart(body, there.u) / there.depth if _cut(body) is not None else 0.0
+    if off > APART:
+        cause = f"{LIE.format(off, APART)}; give a smaller depth, or a smaller mesh.error"
         raise ConvergenceError(cause, there.depth, step)
+
+
+def slid_too_far(body: Body, path: Sequence[Equilibrium]) -> ConvergenceError | None:
+    """The error of a path whose faces have come farther apart than those may whose points lie on what they lay on at rest."""
+    offs = [apart(body, there.u) / there.depth for there in path[1:]] if _cut(body) is not None else []
+    if not offs or max(offs) <= APART_AT_REST:
+        return None
+    step = int(np.argmax(offs)) + 1
+    return ConvergenceError(LIE.format(max(offs), APART_AT_REST), path[step].depth, step)
 
 
 def _cut(body: Body) -> Sliding | None:

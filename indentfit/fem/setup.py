@@ -192,3 +192,13 @@ class Press:
     def turned(self, angle: float) -> Fibre:
         """Direction of the fibres at rest, (3,) or (2, 3), or a map of them, turned about y by an angle, degrees."""
         return fibre_of(self.angle + angle, self.dip, self.families)
+
+
+def young_across(material: Material, fibre: Fibre) -> float:
+    """Young's modulus across the indenter, kPa; of one family between those along and across the fibres, of a map at their mean."""
+    if material.two_families and not isinstance(fibre, FibreMap):
+        return material.young_modulus(fibre, np.array([0.0, 0.0, 1.0]))
+    moduli = material.moduli()
+    vectors = fibre.at(fibre.own_places) if isinstance(fibre, FibreMap) else fibre
+    across = np.mean(vectors[2] ** 2)  # 1 where the fibres run across the indenter, 0 where they run along it
+    return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])

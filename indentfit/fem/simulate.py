@@ -28,12 +28,12 @@ from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
 from indentfit.fem.linear.pardiso import THREADS_PAY
 from indentfit.fem.linear.solver import LinearSolver, LinearWork
-from indentfit.fem.meshed import meshed_body
+from indentfit.fem.meshed import meshed_body, slid_too_far
 from indentfit.fem.newton import Newton
 from indentfit.fem.observation import Observed, rows_of
 from indentfit.fem.path import indent, untouched
 from indentfit.fem.result import Simulation, TestResult
-from indentfit.fem.setup import Press, Setup
+from indentfit.fem.setup import Press, Setup, young_across
 from indentfit.fem.sliding import TOGETHER
 from indentfit.fem.stability import loss_of_stability, remedy
 from indentfit.fem.steps import first_depth, first_steps, largest_step
@@ -55,7 +55,6 @@ from indentfit.fem.tries import (
     require_time,
 )
 from indentfit.fem.viscous import InTime, Moment
-from indentfit.fibre_map import FibreMap
 from indentfit.fibres import Fibre
 from indentfit.indenters import has_sharp_edge
 from indentfit.material import Layered, Material, Prestretched, blamed, parts_of, rest_pressure
@@ -231,14 +230,23 @@ class Model:
         started = time.process_time()
         first = replace(controls, most_iterations=FINE_ITERATIONS) if self._fine else controls
         try:
-            return self._run(USUAL, press, first)
+            result = self._run(USUAL, press, first)
         except ConvergenceError as error:
-            return self._tried_again(press, controls, error, time.process_time() - started)
+            return self._tried_again(press, controls, error, time.process_time() - started, self._second_tries())
+        far = slid_too_far(self.body, result.path)
+        if far is None:
+            return result
+        try:
+            return self._tried_again(press, controls, far, time.process_time() - started, FOLLOWING)
+        except (ConvergenceError, OutOfTime):
+            return replace(result, facts=replace(result.facts, first_failure=far.cause))
 
-    def _tried_again(self, press: Press, controls: Controls, first: ConvergenceError, seconds: float) -> TestResult:
+    def _tried_again(
+        self, press: Press, controls: Controls, first: ConvergenceError, seconds: float, tries: Sequence[Try]
+    ) -> TestResult:
         """The TestResult of a second try. Raises the first try's error, with the longest curve, where all fail or time runs out."""
         within = replace(controls, deadline=controls.deadline.sooner(max(AGAIN_SECONDS, AGAIN_SHARE * seconds)))
-        for number, attempt in enumerate(self._second_tries(), start=2):
+        for number, attempt in enumerate(tries, start=2):
             if controls.progress is not None:
                 controls.progress(0.0, number)
                 within = replace(within, progress=functools.partial(controls.progress, tries=number))
@@ -256,11 +264,9 @@ class Model:
 
     def _second_tries(self) -> tuple[Try, ...]:
         following = FOLLOWING if self.setup.sample.slides else ()
-        if self.setup.in_plane:
-            return following + SECOND_TRIES_IN_PLANE
-        if self.contact.shape.edge_radius is None:
+        if not self.setup.in_plane and self.contact.shape.edge_radius is None:
             return following + SECOND_TRIES_ROUND
-        return following + (SECOND_TRIES_FINE if self._fine else SECOND_TRIES)
+        return following + (SECOND_TRIES_IN_PLANE if self.setup.in_plane else SECOND_TRIES_FINE if self._fine else SECOND_TRIES)
 
     @property
     def _fine(self) -> bool:
@@ -406,7 +412,7 @@ class Model:
         """Contact springs in proportion to the sample's stiffness: SHARP times the shear modulus under a sharp edge, where the
         traction is singular; otherwise the stiffness under the indenter, which is higher where fibres run across the indenter."""
         shape = self.contact.shape
-        young, sharp = _young_across(material, fibre), has_sharp_edge(shape)
+        young, sharp = young_across(material, fibre), has_sharp_edge(shape)
         modulus = SHARP * material.shear_modulus if sharp else (material.shear_modulus + young / 3) / 2
         stiffness = self.setup.solver.penalty * modulus / self.setup.sample.thickness
         if self.setup.ties_round:
@@ -485,13 +491,3 @@ def _presses(point: Equilibrium) -> bool:
 
 def _of_test(name: str, cause: str) -> str:
     return f"test {name!r}: {cause}" if name else cause
-
-
-def _young_across(material: Material, fibre: Fibre) -> float:
-    """Young's modulus across the indenter, kPa; of one family between those along and across the fibres, of a map at their mean."""
-    if material.two_families and not isinstance(fibre, FibreMap):
-        return material.young_modulus(fibre, np.array([0.0, 0.0, 1.0]))
-    moduli = material.moduli()
-    vectors = fibre.at(fibre.own_places) if isinstance(fibre, FibreMap) else fibre
-    across = np.mean(vectors[2] ** 2)  # 1 where the fibres run across the indenter, 0 where they run along it
-    return float(across * moduli["E_along"] + (1 - across) * moduli["E_across"])
