@@ -11,8 +11,8 @@ import numpy as np
 
 from indentfit.arrays import Array, Bools, Ints
 
-# Facets that slide over others, of both faces, are held between their Gauss points as well, at as many points in a row as they have
-# nodes, by this share of the stiffness. Some shapes of a facet vanish at its Gauss points: under pressures that are
+# Facets that slide over others are held between their Gauss points as well, at as many points in a row as they have nodes, by this
+# share of the stiffness. Some shapes of a facet vanish at its Gauss points: under pressures that are
 # large beside the shear modulus faces folded into each other there.
 BETWEEN = 0.02
 BESIDE = 0.25  # of a facet's width: how far beyond its ends a point may lie on it, at a rim or a plane of symmetry

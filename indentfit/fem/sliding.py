@@ -65,7 +65,7 @@ class Facets:
     ----------
     faces : tuple of Faces
         The first one has the Gauss points of the lower facets; those of the upper ones, with both faces exchanged, where these
-        follow. Then others have the points by which facets of both faces are held between them.
+        follow. The second one then has the points by which these facets are held between them.
     nodes : array (n_p, 2 n_k)
         Nodes of each point's own facet, then those of the facet on which it lies.
     k : int
@@ -117,8 +117,7 @@ class Facets:
         interface = np.concatenate(owner)
         faces = [Faces.of(points.T, lower, upper, interface, reach)]
         if reach is not None:
-            both = ((lower, upper), (upper, lower))
-            faces += [Faces.of(points.T, own, other, interface, reach, between=True) for own, other in both]
+            faces.append(Faces.of(points.T, lower, upper, interface, reach, between=True))
         made = cls._facing(tuple(faces), [part.at_rest for part in faces], len(points), np.empty(0), reach is not None)
         a, b, _ = made._vectors(np.zeros(points.size))
         area = np.linalg.norm(np.cross(a, b), axis=1)
