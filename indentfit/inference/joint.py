@@ -170,7 +170,6 @@ def joint_fit(
     progress: Progress = SILENT,
     rounds: int = LIMIT,
     earlier: JointFit | None = None,
-    start: bool = True,
 ) -> JointFit | None:
     """The optimum of parameters and inputs together, proved by runs; None where too few runs succeed.
 
@@ -188,16 +187,13 @@ def joint_fit(
     rounds : int
         The largest number of rounds.
     earlier : JointFit or None
-        A fit of the same problem that was not proved under other errors of the model; its first runs and rounds count.
-    start : bool
-        As `first_runs` takes it.
+        A fit of the same problem that was not proved under other errors of the model; its rounds count.
 
     Returns
     -------
     JointFit or None
     """
-    if earlier is None:
-        first_runs(problem, model, seed, progress.part(0, 0.6), start)
+    first_runs(problem, model, seed, progress.part(0, 0.6))
     proofs: list[Proof] = list(earlier.proofs) if earlier else []
     history: list[HistoryStep] = list(earlier.history) if earlier else []
     error = error.with_surrogate_of(earlier.error) if earlier else replace(error, surrogate=None)
@@ -219,14 +215,13 @@ def joint_fit(
         history.append(HistoryStep("joint", len(proofs), _objective(fit), model.runs))
 
 
-def first_runs(problem: InverseProblem, model: Watched, seed: int, progress: Progress = SILENT, start: bool = True) -> None:
-    """Run the start values, unless others suffice and they are not asked for, and the places that determine a polynomial best."""
+def first_runs(problem: InverseProblem, model: Watched, seed: int, progress: Progress = SILENT) -> None:
+    """Run the start values and the places that determine a polynomial best."""
     d = len(problem.solved)
     known = len([name for name in problem.solved if name not in problem.differences and name in model.differentiable()])
     places = design_points(d, known, seed, betas=problem.betas[:d]) if d else ()
     points = [_parameters(problem, place) for place in places]
-    wanted = [problem.start, *points] if start or not points else points
-    evaluate_at_reference(problem, model, wanted, progress.of_runs("first runs"))
+    evaluate_at_reference(problem, model, [problem.start, *points], progress.of_runs("first runs"))
 
 
 def _parameters(problem: InverseProblem, place: Array) -> dict[str, float]:

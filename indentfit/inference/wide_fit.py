@@ -261,7 +261,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     for (name, changes, prior), part in zip(stated, parts, strict=True):
         wide = widened_problem(replace(problem, start={**problem.start, **changes}), inputs)
         unknown = elements is None and bool(case.fit.uncertain.mesh and case.indentations)
-        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part, ROUNDS if unknown else LIMIT, start=not changes)
+        fit = joint_fit(wide, inputs, model, mesh, case.fit.seed, part, ROUNDS if unknown else LIMIT)
         if fit is not None and unknown:
             mesh, elements = mesh_error(case, fit, model)
             fit = _with_mesh(fit, mesh, model, case.fit.seed, part)
@@ -326,9 +326,8 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
     """The error of the forces by the mesh, and the number of elements of the second mesh; none where a run for it fails."""
     curves = fit.posterior.curves
     size = curves.measured().size
-    place = fit.proofs[-1].parameters if fit.reached else curves.point(fit.mode.z)  # of a run that is known, if it is as good
     try:
-        error = mesh_error_at(case, curves.problem, model, place)
+        error = mesh_error_at(case, curves.problem, model, curves.point(fit.mode.z))
     except Underivable:
         return ModelError.none(size, fit.error.law), None
     covar = block_diag(*error.covar) * case.fit.uncertain.mesh**2
