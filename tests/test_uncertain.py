@@ -287,6 +287,28 @@ def test_an_optimum_is_beaten_by_a_run_that_is_much_nearer_to_the_points():
     assert not joint.beaten(fit) and joint.beaten(elsewhere)
 
 
+class Stiffer(Press):
+    """(1 + stiffness) a d + b d^2, where stiffness is an input that a list names."""
+
+    @staticmethod
+    def forces(a, b, stiffness=0.0, **_):
+        return ((1 + stiffness) * a * DEPTH + b * DEPTH**2,)
+
+
+@pytest.mark.parametrize("stiffness", [0.5, 1.0])
+def test_alternatives_of_an_input_do_not_share_their_runs(stiffness):
+    """With runs of both of two values that are not the case's own in one surrogate, a came out as 0."""
+    force = np.column_stack([DEPTH, DEPTH**2]) @ [90, 60] + 0.3 * np.random.default_rng(3).standard_normal(25)
+    free = {name: Range(start=50, min=0, max=200) for name in "ab"}
+    model = Watched(Stiffer())
+    for value in (1.5 - stiffness, stiffness):
+        start = {"a": 50.0, "b": 50.0, "stiffness": value}
+        whole = widened_problem(InverseProblem((Target("t", Curve(DEPTH, force), 1.0),), start, free, None), ())
+        fit = joint.joint_fit(whole, (), model, ModelError.none(25), 0)
+    assert fit.reached and fit.surrogate.error < 1e-6
+    assert 200 * fit.mode.z[0] == pytest.approx(90 / (1 + stiffness), rel=0.03)
+
+
 # Tests against each other
 
 

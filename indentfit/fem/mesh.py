@@ -169,9 +169,7 @@ def count(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0",
 def size(sample: Sample, indenter: Indenter, mesh: Mesh, element: str = "q1p0", depth: float | None = None) -> float:
     """Size, mm, of the mesh that `quarter` makes of the same arguments: all its widths are proportional to it."""
     task = _Task.of(sample, indenter, element, depth)
-    if mesh.size or mesh.elements:
-        return mesh.size or _size_for(task, mesh.elements)
-    return _size_for(task.undivided, _default(task, mesh.wanted_error))
+    return mesh.size or _size_for(task.undivided, mesh.elements or _default(task, mesh.wanted_error))
 
 
 def edge_width(sample: Sample, indenter: Indenter, mesh: Mesh, element: str, depth: float) -> float:
@@ -199,7 +197,7 @@ def _size_for(task: _Task, elements: int) -> float:
     nearest = min(_neighbours(own, elements, *range_of_sizes), key=lambda size: abs(np.log(own(size) / elements)))
     number = own(nearest)
     base = _base_size(task)
-    if (elements == task.family.base and not task.parts_edge) or own(base) == number:
+    if elements == task.family.base or own(base) == number:
         return base
     finest = _neighbours(own, number, *range_of_sizes)[1]
     middle = np.sqrt(finest * _neighbours(own, number - 1, task.finest, 1.5 * finest)[0])
@@ -209,7 +207,7 @@ def _size_for(task: _Task, elements: int) -> float:
 @functools.lru_cache(maxsize=64)
 def _base_size(task: _Task) -> float:
     """Size of the base mesh: the numbers of its elements in each direction are rounded up, each on its own."""
-    own, wanted = functools.partial(_count, task.undivided, scaled=False), task.family.base
+    own, wanted = functools.partial(_count, task, scaled=False), task.family.base
     return min(_neighbours(own, wanted, task.finest, 5 * task.thickness), key=lambda size: abs(np.log(own(size) / wanted)))
 
 
@@ -277,7 +275,7 @@ def _parts(task: _Task, size: float, rim: float = 1.0, scaled: bool = True) -> t
     """Patches of the (x, z) plane, each an array (2, m, n) of points, and the heights of the layers."""
     grading = _grading(task, size, rim)
     if scaled:
-        grading = replace(grading, base=_grading(task, _base_size(task), rim))
+        grading = replace(grading, base=_grading(task, _base_size(task.undivided), rim))
     return patches(task.outline, task.indenter.partition(task.depth), grading), _heights(task, grading)
 
 

@@ -451,5 +451,5 @@ def _predicted_objective(problem: InverseProblem, surrogate: Surrogate, point: d
     lost = problem.factor(point) * surrogate.spread(place)
     parts = np.split(lost, np.cumsum([test.curve.force.size for test in problem.tests])[:-1], axis=1)
     rows = zip(problem.tests, parts, strict=True)
-    error = sum(test.weight * float(np.sqrt(np.sum(part**2) / part.shape[1])) for test, part in rows)
+    error = sum(test.of_rmse * float(np.sqrt(np.sum((test.curve.trust * part) ** 2) / part.shape[1])) for test, part in rows)
     return (objective, error) if error <= PREDICTED * objective else None

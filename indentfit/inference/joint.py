@@ -476,8 +476,8 @@ def settled(fit: JointFit) -> bool:
 
 
 def beaten(fit: JointFit) -> bool:
-    """Whether a run comes much nearer to the points than the optimum: the surrogate's error is then so large that the optimum is
-    only one of the places that it allows."""
+    """Whether a run comes much nearer to the points than the optimum: the surrogate's error is so large, or the residuals are so
+    smooth, that the optimum is only one of the places that they allow."""
     curves, start = fit.posterior.curves, fit.posterior.curves.problem.start
     rows = [fit.surrogate.measured(run.curves, start) * (1 + curves.mesh) for run in fit.surrogate.training]
     runs = curves.problem.judge_best_scales([start] * len(rows), [[row[part] for part in curves.slices] for row in rows])

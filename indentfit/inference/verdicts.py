@@ -199,7 +199,7 @@ def _of_published(published: PublishedComparison) -> str:
         f"{name} = {published.parameters[name]:g} {'inside' if inside else 'outside'}" for name, inside in published.inside.items()
     ]
     value, error = published.objective, published.error
-    off = f" +- {max(error / value, 1e-4):.1%} (by the surrogate)" if value and error is not None else ""
+    off = f" +- {max(error / value, 1e-3):.1%} (by the surrogate)" if value and error is not None else ""
     objective = f"; together their objective is {quantity(value, 'mN')}{off}" if value is not None else ""
     return f"published values and the 95 % intervals: {', '.join(words)}{objective}"
 

@@ -13,7 +13,7 @@ from indentfit.inference.density import Density
 from indentfit.inference.draws import drawn
 from indentfit.inference.identifiability import NOTE, Identifiability, identifiability, limit_of, notes_of
 from indentfit.inference.inputs import CORRECTED, Solution
-from indentfit.inference.joint import JointFit, fitted
+from indentfit.inference.joint import JointFit, beaten, fitted
 from indentfit.inference.joint_consistency import joint_agreement, joint_predictions
 from indentfit.inference.joint_profiles import joint_profiles
 from indentfit.inference.limits import Limit, limits
@@ -55,6 +55,10 @@ PROFILES = (
     "so may be too wide: weighted draws of the posterior have an effective number of {effective:.0f} only"
 )
 OVERLAP = "shares of the variance overlap where sources act alike: each is what would vanish without its source"
+NEARER = (
+    "a run of the search is less than half as far from the points as these values: the residuals are so smooth that places of such "
+    "different misfit are nearly as probable, and the interval holds both; look for what makes the residuals smooth"
+)
 UNPROVED = (
     "the surrogate's prediction at the optimum was not proved by a run to a third of a standard error: intervals are doubtful"
 )
@@ -246,5 +250,7 @@ def _notes(case: Case, fit: WideFit) -> Iterator[str]:
         yield UNPROVED
     yield from notes_of(_noise(fit))
     best: WideAlternative = fit.best
+    if beaten(best.fit):
+        yield NEARER
     if best.changes:
         yield f"the values are those under {best.name}, the most probable alternative, and not those of the case"

@@ -67,9 +67,10 @@ class WideAlternative:
     probability: float = 1.0
     confirmed: Mapping[int, tuple[ConfirmedPoint, ...]] | None = None
 
-    def interval(self, n: int) -> Interval:
-        """The outermost ends of the 95 % set of free parameter n as if this alternative were certain, in units of the range."""
-        parts = pieces_of([replace(self, probability=1.0)], n)
+    def interval(self, n: int, several: bool = False) -> Interval:
+        """The outermost ends of the 95 % set of free parameter n as if this alternative were certain, in units of the range;
+        several: whether it is one of several."""
+        parts = pieces_of([replace(self, probability=1.0)], n, several)
         return parts[0][0], parts[-1][1]
 
 
@@ -142,14 +143,15 @@ class WideFit:
         return float(np.sqrt(np.average((np.concatenate(values) - middle) ** 2, weights=shares)))
 
 
-def pieces_of(alternatives: Sequence[WideAlternative], n: int) -> tuple[Interval, ...]:
-    """The 95 % set of free parameter n, in units of the range, the most probable alternative first.
+def pieces_of(alternatives: Sequence[WideAlternative], n: int, several: bool = False) -> tuple[Interval, ...]:
+    """The 95 % set of free parameter n, in units of the range, the most probable alternative first; several: whether there are
+    others beside them.
 
     It is the smallest set that holds 95 % of the posterior, and what the profiles allow within 14 % of a piece's width beside it.
     The posterior alone holds truths as often as the priors draw them; a truth where a prior ends, such as a contact without any
-    friction, would lie just outside. With a single uncertain input its end is likely enough for an interval that follows the
-    profiles as far as the smallest set of 98.5 %; a corner of several priors is not. Where a density is normal, profiles allow
-    no more.
+    friction, would lie just outside. Where one uncertain number is all that is not known (of all tests, or of each), the end of its
+    prior is likely enough for an interval that follows the profiles as far as the smallest set of 98.5 %; a corner of several
+    priors is not. Where a density is normal, profiles allow no more.
     Where there are too few effective draws the set is the mixture of profiles. It reaches to the optimum, whose value the result
     states.
     """
@@ -158,7 +160,8 @@ def pieces_of(alternatives: Sequence[WideAlternative], n: int) -> tuple[Interval
     if enough_draws(alternatives):
         parts = draws.pieces(known, shares, n)
         beside: Sequence[Interval] = [(low - BESIDE * (high - low), high + BESIDE * (high - low)) for low, high in parts]
-        if len(alternatives) == 1 and len(alternatives[0].fit.posterior.curves.inputs) == 1:
+        names = {known.name for known in alternatives[0].fit.posterior.curves.inputs}
+        if not several and len(alternatives) == len(names) == 1:
             beside = mixture.union(beside, draws.pieces(known, shares, n, BEYOND))
         joined = mixture.union(parts, mixture.common(beside, joined))
     return without_slits(reaching(joined, float(alternatives[0].fit.mode.z[n])))

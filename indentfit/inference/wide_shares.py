@@ -168,7 +168,7 @@ def _alternatives(fit: WideFit) -> Iterator[AlternativeFit]:
         curves = joint.posterior.curves
         point, force = curves.point(joint.mode.z), curves.at(joint.mode.z)[0]
         sizes = {t.name: rmse(t, force[rows]) for t, rows in zip(curves.problem.tests, curves.slices, strict=True)}
-        intervals = {name: span_of(joint, n, known.interval(n)) for n, name in enumerate(curves.free)}
+        intervals = {name: span_of(joint, n, known.interval(n, several=True)) for n, name in enumerate(curves.free)}
         values = {name: point[name] for name in curves.free}
         yield AlternativeFit(known.name, known.prior, known.probability, values, intervals, sizes)
 

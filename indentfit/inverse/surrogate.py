@@ -286,7 +286,8 @@ def learn(problem: InverseProblem, evaluations: Iterable[Evaluation], exact: boo
     ----------
     problem : InverseProblem
     evaluations : iterable of Evaluation
-        Runs at the reference scale, failed runs among them. Runs with other settings (another mesh, another base) are ignored.
+        Runs at the reference scale, failed runs among them. Runs with other settings (another mesh, another base) are ignored, and
+        those with another value of what is not free.
     exact : bool
         Whether one run makes a surrogate where nothing is searched beside the scale.
 
@@ -295,7 +296,9 @@ def learn(problem: InverseProblem, evaluations: Iterable[Evaluation], exact: boo
     Surrogate or None
         None where too few runs succeeded.
     """
-    own = [known for known in evaluations if known.parameters.keys() == problem.start.keys()]
+    fixed = {name: value for name, value in problem.start.items() if name not in problem.free}.items()
+    evaluations = [known for known in evaluations if known.parameters.keys() == problem.start.keys()]
+    own = [known for known in evaluations if fixed <= known.parameters.items()]
     runs = problem.elastic
     good = {_key(runs, known): known for known in own if known.forces is not None}
     failed = [runs.place(known.parameters) for known in own if known.forces is None]
