@@ -49,7 +49,6 @@ from indentfit.runs.forward import Evaluation
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
 UNPROVED = "the optimum was not proved by a run"
 BESIDE = 0.14  # of a piece's width: intervals follow profiles so far beside the smallest set, and stay within 1.3 of its width
-BEYOND = 0.985  # of the posterior: with a single uncertain input they follow them as far as the smallest set that holds this share
 SLIT = 0.1  # of the whole set's width: narrower gaps between its pieces are filled
 
 
@@ -150,8 +149,8 @@ def pieces_of(alternatives: Sequence[WideAlternative], n: int, several: bool = F
     It is the smallest set that holds 95 % of the posterior, and what the profiles allow within 14 % of a piece's width beside it.
     The posterior alone holds truths as often as the priors draw them; a truth where a prior ends, such as a contact without any
     friction, would lie just outside. Where one uncertain number is all that is not known (of all tests, or of each), the end of its
-    prior is likely enough for an interval that follows the profiles as far as the smallest set of 98.5 %; a corner of several
-    priors is not. Where a density is normal, profiles allow no more.
+    prior is likely enough for an interval that follows the profile to its ends; a corner of several priors is not. Where a density
+    is normal, profiles allow no more.
     Where there are too few effective draws the set is the mixture of profiles. It reaches to the optimum, whose value the result
     states.
     """
@@ -159,11 +158,10 @@ def pieces_of(alternatives: Sequence[WideAlternative], n: int, several: bool = F
     joined = mixture.pieces([each.paths[n] for each in alternatives], np.array(shares))
     if enough_draws(alternatives):
         parts = draws.pieces(known, shares, n)
-        beside: Sequence[Interval] = [(low - BESIDE * (high - low), high + BESIDE * (high - low)) for low, high in parts]
+        beside = [(low - BESIDE * (high - low), high + BESIDE * (high - low)) for low, high in parts]
         names = {known.name for known in alternatives[0].fit.posterior.curves.inputs}
-        if not several and len(alternatives) == len(names) == 1:
-            beside = mixture.union(beside, draws.pieces(known, shares, n, BEYOND))
-        joined = mixture.union(parts, mixture.common(beside, joined))
+        alone = not several and len(alternatives) == len(names) == 1
+        joined = mixture.union(parts, joined if alone else mixture.common(beside, joined))
     return without_slits(reaching(joined, float(alternatives[0].fit.mode.z[n])))
 
 
