@@ -182,15 +182,23 @@ def test_the_tangent_is_the_derivative_of_the_forces(symmetry, indenter, follows
 
 
 @pytest.mark.parametrize(
-    ("symmetry", "indenter", "follows"), [("axisymmetric", BALL, ""), ("quarter", STRIP, ""), ("axisymmetric", BALL, "lower")]
+    ("symmetry", "indenter", "follows"),
+    [
+        ("axisymmetric", BALL, ""),
+        ("quarter", STRIP, ""),
+        ("axisymmetric", BALL, "lower"),
+        pytest.param("quarter", STRIP, "lower", marks=pytest.mark.campaign),
+        pytest.param("half", STRIP, "upper", marks=pytest.mark.campaign),
+    ],
 )
 def test_sensitivities_are_those_of_central_differences(symmetry, indenter, follows, monkeypatch):
+    """Where points follow, derivatives without where they come to lie miss by 3e-6 in the plane and by 3e-4 with bricks."""
     monkeypatch.setattr("indentfit.fem.simulate.FOLLOWING", ())  # the faces of so coarse bricks are 0.5 % of the depth apart
     made, step = model(sample(), indenter, symmetry=symmetry, mesh=Mesh(elements=40), follows=follows, tolerance=1e-8), 1e-5
     exact = made.run(press(5.0, 1.0, sensitivities=("top.mu", "low.mu"))).sensitivities
     for name, (top, low) in {"top.mu": (5.0 * step, 0.0), "low.mu": (0.0, step)}.items():
         more, less = (made.run(press(5.0 + sign * top, 1.0 + sign * low)).force[-1] for sign in (1, -1))
-        assert exact[name][-1] == pytest.approx((more - less) / (2 * (top + low)), rel=1e-4)
+        assert exact[name][-1] == pytest.approx((more - less) / (2 * (top + low)), rel=1e-6 if follows else 1e-4)
 
 
 @pytest.mark.campaign

@@ -41,6 +41,26 @@ class Equations:
         body = self.body.sliding_on(u)
         return self if body is self.body else replace(self, body=body, fixed=Fixed(body, self.fixed.dofs))
 
+    @property
+    def follow(self) -> bool:
+        """Whether layers slide whose points lie on what they have slid on."""
+        cut = self.body.solid if isinstance(self.body, Tied) else self.body
+        return isinstance(cut, Sliding) and cut.facets.follows
+
+    def slid_forces(self, u: Array, led: "Led", number: int, kappa: Bulk) -> Array:
+        """Change (n,) of the body's forces at displacements u (n,) by the direction of a number, through where points lie."""
+        assert isinstance(self.body, Sliding | Tied)
+        return self.body.slid_forces(u, led.u, led.changes[number], kappa)
+
+
+@dataclass(frozen=True, eq=False)
+class Led:
+    """Displacements u (n,) at which the points of layers that slide have been laid on facets, and their derivatives (n_d, n) by the
+    loading's directions."""
+
+    u: Array
+    changes: Array
+
 
 @dataclass(frozen=True, eq=False)
 class Memory:
@@ -158,6 +178,8 @@ class Increment:
         Derivatives of the history by the loading's directions; None where the path cannot be differentiated any more.
     leash : float, mm
         Largest motion of a point in one iteration.
+    led : Led or None
+        Where the points of layers that slide have been laid on facets, if the path is differentiated.
     """
 
     equations: Equations
@@ -166,6 +188,7 @@ class Increment:
     history: History
     changes: tuple[History, ...] | None = ()
     leash: float = np.inf
+    led: Led | None = field(default=None, repr=False)
 
     def after(self, history: History, changes: tuple[History, ...] | None = None) -> "Increment":
         """The same depth after another history."""

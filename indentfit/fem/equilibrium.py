@@ -41,6 +41,8 @@ class Equilibrium:
         The penalty error by the secants of the path, where these agree with its tangent; elsewhere 0 (`sensitivity.Secants`).
     motion : array (n,), mm/mm
         du/dd.
+    course : array (n,), mm/mm
+        du/dd of the secant since the last step; at rest the motion. Its derivatives are known, other than the motion's.
     rate : array (n_f, n_q, 3), kPa/mm
         Rate of the contact's traction since the last step (at rest: its tangent), which the next step's multipliers follow.
     step : float, mm
@@ -60,6 +62,7 @@ class Equilibrium:
     residual_error: float
     withheld: float
     motion: Array = field(repr=False)
+    course: Array = field(repr=False)
     rate: Array = field(repr=False)
     step: float = 0.0
     derivatives: sensitivity.PathDerivatives | None = field(default=None, repr=False)
@@ -107,7 +110,8 @@ class Equilibrium:
         if self.derivatives is not None and here.derivatives is not None:
             springs = tuple(self.springs.scaled(way.springs) for way in ways)
             derivatives = self.derivatives.since(here.derivatives, step, secants if agree else None, springs)
-        return replace(self, rate=rate, step=step, withheld=secants.penalty_error if agree else 0.0, derivatives=derivatives)
+        course, withheld = (self.u - here.u) / step, secants.penalty_error if agree else 0.0
+        return replace(self, course=course, rate=rate, step=step, withheld=withheld, derivatives=derivatives)
 
 
 def equilibrium_of(
@@ -154,6 +158,7 @@ def equilibrium_of(
         residual_error=float(there.residual @ motion),
         withheld=0.0,
         motion=motion,
+        course=motion,
         rate=rate,
         derivatives=derivatives,
     )

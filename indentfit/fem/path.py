@@ -13,7 +13,7 @@ from indentfit.arrays import Array
 from indentfit.errors import ConvergenceError, IndentfitError
 from indentfit.fem.contact_state import Stride
 from indentfit.fem.controls import FIRST_STEPS
-from indentfit.fem.equations import Equations, Increment, Iterate, Loading
+from indentfit.fem.equations import Equations, Increment, Iterate, Led, Loading
 from indentfit.fem.equilibrium import Equilibrium
 from indentfit.fem.meshed import require_together
 from indentfit.fem.newton import INVERTED, Newton
@@ -138,9 +138,8 @@ def _step(
     newton: Newton, increment: Increment, here: Equilibrium, relax: bool, rests: bool = False
 ) -> tuple[Equilibrium, int, Equations]:
     """The equilibrium of an increment from the tangent prediction, by Newton's iteration or relaxation, the iterations, and its
-    equations, whose layers slide where the prediction takes them; rests: whether the indenter does not move."""
-    at = _predicted(increment, here)
-    increment = replace(increment, equations=increment.equations.sliding_on(at.u))
+    equations, whose layers lie where the path leads them; rests: whether the indenter does not move."""
+    at, increment = _predicted(increment, here), _laid(increment, here)
     try:
         return *newton.equilibrium(increment, at, rests=here if rests else None), increment.equations
     except ConvergenceError as first:
@@ -151,6 +150,19 @@ def _step(
             return *relaxed(newton, increment, at), increment.equations
         except ConvergenceError as error:
             raise (first if INVERTED in first.cause else error) from None  # the first error says more than the last residual
+
+
+def _laid(increment: Increment, here: Equilibrium) -> Increment:
+    """The increment with layers that slide laid on each other where the secant of the last step leads."""
+    equations, ahead = increment.equations, increment.depth - here.depth
+    if not equations.follow:
+        return increment
+    u, led = here.u + ahead * here.course, None
+    if increment.changes and here.derivatives is not None:
+        moves, courses = here.derivatives.moves, here.derivatives.courses
+        assert moves is not None
+        led = Led(u, moves if courses is None else moves + ahead * courses)
+    return replace(increment, equations=equations.sliding_on(u), led=led)
 
 
 def _predicted(increment: Increment, here: Equilibrium) -> Iterate:

@@ -47,6 +47,8 @@ class PathDerivatives:
         Derivatives of the stiffness, at rest only.
     seen : array (n_d, m), or None
         Derivatives of the displacements that are seen (`Loading.seen`).
+    moves, courses : arrays (n_d, n), or None
+        Derivatives of the displacements and of `Equilibrium.course`, where layers slide whose points follow.
     """
 
     force: Array
@@ -54,6 +56,8 @@ class PathDerivatives:
     rates: tuple[Array, ...] = field(repr=False)
     stiffness: Array | None = None
     seen: Array | None = field(default=None, repr=False)
+    moves: Array | None = field(default=None, repr=False)
+    courses: Array | None = field(default=None, repr=False)
 
     def since(
         self, before: "PathDerivatives", step: float, secants: "Secants | None", springs: Sequence[Springs]
@@ -63,7 +67,8 @@ class PathDerivatives:
         pairs = zip(self.changes, before.changes, strict=True)
         rates = tuple((here.traction - there.traction) / step for here, there in pairs)
         withheld = np.zeros(len(rates)) if secants is None else secants.changes(self.changes, springs, rates, before.rates)
-        return replace(self, rates=rates, force=self.force + withheld)
+        courses = None if self.moves is None or before.moves is None else (self.moves - before.moves) / step
+        return replace(self, rates=rates, force=self.force + withheld, courses=courses)
 
     def advanced(self, contact: ContactState, rate: Array, stride: Stride) -> tuple[History, ...]:
         """Derivatives of `contact.advanced(rate, stride)`: a History for each Direction."""
@@ -143,7 +148,7 @@ def path_derivatives(
     increment = there.increment
     face, fixed = increment.equations.face, increment.equations.fixed
     ways, histories = increment.loading.directions, increment.changes or ()
-    here = [_Along(there, way, history) for way, history in zip(ways, histories, strict=True)]
+    here = [_Along(there, way, history, number) for number, (way, history) in enumerate(zip(ways, histories, strict=True))]
 
     def solved(forces: Sequence[Array]) -> Array:
         """Displacements (n_d, n) that balance changes of the forces (n,)."""
@@ -153,11 +158,15 @@ def path_derivatives(
     along = tuple(each.change(du) for each, du in zip(here, moves, strict=True))
     force = np.array([face.total(change.traction) for change in along])
     seen = None if increment.loading.seen is None else np.asarray((increment.loading.seen @ moves.T).T)
+    kept = moves if increment.equations.follow else None
     if at_rest is None:
-        return PathDerivatives(force, along, tuple(np.zeros_like(change.traction) for change in along), seen=seen)  # `since`
+        rates = tuple(np.zeros_like(change.traction) for change in along)  # `since`
+        return PathDerivatives(force, along, rates, seen=seen, moves=kept)
     start = [_AlongAtRest(there, way, at_rest) for way in ways]
-    rates = tuple(each.rate(du) for each, du in zip(start, solved([each.forces() for each in start]), strict=True))
-    return PathDerivatives(force, along, rates, np.array([face.total(rate) for rate in rates]), seen)
+    courses = solved([each.forces() for each in start])
+    rates = tuple(each.rate(du) for each, du in zip(start, courses, strict=True))
+    stiffness = np.array([face.total(rate) for rate in rates])
+    return PathDerivatives(force, along, rates, stiffness, seen, kept, None if kept is None else courses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +176,15 @@ class _Along:
     there: Linearisation
     way: Direction
     history: History
+    number: int
 
     def forces(self) -> Array:
         """Derivative (n,) of the residual at fixed u."""
-        there, held = self.there, self._contact(np.zeros_like(self.there.contact.place))
-        return _body_forces(there, self.way, there.at.u, there.state) + there.increment.equations.face.spread(held.traction)
+        there, held, increment = self.there, self._contact(np.zeros_like(self.there.contact.place)), self.there.increment
+        forces = _body_forces(there, self.way, there.at.u, there.state) + increment.equations.face.spread(held.traction)
+        if increment.led is None:
+            return forces
+        return forces + increment.equations.slid_forces(there.at.u, increment.led, self.number, increment.loading.kappa)
 
     def change(self, du: Array) -> ContactChange:
         """Change of the contact with displacements du (n,)."""

@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from skfem import MeshHex, MeshQuad
 
-from indentfit.arrays import Array, Ints
+from indentfit.arrays import Array, Bools, Ints
 from indentfit.case.tables import Sample
 from indentfit.errors import MeshError
 from indentfit.fem.body import BodyState, Bulk, Volumetric, per_element, volumetric
@@ -36,6 +36,7 @@ from indentfit.material import Material
 Mesh = TypeVar("Mesh", MeshHex, MeshQuad)
 Uncut = TypeVar("Uncut", Solid, Meridian)
 TOGETHER = 2e4  # "bulk modulus" of an interface, in units of the top layer's shear modulus: its gap is the pressure over this
+NUDGE = 1e-7  # of the sample's extent: how far faces are moved for the derivative by where points lie
 SAMPLES = 8  # places in a row on each facet at which that is looked at
 SAME = 1e-7  # of the sample's extent: how far apart nodes of both faces may be at rest
 LEVI_CIVITA = np.zeros((3, 3, 3))
@@ -140,6 +141,11 @@ class Facets:
             nodes.append(np.hstack([part.lower[part.own], part.upper[lies.facet]]))
         return cls(faces, np.concatenate(nodes), k, np.concatenate(weights, axis=1), scale, follows)
 
+    @property
+    def lies(self) -> Bools:
+        """Whether each point (n_p,) lies on a facet."""
+        return np.asarray(np.abs(self.weights[2]).max(axis=1) > 0)
+
     def sliding_on(self, u: Array) -> "Facets":
         """These facets with each point on what it lies on at displacements u (n,); themselves where points do not follow."""
         if not self.follows:
@@ -157,14 +163,23 @@ class Facets:
         normals = np.array([np.cross(b, d), np.cross(d, a), np.cross(a, b)])[..., : self.k]
         return np.einsum("p,vpn,vpi->pni", self.scale, self.weights, normals)
 
-    def curvature(self, u: Array, pressure: Array) -> Array:
-        """Their second derivatives times pressures (n_p,): (n_p, 2 n_k, k, 2 n_k, k)."""
-        vectors, out = self._vectors(u), 0.0
+    def stiffness(self, u: Array, pressure: Array, bulk: Array) -> Array:
+        """Derivative (n_p, 2 n_k k, 2 n_k k) of the points' forces, slopes times pressures (n_p,), where a pressure grows with its
+        gap by a modulus (n_p,)."""
+        a, b, d = vectors = self._vectors(u)
+        k, (_, n_p, n) = self.k, self.weights.shape
+        normals = np.stack([np.cross(b, d), np.cross(d, a), np.cross(a, b)], axis=1)[..., :k]
+        along = self.scale[:, None, None] * normals
+        by_vectors = (bulk[:, None, None] * along).reshape(n_p, -1, 1) * along.reshape(n_p, 1, -1)
+        by_vectors = by_vectors.reshape(n_p, 3, k, 3, k)
         for first, second, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            pairs = np.einsum("pn,po->pno", self.weights[first], self.weights[second])
-            turn = np.einsum("ijk,pk->pij", LEVI_CIVITA, vectors[third])[..., : self.k, : self.k]
-            out = out + np.einsum("p,pno,pij->pnioj", self.scale * pressure, pairs - pairs.swapaxes(1, 2), turn, optimize=True)
-        return np.asarray(out)
+            turn = np.einsum("ijm,pm->pij", LEVI_CIVITA[:k, :k], (self.scale * pressure)[:, None] * vectors[third])
+            by_vectors[:, first, :, second] += turn
+            by_vectors[:, second, :, first] -= turn
+        weights = np.ascontiguousarray(self.weights.transpose(1, 0, 2))
+        half = by_vectors.swapaxes(3, 4).reshape(n_p, -1, 3) @ weights  # (v i j, n)
+        half = half.reshape(n_p, 3, k, k, n).swapaxes(3, 4).reshape(n_p, 3, -1)
+        return np.asarray(weights.swapaxes(1, 2) @ half).reshape(n_p, n * k, n * k)
 
     def apart(self, u: Array) -> float:
         """How far apart the faces are, or how far in each other, mm, where each point is compared with what it lies on now: the
@@ -260,7 +275,7 @@ class Sliding:
         wanted = nodes[:, :, None].astype(np.int64) * (self.indptr.size // k) + nodes[:, None]
         columns = k * (np.searchsorted(self._blocks, wanted) - self.indptr[k * nodes][:, :, None] // k**2)
         entries = self.indptr[self._linked].reshape(*nodes.shape, k, 1, 1) + columns[:, :, None, :, None] + np.arange(k)
-        self._entries = entries.reshape(len(nodes), self._linked.shape[1], self._linked.shape[1])
+        self._entries = entries.ravel()  # ufunc.at is fast along one axis
 
     def sliding_on(self, u: Array) -> "Sliding":
         """This body with each point of a lower face on what it lies on at displacements u (n,); itself where points do not
@@ -271,6 +286,17 @@ class Sliding:
         other = copy.copy(self)
         other._link(facets)
         return other
+
+    def slid_forces(self, u: Array, led: Array, change: Array, kappa: Bulk) -> Array:
+        """Change (n,) of the forces at fixed u (n,), where the displacements `led` (n,) at which points have been laid on facets
+        change by `change`. A point that leaves its facet has no derivative; its share is left out."""
+        step = NUDGE * np.ptp(self.facets.faces[0].rest[:, 0]) / max(np.abs(change).max(), 1e-300)
+        ahead, behind = (self.facets.sliding_on(led + sign * step * change) for sign in (1, -1))
+        stiffness, nodes = per_element(kappa, len(self.dofs))[self._n :], self.facets.nodes
+        stay = np.all((ahead.nodes == nodes) & (behind.nodes == nodes), axis=1) & (ahead.lies == behind.lies)
+        links = [side.slopes(u) * (stiffness * side.gaps(u))[:, None, None] for side in (ahead, behind)]
+        along = np.where(stay[:, None, None], links[0] - links[1], 0.0) / (2 * step)
+        return np.bincount(self._linked.ravel(), along.ravel(), self.n_dofs).astype(float, copy=False)
 
     @property
     def n_dofs(self) -> int:
@@ -323,11 +349,7 @@ class Sliding:
         values = np.zeros(self.indices.size)
         values[self._places] = own_values
         stiffness = per_element(law.kappa if bulk is None else bulk, len(self.dofs))[n:]
-        B = self.facets.slopes(u)
-        B = B.reshape(len(B), -1)
-        K = self.facets.curvature(u, pressure[n:, 0]).reshape(len(B), B.shape[1], B.shape[1])
-        K += np.einsum("p,pa,pb->pab", stiffness, B, B)
-        np.add.at(values, self._entries, K)
+        np.add.at(values, self._entries, self.facets.stiffness(u, pressure[n:, 0], stiffness).ravel())
         return self._with_links(forces, u, self.pressure(state, law)), values
 
     def dilatation_map(self, u: Array) -> Array:

@@ -72,6 +72,11 @@ class Tied:
         other._number_dofs()
         return other
 
+    def slid_forces(self, u: Array, led: Array, change: Array, kappa: Bulk) -> Array:
+        """As `Sliding.slid_forces`."""
+        assert isinstance(self.solid, Sliding)
+        return self._summed(self.solid.slid_forces(self.all_of(u), self.all_of(led), self.all_of(change), kappa))
+
     @property
     def n_dofs(self) -> int:
         return 3 * self._own.size
