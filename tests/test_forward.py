@@ -2,6 +2,7 @@
 
 import pickle
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,42 @@ def test_relaxation_looks_at_the_deadline(monkeypatch):
     with pytest.raises(OutOfTime):
         model.run(press, deadline=Deadline(4.5))
     assert clock.looks == clock.runs_from + 5
+
+
+@pytest.fixture(scope="module")
+def under_way():
+    """A model under way, its press and loading, the equilibrium where it is, and the increment of its next step."""
+    case = white_matter("mesh.elements=20")
+    model = Model(setup_of(case))
+    (press, _) = presses_of(case, case.law(mu=1.49, zeta=4.68, phi=0.68))
+    here = model.run(press).path[1]
+    return model, here, path._increment(model.equations, model._loading(press, here.springs), here, here.depth + 0.02, 0.01)
+
+
+def test_a_tangent_that_is_nearly_singular_leads_no_step(under_way):
+    """A motion of 37 mm per mm of depth led to forces of 1e18 mN, from which 80 iterations found no way back."""
+    _, here, increment = under_way
+    assert np.array_equal(path._predicted(increment, here).u, here.u + (increment.depth - here.depth) * here.motion)
+    wild = here.motion.copy()
+    wild[np.abs(wild).argmax()] *= 37
+    led = path._predicted(increment, replace(here, motion=wild)).u
+    assert np.array_equal(led, here.u + (increment.depth - here.depth) * here.course)
+
+
+def test_a_relaxation_takes_stiffer_dampers_where_a_damped_tangent_is_singular(under_way, monkeypatch):
+    model, here, increment = under_way
+    newton, usual, solves = model._newton(Controls(1e-6)), model.solver.solve, []
+
+    def solve(*words, **more):
+        solves.append(words)
+        if len(solves) == 2:
+            raise ConvergenceError("the linear system could not be solved (singular tangent)")
+        return usual(*words, **more)
+
+    monkeypatch.setattr(model.solver, "solve", solve)
+    there, _ = path.relaxed(newton, increment, here.at)
+    assert len(solves) > 2
+    assert there.force == pytest.approx(newton.equilibrium(increment, here.at)[0].force, rel=1e-4)
 
 
 def test_a_fine_mesh_that_takes_too_many_iterations_is_given_up_for_one_with_a_wider_rim(run, monkeypatch):

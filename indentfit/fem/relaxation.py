@@ -115,8 +115,8 @@ def _moved(newton: Newton, here: Linearisation, damping: float) -> _Motion | Non
         elif size <= eased:
             return _Motion(here, iteration)
         newton.work.iterations += 1
-        du = newton.solver.solve(here.damped(dampers), -residual, deadline=newton.controls.deadline)
         try:
+            du = newton.solver.solve(here.damped(dampers), -residual, deadline=newton.controls.deadline)
             at = line_search(here, du, 0, CREEP, dampers).at
         except ConvergenceError:
             return None
