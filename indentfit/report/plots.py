@@ -214,10 +214,8 @@ def save(figure: Figure, path: Place) -> None:
         return
     path = Path(path)
     figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
-    engine = figure.get_layout_engine()
-    figure.set_layout_engine("none")  # the places of everything are those of the SVG
+    figure.set_layout_engine("none")  # the places of everything are those of the SVG from now on
     figure.savefig(path.with_suffix(".png"), metadata={"Software": None}, pil_kwargs=PNG)
-    figure.set_layout_engine(engine)
 
 
 def _axes(with_residuals: bool, names: Sequence[str], columns: int) -> tuple[Figure, list[tuple[Axes, Axes | None]]]:
