@@ -144,7 +144,7 @@ def _bulk(material: MaterialChoice, fibres: bool) -> str:
 def _mesh(mesh: Mesh) -> str:
     if mesh.default:
         return f"chosen for an error of the force of at most {mesh.wanted_error:.1%}"
-    return f"elements of {sizes(mesh.size)}" if mesh.size else f"about {mesh.elements} elements"
+    return f"elements of {sizes(mesh.size)}" if mesh.size else f"about {mesh.elements} elements asked"
 
 
 def _parts(case: Case) -> Iterator[str]:
