@@ -7,6 +7,7 @@ from typing import Any
 from indentfit.digits import quantity
 from indentfit.fem.symmetry import PARTS
 
+MAY_BE_OFF = "forces may be off by more than the stated error (give a smaller depth)"
 UNSTABLE = "the law loses its stability in "
 ORDER = ("axisymmetric", *PARTS)  # of falling symmetry
 
@@ -200,7 +201,7 @@ def said_of_tries(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
             mesh = f"a mesh of {facts.elements} elements"
             yield f"test {name!r} was solved at try {facts.tries}, on {mesh}; the first try: {facts.first_failure}"
         elif facts.first_failure is not None:
-            yield f"test {name!r}: {facts.first_failure}; forces may be off by more than the stated error (give a smaller depth)"
+            yield f"test {name!r}: {facts.first_failure}; {MAY_BE_OFF}"
 
 
 def said_of_stability(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:

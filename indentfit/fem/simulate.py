@@ -22,7 +22,7 @@ from indentfit.fem.deadline import NEVER, Deadline
 from indentfit.fem.directions import FIBRE_ANGLE, Direction, Solids, directions, of_fibre_angle
 from indentfit.fem.equations import Equations, Loading
 from indentfit.fem.equilibrium import Equilibrium
-from indentfit.fem.facts import MeshFacts, SolveFacts, SolverFacts, not_as_asked
+from indentfit.fem.facts import MAY_BE_OFF, MeshFacts, SolveFacts, SolverFacts, not_as_asked
 from indentfit.fem.interpolation import POWERS
 from indentfit.fem.linear.choice import choice
 from indentfit.fem.linear.multigrid import rigid_body_modes
@@ -39,6 +39,7 @@ from indentfit.fem.stability import loss_of_stability, remedy
 from indentfit.fem.steps import first_depth, first_steps, largest_step
 from indentfit.fem.symmetry import held_motions
 from indentfit.fem.tries import (
+    AGAIN_FOLLOWING,
     AGAIN_SECONDS,
     AGAIN_SHARE,
     FINE,
@@ -245,14 +246,18 @@ class Model:
         self, press: Press, controls: Controls, first: ConvergenceError, seconds: float, tries: Sequence[Try]
     ) -> TestResult:
         """The TestResult of a second try. Raises the first try's error, with the longest curve, where all fail or time runs out."""
-        within = replace(controls, deadline=controls.deadline.sooner(max(AGAIN_SECONDS, AGAIN_SHARE * seconds)))
+        least = AGAIN_FOLLOWING if tries and tries[0].follows else AGAIN_SECONDS
+        within = replace(controls, deadline=controls.deadline.sooner(max(least, AGAIN_SHARE * seconds)))
         for number, attempt in enumerate(tries, start=2):
             if controls.progress is not None:
                 controls.progress(0.0, number)
                 within = replace(within, progress=functools.partial(controls.progress, tries=number))
             try:
-                result = self._coarser(attempt)._run(attempt, press, within)
-                return replace(result, facts=replace(result.facts, tries=number, first_failure=str(first)))
+                model = self._coarser(attempt)
+                result = model._run(attempt, press, within)
+                far = None if attempt.follows else slid_too_far(model.body, result.path)
+                said = f"{first}; on this mesh {far.cause}; {MAY_BE_OFF}" if far else str(first)
+                return replace(result, facts=replace(result.facts, tries=number, first_failure=said))
             except (ConvergenceError, OutOfTime) as error:
                 require_time(controls.deadline, first)
                 if _reach(error.part) > MUCH_DEEPER * _reach(first.part):

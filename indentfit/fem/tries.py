@@ -22,6 +22,7 @@ class Try:
 USUAL = Try()
 # Second tries may take this processor time, s, or this many times that of the first try, where that is longer.
 AGAIN_SECONDS, AGAIN_SHARE = 60.0, 1.5
+AGAIN_FOLLOWING = 120.0  # the same where layers slide and points follow: whole samples of 200 bricks took 60 to 80 s
 MUCH_DEEPER = 1.1  # a curve that ended early is given as on the usual mesh, unless another try got that much deeper
 FOLLOWING = (Try(follows="lower"), Try(follows="upper"))  # where layers slide; the steps of such paths take longer
 SECOND_TRIES = (Try(rim=2.0), Try(elements=0.5), Try(springs=5.0), Try(springs=5.0, rim=2.0), Try(springs=0.2, rim=2.0))
