@@ -19,7 +19,7 @@ from indentfit.errors import CaseError
 from indentfit.inference import joint
 from indentfit.inference.density import Density
 from indentfit.inference.discrepancy import LawError, law_error
-from indentfit.inference.draws import drawn, over_u
+from indentfit.inference.draws import drawn
 from indentfit.inference.fit import fit
 from indentfit.inference.joint import ModelError
 from indentfit.inference.law_misfit import LawMisfit, PosteriorDraws
@@ -27,7 +27,7 @@ from indentfit.inference.noise import SLAB, WHITE
 from indentfit.inference.posterior import FINEST
 from indentfit.inference.quantiles import normal_quantiles
 from indentfit.inference.result import FitResult
-from indentfit.inference.sampling import _starts
+from indentfit.inference.sampling import _starts, over_u
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem

@@ -9,7 +9,9 @@ test still decorrelates: residuals that are smooth by what the model cannot foll
 could then compete.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import eigh
@@ -18,10 +20,11 @@ from indentfit.arrays import Array, Bools, Ints
 from indentfit.inference.explained import Explained
 from indentfit.inference.joint import JointFit
 from indentfit.inference.noise import SLAB, WHITE, correlations, possible
-from indentfit.inference.posterior import FINEST, NoiseModel, Shift, basis
+from indentfit.inference.posterior import FINEST, POWERS, NoiseModel, Shift
 
 ALIKE = 0.8  # probability that the noises of a case's tests are alike
-NEGLIGIBLE = 1e-3  # errors of the model along a direction, over the least noise, that are left out
+NEGLIGIBLE = 0.1  # errors of the model along a direction, over the least noise, that are left out
+STEP = 1e-3  # of a range, for derivatives by coordinates in which curves are nearly linear
 
 
 class Density:
@@ -86,13 +89,6 @@ class Density:
         law = noise.law if self.law is None else replace(self.law, scale=float(self.scale(place)))
         return replace(noise, sigma=sigmas, rho=rhos, law=law)
 
-    def _factors(self, places: Array, r: int) -> Array:
-        """Factors (m, r) on the errors of the model and of the law at places."""
-        factors = np.ones((len(places), r))
-        if self.law is not None:
-            factors[:, r - self.of_law :] = self.scale(places)[:, None]
-        return factors
-
     def sigma(self, places: Array) -> Array:
         """Standard deviations of the noises at places (..., n + 2 tests), (..., tests) mN."""
         first = self.curves.size
@@ -117,36 +113,45 @@ class Density:
         inside = ((places >= 0) & (places <= 1)).all(axis=1)
         log = np.full(len(places), -np.inf)
         if inside.any():
-            log[inside] = self._within(places[inside])
+            forces, failed = self.forces(places[inside][:, : self.curves.size])
+            log[inside] = np.where(failed, -np.inf, self.of_forces(forces, places[inside], self.covariances(places[inside])))
         return log
 
-    def _within(self, places: Array) -> Array:
-        z = places[:, : self.curves.size]
-        forces, failed = self.forces(z)
-        left, sigma = forces[:, self.rows] - self.y, self.sigma(places)
-        r = self.noises[0].errors.shape[1] if self.noises else 0
-        squares, volume, seen, inner = np.zeros(len(z)), np.zeros(len(z)), np.zeros((len(z), r)), np.zeros((len(z), r * r))
-        white = np.ones((len(z), len(self.noises)), dtype=bool)
+    def of_forces(self, forces: Array, places: Array, noises: "Covariances") -> Array:
+        """Logarithm of the density at places (m, n + 2 tests) whose curves are the forces (m, N) and whose noises are given."""
+        left = forces[:, self.rows] - self.y
+        priors = np.sum((places[:, : self.curves.size] @ self.P.T - self.centre) ** 2, axis=1)
+        return np.asarray(noises.log - 0.5 * (noises.products(left[:, None])[:, 0, 0] + priors))
+
+    def covariances(self, places: Array, beside: float = 0.0) -> "Covariances":
+        """Covariances of the residuals at places (m, n + 2 tests), with independent noise beside them: a share of each test's
+        largest force, or a standard deviation for each place, (m,)."""
+        sigma, more = self.sigma(places), np.broadcast_to(np.square(beside), (len(places),))
+        r, first = self.noises[0].errors.shape[1], self.curves.size + len(self.used)
+        factors = np.ones((len(places), r))
+        if self.law is not None:
+            factors[:, r - self.of_law :] = self.scale(places)[:, None]
+        white, log, parts = np.ones((len(places), len(self.noises)), dtype=bool), np.zeros(len(places)), []
+        inner = np.zeros((len(places), r * r))
         for n, noise in enumerate(self.noises):
-            kinds = noise.kinds(places[:, self.curves.size + len(self.used) + n])
+            kinds = noise.kinds(places[:, first + n])
             white[:, n] = kinds == 0
             for kind in np.unique(kinds):
-                here = kinds == kind
-                known, variances = noise.known[kind], noise.variances(int(kind), sigma[here, n])
-                turned = left[here, noise.rows] @ known.turn.T
-                squares[here] += np.sum(turned**2 / variances, axis=1)
-                volume[here] += np.sum(np.log(variances), axis=1)
-                seen[here] += (turned / variances) @ known.errors
+                here, known = np.flatnonzero(kinds == kind), noise.known[kind]
+                variances = noise.variances(int(kind), sigma[here, n]) + np.exp(2 * self.highest[n]) * more[here, None]
+                log[here] -= 0.5 * np.sum(np.log(variances), axis=1)
                 inner[here] += (1 / variances) @ known.products
-        factors = self._factors(places, r)
-        inner = inner.reshape(len(z), r, r) * factors[:, :, None] * factors[:, None, :]
-        L = np.linalg.cholesky(np.eye(r) + inner)
-        explained = np.linalg.solve(L, (factors * seen)[..., None])[..., 0]
-        volume += 2 * np.log(np.einsum("mii->mi", L)).sum(axis=1)
-        priors = np.sum((z @ self.P.T - self.centre) ** 2, axis=1)
-        told = [noise for noise in self.noises if len(noise.known) > 1]
-        log = alike(white[:, [len(noise.known) > 1 for noise in self.noises]]) if told else 0.0
-        return np.where(failed, -np.inf, log - 0.5 * (squares - np.sum(explained**2, axis=1) + volume + priors))
+                parts.append((here, noise.rows, known, variances))
+        told = [len(noise.known) > 1 for noise in self.noises]
+        if any(told):
+            log += alike(white[:, told])
+        inner = inner.reshape(len(places), r, r)
+        if self.law is not None:
+            inner = inner * factors[:, :, None] * factors[:, None, :]
+        inner[:, range(r), range(r)] += 1
+        root = np.linalg.cholesky(inner)
+        log -= np.log(np.einsum("mii->mi", root)).sum(axis=1)
+        return Covariances(log, parts, np.ascontiguousarray(root.transpose(1, 2, 0)), factors)
 
     def values(self, z: Array) -> Array:
         """Coordinates (..., n) in their units."""
@@ -162,6 +167,11 @@ class Density:
 
     def forces(self, z: Array) -> tuple[Array, Bools]:
         """The curves at coordinates (m, n), (m, N), and whether the mechanics failed near each."""
+        shapes, failed = self.shapes(z)
+        return self.moved(shapes, z), failed
+
+    def shapes(self, z: Array) -> tuple[Array, Bools]:
+        """The curves at coordinates (m, n) before the scale, the gains and (but where the material relaxes) the offsets."""
         curves, problem = self.curves, self.curves.problem
         own = self.values(z)
         values = dict(zip([*curves.free, *(k.point or "" for k in curves.inputs)], own.T, strict=False))
@@ -169,17 +179,58 @@ class Density:
         by_name = [given[n] if n in given else (values[n] - problem.free[n].min) / problem.range(n) for n in problem.free]
         places = np.column_stack(by_name)[:, problem.searched_numbers]
         forces = (curves.surrogate.curves(places) if problem.kernel is None else self._relaxed(places, own)) * (1 + curves.mesh)
-        if problem.scale is not None:
-            forces = forces * (values[problem.scale] / problem.reference)[:, None]
-        for n, known in enumerate(curves.inputs, start=len(curves.free)):
-            if known.test is None or (known.name == "offset" and problem.kernel is not None):
-                continue
-            for rows in curves.of_tests[known.test]:
-                if known.name == "offset":
-                    forces[:, rows] += _moved(curves.shifts[known.test], own[:, n], forces[:, rows])
+        return forces, curves.surrogate.near_failure(places)
+
+    def moved(self, shapes: Array, z: Array) -> Array:
+        """Curves (m, N) of these shapes with scale, offsets and gains of coordinates (m, n)."""
+        forces, own = shapes.copy(), self.values(z)
+        for n, name, test in self._of_tests():
+            for rows in self.curves.of_tests[test]:
+                if name == "offset":
+                    forces[:, rows] += _moved(self.curves.shifts[test], own[:, n], forces[:, rows])
                 else:
                     forces[:, rows] *= 1 + own[:, [n]]
-        return forces, curves.surrogate.near_failure(places)
+        return forces if self.scaled is None else forces * (own[:, [self.scaled]] / self.curves.problem.reference)
+
+    def _of_tests(self) -> Iterator[tuple[int, str, int]]:
+        """Number of each coordinate that acts on the curve of a single test, name of the input, and number of the test."""
+        for n, known in enumerate(self.curves.inputs, start=len(self.curves.free)):
+            if known.test is not None and (known.name != "offset" or self.curves.problem.kernel is None):
+                yield n, known.name, known.test
+
+    @cached_property
+    def scaled(self) -> int | None:
+        """The number of the coordinate in which the forces are linear."""
+        scale = self.curves.problem.scale
+        return None if scale is None else list(self.curves.free).index(scale)
+
+    @cached_property
+    def linear(self) -> list[int]:
+        """The coordinates in which the curves are linear, or nearly so: scale, offsets and gains."""
+        return [*([] if self.scaled is None else [self.scaled]), *(n for n, *_ in self._of_tests())]
+
+    def of_scale(self, shapes: Array) -> Array:
+        """The coordinate of the scale, (m,), at which shapes (m, N) are nearest to the curves."""
+        problem, shapes = self.curves.problem, shapes[:, self.rows]
+        assert problem.scale is not None
+        factor = (shapes @ self.y) / np.maximum(np.sum(shapes**2, axis=1), 1e-300)
+        return np.clip((factor * problem.reference - problem.free[problem.scale].min) / problem.range(problem.scale), 0, 1)
+
+    def moved_with_slopes(self, shapes: Array, z: Array) -> tuple[Array, Array]:
+        """The curves (m, N) of shapes, and their derivatives (m, k, N) by the coordinates `linear`."""
+        forces, ranges, own = self.moved(shapes, z), self.curves.problem.range, self.values(z)
+        slopes = np.zeros((len(z), len(self.linear), forces.shape[1]))
+        if self.scaled is not None:
+            slopes[:, 0] = forces * (ranges(list(self.curves.free)[self.scaled]) / own[:, [self.scaled]])
+        of_tests = list(self._of_tests())
+        for wanted in {name for _, name, _ in of_tests}:  # each acts on the curves of its own test only
+            ahead, columns = z.copy(), [n for n, name, _ in of_tests if name == wanted]
+            ahead[:, columns] += STEP
+            slope = (self.moved(shapes, ahead) - forces) / STEP
+            for n, name, test in of_tests:
+                for rows in self.curves.of_tests[test] if name == wanted else ():
+                    slopes[:, self.linear.index(n), rows] = slope[:, rows]
+        return forces, slopes
 
     def _relaxed(self, places: Array, own: Array) -> Array:
         """Curves (m, N) of a material that relaxes, at places of the surrogate; offsets own[:, n] move the elastic curves."""
@@ -203,6 +254,41 @@ def alike(white: Bools) -> Array:
     every, none = white.all(axis=1), ~white.any(axis=1)
     one_kind = np.where(every, WHITE ** (1 - tests), np.where(none, (1 - WHITE) ** (1 - tests), 0.0))
     return np.asarray(np.log(ALIKE * one_kind + 1 - ALIKE))
+
+
+@dataclass(frozen=True, eq=False)
+class Covariances:
+    """Covariances of the residuals at places.
+
+    Parameters
+    ----------
+    log : array (m,)
+        Logarithm of the prior of the noises' kinds, less half of that of the determinants.
+    parts : for each noise and kind: numbers of the places, rows of the test, the kind, and variances
+    root : array (r, r, m)
+        Cholesky factors of the errors of the model, over the noise.
+    factors : array (m, r)
+        On these errors.
+    """
+
+    log: Array
+    parts: Sequence[tuple[Ints, slice, "_Kind", Array]]
+    root: Array
+    factors: Array
+
+    def products(self, rows: Array) -> Array:
+        """Rows (m, q, N) multiplied by each other over the covariances, (m, q, q)."""
+        m, q = rows.shape[:2]
+        squares, seen = np.zeros((m, q, q)), np.zeros((m, q, len(self.root)))
+        for here, part, known, variances in self.parts:
+            turned = (rows[here, :, part].reshape(-1, known.turn.shape[0]) @ known.turn.T).reshape(len(here), q, -1)
+            weighted = turned / variances[:, None]
+            squares[here] += turned @ weighted.swapaxes(1, 2)
+            seen[here] += (weighted.reshape(len(here) * q, -1) @ known.errors).reshape(len(here), q, -1)
+        seen, told = np.ascontiguousarray((seen * self.factors[:, None]).transpose(2, 0, 1)), np.zeros((seen.shape[2], m, q))
+        for n in range(len(told)):  # forward substitution of all places at once
+            told[n] = (seen[n] - np.einsum("jm,jmq->mq", self.root[n, :n], told[:n])) / self.root[n, n][:, None]
+        return np.asarray(squares - np.einsum("rmp,rmq->mpq", told, told))
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +345,15 @@ class _Noise:
 
 def _moved(shift: Shift, offsets: Array, forces: Array) -> Array:
     """Changes of curves (m, n) by offsets (m,)."""
-    points = shift.depth.size
-    before = basis(shift.depth, points)[0]
-    there = basis((shift.depth - offsets[:, None]).ravel(), points)[0].reshape(len(offsets), points, -1)
-    return np.asarray(np.einsum("mnb,mb->mn", there - before, forces @ shift.fitted.T))
+    coefficients = forces @ shift.fitted.T
+    change = _powers(shift.depth - offsets[:, None], coefficients.shape[1]) - _powers(shift.depth[None], coefficients.shape[1])
+    return np.asarray(np.einsum("bmn,mb->mn", change, coefficients))
+
+
+def _powers(depth: Array, number: int) -> Array:
+    """The first of POWERS of depths (m, n), (number, m, n), as `basis`; all are multiples of one half."""
+    root = np.sqrt(np.maximum(depth, 0.0))
+    raised = [root, root * root]
+    while len(raised) < 2 * POWERS[number - 1]:
+        raised.append(raised[-1] * root)
+    return np.array([raised[round(2 * power) - 1] for power in POWERS[:number]])

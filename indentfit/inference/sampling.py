@@ -1,9 +1,10 @@
 """Samples of the density over parameters and uncertain inputs, on the surrogate of a fit, by emcee (Foreman-Mackey et al. 2013).
 
 Size (uniform in its logarithm) and correlation of the noise of each test are coordinates too, and an unknown scale of the law's
-misfit, and so are integrated out. Walkers begin at weighted draws (`draws`) and live in the same coordinates u. Half of their steps
-are proposals from the mixture that these draws have ended with, whatever the walker's place; with steps between walkers alone, a
-chain over unknown inputs was correlated over 1,000 steps.
+misfit, and so are integrated out. Walkers begin at draws of the posterior (`draws`) and live in coordinates u whose normal
+distribution function is the place, so that the bounds of the ranges are far away. Half of their steps are proposals from a mixture
+that follows these draws, whatever the walker's place; with steps between walkers alone, a chain over unknown inputs was correlated
+over 1,000 steps.
 Several alternatives, such as two bases, are sampled each; a draw of the result is one of theirs, by their probabilities. This
 module needs `indentfit[posterior]`.
 """
@@ -20,11 +21,12 @@ from indentfit.arrays import Array, Ints
 from indentfit.case import Case
 from indentfit.errors import CaseError
 from indentfit.inference.density import Density
-from indentfit.inference.draws import LARGEST, Draws, Mixture, drawn, over_u
+from indentfit.inference.draws import Draws, drawn
 from indentfit.inference.joint import JointFit, ModelError, fitted
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Curves
 from indentfit.inference.shares import PosteriorFacts
+from indentfit.inference.t_mixture import LARGEST, Mixture, followed
 from indentfit.inference.wide_fit import WideFit, mesh_error
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.problem import InverseProblem
@@ -226,9 +228,8 @@ class Chain:
 def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
     density, known = Density(fit), drawn(fit, seed)
     starts = _starts(density, known, WALKERS * density.size, np.random.default_rng(seed))
-    moves: list[tuple[Any, float]] = [(emcee.moves.StretchMove(), 0.5)]
-    if known.mixture is not None:
-        moves.append((emcee.moves.MHMove(_Independent(known.mixture)), 0.5))
+    mixture = followed(_normal(known.places), np.random.default_rng(seed))
+    moves = [(emcee.moves.StretchMove(), 0.5), (emcee.moves.MHMove(_Independent(mixture)), 0.5)]
     sampler = emcee.EnsembleSampler(len(starts), density.size, partial(over_u, density), vectorize=True, moves=moves)
     state = emcee.State(starts, random_state=np.random.RandomState(seed % 2**32).get_state())
     correlated = np.inf
@@ -263,6 +264,16 @@ class _Independent:
 
 def _starts(density: Density, known: Draws, walkers: int, rng: np.random.Generator) -> Array:
     """Where walkers begin, over u: draws by their weights, a little apart, (walkers, n + 2 tests), or one column more."""
-    u = np.clip(ndtri(known.places[rng.choice(len(known.shares), walkers, p=known.shares)]), -LARGEST, LARGEST)
+    u = _normal(known.places[rng.choice(len(known.shares), walkers, p=known.shares)])
     apart = u + 1e-3 * rng.standard_normal(u.shape)  # walkers that begin at one place would not leave each other
     return np.where(np.isfinite(over_u(density, apart))[:, None], apart, u)
+
+
+def _normal(places: Array) -> Array:
+    """Coordinates u whose normal distribution function is the place."""
+    return np.clip(ndtri(places), -LARGEST, LARGEST)
+
+
+def over_u(density: Density, u: Array) -> Array:
+    """Logarithm of the density over u, (m,), up to a constant."""
+    return np.asarray(density(ndtr(u)) - 0.5 * np.sum(u**2, axis=1))

@@ -48,11 +48,11 @@ from indentfit.inverse.problem import InverseProblem
 
 COORDINATES = (
     "uncertain inputs are coordinates of the fit: intervals are the smallest sets that hold 95 % of the posterior of parameters, "
-    "inputs and noise, by weighted draws on the surrogate ({draws:,} draws, effective number {effective:,.0f}, seed {seed})"
+    "inputs and noise, by draws on the surrogate ({draws:,} draws, effective number {effective:,.0f}, seed {seed})"
 )
 PROFILES = (
     "uncertain inputs are coordinates of the fit: intervals are profiles over parameters and inputs, under the inputs' priors, and "
-    "so may be too wide: weighted draws of the posterior have an effective number of {effective:.0f} only"
+    "so may be too wide: draws of the posterior have an effective number of {effective:.0f} only"
 )
 OVERLAP = "shares of the variance overlap where sources act alike: each is what would vanish without its source"
 NEARER = (

@@ -49,6 +49,7 @@ from indentfit.runs.forward import Evaluation
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
 UNPROVED = "the optimum was not proved by a run"
 BESIDE = 0.14  # of a piece's width: intervals follow profiles so far beside the smallest set, and stay within 1.3 of its width
+SCOUTS = 400  # particles that weigh the alternatives before runs at the ends of their profiles
 SLIT = 0.1  # of the whole set's width: narrower gaps between its pieces are filled
 
 
@@ -268,7 +269,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
             fit = _with_mesh(fit, mesh, model, case.fit.seed, part)
         if fit is None:
             continue
-        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), drawn(fit, case.fit.seed)))
+        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), drawn(fit, case.fit.seed, SCOUTS)))
     if not tried:
         return None
     weighed = weighed_alternatives(tried)
@@ -343,7 +344,7 @@ def _ends_proved(
     fit = known.fit
     curves = fit.posterior.curves
     if not ends:
-        return known
+        return replace(known, draws=drawn(fit, seed))
     points = [curves.point(z) for _, z in ends]
     ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles"))
     pairs = [_confirmed(fit, n, z, run) for (n, z), run in zip(ends, ran, strict=True)]
