@@ -1,4 +1,4 @@
-"""Weighted draws of the posterior: against densities that are known, and the intervals that they make."""
+"""Draws of the posterior: against densities that are known, and the intervals that they make."""
 
 import itertools
 from dataclasses import replace
@@ -24,6 +24,7 @@ from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.wide import UncertainInput, widened_problem
+from indentfit.runs.forward import Evaluation
 
 NOISE, GAIN = 0.3, 0.03
 T23 = 2.0687  # 97.5 % quantile of Student's t of 23 degrees of freedom
@@ -312,3 +313,59 @@ def test_narrow_gaps_between_pieces_are_filled_and_wide_ones_kept():
     """A fit once gave 1.180-1.216 or 1.218-1.219 or 1.221-1.225 for one parameter."""
     assert without_slits([(1.180, 1.216), (1.218, 1.219), (1.221, 1.225)]) == ((1.180, 1.225),)
     assert without_slits([(0.5, 0.6), (0.1, 0.2)]) == ((0.1, 0.2), (0.5, 0.6))
+
+
+class Bent:
+    """mu (0.2 + b)^2 d: one curve tells a bent line of mu and b, as it does of a modulus and an unknown friction."""
+
+    runs, failures = 0, ()
+
+    def differentiable(self):
+        return frozenset()
+
+    def evaluate(self, points, report=None, sensitivities=()):
+        self.runs += len(points)
+        return [Evaluation(dict(p), (p["mu"] * (0.2 + p["b"]) ** 2 * DEPTH,), None, 0.0, ({},)) for p in points]
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """A joint fit of mu, the scale, and b, whose contact point is uncertain by 0.003 mm."""
+    force = 90 * 0.7**2 * DEPTH + 0.02 * np.random.default_rng(8).standard_normal(25)
+    free = {"mu": Range(start=60, min=0, max=1000), "b": Range(start=0.5, min=0, max=1)}
+    prior = Prior.about(0.0, 0.003)
+    inputs = (UncertainInput("offset", "", 0, prior, 0.0, *prior.bounds(), "mm"),)
+    problem = InverseProblem((Target("t", Curve(DEPTH, force), 1.0),), {"mu": 60.0, "b": 0.5}, free, "mu")
+    return joint.joint_fit(widened_problem(problem, inputs), inputs, Watched(Bent()), ModelError.none(25), 0)
+
+
+def test_draws_follow_a_bent_line_from_end_to_end(bent):
+    """The marginal density of b under white noise, by quadrature over mu, the contact point and the noise's size. The line goes
+    from end to end of b's range while mu falls from 1000 to 30, and is as thin as the noise of 0.1 %."""
+    known, density = drawn(bent, 0), Density(bent)
+    b, off, sigma = np.linspace(0.0125, 0.9875, 40), np.linspace(0.2, 0.8, 7), np.linspace(0.3, 0.7, 9)
+    logs = []
+    for middle in b:
+        best = 90 * 0.7**2 / (0.2 + middle) ** 2 / 1000
+        mu = best * np.linspace(0.97, 1.03, 25)
+        grid = np.array([(m, middle, o, s, WHITE / 2) for m, o, s in itertools.product(mu, off, sigma)])
+        values = density(grid)
+        logs.append(np.log(np.sum(np.exp(values - values.max()))) + values.max() + np.log(best))
+    shares = np.exp(np.array(logs) - max(logs))
+    exact = np.interp([0.1, 0.5, 0.9], np.cumsum(shares) / shares.sum(), b + 0.0125)
+    white = known.places[known.places[:, -1] < WHITE]
+    assert known.enough
+    assert np.quantile(white[:, 1], [0.1, 0.5, 0.9]) == pytest.approx(exact, abs=0.03)
+
+
+def test_slopes_by_scale_and_contact_point_are_those_of_the_curves(bent):
+    density = Density(bent)
+    z = np.array([[0.05, 0.6, 0.5], [0.2, 0.1, 0.55]])
+    shapes = density.shapes(z)[0]
+    forces, slopes = density.moved_with_slopes(shapes, z)
+    assert density.linear == [0, 2]
+    np.testing.assert_allclose(forces, density.forces(z)[0], rtol=1e-12)
+    for k, n in enumerate(density.linear):
+        step = np.where(np.arange(3) == n, 1e-4, 0.0)
+        expected = (density.forces(z + step)[0] - density.forces(z - step)[0]) / 2e-4
+        np.testing.assert_allclose(slopes[:, k], expected, atol=2e-3 * np.abs(expected).max())

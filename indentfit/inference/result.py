@@ -49,7 +49,7 @@ class ParameterEstimate:
     stderr_total : float
         Standard error by noise, uncertain inputs and the mesh together; None where only the noise is known.
     interval : (low, high)
-        95 % interval with all stated errors: by weighted draws of the posterior where uncertain inputs are coordinates of the fit,
+        95 % interval with all stated errors: by draws of the posterior where uncertain inputs are coordinates of the fit,
         by the profile where the result has it, otherwise by linear theory.
     interval_linear : (low, high)
         95 % interval by linear theory.
@@ -168,7 +168,7 @@ class Profile:
         Runs of the forward model at the ends of the interval.
     joint : bool
         Whether uncertain inputs are coordinates of the fit: the profile is then that under the most probable alternative, on a
-        surrogate that has learnt these runs, and the interval of the parameter may be that of weighted draws.
+        surrogate that has learnt these runs, and the interval of the parameter may be that of draws.
     """
 
     values: tuple[float, ...]

@@ -38,7 +38,7 @@ from indentfit.inference.verdicts import (
     verdict,
 )
 from indentfit.inference.what_if import Again, warnings_of, what_ifs
-from indentfit.inference.wide_fit import WideAlternative, WideFit
+from indentfit.inference.wide_fit import SCOUTS, WideAlternative, WideFit
 from indentfit.inference.wide_shares import span_of, uncertain_in, values_of
 from indentfit.inference.zeroed_late import zeroed_late
 from indentfit.inverse.exploration import Watched, facts_of
@@ -222,7 +222,7 @@ def _alone(case: Case, fit: WideFit, singles: Sequence[JointFit | None]) -> dict
         curves = single.posterior.curves
         force = curves.at(single.mode.z)[0][curves.slices[n]]
         rows = {}
-        as_whole = WideAlternative(test.name, {}, 1.0, single, joint_profiles(single), drawn(single, case.fit.seed))
+        as_whole = WideAlternative(test.name, {}, 1.0, single, joint_profiles(single), drawn(single, case.fit.seed, SCOUTS))
         for k, name in enumerate(curves.free):
             value, span = values_of(single, k, single.mode.z[[k]])[0], span_of(single, k, as_whole.interval(k))
             rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))

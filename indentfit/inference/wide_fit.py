@@ -56,7 +56,7 @@ SLIT = 0.1  # of the whole set's width: narrower gaps between its pieces are fil
 @dataclass(frozen=True, eq=False)
 class WideAlternative:
     """One alternative: its changes of the case, its probability before and after the fit, its fit, the profiles of the free
-    parameters, and weighted draws of its posterior."""
+    parameters, and draws of its posterior."""
 
     name: str
     changes: dict[str, Any]
@@ -120,7 +120,7 @@ class WideFit:
 
     @property
     def by_draws(self) -> bool:
-        """Whether intervals are those of weighted draws: every alternative that is not improbable has enough of them."""
+        """Whether intervals are those of draws: every alternative that is not improbable has enough of them."""
         return enough_draws(self.alternatives)
 
     def pieces(self, n: int) -> tuple[Interval, ...]:

@@ -274,7 +274,7 @@ def _profiles(result: FitResult) -> list[Part]:
         interval = (profile.joint and best.interval) or profile.interval
         alt = f"Profile of {name}, least at {number(best.value)}, its 95 % interval {_between(interval)}"
         circles = "; circles: runs of the model, through which the curve is drawn" if profile.confirmed else ""
-        own = "the profile's own limit, which the interval need not meet: it is that of all alternatives, mostly by weighted draws"
+        own = "the profile's own limit, which the interval need not meet: it is that of all alternatives, mostly by posterior draws"
         limit = f"; dashed: {own if profile.joint else 'its limit'}, {number(profile.limit, 3)}" if profile.limit else ""
         caption = f"Profile of {name}. Shaded: the 95 % interval{limit}; vertical line: the optimum{circles}."
         figures.append(drawn(figure, caption, alt))
