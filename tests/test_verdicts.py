@@ -1,11 +1,12 @@
 """Verdicts by their causes: noise, mesh, inputs, misfit, bounds; and a misfit so gross that there is no fit."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fixtures.cases import CASES, tiny_case
+from fixtures.cases import CASES, tiny_case, white_matter
 from fixtures.formulas import DEPTH, TRUTH, Formula, formula, problem
 
 from indentfit.case import Range
@@ -13,6 +14,7 @@ from indentfit.case.doubts import doubts
 from indentfit.cli import main
 from indentfit.curve import Curve, read_curve, write_curve
 from indentfit.experiment.measured import read_case
+from indentfit.inference.fit import _no_fit
 from indentfit.inference.identifiability import _at_bound
 from indentfit.inference.limits import Limit, MeshSize, limits
 from indentfit.inference.misfit import misfits, no_fit
@@ -141,6 +143,16 @@ def test_one_curve_of_two_in_another_unit_is_named(factors, name, words):
     measured = tuple(factor * force for factor, force in zip(factors, formula(**TRUTH), strict=True))
     whole, best = judged(measured)
     assert f"the forces of {name} {words}" in no_fit(whole, best, RUNS)
+
+
+@pytest.mark.parametrize("turned", [(), ("fit.uncertain.fibre_angle={start=0,min=-45,max=45}",)])
+def test_where_no_unit_explains_the_curves_a_wrong_direction_of_the_fibres_is_named(turned):
+    """Curves of a bar at 0, 45 and 90 degrees, evaluated as if at 45, 90 and 135, ended as "no fit" without a word of the angle."""
+    along, across = formula(**TRUTH)
+    whole, best = judged((along, across / 5))
+    said = _no_fit(white_matter(*turned), whole, best, SimpleNamespace(known=RUNS))
+    assert ("another direction of the fibres (fit.uncertain.fibre_angle" in said) != bool(turned)
+    assert "signs and units of the curve's columns" in said
 
 
 def test_two_curves_that_differ_by_no_unit_s_factor_are_not_said_to_be_in_other_units():

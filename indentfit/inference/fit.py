@@ -12,7 +12,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.case.draining import draining
-from indentfit.case.laws import shear_parameter
+from indentfit.case.laws import has_fibres, shear_parameter
 from indentfit.case.uses import require_case
 from indentfit.compiled import one_blas_thread
 from indentfit.curve import Curve
@@ -164,7 +164,7 @@ def fit_with_runs(
             problem, model, watched, correction, wide, solved = first
         samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
         watched, finer = solved.model or watched, Refined(solved)
-        gross = _no_fit(problem, solved.optimum.best, watched)
+        gross = _no_fit(case, problem, solved.optimum.best, watched)
         if gross is not None:
             known = Certainty()
         elif wide is not None:
@@ -237,9 +237,10 @@ def _undetermined(known: ParameterEstimate) -> ParameterEstimate:
     return known if known.fixed else replace(known, verdict=NO_FIT, limited_by="misfit")
 
 
-def _no_fit(problem: InverseProblem, best: Candidate | None, watched: Watched) -> str | None:
+def _no_fit(case: Case, problem: InverseProblem, best: Candidate | None, watched: Watched) -> str | None:
     """Why the optimum is no fit; None where it is one, or where there is no optimum."""
-    return no_fit(problem, best, watched.known) if best else None
+    known = has_fibres(case.law) and "fibre_angle" not in case.fit.uncertain.fitted
+    return no_fit(problem, best, watched.known, known) if best else None
 
 
 @dataclass(frozen=True, eq=False)

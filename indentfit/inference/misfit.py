@@ -31,7 +31,8 @@ LEFT = 3.0  # factor by which a test may miss the others' scale after its units 
 FAR, TIMES = 5.0, 3.0  # standard deviations of displacements that are not followed; a factor that may be a unit
 BENT = 0.05  # share of the force at half the depth, from a straight line, from which a curve counts as bent
 MESSAGE = "the model cannot follow the curves: the root mean square error is {worst} the largest force of {test}; {reason}"
-UNEXPLAINED = "another law, wider bounds, or the signs and units of the curve's columns may be the remedy"
+UNEXPLAINED = "another law, wider bounds, {more}or the signs and units of the curve's columns may be the remedy"
+OF_FIBRES = "another direction of the fibres (fit.uncertain.fibre_angle finds it from tests at three angles), "
 CONSTANT = 1e-3  # of the largest force: standard deviation of a measured force that counts as held, of which R2 would tell nothing
 
 
@@ -50,7 +51,7 @@ def misfits(problem: InverseProblem, best: Candidate) -> dict[str, CurveMisfit]:
     return {test.name: _misfit(test, force) for test, force in zip(problem.tests, best.forces, strict=True)}
 
 
-def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation]) -> str | None:
+def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation], fibres: bool = False) -> str | None:
     """Why a Candidate is no fit, in a sentence or two; None where its misfit is not gross.
 
     Parameters
@@ -59,6 +60,8 @@ def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation])
     best : Candidate
     runs : sequence of Evaluation
         All runs of the search at the case's own inputs: a scale without bounds is tried on their curves.
+    fibres : bool
+        Whether the law has fibres whose direction is taken as known.
 
     Returns
     -------
@@ -71,7 +74,7 @@ def no_fit(problem: InverseProblem, best: Candidate, runs: Sequence[Evaluation])
     if not sizes or sizes[worst] <= GROSS:
         return None
     units = [*_units(problem, runs)] or [*_units_of_one_test(problem, runs)]
-    reasons = [*units, *_recording(problem), *_bend(problem, best)] or [UNEXPLAINED]
+    reasons = [*units, *_recording(problem), *_bend(problem, best)] or [UNEXPLAINED.format(more=OF_FIBRES if fibres else "")]
     size = f"{sizes[worst]:.0%} of" if sizes[worst] < 1 else f"{sizes[worst]:.2g} times"
     return MESSAGE.format(worst=size, test=worst, reason="; ".join(reasons))
 
