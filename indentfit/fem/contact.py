@@ -120,6 +120,9 @@ class ContactFace:
         friction against its motion before it touched, too, for one step; the error was not measured.
     friction : float
         Coefficient of friction.
+    winds : bool
+        Whether the body winds round a sharp edge, in the meridian plane, as the footprint is tied: it changes shape so much there
+        that its last factor leads nowhere (`contact_first`).
     """
 
     def __init__(self, points: ContactPoints, indenter: Indenter, thickness: float) -> None:
@@ -128,6 +131,7 @@ class ContactFace:
         self.ahead = isinstance(points, EdgePoints) or self.shape.end != "flat"
         sticks = indenter.friction == "stick"
         self.tied = self.under[:, None] & (has_sharp_edge(self.shape) and sticks)
+        self.winds = bool(self.tied.any()) and isinstance(points, EdgePoints)
         upright = has_sharp_edge(self.shape) and isinstance(self.shape.partition(thickness), Rings)
         self._wall = ~self.under[:, None] & upright
         self._share = np.where(self._wall, OF_WALL if sticks else 1.0, 1.0)

@@ -29,7 +29,8 @@ class Newton:
     def equilibrium(
         self, increment: Increment, at: Iterate, most: int = MAX_ITERATIONS, rests: Equilibrium | None = None
     ) -> tuple[Equilibrium, int]:
-        """The Equilibrium of an increment from an iterate near it, and the number of iterations; `contact_first` is tried before.
+        """The Equilibrium of an increment from an iterate near it, and the number of iterations; `contact_first` is tried before,
+        unless the indenter moves and the body winds round its edge.
 
         Where the indenter rests at the depth of another equilibrium, `rests`, that of `contact_first` keeps the motion of that one,
         and no tangent is made.
@@ -41,7 +42,8 @@ class Newton:
             farther away than the iterations left can go on the increment's leash.
         OutOfTime
         """
-        near = approached(increment, at, self.solver, self.controls)
+        wound = rests is None and increment.equations.face.winds
+        near = None if wound else approached(increment, at, self.solver, self.controls)
         if near is not None and rests is not None:
             return rests.rested(near.here, increment, self.solver.dilatation), near.iterations
         at, before = (at, 0) if near is None else (near.at, near.iterations)
