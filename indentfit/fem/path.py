@@ -30,7 +30,7 @@ TURN = 1.15  # ratio of the stiffnesses after and before a step, from which the 
 # friction steps are shorter from the start, and still shorter ones make points chatter.
 LONGEST_STEEP, CUBE, STEEP = 1 / 23, 3.0, 0.25
 CRAWLED = "{iterations} iterations led no further"
-WILD = 5.0  # motion of a point over that of the last step, mm: a tangent that is nearly singular leads nowhere
+WILD = 5.0  # motion of a point over that of the last step: a tangent that is nearly singular leads nowhere
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 

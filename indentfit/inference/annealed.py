@@ -6,15 +6,15 @@ place would fail where the noise of the curves has no known size: at some power,
 noise, and all others die at once.
 
 A Metropolis step proposes the coordinates that change the solution, or those of the noise, by differences between particles (ter
-Braak 2006), and draws the scale of the forces, offsets and gains from the normal density that the curves then leave them, in which
-the curves are nearly linear. The thin directions of the density lie mostly along these.
+Braak 2006), and draws the scale of the forces and offsets from the normal density that the curves then leave them, in which the
+curves are nearly linear. The thin directions of the density lie mostly along these.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp, ndtr, ndtri
+from scipy.special import log_ndtr, logsumexp, ndtr, ndtri
 
 from indentfit.arrays import Array, Bools, Ints
 from indentfit.inference.density import Covariances, Density
@@ -93,7 +93,10 @@ def annealed(density: Density, seed: int, particles: int = PARTICLES) -> Anneale
     for _ in range(LAST):
         walk.move(known)
         kept.append(known.places.copy())
-    return Annealed(np.concatenate(kept), _effective(np.array(kept)[..., : density.curves.size]), evidence)
+    if not np.isfinite(evidence):
+        return None
+    effective = min(_effective(np.array(kept)[..., : density.curves.size]), _distinct(np.concatenate(kept)))
+    return Annealed(np.concatenate(kept), effective, evidence)
 
 
 def _started(walk: "_Walk", particles: int) -> tuple[_Particles, float] | None:
@@ -114,30 +117,30 @@ def _started(walk: "_Walk", particles: int) -> tuple[_Particles, float] | None:
 
 def _lower(walk: "_Walk", known: _Particles, fall: float) -> tuple[_Particles, float, float]:
     """Particles at the next level, the gain of the logarithm of the evidence, and the logarithm by which the noise has fallen."""
-    some = known.of(slice(TRIED))
-    last = walk.beside
+    some, last = known.of(slice(TRIED)), walk.beside
+    walk.beside, weights = 0.0, np.full(len(known.log), -np.inf)
     if _share(walk.log(some, 0.0) - some.log) >= KEPT:
-        walk.beside = 0.0
-    else:
+        weights = walk.log(known, 0.0) - known.log
+    if not _share(weights) >= 0.5 * KEPT:
         for _ in range(3):
             share = _share(walk.log(some, last * np.exp(-fall)) - some.log)
-            fall *= float(np.clip(np.sqrt(np.log(KEPT) / np.log(min(share, 0.98))), 0.3, 3.0))
+            fall *= float(np.clip(np.sqrt(np.log(KEPT) / np.log(np.clip(share, 1e-3, 0.98))), 0.3, 3.0))
         walk.beside = last * np.exp(-fall)
-    there = walk.log(known, walk.beside)
-    weights = there - known.log
-    while walk.beside and _share(weights) < 0.5 * KEPT:
-        fall /= 2
-        walk.beside = last * np.exp(-fall)
-        there = walk.log(known, walk.beside)
-        weights = there - known.log
-    lower = replace(known, log=there).of(_drawn(weights, walk.rng))
+        weights = walk.log(known, walk.beside) - known.log
+        while _share(weights) < 0.5 * KEPT:
+            fall /= 2
+            walk.beside = last * np.exp(-fall)
+            weights = walk.log(known, walk.beside) - known.log
+    lower = replace(known, log=known.log + weights).of(_drawn(weights, walk.rng))
     return walk.again(lower), float(logsumexp(weights) - np.log(len(weights))), fall
 
 
 def _share(weights: Array) -> float:
-    """The effective number of log weights (m,), over their number."""
+    """The effective number of log weights (m,), over their number; 0 where all are -inf or one is no number."""
     most = weights.max()
-    shares = np.exp(weights - most) if np.isfinite(most) else np.ones(len(weights))
+    if not np.isfinite(most):
+        return 0.0
+    shares = np.exp(weights - most)
     return float(shares.sum() ** 2 / np.sum(shares**2) / len(shares))
 
 
@@ -161,6 +164,12 @@ def _effective(steps: Array) -> float:
     return float(number * particles / sums.max())
 
 
+def _distinct(places: Array) -> float:
+    """Effective number of places (m, n) of which some are the same: particles that share an ancestor, or that have not moved."""
+    shares = np.unique(places, axis=0, return_counts=True)[1] / len(places)
+    return float(1 / np.sum(shares**2))
+
+
 class _Walk:
     """Metropolis moves of particles under the noise `beside`, whose sizes follow the share of accepted proposals."""
 
@@ -169,10 +178,10 @@ class _Walk:
         n, tests = density.curves.size, len(density.used)
         self.linear = np.array(density.linear, dtype=int)
         self.solved = np.array([k for k in range(n) if k not in density.linear], dtype=int)
-        self.others = np.setdiff1d(np.arange(density.size), self.linear)
         self.sigmas, self.kinds = np.arange(n, n + tests), np.arange(n + tests, n + 2 * tests)
         self.sized = np.concatenate([self.sigmas, np.arange(n + 2 * tests, density.size)])
-        self.normal = np.setdiff1d(self.others, self.kinds)
+        self.stepped = np.setdiff1d(np.arange(density.size), self.linear)  # by moves; the linear ones are drawn
+        self.others = np.setdiff1d(self.stepped, self.kinds)  # kinds are drawn from their prior, in moves of the noise alone
         self.sizes = {"solved": 1.0, "others": 1.0, "noise": 1.0}
 
     def log(self, known: _Particles, beside: float) -> Array:
@@ -231,11 +240,11 @@ class _Walk:
         u = before.u.copy()
         (self._by_noise if kind == "noise" else self._by_differences)(kind, u, known.u[other])
         places = before.places.copy()
-        places[:, self.others] = ndtr(u[:, self.others])
+        places[:, self.stepped] = ndtr(u[:, self.stepped])
         n = self.density.curves.size
         curves = (before.shapes, before.failed) if kind == "noise" else self.density.shapes(places[:, :n])
         there = self.completed(places, u, *curves)
-        priors = 0.5 * np.sum(u[:, self.normal] ** 2 - before.u[:, self.normal] ** 2, axis=1)
+        priors = 0.5 * np.sum(u[:, self.others] ** 2 - before.u[:, self.others] ** 2, axis=1)
         with np.errstate(invalid="ignore"):
             gain = (there.log - there.log_linear) - (before.log - before.log_linear) - priors
         taken = np.log(self.rng.random(len(own))) < np.where(np.isnan(gain), -np.inf, gain)
@@ -268,9 +277,9 @@ def _truncated(centre: Array, root: Array, rng: np.random.Generator) -> Array:
     """Draws (m, k) of normal coordinates, one after another within 0 and 1."""
     x, steps = np.empty_like(centre), np.zeros_like(centre)
     for k, (middle, size) in enumerate(_conditionals(centre, root, steps)):
-        low, high = ndtr((0 - middle) / size), ndtr((1 - middle) / size)
-        share = low + (high - low) * rng.random(len(centre))
-        x[:, k] = np.clip(middle + size * ndtri(np.clip(share, 1e-300, 1 - 1e-16)), 0, 1)
+        sign, low, high = _within(middle, size)
+        share = ndtr(low) + (ndtr(high) - ndtr(low)) * rng.random(len(centre))
+        x[:, k] = np.clip(middle + sign * size * ndtri(np.clip(share, 1e-300, 1 - 1e-16)), 0, 1)
         steps[:, k] = (x[:, k] - middle) / size
     return x
 
@@ -280,9 +289,17 @@ def _log_truncated(x: Array, centre: Array, root: Array) -> Array:
     steps, log = np.zeros_like(centre), np.zeros(len(centre))
     for k, (middle, size) in enumerate(_conditionals(centre, root, steps)):
         steps[:, k] = (x[:, k] - middle) / size
-        within = ndtr((1 - middle) / size) - ndtr((0 - middle) / size)
-        log -= 0.5 * steps[:, k] ** 2 + np.log(size) + np.log(np.maximum(within, 1e-300)) + 0.5 * np.log(2 * np.pi)
+        _, low, high = _within(middle, size)
+        within = log_ndtr(high) + np.log1p(-np.exp(np.minimum(log_ndtr(low) - log_ndtr(high), -1e-16)))
+        log -= 0.5 * steps[:, k] ** 2 + np.log(size) + within + 0.5 * np.log(2 * np.pi)
     return log
+
+
+def _within(middle: Array, size: Array) -> tuple[Array, Array, Array]:
+    """The ends 0 and 1 in sizes from the middle, mirrored (sign -1) where the middle is low: lower tails have more digits."""
+    sign = np.where(middle < 0.5, -1.0, 1.0)
+    ends = (0 - middle) / size, (1 - middle) / size
+    return sign, np.where(sign > 0, ends[0], -ends[1]), np.where(sign > 0, ends[1], -ends[0])
 
 
 def _conditionals(centre: Array, root: Array, steps: Array) -> Iterator[tuple[Array, Array]]:

@@ -183,14 +183,20 @@ class Density:
 
     def moved(self, shapes: Array, z: Array) -> Array:
         """Curves (m, N) of these shapes with scale, offsets and gains of coordinates (m, n)."""
-        forces, own = shapes.copy(), self.values(z)
+        own = self.values(z)
+        forces = self._moved_unscaled(shapes, own)
+        return forces if self.scaled is None else forces * (own[:, [self.scaled]] / self.curves.problem.reference)
+
+    def _moved_unscaled(self, shapes: Array, own: Array) -> Array:
+        """Curves (m, N) of these shapes with offsets and gains of coordinates (m, n) in their units."""
+        forces = shapes.copy()
         for n, name, test in self._of_tests():
             for rows in self.curves.of_tests[test]:
                 if name == "offset":
                     forces[:, rows] += _moved(self.curves.shifts[test], own[:, n], forces[:, rows])
                 else:
                     forces[:, rows] *= 1 + own[:, [n]]
-        return forces if self.scaled is None else forces * (own[:, [self.scaled]] / self.curves.problem.reference)
+        return forces
 
     def _of_tests(self) -> Iterator[tuple[int, str, int]]:
         """Number of each coordinate that acts on the curve of a single test, name of the input, and number of the test."""
@@ -206,8 +212,9 @@ class Density:
 
     @cached_property
     def linear(self) -> list[int]:
-        """The coordinates in which the curves are linear, or nearly so: scale, offsets and gains."""
-        return [*([] if self.scaled is None else [self.scaled]), *(n for n, *_ in self._of_tests())]
+        """The coordinates in which the curves are linear, or nearly so: scale and offsets. A gain does what the scale does: drawn
+        one after the other within their ranges, the two would leave each other no room."""
+        return [*([] if self.scaled is None else [self.scaled]), *(n for n, name, _ in self._of_tests() if name == "offset")]
 
     def of_scale(self, shapes: Array) -> Array:
         """The coordinate of the scale, (m,), at which shapes (m, N) are nearest to the curves."""
@@ -218,19 +225,21 @@ class Density:
 
     def moved_with_slopes(self, shapes: Array, z: Array) -> tuple[Array, Array]:
         """The curves (m, N) of shapes, and their derivatives (m, k, N) by the coordinates `linear`."""
-        forces, ranges, own = self.moved(shapes, z), self.curves.problem.range, self.values(z)
-        slopes = np.zeros((len(z), len(self.linear), forces.shape[1]))
+        own, problem = self.values(z), self.curves.problem
+        unscaled = self._moved_unscaled(shapes, own)
+        factor = 1.0 if self.scaled is None else own[:, [self.scaled]] / problem.reference
+        slopes = np.zeros((len(z), len(self.linear), unscaled.shape[1]))
         if self.scaled is not None:
-            slopes[:, 0] = forces * (ranges(list(self.curves.free)[self.scaled]) / own[:, [self.scaled]])
-        of_tests = list(self._of_tests())
-        for wanted in {name for _, name, _ in of_tests}:  # each acts on the curves of its own test only
-            ahead, columns = z.copy(), [n for n, name, _ in of_tests if name == wanted]
-            ahead[:, columns] += STEP
-            slope = (self.moved(shapes, ahead) - forces) / STEP
-            for n, name, test in of_tests:
-                for rows in self.curves.of_tests[test] if name == wanted else ():
+            slopes[:, 0] = unscaled * (problem.range(list(self.curves.free)[self.scaled]) / problem.reference)
+        offsets = [(n, test) for n, name, test in self._of_tests() if name == "offset"]
+        if offsets:  # each acts on the curves of its own test only
+            ahead = z.copy()
+            ahead[:, [n for n, _ in offsets]] += STEP
+            slope = factor * (self._moved_unscaled(shapes, self.values(ahead)) - unscaled) / STEP
+            for n, test in offsets:
+                for rows in self.curves.of_tests[test]:
                     slopes[:, self.linear.index(n), rows] = slope[:, rows]
-        return forces, slopes
+        return factor * unscaled, slopes
 
     def _relaxed(self, places: Array, own: Array) -> Array:
         """Curves (m, N) of a material that relaxes, at places of the surrogate; offsets own[:, n] move the elastic curves."""

@@ -24,7 +24,7 @@ PROCESS, PER_DOF = 320e6, {"q2p1": 14e3, "q1p0": 5e3}
 PER_DOF_FACTOR = {"pardiso": 200.0, "superlu": 1200.0, "pyamg": 100.0}
 CHECKS = {
     "solver.penalty": (0.3, 3.0, 10.0),  # factors on the case's own
-    "solver.max_step": (0.125, 0.0625, 0.03125),  # of the largest displacement; a usual path has steps of a quarter of it
+    "solver.max_step": (1 / 16, 1 / 32, 1 / 64),  # of the largest displacement; a usual path has 4 to 12 steps
     "indenter.edge_radius": (0.2, 0.1, 0.05),  # of the indenter's half-width; a default mesh does not resolve less
 }
 

@@ -7,7 +7,7 @@ bonded, bulk over shear modulus uniform in the logarithm between 20 and 5000, th
 the depth. Its curve comes from a run on a finer mesh, with white noise (each truth with one of the noises, in turn). Fits state the
 same priors. All fits share one set of runs for each base, on the mesh that a fit would take and on its second mesh: a fit then
 needs no run, but is otherwise a fit (a surrogate that is fitted to these runs, a joint fit for each base with the correction for
-the mesh, weighted draws and profiles, the mixture of the bases).
+the mesh, draws and profiles, the mixture of the bases).
 
 `sphere` is a sphere on a gel (Ogden), solved in the meridian plane, `strip` the shipped white matter. The folder keeps the runs
 and the fits, so that a campaign goes on where it was stopped. Prints for each noise how often each parameter lies in its
