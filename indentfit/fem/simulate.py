@@ -256,7 +256,7 @@ class Model:
                 model = self._coarser(attempt)
                 result = model._run(attempt, press, within)
                 far = None if attempt.follows else slid_too_far(model.body, result.path)
-                said = f"{first}; on this mesh {far.cause}; {MAY_BE_OFF}" if far else str(first)
+                said = f"{first}; on the mesh of try {number} {far.cause}; {MAY_BE_OFF}" if far else str(first)
                 return replace(result, facts=replace(result.facts, tries=number, first_failure=said))
             except (ConvergenceError, OutOfTime) as error:
                 require_time(controls.deadline, first)
