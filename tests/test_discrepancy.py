@@ -17,6 +17,7 @@ from indentfit.cli import main
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
 from indentfit.inference import joint
+from indentfit.inference.bridge import over_u
 from indentfit.inference.density import Density
 from indentfit.inference.discrepancy import LawError, law_error
 from indentfit.inference.draws import drawn
@@ -27,7 +28,7 @@ from indentfit.inference.noise import SLAB, WHITE
 from indentfit.inference.posterior import FINEST
 from indentfit.inference.quantiles import normal_quantiles
 from indentfit.inference.result import FitResult
-from indentfit.inference.sampling import _starts, over_u
+from indentfit.inference.sampling import _starts
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.objective import Target
 from indentfit.inverse.problem import InverseProblem

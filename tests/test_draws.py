@@ -126,9 +126,9 @@ def test_the_evidence_is_that_of_linear_regression_under_every_correlation(line)
         volume = np.log(2 * np.pi * sigma**2) - 0.5 * np.linalg.slogdet(design.T @ design)[1] - np.log(np.diag(L)).sum()
         logs.append(np.log((1 - WHITE) / SLAB if n else WHITE) - 25 * np.log(sigma) - squares / (2 * sigma**2) + volume)
     exact = np.log(np.trapezoid(np.exp(np.array(logs) - np.max(logs)).sum(axis=0), u)) + np.max(logs) - 2 * np.log(200)
-    evidences = [line[1].log_evidence, *(drawn(line[0], seed).log_evidence for seed in range(1, 6))]
-    assert np.mean(evidences) == pytest.approx(exact, abs=0.3)  # each scatters by 0.25
-    np.testing.assert_allclose(evidences, exact, atol=1.0)
+    assert line[1].log_evidence == pytest.approx(exact, abs=0.1)
+    few = [drawn(line[0], seed, 400).log_evidence for seed in range(1, 4)]  # those of the particles' levels are up to 1 off
+    np.testing.assert_allclose(few, exact, atol=0.1)
 
 
 def test_an_uncertain_gain_widens_the_interval_by_its_own_share():

@@ -125,7 +125,7 @@ def test_the_force_of_a_sharp_edge_that_sticks_hardly_changes_on_a_finer_mesh(mo
 
     usual, fine = solved(0.01), solved(0.003)
     assert fine.facts.elements > 2 * usual.facts.elements and fine.facts.tries == 1
-    np.testing.assert_allclose(usual.force, fine.force, rtol=2e-3)
+    np.testing.assert_allclose(usual.force, fine.force, rtol=FLOOR["axisymmetric", "q2p1"])  # the least error that is stated
     monkeypatch.setitem(meridian_mesh.DIVISIONS, "stick", 6.0)
     monkeypatch.setitem(meridian_mesh.RING, "stick", 5.25)
     rings = solved(0.01)

@@ -34,8 +34,8 @@ OF_THICKNESS = 0.2  # width at the contact's end, of the sample's thickness, at 
 # BEYOND_THIN times it where that radius is two thicknesses or more. A thin layer whose volume is kept rises beside the indenter and
 # touches it beyond that radius (at 1.23 of it where it is 6 thicknesses; the surface just beyond decides where).
 BEYOND, BEYOND_THIN = 1.2, 1.45
-# Width at a sharp edge, of the punch's radius or of the thickness, the less: where the sample slips under it, and where it sticks.
-EDGE = {"free": 0.02, "stick": 0.02}
+# Width at a sharp edge, of the punch's radius or of the thickness, the less.
+EDGE = 0.02
 ROUND = 4.0  # elements along a rounded edge
 # Elements along the radius of the first step's contact, which only that of a cone asks for, and growth of the widths with the
 # distance from the axis there. Without these the first of 24 forces under a cone was 19 % too small, and the second 5 %.
@@ -212,7 +212,7 @@ def _plane(task: _Task, scale: float) -> MeshQuad:
 def _finest(task: _Task) -> float:
     """Width at the contact's end of the mesh of scale 1, mm."""
     if has_sharp_edge(task.shape):
-        return EDGE[task.edge] * min(task.contact, task.top)
+        return EDGE * min(task.contact, task.top)
     finest = min(task.contact / CONTACT, OF_THICKNESS * task.thickness)
     if task.interfaces:
         finest = min(finest, max(OF_LAYER * task.top, finest / WIDE))

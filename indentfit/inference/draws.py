@@ -8,11 +8,13 @@ from scipy.special import ndtr
 
 from indentfit.arrays import Array
 from indentfit.inference.annealed import PARTICLES, annealed
+from indentfit.inference.bridge import bridged
 from indentfit.inference.density import Density
 from indentfit.inference.joint import JointFit
 from indentfit.inference.plain import Interval
 
 SHARE = 0.95  # of the posterior that an interval holds
+MET = 0.1  # standard error of the evidence by bridge sampling, above which that of the particles' levels is taken (about 0.25)
 ENOUGH = 400.0  # effective number of draws below which they make no interval
 CELLS = 600  # of a range of draws, in which their density is counted
 SMOOTH = 0.8  # width of the kernel of this density, over that of Silverman's rule
@@ -71,7 +73,8 @@ def drawn(fit: JointFit, seed: int, particles: int = PARTICLES) -> Draws:
     if known is None:
         return Draws(density.place(fit.mode.z)[None], np.ones(1), 1.0, -np.inf)
     number = len(known.places)
-    return Draws(known.places, np.full(number, 1 / number), known.effective, known.log_evidence)
+    log_evidence, error = bridged(density, known.places, known.effective, np.random.default_rng(seed))
+    return Draws(known.places, np.full(number, 1 / number), known.effective, log_evidence if error <= MET else known.log_evidence)
 
 
 def pieces(alternatives: Sequence[Draws], probabilities: Sequence[float], n: int, share: float = SHARE) -> tuple[Interval, ...]:

@@ -15,18 +15,19 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from indentfit.arrays import Array, Ints
 from indentfit.case import Case
 from indentfit.errors import CaseError
+from indentfit.inference.bridge import normal, over_u
 from indentfit.inference.density import Density
 from indentfit.inference.draws import Draws, drawn
 from indentfit.inference.joint import JointFit, ModelError, fitted
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Curves
 from indentfit.inference.shares import PosteriorFacts
-from indentfit.inference.t_mixture import LARGEST, Mixture, followed
+from indentfit.inference.t_mixture import Mixture, followed
 from indentfit.inference.wide_fit import WideFit, mesh_error
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.problem import InverseProblem
@@ -228,7 +229,7 @@ class Chain:
 def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
     density, known = Density(fit), drawn(fit, seed)
     starts = _starts(density, known, WALKERS * density.size, np.random.default_rng(seed))
-    mixture = followed(_normal(known.places), np.random.default_rng(seed))
+    mixture = followed(normal(known.places), np.random.default_rng(seed))
     moves = [(emcee.moves.StretchMove(), 0.5), (emcee.moves.MHMove(_Independent(mixture)), 0.5)]
     sampler = emcee.EnsembleSampler(len(starts), density.size, partial(over_u, density), vectorize=True, moves=moves)
     state = emcee.State(starts, random_state=np.random.RandomState(seed % 2**32).get_state())
@@ -264,16 +265,6 @@ class _Independent:
 
 def _starts(density: Density, known: Draws, walkers: int, rng: np.random.Generator) -> Array:
     """Where walkers begin, over u: draws by their weights, a little apart, (walkers, n + 2 tests), or one column more."""
-    u = _normal(known.places[rng.choice(len(known.shares), walkers, p=known.shares)])
+    u = normal(known.places[rng.choice(len(known.shares), walkers, p=known.shares)])
     apart = u + 1e-3 * rng.standard_normal(u.shape)  # walkers that begin at one place would not leave each other
     return np.where(np.isfinite(over_u(density, apart))[:, None], apart, u)
-
-
-def _normal(places: Array) -> Array:
-    """Coordinates u whose normal distribution function is the place."""
-    return np.clip(ndtri(places), -LARGEST, LARGEST)
-
-
-def over_u(density: Density, u: Array) -> Array:
-    """Logarithm of the density over u, (m,), up to a constant."""
-    return np.asarray(density(ndtr(u)) - 0.5 * np.sum(u**2, axis=1))

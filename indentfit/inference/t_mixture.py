@@ -1,4 +1,4 @@
-"""Mixtures of Student's t densities that follow draws (Cappe et al. 2008): proposals of a chain that do not depend on its place."""
+"""Mixtures of Student's t densities that follow draws (Cappe et al. 2008): for a chain's proposals, and for bridge sampling."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
