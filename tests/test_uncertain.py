@@ -26,7 +26,8 @@ from indentfit.inference.inputs import Solution
 from indentfit.inference.joint import ModelError
 from indentfit.inference.joint_consistency import joint_predictions
 from indentfit.inference.joint_profiles import JointPath, JointWalk, joint_profiles
-from indentfit.inference.posterior import Shift
+from indentfit.inference.many_places import ManyPlaces, chi2_at, least_chi2
+from indentfit.inference.posterior import Climber, Shift
 from indentfit.inference.result import FitResult, ParameterEstimate
 from indentfit.inference.shares import WhatIf
 from indentfit.inference.what_if import fitted_again, taken_as_known, warnings_of, what_ifs
@@ -263,6 +264,28 @@ def test_a_friction_that_nobody_knows_is_inside_and_so_are_the_parameters(fricti
         assert JointWalk(found, n).chi2(unit) < 10.83
     low, high = 20 * np.array(JointWalk(found, 1).profile().interval)
     assert high - low < 9  # not merely the whole range of 20
+
+
+LOGARITHMIC = Prior(log_uniform=(0.05, 1.0))
+
+
+@pytest.mark.parametrize("prior", [UNIFORM, LOGARITHMIC])
+def test_curves_and_searches_at_many_places_are_those_at_each(prior):
+    inputs = (friction_input(prior), of_test("offset", 0, 0.005), of_test("force", 1, 0.03))
+    found = pressed(0.4, inputs)
+    curves, climber, many = found.posterior.curves, Climber(found.posterior), ManyPlaces(found.posterior.curves)
+    z = np.random.default_rng(1).uniform(0.1, 0.9, (6, curves.size))
+    forces, slopes = (np.array(rows) for rows in zip(*map(curves.at, z), strict=True))
+    np.testing.assert_allclose(many.forces(z), forces, rtol=1e-12)
+    np.testing.assert_allclose(many.slopes(z), slopes, rtol=0, atol=1e-11 * np.abs(slopes).max())
+    np.testing.assert_allclose(chi2_at(climber, z), [np.sum(climber.residuals(place)[0] ** 2) for place in z], rtol=1e-9)
+    starts = np.tile(found.mode.z, (3, 1))
+    measured = curves.measured() * np.array([[1.0], [1.02], [0.95]])
+    singly = []
+    for row in measured:
+        climber.y = row[climber.rows]
+        singly.append(climber.climb(found.mode.z)[1])
+    np.testing.assert_allclose(least_chi2(climber, starts, measured[:, climber.rows]), singly, atol=5e-3)
 
 
 def test_an_optimum_that_the_runs_at_ends_move_is_proved_where_it_is_now(monkeypatch):

@@ -71,10 +71,15 @@ def drawn(fit: JointFit, seed: int, particles: int = PARTICLES) -> Draws:
     density = Density(fit)
     known = annealed(density, seed, particles)
     if known is None:
-        return Draws(density.place(fit.mode.z)[None], np.ones(1), 1.0, -np.inf)
+        return undrawn(fit)
     number = len(known.places)
     log_evidence, error = bridged(density, known.places, known.effective, np.random.default_rng(seed))
     return Draws(known.places, np.full(number, 1 / number), known.effective, log_evidence if error <= MET else known.log_evidence)
+
+
+def undrawn(fit: JointFit) -> Draws:
+    """One draw, at the mode of a joint fit: too few to make an interval."""
+    return Draws(Density(fit).place(fit.mode.z)[None], np.ones(1), 1.0, -np.inf)
 
 
 def pieces(alternatives: Sequence[Draws], probabilities: Sequence[float], n: int, share: float = SHARE) -> tuple[Interval, ...]:

@@ -324,12 +324,6 @@ def place_growth(fit: JointFit, point: Mapping[str, Any]) -> float:
     return Climber(fit.posterior).climb(z, curves.solved_numbers)[1] - fit.mode.chi2
 
 
-def chi2_at(climber: Climber, places: Array) -> Array:
-    """chi2 at places (m, n), (m,)."""
-    residuals = [climber.residuals(z)[0] for z in places]
-    return np.array([r @ r for r in residuals])
-
-
 def _modes(posterior: Posterior, seed: int) -> list[Mode]:
     """Maxima of the density from the best places of a scan, best first."""
     curves = posterior.curves

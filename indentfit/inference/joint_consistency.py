@@ -13,7 +13,8 @@ from scipy.stats import f as fisher
 from indentfit.arrays import Array
 from indentfit.inference.agreement import TestPrediction
 from indentfit.inference.consistency import DRAWS, ENOUGH, SEEN, UNCLEAR
-from indentfit.inference.joint import JointFit, bounded, chi2_at
+from indentfit.inference.joint import JointFit, bounded
+from indentfit.inference.many_places import ManyPlaces, chi2_at, least_chi2
 from indentfit.inference.posterior import Climber, NoiseModel
 from indentfit.inference.reconciled import reconciled
 
@@ -152,10 +153,6 @@ class _Prediction:
         own, alone = _best(self.alone, starts)
         return max(_best(self.together, [*starts, own])[1] - alone - left, 0.0)
 
-    def _growth_of_draw(self, z: Array, theirs: Array, left: float) -> float:
-        """The same for a curve drawn at z; a search that ends early makes the growth larger, and a contradiction less likely."""
-        return max(_best(self.together, [theirs])[1] - self.alone.climb(z)[1] - left, 0.0)
-
     def _by_fisher(self, statistic: float) -> float:
         """The probability of the statistic, or more, by linear theory; at least one direction is shared, since where none is there
         would be no statistic, and derivatives at one place do not show what tests share at others."""
@@ -166,20 +163,19 @@ class _Prediction:
 
     def _by_draws(self, theirs: Array, left: float, statistic: float, rng: np.random.Generator) -> float:
         """The share of curves of the test, drawn from their distribution given the others, that are as far from the prediction."""
-        curves, larger = self.fit.posterior.curves, 0
-        rows = curves.slices[self.n]
+        rows = self.fit.posterior.curves.slices[self.n]
         part = slice(*(int(np.searchsorted(self.together.rows, end)) for end in (rows.start, rows.stop)))
-        measured = self.alone.y, self.together.y
-        root = np.linalg.inv(self.alone.W)
-        for number, z in enumerate(self._drawn(theirs, left, rng), start=1):
-            drawn = curves.at(z)[0][rows] + root @ rng.standard_normal(root.shape[0])
-            self.alone.y, self.together.y = drawn, measured[1].copy()
-            self.together.y[part] = drawn
-            larger += self._growth_of_draw(z, theirs, left) >= statistic
-            self.alone.y, self.together.y = measured
-            if larger == ENOUGH:
-                return larger / number
-        return (1 + larger) / (1 + DRAWS)
+        places, root = self._drawn(theirs, left, rng), np.linalg.inv(self.alone.W)
+        noise = np.array([root @ rng.standard_normal(root.shape[0]) for _ in places])
+        drawn = ManyPlaces(self.fit.posterior.curves).forces(places)[:, rows] + noise
+        measured = np.tile(self.together.y, (len(places), 1))
+        measured[:, part] = drawn
+        # a search that ends early makes the growth larger, and a contradiction less likely
+        together = least_chi2(self.together, np.tile(theirs, (len(places), 1)), measured)
+        far = np.flatnonzero(together - least_chi2(self.alone, places, drawn) - left >= statistic)
+        if len(far) < ENOUGH:
+            return (1 + len(far)) / (1 + DRAWS)
+        return ENOUGH / float(1 + far[ENOUGH - 1])
 
     def _drawn(self, theirs: Array, left: float, rng: np.random.Generator) -> Array:
         """DRAWS places from their distribution given the other tests, by importance from a Gaussian about the best one; the test's

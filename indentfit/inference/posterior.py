@@ -55,9 +55,9 @@ class Shift:
 
 
 def basis(depth: Array, points: int) -> tuple[Array, Array]:
-    """Powers of the depth and their derivatives, (n, b); 0 before contact."""
+    """Powers of the depths (..., n) and their derivatives, (..., n, b); 0 before contact."""
     powers = np.array(POWERS[: max(1, min(len(POWERS), points - 1))])
-    d = np.maximum(depth, 0.0)[:, None]
+    d = np.maximum(depth, 0.0)[..., None]
     slopes = np.where(d > 0, powers * np.maximum(d, 1e-12) ** (powers - 1), 0.0)
     return d**powers, slopes
 
@@ -129,9 +129,9 @@ class Curves:
 
     def _units(self, z: Array) -> tuple[Array, Array]:
         """The free parameters of the widened problem in units of their ranges, (n,), and their derivatives by z."""
-        units = z[self._columns].copy()
+        units = z[self.columns].copy()
         ahead = np.ones(units.size)
-        for n, column in enumerate(self._columns):
+        for n, column in enumerate(self.columns):
             if column < len(self.free):
                 continue
             known = self.inputs[column - len(self.free)]
@@ -141,7 +141,7 @@ class Curves:
         return units, ahead
 
     @cached_property
-    def _columns(self) -> Ints:
+    def columns(self) -> Ints:
         """The coordinate of each free parameter of the widened problem."""
         points = [known.point for known in self.inputs]
         free = self.free
@@ -177,7 +177,7 @@ class Curves:
         """Curves and derivatives before offset and gain, with the correction for the mesh."""
         problem, (units, ahead) = self.problem, self._units(z)
         searched = problem.searched_numbers
-        columns, offsets = self._columns, self._offsets
+        columns, offsets = self.columns, self._offsets
         if problem.kernel is not None and offsets:
             values = dict.fromkeys(range(len(self.shifts)), 0.0)
             values |= {test: self.inputs[k].value_at(z[len(self.free) + k]) for test, k in offsets.items()}

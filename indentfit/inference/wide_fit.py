@@ -19,7 +19,7 @@ from indentfit.case.unknown import faults_in_time
 from indentfit.errors import CaseError
 from indentfit.inference import draws, mixture
 from indentfit.inference.discrepancy import law_error
-from indentfit.inference.draws import Draws, drawn
+from indentfit.inference.draws import Draws, drawn, undrawn
 from indentfit.inference.joint import (
     LIMIT,
     ROUNDS,
@@ -269,7 +269,8 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
             fit = _with_mesh(fit, mesh, model, case.fit.seed, part)
         if fit is None:
             continue
-        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), drawn(fit, case.fit.seed, SCOUTS)))
+        scouts = drawn(fit, case.fit.seed, SCOUTS) if len(stated) > 1 else undrawn(fit)
+        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), scouts))
     if not tried:
         return None
     weighed = weighed_alternatives(tried)
