@@ -72,6 +72,7 @@ def fit(
     ledger: Ledger | None = None,
     cluster: str | None = None,
     stop: Callable[[], int] | None = None,
+    near: Callable[[Case, Mapping[str, float]], object] | None = None,
 ) -> FitResult:
     """Fit the free parameters of a case to its curves.
 
@@ -85,6 +86,9 @@ def fit(
         Called with the share of the work that is done, and a note.
     ledger, cluster, stop
         As `RunPool` takes them.
+    near : function
+        Called with the case and with the parameters and changed inputs of the optimum once the search has ended: what proves the
+        optimum may still move it.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def fit(
         As `RunPool.evaluate` raises them.
     """
     require_case(case)
-    return fit_with_runs(case, progress, ledger, cluster, stop).result
+    return fit_with_runs(case, progress, ledger, cluster, stop, near).result
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +135,7 @@ def fit_with_runs(
     ledger: Ledger | None = None,
     cluster: str | None = None,
     stop: Callable[[], int] | None = None,
+    near: Callable[[Case, Mapping[str, float]], object] | None = None,
 ) -> FitWithRuns:
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     started = time.perf_counter()
@@ -162,6 +167,8 @@ def fit_with_runs(
                 solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
         if _worse(solved.optimum.best, first[-1].optimum.best):  # the model's ratio is not that of the sample
             problem, model, watched, correction, wide, solved = first
+        if near is not None and solved.optimum.best is not None:
+            near(case, solved.optimum.best.parameters)
         samples = samples_of(case, problem, watched, wide) if case.fit.posterior else None
         watched, finer = solved.model or watched, Refined(solved)
         gross = _no_fit(case, problem, solved.optimum.best, watched)

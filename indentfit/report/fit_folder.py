@@ -1,9 +1,7 @@
 """The result folder of a fit."""
 
-import contextlib
 import warnings
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +10,14 @@ from indentfit.errors import OutputError
 from indentfit.inference.result import FitResult
 from indentfit.report.displacement_files import FILE as DISPLACEMENTS
 from indentfit.report.displacement_files import fields_of, write_displacements
-from indentfit.report.fields import write_pictures
+from indentfit.report.fit_fields import FitFields
 from indentfit.report.folder import copy_case, result_folder, stamped, write_curves, write_json
 from indentfit.report.html import write_report
 from indentfit.report.law_plot import law_misfits
 from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
-from indentfit.report.shown import Shown
-from indentfit.report.solved import stresses_at
 from indentfit.report.time_curves import fit_over_time
-from indentfit.runs.isolated import Died, beside
 
 
 def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrite: bool = False) -> None:
@@ -40,11 +35,11 @@ def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrit
     OutputError
     """
     with result_folder(path, overwrite) as folder:
-        fill_fit(folder, result, fields)
+        fill_fit(folder, result, FitFields(folder / "fields") if fields else None)
 
 
 def fill_fit(
-    folder: Path, result: FitResult, fields: bool, warn: Callable[[str], object] = warnings.warn, apart: bool = False
+    folder: Path, result: FitResult, fields: FitFields | None, warn: Callable[[str], object] = warnings.warn
 ) -> dict[str, Any]:
     """Write the files of a fit into a folder that exists; returns what its result.json holds.
 
@@ -52,12 +47,10 @@ def fill_fit(
     ----------
     folder : Path
     result : FitResult of `fit`
-    fields : bool
-        With the stresses at the optimum, by one more run.
+    fields : FitFields or None
+        The stresses at the optimum, which may be begun already.
     warn : function
         Called with the text of a warning.
-    apart : bool
-        Whether the stresses are computed by a second process beside the other files.
 
     Raises
     ------
@@ -65,13 +58,11 @@ def fill_fit(
     """
     if result.case is None:
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
-    drawn: contextlib.AbstractContextManager[Callable[[], str | None]] = contextlib.nullcontext(lambda: None)
-    if fields and result.objective is not None and result.case.indentations:
-        drawn = _stresses(folder / "fields", result, apart)
-    with drawn as draw:
-        written = _fill(folder, result)
-        if said := draw():
-            warn(said)
+    if fields is not None:
+        fields.of(result)
+    written = _fill(folder, result)
+    if fields is not None and (said := fields.ended()):
+        warn(said)
     write_report(folder)
     return written
 
@@ -103,31 +94,3 @@ def _fill(folder: Path, result: FitResult) -> dict[str, Any]:
         write_netcdf(result.samples, result.measured, folder / "posterior.nc")
         corner(result.samples, folder / "posterior")
     return written
-
-
-def _stresses(folder: Path, result: FitResult, apart: bool) -> contextlib.AbstractContextManager[Callable[[], str | None]]:
-    """Context that gives a function: it draws the stresses at the optimum into the folder, and returns why it cannot, in words; a
-    fit whose stresses cannot be computed does not fail."""
-    assert result.case is not None  # `fill_fit` refuses it
-    point = {name: parameter.value for name, parameter in result.parameters.items()} | result.uncertain.at
-    work = (folder, result.case, point, result.refined)
-    return _drawn(beside(stresses_at, *work) if apart else contextlib.nullcontext(partial(stresses_at, *work)), folder)
-
-
-@contextlib.contextmanager
-def _drawn(
-    computed: contextlib.AbstractContextManager[Callable[[], list[Shown] | str]], folder: Path
-) -> Iterator[Callable[[], str | None]]:
-    with computed as value:
-
-        def draw() -> str | None:
-            try:
-                shown = value()
-            except Died as error:
-                return f"no stress pictures: {error}"
-            if isinstance(shown, str):
-                return shown
-            write_pictures(folder, shown)
-            return None
-
-        yield draw

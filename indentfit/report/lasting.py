@@ -13,6 +13,7 @@ from indentfit.inference.fit import fit
 from indentfit.inference.per_sample import PerSample, SampleFit, fit_sample
 from indentfit.inference.result import FitResult
 from indentfit.report.conduct import Conduct, Place, Say
+from indentfit.report.fit_fields import FitFields
 from indentfit.report.fit_folder import fill_fit
 from indentfit.report.folder import LEDGER, clear, clear_all_but, lasting_folder, ledgers, refuse_existing, unfinished
 from indentfit.runs.ledger import Ledger, refuse_in_use
@@ -82,10 +83,11 @@ def fit_in_folder(case: Case, place: Place, conduct: Conduct, fields: bool) -> t
         opened(folder, case, place.resume, [target], place.reuse, say=conduct.say) as ledger,
     ):
         clear(folder)
-        with saying_what_is_kept(ledger):
-            result = fit(case, conduct.progress, ledger=ledger, cluster=conduct.cluster, stop=conduct.stop)
-            conduct.progress(1.0, "stresses at the optimum, pictures and report" if fields else "report")
-        return result, fill_fit(folder, result, fields, _warning(conduct.say), apart=is_prepared())
+        with FitFields(folder / "fields", apart=is_prepared()) as stresses:
+            with saying_what_is_kept(ledger):
+                result = fit(case, conduct.progress, ledger, conduct.cluster, conduct.stop, stresses.begin if fields else None)
+                conduct.progress(1.0, "stresses at the optimum, pictures and report" if fields else "report")
+            return result, fill_fit(folder, result, stresses if fields else None, _warning(conduct.say))
 
 
 def fit_samples_in_folder(named: Mapping[str, tuple[str, Case]], place: Place, conduct: Conduct) -> PerSample:
@@ -199,7 +201,7 @@ def _fit_sample(folder: Path, earlier: Path, sample: str, case: Case, place: Pla
         with saying_what_is_kept(ledger):
             fitted = fit_sample(sample, case, conduct.progress, ledger, conduct.cluster, conduct.stop)
     if fitted.result:
-        fill_fit(folder, fitted.result, False, _warning(conduct.say))
+        fill_fit(folder, fitted.result, None, _warning(conduct.say))
     return fitted
 
 

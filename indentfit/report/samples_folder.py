@@ -27,7 +27,7 @@ def write_samples(result: PerSample, path: str | Path, overwrite: bool = False) 
         for summary, fitted in zip(result.samples, result.fits, strict=True):
             if fitted.result:
                 (folder / summary.folder).mkdir()
-                fill_fit(folder / summary.folder, fitted.result, fields=False)
+                fill_fit(folder / summary.folder, fitted.result, None)
         fill_samples(folder, result)
 
 
