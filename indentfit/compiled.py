@@ -1,5 +1,6 @@
 """Compilation by Numba: where compiled code is stored if the installation and the home folder are read-only, and threads."""
 
+import inspect
 import math
 import os
 import stat
@@ -44,6 +45,16 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
             return numba.njit(cache=True, nogil=True, **options)(function)
 
     return decorate
+
+
+def is_stored(function: Any) -> bool:
+    """Whether compiled code of a function of `compiled` is stored, since its source was last changed, or cannot be."""
+    place = getattr(getattr(function, "stats", None), "cache_path", None)
+    if place is None:
+        return True
+    source, name = Path(inspect.getfile(function.py_func)), function.py_func.__name__
+    stored = [index.stat().st_mtime for index in Path(place).glob(f"{source.stem}.*{name}-*.nbi")]
+    return max(stored, default=0.0) > source.stat().st_mtime
 
 
 def private_place() -> Path | None:

@@ -572,6 +572,12 @@ def _add_dilatation(g: Any, modes: Any, q: Any, v: Any, n_p: Any, Be: Any) -> No
                 Be[k, i, n] += v * modes[k, q] * g[i, n]
 
 
+def loops_of(element: str) -> SimpleNamespace:
+    """The loops over bricks of an element, for laws of one family of fibres."""
+    kind, _, n_modes = ELEMENTS[element]
+    return _kernels(len(kind.doflocs), n_modes, INVARIANTS_OF[1])
+
+
 @functools.cache
 def _kernels(N_N: int, N_M: int, N_I: int) -> SimpleNamespace:
     """The loops over elements of N_N nodes and N_M pressure modes for laws of N_I invariants: 4, or 7 with a second family of

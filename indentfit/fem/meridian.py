@@ -92,7 +92,7 @@ class Meridian:
 
     def state(self, u: Array, fibre: Fibre) -> BodyState:
         I, theta = np.empty((4, self.weights.size)), np.zeros(self.means.shape)
-        smallest = _LOOPS.kinematics(u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
+        smallest = LOOPS.kinematics(u, self.dofs, self.grads, self.weights, self.modes, fibre, I, theta)
         return BodyState(I, theta, bool(smallest > 0))
 
     def pressure(self, state: BodyState, kappa: Bulk | Volumetric) -> Array:
@@ -104,7 +104,7 @@ class Meridian:
     def forces(self, u: Array, gradient: Array, pressure: Array, fibre: Fibre) -> Array:
         out = np.zeros(self.n_dofs)
         d1 = np.ascontiguousarray(gradient)
-        _LOOPS.residual(u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
+        LOOPS.residual(u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, d1, out)
         return out
 
     def tangent(
@@ -120,7 +120,7 @@ class Meridian:
         out, values = np.zeros(self.n_dofs), np.zeros(self.indices.size)
         d1, d2 = checked_derivatives(material, "gradient", state.I), checked_derivatives(material, "hessian", state.I)
         target = self.pressure(state, kappa)
-        _LOOPS.tangent(
+        LOOPS.tangent(
             u, self.dofs, self.grads, self.weights, self.modes, fibre, pressure, target,
             per_element(volumetric(kappa).kappa if bulk is None else bulk, len(self.dofs)),
             d1, d2, self.indptr, self.positions, out, values,
@@ -129,14 +129,14 @@ class Meridian:
 
     def dilatation_map(self, u: Array) -> Array:
         B = np.zeros((*self.means.shape, N_N, 2))
-        _LOOPS.dilatation_map(u, self.dofs, self.grads, self.weights, self.modes, B)
+        LOOPS.dilatation_map(u, self.dofs, self.grads, self.weights, self.modes, B)
         return B
 
     def stress(self, u: Array, state: BodyState, material: Material, pressure: Array, fibre: Fibre) -> Array:
         """Cauchy stresses at the integration points, (6, n_el, n_q), kPa, in the order xx yy zz xy yz xz in the plane z = 0."""
         d1 = checked_derivatives(material, "gradient", state.I)
         stress = np.empty((6, *self.weights.shape))
-        _LOOPS.cauchy(u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
+        LOOPS.cauchy(u, self.dofs, self.grads, self.modes, fibre, pressure, d1, stress)
         return stress
 
     def deformation(self, u: Array) -> Array:
@@ -370,6 +370,6 @@ def _cauchy(u: Any, dofs: Any, grads: Any, modes: Any, fibre: Any, pressure: Any
                 stress[s, e, q] = tau[s] / J + (p if s < 3 else 0.0)
 
 
-_LOOPS = SimpleNamespace(
+LOOPS = SimpleNamespace(
     kinematics=_kinematics, residual=_residual, tangent=_tangent, dilatation_map=_dilatation_map, cauchy=_cauchy
 )

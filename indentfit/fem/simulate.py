@@ -12,6 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from indentfit.compiled import one_blas_thread
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
+from indentfit.fem.ahead import compile_ahead
 from indentfit.fem.asked import along, seen_along, sensitivities_along
 from indentfit.fem.body import Bulk, per_element
 from indentfit.fem.constraints import Fixed
@@ -344,6 +345,7 @@ class Model:
         return self.solver.work.plus(self.exact.work)
 
     def _newton(self, controls: Controls) -> Newton:
+        compile_ahead(self.setup)
         return Newton(self.solver, self.exact, controls, Work())
 
     def _loading(self, press: Press, springs: Springs) -> Loading:

@@ -13,6 +13,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.errors import Stopped
+from indentfit.machine import cores
 from indentfit.material import Material, laws_of
 from indentfit.runs.bench import Bench
 from indentfit.runs.cluster import Cluster
@@ -22,7 +23,6 @@ from indentfit.runs.mechanics import Mechanics, mechanics_of
 from indentfit.runs.points import UNITS
 from indentfit.runs.processes import Processes
 from indentfit.runs.run import Point, Run, RunRequest
-from indentfit.runs.start import cores
 
 RECENT = 500  # latest runs, from which the durations of the next runs are estimated
 DIFFERENTIABLE = frozenset(UNITS) - {"thickness"}  # inputs by which the mechanics can differentiate, beside the law's parameters

@@ -18,6 +18,8 @@ from multiprocessing import resource_tracker
 from multiprocessing.context import BaseContext
 from typing import TYPE_CHECKING
 
+from indentfit.machine import cores
+
 if TYPE_CHECKING:
     from indentfit.case import Case
 
@@ -68,11 +70,6 @@ def _has_many_runs(case: "Case") -> bool:
 def is_prepared() -> bool:
     """Whether processes of this one are forked from a server."""
     return os.getpid() in _prepared
-
-
-def cores() -> int:
-    """The number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def context() -> BaseContext:
