@@ -15,11 +15,14 @@ def cores() -> int:
 
 @contextlib.contextmanager
 def python_beside(code: str) -> Iterator[None]:
-    """Context beside which another Python process runs some code, with the modules of this one; the context waits for its end, and
-    its errors are not heard. No process is begun where this one has one core, or is a program with Python inside."""
+    """Context beside which another Python process runs some code, with the modules of this one; the context waits for its end.
+
+    Its errors are not heard, and it never looks for garbage: it is for short work. No process is begun where this one has one core,
+    or is a program with Python inside.
+    """
     if cores() < 2 or not Path(sys.executable or "").name.startswith("python"):
         yield
         return
-    whole, nothing = f"import sys; sys.path[:] = {sys.path!r}; {code}", subprocess.DEVNULL
+    whole, nothing = f"import gc, sys; gc.disable(); sys.path[:] = {sys.path!r}; {code}", subprocess.DEVNULL
     with subprocess.Popen([sys.executable, "-c", whole], stdin=nothing, stdout=nothing, stderr=nothing):
         yield

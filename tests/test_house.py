@@ -12,7 +12,7 @@ pytestmark = pytest.mark.quick
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
 ROOMS = (
-    "arrays", "compiled", "errors", "units", "digits", "headers", "axes", "curve", "outlines", "point_tables", "displacements",
+    "arrays", "machine", "compiled", "errors", "units", "digits", "headers", "axes", "curve", "outlines", "point_tables", "displacements",
     "fibre_map", "elastic", "hereditary", "motion", "fibres", "material", "shapes", "indenters", "samples", "layer", "case",
     "experiment", "fem", "runs", "inverse", "inference", "study", "report", "cli",
 )  # fmt: skip
