@@ -35,7 +35,7 @@ from indentfit.inverse.polish import polish
 from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.surrogate import learn, linearised
 from indentfit.layer import Layer
-from indentfit.report import fit_fields
+from indentfit.report import fields
 from indentfit.report.first_screen import doubts_of, next_step
 from indentfit.report.solved import Solved
 from indentfit.runs.forward import Evaluation, simulate
@@ -649,7 +649,7 @@ def test_a_fit_refines_by_itself_where_the_mesh_would_be_most_of_its_interval(tm
     assert FitResult.from_json(json.loads(json.dumps(result.as_json()))).refined == result.refined > 1
     shown = []
     monkeypatch.setattr(Solved, "written", lambda solved, folder: shown.append(solved) or [])
-    monkeypatch.setattr(fit_fields, "write_pictures", lambda folder, tests: None)
+    monkeypatch.setattr(fields, "write_pictures", lambda folder, tests: None)
     result.write(tmp_path / "result")
     assert [solved.model.mesh.nelements for solved in shown] == [result.mesh.elements]  # stresses are of the finest mesh too
 

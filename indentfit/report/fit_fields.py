@@ -10,8 +10,6 @@ from typing import Any
 
 from indentfit.case import Case
 from indentfit.inference.result import FitResult
-from indentfit.report.fields import write_pictures
-from indentfit.report.solved import stresses_at
 from indentfit.runs.isolated import Died, beside
 
 _Work = tuple[Case, dict[str, Any], float | None]  # a case, the point at which it is run, and the factor on its mesh
@@ -104,6 +102,9 @@ def draw_stresses(folder: Path, case: Case, point: dict[str, Any], refined: floa
     str or None
         Why there are no stresses, in words.
     """
+    from indentfit.report.fields import write_pictures  # mostly in a process of its own: that of the fit needs none of it
+    from indentfit.report.solved import stresses_at
+
     shutil.rmtree(folder, ignore_errors=True)
     shown = stresses_at(folder, case, point, refined)
     if isinstance(shown, str):
