@@ -12,9 +12,9 @@ pytestmark = pytest.mark.quick
 
 HOUSE = Path(__file__).parent.parent / "indentfit"
 ROOMS = (
-    "arrays", "machine", "compiled", "errors", "units", "digits", "headers", "axes", "curve", "outlines", "point_tables", "displacements",
-    "fibre_map", "elastic", "hereditary", "motion", "fibres", "material", "shapes", "indenters", "samples", "layer", "case",
-    "experiment", "fem", "runs", "inverse", "inference", "study", "report", "cli",
+    "arrays", "machine", "compiled", "errors", "units", "digits", "headers", "axes", "curve", "outlines", "point_tables",
+    "displacements", "fibre_map", "elastic", "hereditary", "motion", "fibres", "material", "shapes", "indenters", "samples",
+    "layer", "case", "experiment", "fem", "runs", "inverse", "inference", "study", "report", "cli",
 )  # fmt: skip
 DRAWING = {"matplotlib", "jinja2", "meshio"}
 # Live results know how they are shown and written: methods that import a function of report when they are called.
