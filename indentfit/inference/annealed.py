@@ -29,7 +29,7 @@ STEPS, LAST = 2, 12  # pairs of moves at each level, and those that are kept of 
 SETTLING = 4  # pairs of moves at the last level before these
 ACCEPTED = 0.25  # share of proposals at which the sizes of moves aim
 WHOLE = 0.1  # share of the moves by a whole difference between particles
-REDRAWN = 0.3  # probability that a move draws a noise's correlation again
+REDRAWN = 0.5  # share of the moves of the noise that draw correlations of tests again
 LARGEST = 8.0  # of normal coordinates
 
 
@@ -181,7 +181,8 @@ class _Walk:
         self.sigmas, self.kinds = np.arange(n, n + tests), np.arange(n + tests, n + 2 * tests)
         self.sized = np.concatenate([self.sigmas, np.arange(n + 2 * tests, density.size)])
         self.stepped = np.setdiff1d(np.arange(density.size), self.linear)  # by moves; the linear ones are drawn
-        self.others = np.setdiff1d(self.stepped, self.kinds)  # kinds are drawn from their prior, in moves of the noise alone
+        self.others = np.setdiff1d(self.stepped, self.kinds)  # kinds are drawn again, in moves of the noise alone
+        self.shifts = density.sizes_of_kinds()
         self.sizes = {"solved": 1.0, "others": 1.0, "noise": 1.0}
 
     def log(self, known: _Particles, beside: float) -> Array:
@@ -238,21 +239,22 @@ class _Walk:
         """Move some particles by what others show; the share of moves that are accepted."""
         before = known.of(own)
         u = before.u.copy()
-        (self._by_noise if kind == "noise" else self._by_differences)(kind, u, known.u[other])
+        drawn = self._by_noise(u, known.u[other]) if kind == "noise" else self._by_differences(kind, u, known.u[other])
         places = before.places.copy()
         places[:, self.stepped] = ndtr(u[:, self.stepped])
         n = self.density.curves.size
         curves = (before.shapes, before.failed) if kind == "noise" else self.density.shapes(places[:, :n])
         there = self.completed(places, u, *curves)
         priors = 0.5 * np.sum(u[:, self.others] ** 2 - before.u[:, self.others] ** 2, axis=1)
+        stepped = np.isnan(drawn)
         with np.errstate(invalid="ignore"):
-            gain = (there.log - there.log_linear) - (before.log - before.log_linear) - priors
+            gain = (there.log - there.log_linear) - (before.log - before.log_linear) - np.where(stepped, priors, drawn)
         taken = np.log(self.rng.random(len(own))) < np.where(np.isnan(gain), -np.inf, gain)
         known.put(own, there, taken)
-        return float(taken.mean())
+        return float(taken[stepped].mean()) if stepped.any() else ACCEPTED
 
-    def _by_differences(self, kind: str, u: Array, others: Array) -> None:
-        """Move normal coordinates by differences between two of the other particles."""
+    def _by_differences(self, kind: str, u: Array, others: Array) -> Array:
+        """Move normal coordinates by differences between two of the other particles; all are steps."""
         moving = self.solved if kind == "solved" else self.others
         m, rng = len(u), self.rng
         first = rng.integers(len(others), size=m)
@@ -261,16 +263,39 @@ class _Walk:
         share = np.where(rng.random(m) < WHOLE, 1.0, usual)[:, None]
         u[:, moving] += share * (others[first] - others[second])[:, moving] + 1e-3 * rng.standard_normal((m, moving.size))
         np.clip(u, -LARGEST, LARGEST, out=u)
+        return np.full(m, np.nan)
 
-    def _by_noise(self, kind: str, u: Array, others: Array) -> None:
-        """Move sizes of the noises of some tests, and draw correlations of some again."""
-        m, rng, tests = len(u), self.rng, self.kinds.size
-        wide = self.sizes[kind] * np.exp(0.5 * rng.standard_normal((m, 1)))
-        chosen = rng.random((m, self.sized.size)) < max(0.5, 1.5 / self.sized.size)
-        u[:, self.sized] += chosen * wide * others[:, self.sized].std(axis=0) * rng.standard_normal((m, self.sized.size))
-        again = rng.random((m, tests)) < REDRAWN
-        u[:, self.kinds] = np.where(again, rng.standard_normal((m, tests)), u[:, self.kinds])
+    def _by_noise(self, u: Array, others: Array) -> Array:
+        """Move sizes of the noises of some tests, or draw correlations of some again. For the latter, the logarithm of the density
+        of this draw over that of its reverse, (m,), where sizes count as places; no number for the steps of the former."""
+        m, rng, sized = len(u), self.rng, self.sized
+        again = rng.random(m) < REDRAWN
+        wide = self.sizes["noise"] * np.exp(0.5 * rng.standard_normal((m, 1)))
+        chosen = ~again[:, None] & (rng.random((m, sized.size)) < max(0.5, 1.5 / sized.size))
+        u[:, sized] += chosen * wide * others[:, sized].std(axis=0) * rng.standard_normal((m, sized.size))
         np.clip(u, -LARGEST, LARGEST, out=u)
+        drawn = np.full(m, np.nan)
+        drawn[again] = self._drawn_again(u, np.flatnonzero(again))
+        return drawn
+
+    def _drawn_again(self, u: Array, which: Ints) -> Array:
+        """Draw correlations of the noises of some tests of some particles, each as probable as the others; the size goes along as
+        it does at the optimum, since noise of a small size and a strong correlation, or the reverse, is improbable."""
+        rng, log, tests = self.rng, np.zeros(which.size), self.kinds.size
+        chosen = rng.random((which.size, tests)) < 0.5
+        chosen[np.arange(which.size), rng.integers(tests, size=which.size)] = True
+        for n, (noise, shifts) in enumerate(zip(self.density.noises, self.shifts, strict=True)):
+            rows = which[chosen[:, n]]
+            before = noise.kinds(ndtr(u[rows, self.kinds[n]]))
+            after = rng.integers(len(noise.known), size=rows.size)
+            ends = noise.ends(after)
+            u[rows, self.kinds[n]] = ndtri(ends[0] + rng.random(rows.size) * (ends[1] - ends[0]))
+            size = ndtr(u[rows, self.sigmas[n]]) + shifts[after] - shifts[before]
+            u[rows, self.sigmas[n]] = ndtri(np.clip(size, 0, 1))
+            widths = np.log(np.subtract(*noise.ends(before)) / np.subtract(*ends))
+            log[chosen[:, n]] += np.where((size > 0) & (size < 1), widths, np.inf)
+        np.clip(u, -LARGEST, LARGEST, out=u)
+        return log
 
 
 def _truncated(centre: Array, root: Array, rng: np.random.Generator) -> Array:

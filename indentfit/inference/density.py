@@ -102,6 +102,16 @@ class Density:
         ]
         return np.array(of_test).T
 
+    def sizes_of_kinds(self) -> list[Array]:
+        """For each test the coordinate of the size that its residuals at the fit's mode have under each correlation, (kinds,)."""
+        left = self.y - self.curves.at(self.fit.mode.z)[0][self.rows]
+        logs = [
+            np.log([np.sqrt(np.mean((k.turn @ left[noise.rows]) ** 2 / np.maximum(k.sizes, 1e-9))) + 1e-300 for k in noise.known])
+            for noise in self.noises
+        ]
+        ends = zip(logs, self.lowest, self.highest, strict=True)
+        return [np.clip((log - low) / (high - low), 0, 1) for log, low, high in ends]
+
     def place(self, z: Array) -> Array:
         """The place of coordinates z (n,) with the noise of the fit, (n + 2 tests,)."""
         sigma = np.log(self.posterior.noise.sigma[self.used])
@@ -340,6 +350,13 @@ class _Noise:
             return np.zeros(coordinate.size, dtype=int)
         step = np.floor((coordinate - WHITE) / (1 - WHITE) * SLAB).astype(int)
         return np.where(coordinate < WHITE, 0, 1 + np.clip(step, 0, SLAB - 1))
+
+    def ends(self, kinds: Ints) -> tuple[Array, Array]:
+        """First and last value of the coordinate of each of these correlations, (m,)."""
+        if len(self.known) == 1:
+            return np.zeros(kinds.size), np.ones(kinds.size)
+        step = (1 - WHITE) / SLAB
+        return np.where(kinds == 0, 0.0, WHITE + (kinds - 1) * step), np.where(kinds == 0, WHITE, WHITE + kinds * step)
 
     def coordinate(self, rho: float) -> float:
         """The middle of the values of the coordinate whose correlation is nearest to rho."""
