@@ -182,7 +182,7 @@ class _Walk:
         self.sized = np.concatenate([self.sigmas, np.arange(n + 2 * tests, density.size)])
         self.stepped = np.setdiff1d(np.arange(density.size), self.linear)  # by moves; the linear ones are drawn
         self.others = np.setdiff1d(self.stepped, self.kinds)  # kinds are drawn again, in moves of the noise alone
-        self.shifts = density.sizes_of_kinds()
+        self.at_mode = density.kinds_at_mode()
         self.sizes = {"solved": 1.0, "others": 1.0, "noise": 1.0}
 
     def log(self, known: _Particles, beside: float) -> Array:
@@ -275,25 +275,27 @@ class _Walk:
         u[:, sized] += chosen * wide * others[:, sized].std(axis=0) * rng.standard_normal((m, sized.size))
         np.clip(u, -LARGEST, LARGEST, out=u)
         drawn = np.full(m, np.nan)
-        drawn[again] = self._drawn_again(u, np.flatnonzero(again))
+        scatter = wide * ndtr(others[:, self.sigmas]).std(axis=0)
+        drawn[again] = self._drawn_again(u, np.flatnonzero(again), scatter)
         return drawn
 
-    def _drawn_again(self, u: Array, which: Ints) -> Array:
-        """Draw correlations of the noises of some tests of some particles, each as probable as the others; the size goes along as
-        it does at the optimum, since noise of a small size and a strong correlation, or the reverse, is improbable."""
+    def _drawn_again(self, u: Array, which: Ints, scatter: Array) -> Array:
+        """Draw correlations of the noises of some tests of some particles: half of them about as probable as they are at the fit's
+        mode, the others all equally probable. The size goes along as it does there, and a little beside that: noise of a small size
+        and a strong correlation, or the reverse, is improbable."""
         rng, log, tests = self.rng, np.zeros(which.size), self.kinds.size
         chosen = rng.random((which.size, tests)) < 0.5
         chosen[np.arange(which.size), rng.integers(tests, size=which.size)] = True
-        for n, (noise, shifts) in enumerate(zip(self.density.noises, self.shifts, strict=True)):
-            rows = which[chosen[:, n]]
+        for n, (noise, (sizes, shares)) in enumerate(zip(self.density.noises, self.at_mode, strict=True)):
+            rows, shares = which[chosen[:, n]], 0.5 * shares + 0.5 / shares.size
             before = noise.kinds(ndtr(u[rows, self.kinds[n]]))
-            after = rng.integers(len(noise.known), size=rows.size)
-            ends = noise.ends(after)
-            u[rows, self.kinds[n]] = ndtri(ends[0] + rng.random(rows.size) * (ends[1] - ends[0]))
-            size = ndtr(u[rows, self.sigmas[n]]) + shifts[after] - shifts[before]
+            after = rng.choice(shares.size, rows.size, p=shares)
+            low, high = noise.ends(np.arange(shares.size))
+            u[rows, self.kinds[n]] = ndtri(low[after] + rng.random(rows.size) * (high - low)[after])
+            size = ndtr(u[rows, self.sigmas[n]]) + sizes[after] - sizes[before] + scatter[rows, n] * rng.standard_normal(rows.size)
             u[rows, self.sigmas[n]] = ndtri(np.clip(size, 0, 1))
-            widths = np.log(np.subtract(*noise.ends(before)) / np.subtract(*ends))
-            log[chosen[:, n]] += np.where((size > 0) & (size < 1), widths, np.inf)
+            dense = np.log(shares / (high - low))
+            log[chosen[:, n]] += np.where((size > 0) & (size < 1), dense[after] - dense[before], np.inf)
         np.clip(u, -LARGEST, LARGEST, out=u)
         return log
 

@@ -102,15 +102,19 @@ class Density:
         ]
         return np.array(of_test).T
 
-    def sizes_of_kinds(self) -> list[Array]:
-        """For each test the coordinate of the size that its residuals at the fit's mode have under each correlation, (kinds,)."""
-        left = self.y - self.curves.at(self.fit.mode.z)[0][self.rows]
-        logs = [
-            np.log([np.sqrt(np.mean((k.turn @ left[noise.rows]) ** 2 / np.maximum(k.sizes, 1e-9))) + 1e-300 for k in noise.known])
-            for noise in self.noises
-        ]
-        ends = zip(logs, self.lowest, self.highest, strict=True)
-        return [np.clip((log - low) / (high - low), 0, 1) for log, low, high in ends]
+    def kinds_at_mode(self) -> list[tuple[Array, Array]]:
+        """For each test and each correlation (kinds,) of its noise: the coordinate of the size that the residuals at the fit's mode
+        have under it, and about how probable it is there."""
+        left, known = self.y - self.curves.at(self.fit.mode.z)[0][self.rows], []
+        for noise, low, high in zip(self.noises, self.lowest, self.highest, strict=True):
+            sizes = np.maximum([kind.sizes for kind in noise.known], 1e-9)
+            squares = np.mean([(kind.turn @ left[noise.rows]) ** 2 for kind in noise.known] / sizes, axis=1)
+            logs = np.clip(0.5 * np.log(squares + 1e-300), low, high)
+            first, last = noise.ends(np.arange(len(sizes)))
+            odds = np.log(last - first) - left[noise.rows].size * logs - 0.5 * np.log(sizes).sum(axis=1)
+            shares = np.exp(odds - odds.max())
+            known.append(((logs - low) / (high - low), shares / shares.sum()))
+        return known
 
     def place(self, z: Array) -> Array:
         """The place of coordinates z (n,) with the noise of the fit, (n + 2 tests,)."""
