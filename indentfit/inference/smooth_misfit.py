@@ -3,7 +3,8 @@
 Residuals that are surely smooth are mostly the law's misfit. Their likelihood as AR(1) noise tells its size from the steps between
 neighbouring points, which a smooth misfit has not, so that an input or parameter seems the better known, the smoother the misfit
 is. The size that counts is that of the residuals themselves, under the correlation that is as smooth as they are, as in a fit
-whose inputs are known (`noise.errors`).
+whose inputs are known (`noise.errors`). What of it the steps do not tell is misfit, and few degrees of freedom tell its size; the
+rest is noise, whose size is a coordinate of the posterior.
 """
 
 from dataclasses import dataclass, replace
@@ -125,7 +126,11 @@ class _Residuals:
         return cls(own, others, seen, others.T @ errors @ others, least)
 
     def more(self, told: float) -> Array | None:
-        """What residuals of the told correlation may have made of the explained directions beyond the AR(1) noise, (n, n)."""
+        """What residuals of the told correlation may have made of the explained directions beyond the AR(1) noise, (n, n).
+
+        Of their squares the part that AR(1) noise of the size of their steps has counts as noise, what is beyond that as misfit.
+        Student's t, by which few squares may be too small, goes with the misfit alone: draws and profiles know it of the noise.
+        """
         rhos = possible(self.others.shape[0])
         known = [self._likelihood(rho) for rho in rhos]
         logs = np.log([WHITE, *np.full(SLAB, (1 - WHITE) / SLAB)]) + [log for log, _ in known]
@@ -141,7 +146,7 @@ class _Residuals:
         made = [share * size * self._within(self.own, rho) for share, (_, size), rho in zip(shares, known, rhos, strict=True)]
         by_steps, of_told = np.sum(made, axis=0), self._likelihood(told)[1]
         larger = max((of_told * self._within(self.own, told), by_steps), key=np.trace)
-        by_size = larger * longer**2 * variance / of_told
+        by_size = larger * (1 + longer**2 * max(variance / of_told - 1, 0.0))
         values, vectors = eigh(by_size - by_steps)
         root = self.own @ (vectors * np.sqrt(np.maximum(values, 0.0)))
         return np.asarray(root @ root.T)
