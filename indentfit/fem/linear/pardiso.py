@@ -139,6 +139,8 @@ class _Library:
         self._settings[35] = 2 if pattern.surface.size else 0  # Schur complement together with the whole factor
         self._settings[27] = self.kind is np.float32
         self._settings[23] = pattern.marks.size >= THREADS_PAY  # two-level factors: threads share in their use, not only in making
+        arrays = pattern.indptr, pattern.indices, self._marks, self._settings
+        self._places = _place(self._handle, ctypes.c_int64), *map(_place, arrays)
 
     @property
     def fill(self) -> float:
@@ -187,10 +189,10 @@ class _Library:
         x = np.zeros(max(n, size) if b is None else b.shape, dtype=self.kind)
         b = np.zeros(n, dtype=self.kind) if b is None else np.ascontiguousarray(b, dtype=self.kind)
         error = ctypes.c_int32(0)
+        handle, indptr, indices, marks, settings = self._places
         self._routine(
-            _place(self._handle, ctypes.c_int64), _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n),
-            _place(self._values), _place(pattern.indptr), _place(pattern.indices), _place(self._marks), _number(b.size // n),
-            _place(self._settings), _number(0), _place(b), _place(x), ctypes.byref(error),
+            handle, _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n), self._values.ctypes.data, indptr, indices,
+            marks, _number(b.size // n), settings, _number(0), b.ctypes.data, x.ctypes.data, ctypes.byref(error),
         )  # fmt: skip
         if error.value:
             raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
