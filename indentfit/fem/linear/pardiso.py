@@ -191,8 +191,8 @@ class _Library:
         error = ctypes.c_int32(0)
         handle, indptr, indices, marks, settings = self._places
         self._routine(
-            handle, _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n), self._values.ctypes.data, indptr,
-            indices, marks, _number(b.size // n), settings, _number(0), b.ctypes.data, x.ctypes.data, ctypes.byref(error),
+            handle, _number(1), _number(1), _number(SYMMETRIC_INDEFINITE), _number(phase), _number(n), self._values.ctypes.data,
+            indptr, indices, marks, _number(b.size // n), settings, _number(0), b.ctypes.data, x.ctypes.data, ctypes.byref(error),
         )  # fmt: skip
         if error.value:
             raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
