@@ -25,7 +25,7 @@ from indentfit.inverse.objective import equation_one
 from indentfit.inverse.polynomials import design_points, warp
 from indentfit.inverse.problem import InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
-from indentfit.inverse.stretching import otherwise_stretched
+from indentfit.inverse.stretching import errors_left_out, otherwise_stretched
 from indentfit.inverse.surrogate import Surrogate, learn
 from indentfit.inverse.wide import UncertainInput
 from indentfit.runs.forward import Evaluation
@@ -301,12 +301,12 @@ def left_out_covar(curves: Curves) -> tuple[Array, float]:
     """Covariance of the surrogate's relative errors, (N, N), from the predictions of each run near the optimum from all others, and
     the effective number of these runs."""
     surrogate = curves.surrogate
-    if surrogate.fitted.left_out is None:
+    known = errors_left_out(surrogate)
+    if known is None:
         return np.zeros((curves.measured().size,) * 2), np.inf
-    weights, start = np.array([run.weight for run in surrogate.training]), curves.problem.start
-    left_out, forces = surrogate.fitted.left_out / weights[:, None], np.array([run.curves for run in surrogate.training])
+    left_out, shares = known
+    forces, start = np.array([run.curves for run in surrogate.training]), curves.problem.start
     errors = _relative(*(surrogate.measured(rows, start) for rows in (left_out, forces)))
-    shares = weights**4 / np.sum(weights**4)  # the place of interest is where the misfit is small
     return np.asarray(np.einsum("m,mi,mj->ij", shares, errors, errors)), float(1 / np.sum(shares**2))
 
 

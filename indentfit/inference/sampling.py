@@ -132,7 +132,8 @@ def samples_of(case: Case, problem: InverseProblem, model: Watched, wide: WideFi
     """
     if wide is not None:
         known = wide.alternatives
-        return sampled([k.fit for k in known], [k.probability for k in known], [k.name for k in known], case.fit.seed)
+        draws = [k.draws for k in known]
+        return sampled([k.fit for k in known], [k.probability for k in known], [k.name for k in known], case.fit.seed, draws)
     if set(case.fit.uncertain.given) - {"mesh"} or not problem.searched or (surrogate := learn(problem, model.known)) is None:
         return None
     seed = case.fit.seed
@@ -162,7 +163,13 @@ def facts_of_samples(samples: PosteriorSamples, intervals: Mapping[str, Interval
     )
 
 
-def sampled(fits: Sequence[JointFit], probabilities: Sequence[float], names: Sequence[str], seed: int) -> PosteriorSamples:
+def sampled(
+    fits: Sequence[JointFit],
+    probabilities: Sequence[float],
+    names: Sequence[str],
+    seed: int,
+    draws: Sequence[Draws] | None = None,
+) -> PosteriorSamples:
     """Samples of a mixture of joint fits.
 
     Parameters
@@ -173,6 +180,8 @@ def sampled(fits: Sequence[JointFit], probabilities: Sequence[float], names: Seq
     names : sequence of str
         Of the fits.
     seed : int
+    draws : sequence of Draws
+        At which walkers begin; by default they are made.
 
     Returns
     -------
@@ -185,7 +194,8 @@ def sampled(fits: Sequence[JointFit], probabilities: Sequence[float], names: Seq
     """
     emcee, curves = require_emcee(), fits[0].posterior.curves
     counted = [n for n, share in enumerate(probabilities) if share > 1e-3]
-    chains = [_chain(emcee, fits[n], seed + n) for n in counted]
+    begin = [draws[n] if draws is not None else drawn(fits[n], seed + n) for n in counted]
+    chains = [_chain(emcee, fits[n], known, seed + n) for n, known in zip(counted, begin, strict=True)]
     shares = np.array([probabilities[n] for n in counted])
     shape = chains[0].log_density.shape
     chosen = np.random.default_rng(seed).choice(len(counted), size=shape, p=shares / shares.sum())
@@ -226,8 +236,8 @@ class Chain:
     steps: int
 
 
-def _chain(emcee: Any, fit: JointFit, seed: int) -> Chain:
-    density, known = Density(fit), drawn(fit, seed)
+def _chain(emcee: Any, fit: JointFit, known: Draws, seed: int) -> Chain:
+    density = Density(fit)
     starts = _starts(density, known, WALKERS * density.size, np.random.default_rng(seed))
     mixture = followed(normal(known.places), np.random.default_rng(seed))
     moves = [(emcee.moves.StretchMove(), 0.5), (emcee.moves.MHMove(_Independent(mixture)), 0.5)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from indentfit.arrays import Array
 from indentfit.inverse.polynomials import USUAL_BETA
 from indentfit.inverse.surrogate import Surrogate, learn
 from indentfit.runs.forward import Evaluation
@@ -41,10 +42,16 @@ def otherwise_stretched(surrogate: Surrogate, runs: Sequence[Evaluation]) -> Sur
     return best
 
 
-def _left_out(surrogate: Surrogate) -> float:
-    """Mean square of the errors of predictions of each run from all others, mN^2, the more a run counts the nearer the optimum."""
+def errors_left_out(surrogate: Surrogate) -> tuple[Array, Array] | None:
+    """Errors (m, N), mN, of the prediction of each run from all others, and what each counts (m,), the more the nearer it is to the
+    optimum: in all 1. None where no run can be left out."""
     if surrogate.fitted.left_out is None:
-        return np.inf
+        return None
     weights = np.array([run.weight for run in surrogate.training])
-    errors = np.mean((surrogate.fitted.left_out / weights[:, None]) ** 2, axis=1)
-    return float(np.sum(weights**4 * errors) / np.sum(weights**4))
+    return surrogate.fitted.left_out / weights[:, None], weights**4 / np.sum(weights**4)
+
+
+def _left_out(surrogate: Surrogate) -> float:
+    """Mean square of the errors of predictions of each run from all others, mN^2."""
+    known = errors_left_out(surrogate)
+    return np.inf if known is None else float(known[1] @ np.mean(known[0] ** 2, axis=1))

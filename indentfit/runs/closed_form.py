@@ -210,21 +210,14 @@ def closed_forms(
     """
     if has_fibres(case.law) or (case.material.relaxation is not None and fitted is None) or next(left_out(case), None):
         return {}
-    case = case if fitted is None else _at_inputs(case, fitted)
+    if fitted is not None:
+        from indentfit.runs.points import case_at  # it needs the models, which have closed forms beside them
+
+        case = case_at(case, fitted)
     nu = case.material.poisson_ratio_at(shear_modulus)
     tests = [test for test in case.indentations if test.name in curves]
     forms = {test.name: _closed_form(case, test, curves[test.name], nu, fitted or {}) for test in tests}
     return {name: form for name, form in forms.items() if form is not None}
-
-
-def _at_inputs(case: Case, fitted: Mapping[str, Any]) -> Case:
-    """The case with the inputs among fitted values, but for the contact point: the curves are as they were measured."""
-    from indentfit.runs.points import split_point  # it needs the models, which have closed forms beside them
-
-    for key, value in split_point(case.law, fitted).changes.items():
-        table, name = key.split(".")
-        case = case.model_copy(update={table: getattr(case, table).with_key(name, value)})
-    return case
 
 
 def left_out(case: Case) -> Iterator[str]:
