@@ -242,6 +242,12 @@ def record(elements):
     return Measured(elements, 30 * elements, h, tuple(curves), **counts, **costs)
 
 
+def measured_by(monkeypatch, call):
+    """call(_, case) in the place of every process that measures a mesh."""
+    monkeypatch.setattr(mesh_measurement, "isolated", call)
+    monkeypatch.setattr(mesh_measurement, "beside", lambda _, case: contextlib.nullcontext(lambda: call(_, case)))
+
+
 @pytest.fixture
 def ideal(monkeypatch):
     """Meshes without mechanics: `record` in place of every run; returns the numbers of elements that were asked for."""
@@ -251,7 +257,7 @@ def ideal(monkeypatch):
         asked.append(case.mesh.elements)
         return record(case.mesh.elements)
 
-    monkeypatch.setattr(mesh_measurement, "isolated", call)
+    measured_by(monkeypatch, call)
     return asked
 
 
@@ -283,7 +289,7 @@ def test_small_forces_of_a_mesh_check_are_told_in_their_unit_with_five_digits(mo
         known = record(case.mesh.elements)
         return replace(known, forces=tuple(1e-6 * force for force in known.forces))
 
-    monkeypatch.setattr(mesh_measurement, "isolated", call)
+    measured_by(monkeypatch, call)
     done, _ = check(tmp_path)
     lines = done.stdout.splitlines()
     assert "parallel, nN" in lines[0] and "perpendicular, uN" in lines[0]  # 28 nN and 0.07 uN
@@ -307,7 +313,7 @@ def test_a_failed_mesh_is_shown_with_its_cause_and_the_rest_stands(ideal, monkey
             raise isolated.Died("killed")
         return record(case.mesh.elements)
 
-    monkeypatch.setattr(mesh_measurement, "isolated", call)
+    measured_by(monkeypatch, call)
     done, result = check(tmp_path)
     assert "failed    mesh.elements=320: its process was killed" in done.stdout
     assert [one["forces"] is None for one in result["meshes"]] == [False, False, False, True, False, False]
@@ -323,7 +329,7 @@ def test_a_mesh_that_needed_a_second_try_is_shown_and_not_counted(ideal, monkeyp
             return found
         return replace(found, tries=2, forces=tuple(1.05 * force for force in found.forces))
 
-    monkeypatch.setattr(mesh_measurement, "isolated", call)
+    measured_by(monkeypatch, call)
     done, result = check(tmp_path)
     assert "second try mesh.elements=320" in done.stdout and len(result["meshes"]) == 6
     assert [len(one["values"]) for one in result["quantities"]] == [5] * 4
@@ -337,7 +343,7 @@ def test_the_verdict_says_which_orders_are_believed(monkeypatch, tmp_path):
         found = record(case.mesh.elements)
         return replace(found, forces=(np.full(25, 28 - 2 * found.h**4), found.forces[1]))
 
-    monkeypatch.setattr(mesh_measurement, "isolated", call)
+    measured_by(monkeypatch, call)
     _, result = check(tmp_path)
     assert "Observed order of the force: 1 (perpendicular)" in result["verdict"]
     assert "4 (parallel) is not believed" in result["verdict"]
@@ -355,10 +361,10 @@ def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, t
             raise KeyboardInterrupt
         return real(function, case)
 
-    monkeypatch.setattr(mesh_measurement, "isolated", killed)
+    measured_by(monkeypatch, killed)
     done = run("mesh-check", QUICK, "--elements", FAMILY, "--mesh-only", "-o", tmp_path / "out")
     assert done.exit_code == 130 and ideal == [40, 80, 160] and not (tmp_path / "out").exists()
-    monkeypatch.setattr(mesh_measurement, "isolated", real)
+    measured_by(monkeypatch, real)
     resumed, _ = check(tmp_path)
     assert ideal == [40, 80, 160, 320, 640, 1280]
     assert (

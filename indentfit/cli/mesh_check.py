@@ -47,6 +47,7 @@ def command(
     from indentfit.report.folder import json_text, refuse_existing
     from indentfit.report.lasting import study_in_folder
     from indentfit.report.study_folder import fill_study
+    from indentfit.runs.start import prepare
     from indentfit.study.mesh_check import run_mesh_check
     from indentfit.study.mesh_family import own_checks, own_family, parse_family, plan_mesh_check
     from indentfit.study.runs import Execution
@@ -54,6 +55,7 @@ def command(
     if not 0 < wanted < 100:
         raise CaseError(f"--error {wanted:g}: must be percents above 0 and below 100")
     read = read_case(case, overrides)
+    prepare()  # each mesh is measured by a process of its own, which need not import all libraries again
     family = parse_family("sizes", sizes) if sizes else []
     family += parse_family("elements", elements) if elements else []
     if refit:

@@ -26,7 +26,8 @@ class Died(Exception):
 
 
 def isolated(function: Callable[..., Returned], *arguments: Any) -> Returned:
-    """The value of function(*arguments), called in a new process. Raises Died, and every exception of the function."""
+    """The value of function(*arguments), called in a new process that may use all cores. Raises Died, and every exception of the
+    function."""
     with _called(multiprocessing.get_context("spawn"), function, *arguments) as value:
         return value()
 

@@ -266,7 +266,7 @@ def mesh_check(
 def run_mesh_check(plan: MeshCheckPlan, wanted: float, refit: bool, execution: Execution) -> MeshCheck:
     """The MeshCheck of a MeshCheckPlan; the other arguments are those of `mesh_check`."""
     case = plan.case
-    measured = measure_all(plan.cases, execution)
+    measured = measure_all(plan.cases, execution, len(plan.family))
     meshes = tuple(_mesh_results(case, plan, measured))
     quantities = tuple(_quantities(case, [mesh.measured for mesh in meshes]))
     chosen, verdict = _verdict(meshes, quantities, wanted)
