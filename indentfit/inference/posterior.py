@@ -118,6 +118,10 @@ class Curves:
         units = self._units(z)[0]
         return self.problem.parameters([*units])
 
+    def searched_units(self, z: Array) -> Array:
+        """The searched parameters at a place, in units of their ranges, as the surrogate takes them."""
+        return np.asarray(self._units(z)[0][self.problem.searched_numbers])
+
     def place(self, point: Mapping[str, Any]) -> Array:
         """The place of parameters and inputs; inputs of single tests are at their centres."""
         units = dict(zip(self.problem.free, self.problem.units(point), strict=True))

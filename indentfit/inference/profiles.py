@@ -1,6 +1,6 @@
 """Profile likelihoods on a surrogate: each parameter is moved while the others are fitted again; runs confirm the ends."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,7 +108,7 @@ class Proving:
         problem = self.problem
         widths = np.array([np.ptp([problem.unit(name, end) for end in path.interval]) for name, path in paths.items()])
         ends = {name: path.ends() for name, path in paths.items()}
-        points = self._farthest(_apart(np.concatenate([*ends.values()]), widths))[: self.most]
+        points = self._farthest(apart(np.concatenate([*ends.values()]), widths))[: self.most]
         limits = [path.limit for path in paths.values()]
         doubts = [self._doubt(x, limits) for x in points]
         first = [k for k, doubt in enumerate(doubts) if doubt > SURE] or [int(k) for k in np.argsort(doubts)[-1:]]
@@ -131,7 +131,7 @@ class Proving:
         least = min(self._squares(self.candidate.forces), promised)
         confirmed: dict[str, dict[int, ConfirmedPoint]] = {}
         for n, (name, pair) in enumerate(ends.items()):
-            numbers = [_near(end, points, widths) for end in pair]
+            numbers = [near(end, points, widths) for end in pair]
             confirmed[name] = {k: self._confirmed(n, points[k], runs[k], least) for k in numbers if k is not None}
         return confirmed
 
@@ -179,8 +179,8 @@ def _as_predicted(point: ConfirmedPoint, allowed: float) -> bool:
     return known and bool(abs(np.sqrt(point.chi2) - np.sqrt(point.predicted)) <= allowed)  # type: ignore[arg-type]
 
 
-def _apart(ends: Array, widths: Array) -> list[Array]:
-    """Ends (n_free,), of which no two are near each other."""
+def apart(ends: Iterable[Array], widths: Array) -> list[Array]:
+    """Ends (n,), of which no two are near each other beside the widths (n,) of the intervals, all in units of the ranges."""
     points: list[Array] = []
     for x in ends:
         if all(np.any(np.abs(x - other) > SAME_RUN * widths) for other in points):
@@ -188,8 +188,8 @@ def _apart(ends: Array, widths: Array) -> list[Array]:
     return points
 
 
-def _near(x: Array, points: list[Array], widths: Array) -> int | None:
-    """The number of the nearest point, if a run at this point proves the end x too; otherwise None."""
+def near(x: Array, points: list[Array], widths: Array) -> int | None:
+    """The number of the nearest point, if a run at this point proves the end x too; otherwise None. Arguments as in `apart`."""
     if not points:
         return None
     nearest = int(np.argmin([np.abs(x - other).max() for other in points]))

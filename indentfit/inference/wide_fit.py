@@ -33,6 +33,7 @@ from indentfit.inference.joint import (
 from indentfit.inference.joint_profiles import JointPath, joint_profiles
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
+from indentfit.inference.profiles import SURE, apart, near
 from indentfit.inference.result import ConfirmedPoint
 from indentfit.inverse.derivatives import Underivable, evaluate_at_reference
 from indentfit.inverse.exploration import Exploration, Watched
@@ -273,9 +274,9 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
         tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), scouts))
     if not tried:
         return None
-    weighed = weighed_alternatives(tried)
+    weighed = _tested(weighed_alternatives(tried), model, case.fit.seed, progress.part(0.8, 0.85))
     ends = _telling_ends(weighed)
-    shares = [progress.part(0.8 + 0.2 * n / len(weighed), 0.8 + 0.2 * (n + 1) / len(weighed)) for n in range(len(weighed))]
+    shares = [progress.part(0.85 + 0.15 * n / len(weighed), 0.85 + 0.15 * (n + 1) / len(weighed)) for n in range(len(weighed))]
     pairs = zip(weighed, ends, shares, strict=True)
     proved = [_ends_proved(known, wanted, model, case.fit.seed, share) for known, wanted, share in pairs]
     return WideFit(problem, tuple(weighed_alternatives(proved)), mesh, elements)
@@ -304,6 +305,21 @@ def _telling_ends(weighed: Sequence[WideAlternative]) -> list[list[tuple[int, Ar
     return ends
 
 
+def _tested(weighed: list[WideAlternative], model: Watched, seed: int, progress: Progress) -> list[WideAlternative]:
+    """The alternatives, where one of several is nearly certain, after a run at the least sure end of its profiles: such a certainty
+    may be an error of its surrogate where there is no run. If the run takes it away, the next one is tested, and no more runs go to
+    an alternative that has become improbable."""
+    tested: set[str] = set()
+    while len(weighed) > 1 and weighed[0].probability >= mixture.CERTAIN and weighed[0].name not in tested:
+        first, ends = weighed[0], _telling_ends(weighed)[0]
+        tested.add(first.name)
+        if len(ends) > 1:
+            doubts = [_doubt(first.fit, z) for _, z in ends]
+            end = ends[int(np.argmax(doubts))]
+            weighed = weighed_alternatives([_with_runs_at_ends(first, [end], model, seed, progress, SCOUTS), *weighed[1:]])
+    return weighed
+
+
 def _improbable(alternative: WideAlternative) -> float:
     return -alternative.probability
 
@@ -329,8 +345,9 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
     """The error of the forces by the mesh, and the number of elements of the second mesh; none where a run for it fails."""
     curves = fit.posterior.curves
     size = curves.measured().size
+    place = fit.proofs[-1].parameters if fit.reached else curves.point(fit.mode.z)  # a run that is known, where it is as good
     try:
-        error = mesh_error_at(case, curves.problem, model, curves.point(fit.mode.z))
+        error = mesh_error_at(case, curves.problem, model, place)
     except Underivable:
         return ModelError.none(size, fit.error.law), None
     covar = block_diag(*error.covar) * case.fit.uncertain.mesh**2
@@ -340,23 +357,57 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
 def _ends_proved(
     known: WideAlternative, ends: Sequence[tuple[int, Array]], model: Watched, seed: int, progress: Progress
 ) -> WideAlternative:
-    """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles. Where
-    these runs move the optimum, it is proved again."""
+    """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles. Ends
+    that are near each other share a run, and an end that the surrogate predicts surely needs none. Where these runs move the
+    optimum, it is proved again."""
+    unsure = [(n, z) for n, z in ends if _doubt(known.fit, z) > SURE * np.sqrt(known.paths[n].limit)]
+    if unsure:
+        known = _with_runs_at_ends(known, unsure, model, seed, progress)
     fit = known.fit
-    curves = fit.posterior.curves
-    if not ends:
-        return replace(known, draws=drawn(fit, seed))
-    points = [curves.point(z) for _, z in ends]
+    counts = known.probability > 1 - mixture.CERTAIN
+    if counts and not fit.reached and fit.proofs and fit.proofs[-1].right:  # runs moved the optimum away from where it was proved
+        curves = fit.posterior.curves
+        fit = joint_fit(curves.problem, curves.inputs, model, fit.error, seed, progress.part(0.9, 1), LIMIT, fit) or fit
+        known = replace(known, fit=fit, paths=joint_profiles(fit))
+    return replace(known, draws=drawn(fit, seed))
+
+
+def _with_runs_at_ends(
+    known: WideAlternative, ends: Sequence[tuple[int, Array]], model: Watched, seed: int, progress: Progress, particles: int = 0
+) -> WideAlternative:
+    """The alternative with what runs at ends of its profiles tell; with new draws where a number of particles is given."""
+    fit = known.fit
+    curves, numbers = fit.posterior.curves, fit.posterior.curves.solved_numbers
+    widths = np.ptp(np.vstack([path.places for path in known.paths.values()]), axis=0)[numbers]
+    places = apart([z[numbers] for _, z in ends], widths)
+    own = [near(z[numbers], places, widths) for _, z in ends]
+    first = [own.index(n) for n in range(len(places))]
+    points = [curves.point(ends[n][1]) for n in first]
     ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles"))
-    pairs = [_confirmed(fit, n, z, run) for (n, z), run in zip(ends, ran, strict=True)]
+    pairs = [_confirmed(fit, n, ends[first[run]][1], ran[run]) for (n, _), run in zip(ends, own, strict=True) if run is not None]
     confirmed = {k: tuple(end for (n, _), end in zip(ends, pairs, strict=True) if n == k) for k in known.paths}
     surrogate = learn(curves.problem, model.known, exact=True) or fit.surrogate
-    telling = [n for n, end in enumerate(pairs) if end.chi2 is not None and end.chi2 <= CONCERNS]
+    telling = [run for run, n in enumerate(first) if (chi2 := pairs[n].chi2) is not None and chi2 <= CONCERNS]
     errors = prediction_errors(fit, [points[n] for n in telling], [ran[n] for n in telling])
-    last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=len(fit.proofs)), seed)
-    if fit.reached and not last.reached:  # the runs moved the optimum away from the place that was proved
-        last = joint_fit(curves.problem, curves.inputs, model, last.error, seed, progress.part(0.9, 1), LIMIT, last) or last
-    return replace(known, fit=last, paths=joint_profiles(last), draws=drawn(last, seed), confirmed=confirmed)
+    earlier = len(fit.proofs) + sum(len(ends) for ends in (known.confirmed or {}).values())
+    last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=earlier), seed)
+    draws = drawn(last, seed, particles) if particles else known.draws
+    return replace(known, fit=last, paths=joint_profiles(last), draws=draws, confirmed=confirmed)
+
+
+def _doubt(fit: JointFit, z: Array) -> float:
+    """The error of the root of chi2 at a place by the jackknife; infinite where a run alone determines the surrogate there."""
+    curves, climber = fit.posterior.curves, Climber(fit.posterior)
+    place, force, size = curves.searched_units(z), curves.at(z)[0], climber.rows.size
+    lost = fit.surrogate.spread(place)
+    if not np.isfinite(lost).all():
+        return np.inf
+    predicted = fit.surrogate.curves(place[None])[0]
+    relative = np.divide(lost, predicted, out=np.zeros_like(lost), where=predicted != 0)
+    residuals, off = climber.residuals(z)[0], (relative * force)[:, climber.rows] @ climber.W.T
+    growth = max(float(residuals @ residuals) - fit.mode.chi2, 1.0)
+    shifts = (np.abs(off @ residuals[:size]) + 0.5 * np.sum(off**2, axis=1)) / np.sqrt(growth)
+    return float(np.sqrt(np.sum(shifts**2)))
 
 
 def _confirmed(fit: JointFit, n: int, z: Array, run: Evaluation) -> ConfirmedPoint:
