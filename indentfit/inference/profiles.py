@@ -115,7 +115,7 @@ class Proving:
         confirmed = self._run([points[k] for k in first], ends, widths, report)
         allowed = [max(SURE, BELIED * doubts[k]) for k in first]
         rows = ((k, point, paths[name].limit) for name, known in confirmed.items() for k, point in known.items())
-        right = (_as_predicted(point, allowed[k] * np.sqrt(limit)) for k, point, limit in rows)
+        right = (as_predicted(point, allowed[k] * np.sqrt(limit)) for k, point, limit in rows)
         if len(first) < len(points) and not all(right):
             confirmed = self._run(points, ends, widths, report)
         return {name: tuple(rows.values()) for name, rows in confirmed.items()}
@@ -173,7 +173,7 @@ class Proving:
         return sum(weight * float(np.sum((test.curve.trust * (force - test.curve.force)) ** 2)) for test, force, weight in rows)
 
 
-def _as_predicted(point: ConfirmedPoint, allowed: float) -> bool:
+def as_predicted(point: ConfirmedPoint, allowed: float) -> bool:
     """Whether the run at an end of a profile is as near its prediction as allowed, by the roots of chi2."""
     known = point.chi2 is not None and point.predicted is not None
     return known and bool(abs(np.sqrt(point.chi2) - np.sqrt(point.predicted)) <= allowed)  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ from typing import Any
 from indentfit.inference.plain import Interval, plain_fields
 
 DISCREPANCY = "discrepancy"  # the source of errors that is the law's misfit, where the case states one
+BY_RESIDUALS = "by the size of its residuals, which are smooth and so tell little"  # how alternatives are weighed, mostly not
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
 from indentfit.inference.result import AloneEstimate, CurveNoise, ParameterEstimate, Profile, TestAlone
 from indentfit.inference.seen import seen_sentences, with_seen
-from indentfit.inference.shares import UncertainInputs, WhatIf
+from indentfit.inference.shares import BY_RESIDUALS, UncertainInputs, WhatIf
 from indentfit.inference.verdicts import (
     against_each_other,
     alone_unless_in_doubt,
@@ -38,7 +38,7 @@ from indentfit.inference.verdicts import (
     verdict,
 )
 from indentfit.inference.what_if import Again, warnings_of, what_ifs
-from indentfit.inference.wide_fit import SCOUTS, WideAlternative, WideFit
+from indentfit.inference.wide_fit import SCOUTS, WideAlternative, WideFit, by_residuals
 from indentfit.inference.wide_shares import span_of, uncertain_in, values_of
 from indentfit.inference.zeroed_late import zeroed_late
 from indentfit.inverse.exploration import Watched, facts_of
@@ -234,7 +234,8 @@ def _preferred(fit: WideFit) -> Iterator[str]:
     """Which alternative the curves prefer."""
     if len(fit.alternatives) > 1:
         said = ", ".join(f"{known.name} with probability {known.probability:.2g}" for known in fit.alternatives)
-        yield f"alternatives, each fitted and weighed by its evidence: {said}"
+        how = BY_RESIDUALS if by_residuals(fit.alternatives) else "by its evidence"
+        yield f"alternatives, each fitted and weighed {how}: {said}"
 
 
 def _notes(case: Case, fit: WideFit) -> Iterator[str]:

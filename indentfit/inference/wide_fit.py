@@ -34,7 +34,7 @@ from indentfit.inference.joint_profiles import JointPath, joint_profiles
 from indentfit.inference.noise import effective
 from indentfit.inference.plain import Interval
 from indentfit.inference.posterior import Climber
-from indentfit.inference.profiles import SURE, apart, near
+from indentfit.inference.profiles import BELIED, SURE, apart, as_predicted, near
 from indentfit.inference.result import ConfirmedPoint
 from indentfit.inverse.derivatives import Underivable, evaluate_at_reference
 from indentfit.inverse.exploration import Exploration, Watched
@@ -46,7 +46,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, UncertainInput, alternatives, listed_inputs, uncertain_inputs, widened_problem
-from indentfit.runs.forward import Evaluation
+from indentfit.runs.forward import Evaluation, Report
 
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
 UNPROVED = "the optimum was not proved by a run"
@@ -286,8 +286,8 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
 def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAlternative]:
     """The alternatives with their probabilities, the most probable first: by the evidence of draws, by Laplace's method where one
     has too few draws, and by the sizes of the residuals where these are surely smooth."""
-    if any(known.fit.posterior.noise.smooth is not None for known in alternatives):
-        evidences = _by_residuals([known.fit for known in alternatives])
+    if by_residuals(alternatives):
+        evidences = _logs_by_residuals([known.fit for known in alternatives])
     else:
         by_draws = all(known.draws.enough for known in alternatives)
         evidences = [known.draws.log_evidence if by_draws else known.fit.log_evidence() for known in alternatives]
@@ -296,7 +296,12 @@ def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAl
     return sorted(weighed, key=_improbable)
 
 
-def _by_residuals(fits: Sequence[JointFit]) -> list[float]:
+def by_residuals(alternatives: Sequence[WideAlternative]) -> bool:
+    """Whether alternatives are weighed by the sizes of their residuals: those of one of them are surely smooth."""
+    return any(known.fit.posterior.noise.smooth is not None for known in alternatives)
+
+
+def _logs_by_residuals(fits: Sequence[JointFit]) -> list[float]:
     """Logarithms of the likelihoods of alternatives by the sizes of their residuals, each test with as many independent points as
     under the alternative that leaves most.
 
@@ -367,29 +372,75 @@ def mesh_error(case: Case, fit: JointFit, model: Watched) -> tuple[ModelError, i
 def _ends_proved(
     known: WideAlternative, ends: Sequence[tuple[int, Array]], model: Watched, seed: int, progress: Progress
 ) -> WideAlternative:
-    """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles. Ends
-    that are near each other share a run, and an end that the surrogate predicts surely needs none. Where these runs move the
-    optimum, it is proved again."""
+    """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles. Where
+    these runs move the optimum, it is proved again."""
     fit = known.fit
-    curves, numbers = fit.posterior.curves, fit.posterior.curves.solved_numbers
-    ends = [(n, z) for n, z in ends if _doubt(fit, z) > SURE * np.sqrt(known.paths[n].limit)]
+    curves = fit.posterior.curves
     if not ends:
         return replace(known, draws=drawn(fit, seed))
-    widths = np.ptp(np.vstack([path.places for path in known.paths.values()]), axis=0)[numbers]
-    places = apart([z[numbers] for _, z in ends], widths)
-    runs = [near(z[numbers], places, widths) for _, z in ends]
-    first = [runs.index(n) for n in range(len(places))]  # the end at which each run is made
-    points = [curves.point(ends[n][1]) for n in first]
-    ran = evaluate_at_reference(curves.problem, model, points, progress.of_runs("runs at the ends of profiles"))
-    pairs = [_confirmed(fit, n, ends[first[run]][1], ran[run]) for (n, _), run in zip(ends, runs, strict=True) if run is not None]
-    confirmed = {k: tuple(end for (n, _), end in zip(ends, pairs, strict=True) if n == k) for k in known.paths}
+    proofs = _ends_run(known, ends, model, progress.of_runs("runs at the ends of profiles"))
+    confirmed = {k: tuple(proof.end for proof in proofs if proof.number == k) for k in known.paths}
     surrogate = learn(curves.problem, model.known, exact=True) or fit.surrogate
-    telling = [run for run, n in enumerate(first) if (chi2 := pairs[n].chi2) is not None and chi2 <= CONCERNS]
-    errors = prediction_errors(fit, [points[n] for n in telling], [ran[n] for n in telling])
+    telling = [proof for proof in proofs if proof.own and proof.end.chi2 is not None and proof.end.chi2 <= CONCERNS]
+    errors = prediction_errors(fit, [curves.point(proof.place) for proof in telling], [proof.run for proof in telling])
     last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=len(fit.proofs)), seed)
     if fit.reached and not last.reached:  # the runs moved the optimum away from the place that was proved
         last = joint_fit(curves.problem, curves.inputs, model, last.error, seed, progress.part(0.9, 1), LIMIT, last) or last
     return replace(known, fit=last, paths=joint_profiles(last), draws=drawn(last, seed), confirmed=confirmed)
+
+
+@dataclass(frozen=True, eq=False)
+class _EndRun:
+    """A run at the end of the profile of a free parameter (its number), or at an end of another one near it (not its own)."""
+
+    number: int
+    place: Array
+    run: Evaluation
+    end: ConfirmedPoint
+    own: bool
+
+
+def _ends_run(known: WideAlternative, ends: Sequence[tuple[int, Array]], model: Watched, report: Report) -> list[_EndRun]:
+    """Runs at ends of profiles (number of the free parameter, place), as in fits whose inputs are exact: ends that are near each
+    other share a run; of those that the surrogate predicts surely, the least sure one is run, and others only where a run was not
+    as predicted."""
+    fit, roots = known.fit, {n: float(np.sqrt(known.paths[n].limit)) for n, _ in ends}
+    numbers = fit.posterior.curves.solved_numbers
+    widths = np.ptp(np.vstack([path.places for path in known.paths.values()]), axis=0)[numbers]
+    separate = apart([z[numbers] for _, z in ends], widths)
+    nearest = [near(z[numbers], separate, widths) for _, z in ends]
+    first = [nearest.index(k) for k in range(len(separate))]  # the end at which each run is made
+    doubts = [_doubt(fit, ends[n][1]) / roots[ends[n][0]] for n in first]
+    wanted = [k for k, doubt in enumerate(doubts) if doubt > SURE] or [int(np.argmax(doubts))]
+    proofs = _runs_at(fit, ends, nearest, [(k, first[k]) for k in wanted], model, report)
+    allowed = {first[k]: max(SURE, BELIED * doubts[k]) for k in wanted}
+    own = [(ends[n][0], proof.end) for n, proof in proofs.items() if proof.own]
+    right = [as_predicted(end, share * roots[k]) for (k, end), share in zip(own, allowed.values(), strict=True)]
+    if len(wanted) < len(first) and not all(right):
+        others = [(k, n) for k, n in enumerate(first) if k not in wanted]
+        proofs |= _runs_at(fit, ends, nearest, others, model, report)
+    return [proofs[n] for n in sorted(proofs)]
+
+
+def _runs_at(
+    fit: JointFit,
+    ends: Sequence[tuple[int, Array]],
+    nearest: Sequence[int | None],
+    wanted: Sequence[tuple[int, int]],
+    model: Watched,
+    report: Report,
+) -> dict[int, _EndRun]:
+    """What runs say of ends, by their numbers: wanted are the number of each run and that of the end at which it is made, and the
+    runs of all ends are given."""
+    curves = fit.posterior.curves
+    ran = evaluate_at_reference(curves.problem, model, [curves.point(ends[n][1]) for _, n in wanted], report)
+    proofs = {}
+    for (k, at), run in zip(wanted, ran, strict=True):
+        place = ends[at][1]
+        for n, (number, _) in enumerate(ends):
+            if nearest[n] == k:
+                proofs[n] = _EndRun(number, place, run, _confirmed(fit, number, place, run), n == at)
+    return proofs
 
 
 def _doubt(fit: JointFit, z: Array) -> float:

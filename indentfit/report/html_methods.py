@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from indentfit.inference.result import FitResult
-from indentfit.inference.shares import DISCREPANCY
+from indentfit.inference.shares import BY_RESIDUALS, DISCREPANCY
 from indentfit.report.first_screen import pieces_words, value_words
 from indentfit.report.formulas import lined
 from indentfit.report.html_case import number
@@ -114,7 +114,9 @@ def _jointly(result: FitResult) -> Iterator[str]:
         yield f"These inputs had priors ({priors})."
     if result.uncertain.alternatives:
         weighed = "; ".join(f"{each.name}, probability {each.probability:.2f}" for each in result.uncertain.alternatives)
-        yield f"Alternatives were fitted each and weighed by their evidence ({weighed})."
+        smooth = any(BY_RESIDUALS in said for said in result.conclusions)
+        how = "the sizes of their residuals, which are smooth" if smooth else "their evidence"
+        yield f"Alternatives were fitted each and weighed by {how} ({weighed})."
     if known := result.law_misfit:
         size = f"{known.scale:.2g}, found with the parameters," if known.interval else f"{known.scale:g}"
         yield "The law's own misfit was a Gaussian process along each curve, which vanishes at small strains (Kennedy and O'Hagan"
