@@ -212,7 +212,7 @@ def joint_fit(
         proof, errors = proved(fit, model, () if enough else telling(fit, seed))
         proofs.append(proof)
         error = held_out(error, errors)
-        history.append(HistoryStep("joint", len(proofs), _objective(fit), model.runs))
+        history.append(HistoryStep("joint", len(proofs), objective_of(fit), model.runs))
 
 
 def first_runs(problem: InverseProblem, model: Watched, seed: int, progress: Progress = SILENT) -> None:
@@ -475,10 +475,11 @@ def beaten(fit: JointFit) -> bool:
     curves, start = fit.posterior.curves, fit.posterior.curves.problem.start
     rows = [fit.surrogate.measured(run.curves, start) * (1 + curves.mesh) for run in fit.surrogate.training]
     runs = curves.problem.judge_best_scales([start] * len(rows), [[row[part] for part in curves.slices] for row in rows])
-    return min(run.objective for run in runs) < BEATEN * _objective(fit)
+    return min(run.objective for run in runs) < BEATEN * objective_of(fit)
 
 
-def _objective(fit: JointFit) -> float:
+def objective_of(fit: JointFit) -> float:
+    """Equation (1) at the optimum of a fit, mN."""
     curves = fit.posterior.curves
     force = curves.at(fit.mode.z)[0]
     parts = [force[rows] for rows in curves.slices]

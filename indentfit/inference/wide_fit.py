@@ -28,6 +28,7 @@ from indentfit.inference.joint import (
     fitted,
     held_out,
     joint_fit,
+    objective_of,
     prediction_errors,
 )
 from indentfit.inference.joint_profiles import JointPath, joint_profiles
@@ -52,6 +53,7 @@ CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so t
 UNPROVED = "the optimum was not proved by a run"
 BESIDE = 0.14  # of a piece's width: intervals follow profiles so far beside the smallest set, and stay within 1.3 of its width
 SCOUTS = 400  # particles that weigh the alternatives before runs at the ends of their profiles
+FARTHER = 1.1  # growth of the objective by which runs at ends of profiles may not move an optimum with smooth residuals
 SLIT = 0.1  # of the whole set's width: narrower gaps between its pieces are filled
 
 
@@ -384,6 +386,8 @@ def _ends_proved(
     telling = [proof for proof in proofs if proof.own and proof.end.chi2 is not None and proof.end.chi2 <= CONCERNS]
     errors = prediction_errors(fit, [curves.point(proof.place) for proof in telling], [proof.run for proof in telling])
     last = _again(replace(fit, surrogate=surrogate), held_out(fit.error, errors, earlier=len(fit.proofs)), seed)
+    if fit.posterior.noise.smooth is not None and objective_of(last) > FARTHER * objective_of(fit):
+        last = fit  # smooth residuals tell their level so little that a small change of the surrogate may lead away from the points
     if fit.reached and not last.reached:  # the runs moved the optimum away from the place that was proved
         last = joint_fit(curves.problem, curves.inputs, model, last.error, seed, progress.part(0.9, 1), LIMIT, last) or last
     return replace(known, fit=last, paths=joint_profiles(last), draws=drawn(last, seed), confirmed=confirmed)
