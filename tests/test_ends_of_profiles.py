@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fixtures.formulas import TRUTH, Formula, formula, problem
+from fixtures.formulas import FREE, TRUTH, Formula, formula, problem
 
 from indentfit.inference import joint, wide_fit
 from indentfit.inference.draws import drawn
@@ -69,3 +69,13 @@ def test_the_doubt_of_a_prediction_is_the_error_of_the_root_of_chi2(alternative)
         end = wide_fit._confirmed(fit, 1, z, run)
         if end.predicted > 1:
             assert abs(np.sqrt(end.chi2) - np.sqrt(end.predicted)) < max(3 * wide_fit._doubt(fit, z), 0.1)
+
+
+def test_ends_where_no_coordinate_changes_a_run_share_one():
+    """With the scale alone free every run is the same: a fit of one modulus ended with an error."""
+    forces = formula(**TRUTH)
+    model = Watched(Formula())
+    fit = joint.joint_fit(widened_problem(problem(forces, free={"mu": FREE["mu"]}), ()), (), model, ModelError.none(2 * 15), 0)
+    known = wide_fit.WideAlternative("", {}, 1.0, fit, joint_profiles(fit), drawn(fit, 0, 100))
+    ends = [(0, end) for end in known.paths[0].ends()]
+    assert len(wide_fit._ends_run(known, ends, model, REPORT)) == 2

@@ -192,7 +192,7 @@ def near(x: Array, points: list[Array], widths: Array) -> int | None:
     """The number of the nearest point, if a run at this point proves the end x too; otherwise None. Arguments as in `apart`."""
     if not points:
         return None
-    nearest = int(np.argmin([np.abs(x - other).max() for other in points]))
+    nearest = int(np.argmin([np.abs(x - other).max(initial=0.0) for other in points]))
     return None if np.any(np.abs(x - points[nearest]) > SAME_RUN * widths) else nearest
 
 
