@@ -212,12 +212,20 @@ class _Walk:
 
     def _conditional(self, places: Array, shapes: Array, noises: Covariances) -> tuple[Array, Array]:
         """Centre (m, k) and Cholesky factor (m, k, k) of the normal density of the linear coordinates, given all others."""
-        density, rows = self.density, self.density.rows
-        n = density.curves.size
-        z = places[:, :n].copy()
-        z[:, self.linear] = 0.5  # the middle of the ranges of offsets and gains, whose priors are about none
+        density = self.density
+        z = places[:, : density.curves.size].copy()
+        z[:, self.linear] = 0.5  # the middle of the ranges of offsets, whose priors are about none
         if density.scaled is not None:  # the scale of least squares, about which offsets change the curves linearly
             z[:, density.scaled] = density.of_scale(shapes)
+        centre, root = self._linearised(z, shapes, noises)
+        if self.linear.size > int(density.scaled is not None):  # offsets bend the curves: the slopes are those near the centre
+            z[:, self.linear] = np.clip(centre, 0, 1)
+            centre, root = self._linearised(z, shapes, noises)
+        return centre, root
+
+    def _linearised(self, z: Array, shapes: Array, noises: Covariances) -> tuple[Array, Array]:
+        """The same by the slopes at coordinates z (m, n)."""
+        density, rows = self.density, self.density.rows
         forces, slopes = density.moved_with_slopes(shapes, z)
         products = noises.products(np.concatenate([(forces[:, rows] - density.y)[:, None], slopes[:, :, rows]], axis=1))
         P = density.P[:, self.linear]
