@@ -16,7 +16,7 @@ below the band.
 
 Seen on 30 November 2026 at 1 % noise, 200 cases (band 181 to 197): 199 verdicts name the right cause, 194 have every determined
 truth inside, mu is inside in 195 and alpha in 198, one more than the band; 155 s of CPU for the fits, 30 s for the runs. At 0.1 %,
-seen on 28 November only, 200 of 200 have every determined truth inside. At 5 %, on 30 November, 198 and 194 of 200.
+seen on 28 November only, 200 of 200 have every determined truth inside. At 5 %, seen in an earlier session, 198 and 194 of 200.
 """
 
 import argparse
