@@ -14,9 +14,9 @@ posterior do, and the median and the mean of the widths over those of the exact 
 Seen on 30 November 2026, one line, 200 sets (band 181 to 197): intervals of a and b that hold, and their median widths. White 195
 and 195, 1.00; correlation 0.5 186 and 187, 1.14 and 1.17; 0.8 191 and 193, 1.24 and 1.28 (means 1.36 and 1.38); smooth misfit of
 0.15 of the depth 197 and 196; of 0.3 182 and 180, one below the band, where the exact posterior of AR(1) noise holds 72. Of 100
-sets of two lines under 0.8 97 and 96, 1.21 and 1.24. 33 s of CPU for 200 sets of one line. With Student's t on all of the residuals'
-size, 100 sets: one line under 0.8 97 and 97, 1.30 and 1.34 (means 1.64 and 1.66), two lines 97 and 96, 1.36 and 1.39; misfit of 0.3
-91 and 91 (then 90 and 90), of 0.6 81 and 84 (not run since).
+sets of two lines under 0.8 97 and 96, 1.21 and 1.24. 33 s of CPU for 200 sets of one line. With Student's t on all of the
+residuals' size, 100 sets: one line under 0.8 97 and 97, 1.30 and 1.34 (means 1.64 and 1.66), two lines 97 and 96, 1.36 and 1.39;
+misfit of 0.3 91 and 91 (then 90 and 90), of 0.6 81 and 84 (not run since).
 """
 
 import argparse
