@@ -1,5 +1,7 @@
 """Joint fits of curves that the law does not follow: they keep to the points, as fits whose inputs are known do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fixtures.line import DEPTH, DESIGN, Line
@@ -72,6 +74,14 @@ def test_smooth_residuals_beside_white_ones_count_as_many_points():
     white = alternative("white", 90 * DEPTH + 0.03 * np.random.default_rng(1).standard_normal(25))
     best, _ = weighed_alternatives([alternative("smooth", 90 * DEPTH + wave(True)), white])
     assert best.name == "white" and best.probability > 0.999
+
+
+def test_an_evidence_for_what_is_twice_as_far_from_the_points_counts_no_more():
+    """A wrong base with a misfit of 57 % had the probability 1 beside the right one with 1 %: a stranger's fit ended as no fit."""
+    white = [30.0 * DEPTH + size * np.random.default_rng(1).standard_normal(25) for size in (0.03, 0.3)]
+    near, far = (alternative(name, force) for name, force in zip(("near", "far"), white, strict=True))
+    favoured = replace(far, draws=replace(far.draws, log_evidence=near.draws.log_evidence + 50))
+    assert weighed_alternatives([favoured, near])[0].name == "near"
 
 
 def test_white_residuals_add_nothing():
