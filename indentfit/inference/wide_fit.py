@@ -300,8 +300,9 @@ def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAl
 
 
 def by_residuals(alternatives: Sequence[WideAlternative]) -> bool:
-    """Whether alternatives are weighed by the sizes of their residuals: those of one of them are surely smooth, or the evidence is for
-    one that is twice as far from the points as another: a wrong base with 57 % of misfit was certain beside the right one with 1 %."""
+    """Whether alternatives are weighed by the sizes of their residuals: those of one of them are surely smooth, or the evidence is
+    for one that is twice as far from the points as another: a wrong base with 57 % of misfit was certain beside the right one, of
+    1 %."""
     sizes = [objective_of(known.fit) for known in alternatives]
     likely = int(np.argmax([known.draws.log_evidence for known in alternatives]))
     smooth = any(known.fit.posterior.noise.smooth is not None for known in alternatives)
