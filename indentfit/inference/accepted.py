@@ -11,6 +11,7 @@ from indentfit.case.uses import require_fittable
 from indentfit.errors import CaseError
 from indentfit.inference.sampling import require_emcee
 from indentfit.inference.wide_fit import widens
+from indentfit.inverse.dense_curves import Averaged, averaged
 from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.sharp_edges import Shallower, without_folds
 from indentfit.runs.pieces import Piece, pieces_of
@@ -26,8 +27,10 @@ class Accepted:
         With tests of the moduli that it states beforehand.
     shallower : Shallower
         Without the points beyond which a surface folds in at a sharp edge.
+    averaged : Averaged
+        That case, with means of neighbours in the place of dense curves.
     case : Case
-        That case, with measured displacements as tests of their own.
+        The same, with measured displacements as tests of their own.
     problem : InverseProblem
     widens : bool
         Whether uncertain inputs are coordinates of the fit.
@@ -37,6 +40,7 @@ class Accepted:
 
     uncut: Case
     shallower: Shallower
+    averaged: Averaged
     case: Case
     problem: InverseProblem
     widens: bool
@@ -56,12 +60,13 @@ def accepted(case: Case) -> Accepted:
     uncut = with_prior_tests(case)
     require_fittable(with_field_tests(uncut))
     shallower = without_folds(uncut)
-    case = with_field_tests(shallower.case)
+    few = averaged(shallower.case)
+    case = with_field_tests(few.case)
     if case.fit.posterior:
         require_emcee()
     problem = inverse_problem(case)
     wide = widens(case, problem)
-    if case is not shallower.case and wide:
+    if case is not few.case and wide:
         uncertain = ", ".join(f"fit.uncertain.{name}" for name in case.fit.uncertain.given if name != "mesh")
         raise CaseError(
             [
@@ -69,4 +74,4 @@ def accepted(case: Case) -> Accepted:
                 "that is left out is unknown), or take out test.field"
             ]
         )
-    return Accepted(uncut, shallower, case, problem, wide, pieces_of(case))
+    return Accepted(uncut, shallower, few, case, problem, wide, pieces_of(case))

@@ -140,7 +140,7 @@ def fit_with_runs(
     """The fit of a case with its runs; arguments and errors are those of `fit`."""
     started = time.perf_counter()
     ready = accepted(case)  # refuses what cannot be fitted before any worker is started
-    given, run, case, problem = case, ready.shallower.case, ready.case, ready.problem
+    given, run, case, problem = case, ready.averaged.case, ready.case, ready.problem
     whole, stated = Progress(progress), with_offset_of_records(case)
     elastic = elastic_case(run)
     if ledger is not None and elastic is not given:
@@ -185,7 +185,8 @@ def fit_with_runs(
     if gross is not None:
         result = without_meaning(result, gross)
     said = (*result.conclusions, *ready.shallower.said)
-    result = replace(result, conclusions=said, seconds=time.perf_counter() - started)
+    notes = (*ready.averaged.said, *result.notes)
+    result = replace(result, conclusions=said, notes=notes, seconds=time.perf_counter() - started)
     if run is not ready.uncut:
         result = replace(result, whole_case=given, case_hash=ready.uncut.hash)
     return FitWithRuns(result, problem, solved, wide, tuple(watched.known))

@@ -18,6 +18,7 @@ from indentfit.arrays import Array
 from indentfit.case import Case
 from indentfit.curve import Curve
 from indentfit.errors import CaseError
+from indentfit.inverse.dense_curves import averaged
 from indentfit.inverse.problem import InverseProblem, inverse_problem
 from indentfit.inverse.sharp_edges import without_folds
 from indentfit.report.digits import CurveScale
@@ -73,7 +74,7 @@ class LiveFit:
     def __post_init__(self) -> None:
         if self.case.relaxation is not None:
             raise CaseError(["material.relaxation: the live page shows no fit over time; leave out --live"])
-        self.case = without_folds(self.case).case  # the points that are fitted
+        self.case = averaged(without_folds(self.case).case).case  # the points that are fitted
         self._problem = inverse_problem(self.case)
 
     def look(self) -> None:
