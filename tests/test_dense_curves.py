@@ -76,7 +76,7 @@ def test_a_dense_curve_has_the_estimate_of_all_of_its_points(tmp_path, undrawn):
     known, other = (result["parameters"]["mu"] for result in (means, every))
     assert known["value"] == pytest.approx(other["value"], rel=1.5e-3)
     assert np.diff(known["interval"]) == pytest.approx(np.diff(other["interval"]), rel=0.2)
-    assert read_curve(tmp_path / "means" / "curves" / "press.csv").force.size == 1000
+    assert read_curve(tmp_path / "means" / "press.csv").force.size == 1000
     with (tmp_path / "means" / "curves.csv").open() as file:
         assert len(list(csv.reader(file))) == 101
 
