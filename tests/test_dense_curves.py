@@ -56,6 +56,19 @@ def test_what_is_not_dense_or_jumps_is_fitted_as_it_is(tmp_path):
     assert averaged(other).case is other
 
 
+def test_crowded_points_are_fitted_as_they_are(tmp_path):
+    """2,900 points in the first 2 % of the depth and 40 beyond: groups of equal numbers spanned most of the depth, and mu was 6 %
+    off beside an interval of 0.3 %."""
+    write_curve(tmp_path / "press.csv", hertz(DENSE))
+    case = read_case(tiny_case(tmp_path, **ROUND))
+    slow, ramp = np.linspace(2e-6, 0.006, 2900), np.linspace(0.008, 0.3, 40)
+    depth = np.concatenate([slow, ramp])
+    crowded = case.model_copy(update={"curves": (Curve(depth, 16.0 * depth**1.5),)})
+    assert averaged(crowded).case is crowded
+    even = case.model_copy(update={"curves": (hertz(2900),)})
+    assert averaged(even).case.curves[0].force.size == 100
+
+
 def test_a_dense_curve_has_the_estimate_of_all_of_its_points(tmp_path, undrawn):
     """Noise of 1 % on 1,000 points: the same value but for the waves of a coarse mesh (0.1 %: the means end at another depth), the
     interval as wide; the result has the means, its copy of the case all points."""

@@ -10,6 +10,7 @@ from indentfit.inference import joint, wide_fit
 from indentfit.inference.draws import drawn
 from indentfit.inference.joint import ModelError
 from indentfit.inference.joint_profiles import joint_profiles
+from indentfit.inference.profiles import apart, near
 from indentfit.inverse.exploration import Watched
 from indentfit.inverse.progress import SILENT
 from indentfit.inverse.wide import widened_problem
@@ -79,3 +80,12 @@ def test_ends_where_no_coordinate_changes_a_run_share_one():
     known = wide_fit.WideAlternative("", {}, 1.0, fit, joint_profiles(fit), drawn(fit, 0, 100))
     ends = [(0, end) for end in known.paths[0].ends()]
     assert len(wide_fit._ends_run(known, ends, model, REPORT)) == 2
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_each_end_that_needs_no_run_of_its_own_has_one_near_it(seed):
+    """The nearest point was looked for without regard to the widths, by which ends are near each other."""
+    rng, widths = np.random.default_rng(seed), np.array([1.0, 0.01])
+    ends = [np.array([rng.uniform(0, 0.5), rng.uniform(0, 0.005)]) for _ in range(4)]
+    points = apart(ends, widths)
+    assert all(near(end, points, widths) is not None for end in ends)

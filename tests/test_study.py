@@ -422,6 +422,18 @@ def test_a_mesh_is_measured_in_a_process_of_its_own(case):
     assert again.elements == found.elements and np.allclose(again.forces[0], found.forces[0], rtol=1e-9)  # h is mesh.size
 
 
+def test_processes_beside_leave_the_environment_as_it_was(monkeypatch):
+    """Each had one thread in its environment from its start to its end; those that began later gave "1" back."""
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with contextlib.ExitStack() as first, contextlib.ExitStack() as second:
+        one = first.enter_context(isolated.beside(os.getenv, "OMP_NUM_THREADS"))
+        two = second.enter_context(isolated.beside(os.getenv, "OMP_NUM_THREADS"))
+        assert "OMP_NUM_THREADS" not in os.environ
+        assert one() == two() == "1"
+        first.close()
+    assert "OMP_NUM_THREADS" not in os.environ
+
+
 def test_a_process_that_dies_is_an_event_not_an_end():
     with pytest.raises(isolated.Died):
         isolated.isolated(os._exit, 9)

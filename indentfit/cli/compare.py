@@ -64,6 +64,7 @@ def command(
     """
     # imported when the command runs: --help and completion are quick without
     from indentfit.experiment.measured import read_case
+    from indentfit.inverse.dense_curves import averaged
     from indentfit.report.comparison_folder import fill_comparison
     from indentfit.report.conduct import Place
     from indentfit.report.folder import json_text, refuse_existing
@@ -80,7 +81,7 @@ def command(
     refuse_existing(place.output, overwrite)
     plan = plan_comparison(read, laws_asked(asked), _ranges(given), nested, layer)
     prepare_for(read, where, points=True)
-    warn(read.warnings())
+    warn([*read.warnings(), *averaged(read).said])
     others = [each for _, each in plan.laws]
     with (
         stopping() as stop,

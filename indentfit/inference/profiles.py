@@ -192,8 +192,10 @@ def near(x: Array, points: list[Array], widths: Array) -> int | None:
     """The number of the nearest point, if a run at this point proves the end x too; otherwise None. Arguments as in `apart`."""
     if not points:
         return None
-    nearest = int(np.argmin([np.abs(x - other).max(initial=0.0) for other in points]))
-    return None if np.any(np.abs(x - points[nearest]) > SAME_RUN * widths) else nearest
+    within = SAME_RUN * np.maximum(widths, 1e-300)
+    away = [(np.abs(x - other) / within).max(initial=0.0) for other in points]
+    nearest = int(np.argmin(away))
+    return None if away[nearest] > 1 else nearest
 
 
 class _Walk:

@@ -83,10 +83,9 @@ def fit_in_folder(case: Case, place: Place, conduct: Conduct, fields: bool) -> t
         opened(folder, case, place.resume, [target], place.reuse, say=conduct.say) as ledger,
     ):
         clear(folder)
-        with FitFields(folder / "fields", apart=is_prepared()) as stresses:
-            with saying_what_is_kept(ledger):
-                result = fit(case, conduct.progress, ledger, conduct.cluster, conduct.stop, stresses.begin if fields else None)
-                conduct.progress(1.0, "stresses at the optimum, pictures and report" if fields else "report")
+        with FitFields(folder / "fields", apart=is_prepared()) as stresses, saying_what_is_kept(ledger):
+            result = fit(case, conduct.progress, ledger, conduct.cluster, conduct.stop, stresses.begin if fields else None)
+            conduct.progress(1.0, "stresses at the optimum, pictures and report" if fields else "report")
             return result, fill_fit(folder, result, stresses if fields else None, _warning(conduct.say))
 
 

@@ -28,7 +28,7 @@ class Died(Exception):
 def isolated(function: Callable[..., Returned], *arguments: Any) -> Returned:
     """The value of function(*arguments), called in a new process that may use all cores. Raises Died, and every exception of the
     function."""
-    with _called(multiprocessing.get_context("spawn"), function, *arguments) as value:
+    with _called(multiprocessing.get_context("spawn"), function, *arguments, environment=contextlib.nullcontext()) as value:
         return value()
 
 
@@ -39,15 +39,21 @@ def beside(function: Callable[..., Returned], *arguments: Any) -> Iterator[Calla
     The context gives a function that waits for the value; it raises Died, and every exception of the function. The process is
     ended where the block fails.
     """
-    with one_thread(), _called(context(), function, *arguments) as value:
+    with _called(context(), function, *arguments, environment=one_thread()) as value:
         yield value
 
 
 @contextlib.contextmanager
-def _called(start: BaseContext, function: Callable[..., Returned], *arguments: Any) -> Iterator[Callable[[], Returned]]:
+def _called(
+    start: BaseContext,
+    function: Callable[..., Returned],
+    *arguments: Any,
+    environment: contextlib.AbstractContextManager[object],
+) -> Iterator[Callable[[], Returned]]:
+    """Context as of `beside`; the environment is that of the process' start alone."""
     with ProcessPoolExecutor(1, start, initializer=_begin) as executor:
         try:
-            with deaf_to_interrupts():
+            with environment, deaf_to_interrupts():
                 future = executor.submit(function, *arguments)
 
             def value() -> Returned:

@@ -30,7 +30,6 @@ from indentfit.inference.nested import NestedEvidence, nested_evidence, require_
 from indentfit.inference.out_of_sample import out_of_sample
 from indentfit.inference.residual_noise import unknown_noise
 from indentfit.inference.verdicts import reached
-from indentfit.inverse.dense_curves import averaged
 from indentfit.inverse.objective import best_scale
 from indentfit.inverse.problem import inverse_problem
 from indentfit.material import parts_of
@@ -273,7 +272,6 @@ def plan_comparison(
     if unknown := set(ranges) - set(laws):
         raise CaseError([f"a range is given for {sorted(unknown)[0]!r}, which is not among the laws: {', '.join(laws)}"])
     require_comparable(case)
-    case = averaged(case).case
     owner_of(case, layer)
     needed = any(not is_own(case, law, layer) for law in laws)
     if needed:  # wrong names end here, before anything is solved
@@ -363,7 +361,7 @@ def run_comparison(plan: ComparisonPlan, execution: Execution) -> Comparison:
         threshold=THRESHOLD,
         mesh=mesh,
         modulus=plan.modulus,
-        measured={test.name: curve for test, curve in zip(plan.case.tests, plan.case.curves, strict=True) if curve is not None},
+        measured=next(fitted.result.measured for fitted in fits.values() if not isinstance(fitted, str)),
         case=plan.case,
         layer=plan.layer,
     )
