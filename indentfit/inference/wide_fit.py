@@ -300,12 +300,12 @@ def weighed_alternatives(alternatives: Sequence[WideAlternative]) -> list[WideAl
 
 
 def by_residuals(alternatives: Sequence[WideAlternative]) -> bool:
-    """Whether alternatives are weighed by the sizes of their residuals: those of one of them are surely smooth, or the evidence is
-    for one that is twice as far from the points as another: a wrong base with 57 % of misfit was certain beside the right one, of
-    1 %."""
+    """Whether alternatives are weighed by the sizes of their residuals: the evidence is for one whose residuals are surely smooth,
+    or that is twice as far from the points as another: a wrong base with 57 % of misfit was certain beside the right one, of 1 %.
+    Where the evidence is for one whose residuals are noise, it needs no other rule."""
     sizes = [objective_of(known.fit) for known in alternatives]
     likely = int(np.argmax([known.draws.log_evidence for known in alternatives]))
-    smooth = any(known.fit.posterior.noise.smooth is not None for known in alternatives)
+    smooth = alternatives[likely].fit.posterior.noise.smooth is not None
     return smooth or min(sizes) < BEATEN * sizes[likely]
 
 
@@ -318,9 +318,10 @@ def _logs_by_residuals(fits: Sequence[JointFit]) -> list[float]:
     and 0.60 mN had the probability 1 beside a sliding one with 0.15 and 0.46 mN.
     """
     rhos = np.array([fit.posterior.noise.rho for fit in fits]).min(axis=0)
+    errors = np.max([np.diag(fit.posterior.noise.model) for fit in fits], axis=0)  # an alternative is not worse for its own doubt
     logs = []
     for fit in fits:
-        curves, errors = fit.posterior.curves, np.diag(fit.posterior.noise.model)
+        curves = fit.posterior.curves
         squares = (curves.at(fit.mode.z)[0] - curves.measured()) ** 2 + errors
         tests = zip(curves.slices, fit.posterior.noise.trust, rhos, fit.posterior.used, strict=True)
         sizes = [effective(trust.size, rho) * np.log(np.mean(trust**2 * squares[rows])) for rows, trust, rho, used in tests if used]
