@@ -28,11 +28,11 @@ and correlations of noise drawn together, beside sequential Monte Carlo from the
 kappa 20 mu 1.23, zeta 1.21, phi 1.11 times as wide, frictionless 1.10, 1.00, 1.01, late 1.12, 0.96, 1.13, friction 0.2 1.03, 1.05,
 0.92. Of bonded and isotropic such particles miss parts (isotropic: log evidence 11 for 15); beside 2,000 walkers of 600 sweeps that
 begin at the fit's draws: bonded 1.25, 1.06, 1.19; of isotropic the walkers stay (95 % of zeta below 0.0442 and 0.0436).
-By the code of that evening, which draws the contact point by the slopes near its own centre: late mu 0.946 to 1.05 and 1.44 to 1.55,
-zeta from 2.2, 44 sets; kappa 20 0.911 to 1.05 and 1.38 to 1.52, 0.233 to 19.6, 48; bonded 1.41 to 1.58 and 2.13 to 2.29, from 4.03,
-49; friction 0.2 0.947 to 1.07 and 1.43 to 1.57, from 1.3, 48; frictionless 0.962 to 1.07 and 1.43 to 1.57, from 0.867, 49; isotropic
-0.657 to 0.76 and 0.956 to 1.1, to 0.0501, 45; every truth inside, no parameter determined. The shipped case takes 47 sets, and 23
-with a known base.
+By the code of that evening, which draws the contact point by the slopes near its own centre: late mu 0.946 to 1.05 and 1.44 to
+1.55, zeta from 2.2, 44 sets; kappa 20 0.911 to 1.05 and 1.38 to 1.52, 0.233 to 19.6, 48; bonded 1.41 to 1.58 and 2.13 to 2.29,
+from 4.03, 49; friction 0.2 0.947 to 1.07 and 1.43 to 1.57, from 1.3, 48; frictionless 0.962 to 1.07 and 1.43 to 1.57, from 0.867,
+49; isotropic 0.657 to 0.76 and 0.956 to 1.1, to 0.0501, 45; every truth inside, no parameter determined. The shipped case takes
+47 sets, and 23 with a known base.
 """
 
 import argparse
