@@ -15,11 +15,11 @@ interval, with the exact binomial 99 % band about 95 %, how often it was called 
 in 5 %), and the median of its interval's width over the width of the posterior's by emcee (of the first `--posterior` truths).
 Exit code 1 where a coverage is below its band.
 
-Seen with contact points drawn by the slopes near their own centre, and bases weighed by evidence where it is for white residuals
-(sphere, 30 November 2026, all 400 truths, intervals that follow profiles by 14 %): at 0.1 % noise mu 133 and alpha 134 of 134 inside
-(band 120 to 133), at 1 % 132 and 130 of 133, at 5 % 128 and 131 of 133 (band 119 to 132); of 151 called determined one mu was
-outside; the true base was always above 5 %, and every fit had at least 772 effective draws. 4.3 s of CPU for a fit, 0.6 h in all. The
-first rule for smooth residuals had taken the true base from 3 of 60 at 0.1 %.
+Seen with contact points drawn by the slopes near their own centre, and bases weighed by evidence where it is for white
+residuals (sphere, 30 November 2026, all 400 truths, intervals that follow profiles by 14 %): at 0.1 % noise mu 133 and alpha
+134 of 134 inside (band 120 to 133), at 1 % 132 and 130 of 133, at 5 % 128 and 131 of 133 (band 119 to 132); of 151 called
+determined one mu was outside; the true base was always above 5 %, and every fit had at least 772 effective draws. 4.3 s of CPU
+for a fit, 0.6 h in all. The first rule for smooth residuals had taken the true base from 3 of 60 at 0.1 %.
 
 Seen with joint fits that keep to the least squares (sphere, 30 November 2026, all 400 truths, intervals that followed profiles to
 the set of 98.5 %): at 0.1 % noise mu 133 and alpha 129 of 134 inside (band 120 to 133), at 1 % 132 and 132 of 133, at 5 % 128 and
