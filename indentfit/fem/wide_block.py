@@ -81,7 +81,6 @@ def _disc_if_round(
     return disc_for(sample, indenter, depth)
 
 
-@functools.lru_cache(maxsize=256)
 def disc_for(block: Sample, indenter: Indenter, depth: float) -> DiscForBlock | None:
     """The disc in place of a block; None where the sample is not a block, or the contact does not fit on the inscribed disc.
 
@@ -95,7 +94,13 @@ def disc_for(block: Sample, indenter: Indenter, depth: float) -> DiscForBlock | 
     -------
     DiscForBlock or None
     """
-    outline, radius = block.geometry.outline, indenter.geometry.partition(depth).half_width
+    return _disc_under(block, indenter.geometry.partition(depth).half_width)
+
+
+@functools.lru_cache(maxsize=256)
+def _disc_under(block: Sample, radius: float) -> DiscForBlock | None:
+    """The disc in place of a block under a contact of a radius, mm."""
+    outline = block.geometry.outline
     if not isinstance(outline, Rectangle) or radius > WIDEST * outline.inscribed:
         return None
     around = math.hypot(outline.half_length, outline.half_width)

@@ -8,16 +8,19 @@ import contextlib
 import ctypes
 import math
 import time
+from collections.abc import Iterator
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from indentfit.arrays import Array, Bools
 from indentfit.errors import ConvergenceError, InputError, MaterialError, OutOfTime
-from indentfit.fem.deadline import NEVER, Deadline
+from indentfit.fem.deadline import Deadline
 from indentfit.fem.linear.choice import choice
+from indentfit.fem.linear.pardiso import THREADS_PAY
 from indentfit.fem.result import TestResult
-from indentfit.fem.setup import Press
+from indentfit.fem.same_mesh import served_by
+from indentfit.fem.setup import Press, Setup
 from indentfit.fem.simulate import Model
 from indentfit.material import blamed, typed
 from indentfit.runs.mechanics import Mechanics
@@ -25,14 +28,17 @@ from indentfit.runs.points import split_point
 from indentfit.runs.run import Run, RunRequest, out_of_time
 from indentfit.runs.specimen import SpecimenModel
 
-FIRST = "mu / 2 * (I1 - 3)"  # the energy of the solution that comes before all runs
+FIRST, FIRST_BULK = "mu / 2 * (I1 - 3)", 1e3  # energy and bulk modulus, kPa, of the solution that comes before all runs
+OTHERS = 3  # models that are kept beside those of the tests, if they are small
 MEMORY = "out of memory, twice"
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 
 
 class Bench:
-    """Ready models, one for each sample and indenter of the tests, on which requests are run one after the other; a model is made
-    anew after a run that was broken off.
+    """Ready models, on which requests are run one after the other; a model is made anew after a run that was broken off.
+
+    The last models are kept: one for each sample and indenter of the tests and, where they are small, some more, so that runs on
+    another base find theirs again. Runs that differ in friction share theirs.
 
     Parameters
     ----------
@@ -44,21 +50,19 @@ class Bench:
 
     def __init__(self, mechanics: Mechanics, limit: float = math.inf) -> None:
         self.mechanics, self.limit = mechanics, limit
-        self._models: dict[str, Model | SpecimenModel] = {}  # by the name of the first test on each
+        self._models: list[Model] = []  # the last one was used last
+        self._own = len({mechanics.of(test).tests[0].name for test in range(len(mechanics.tests))})
         with contextlib.suppress(InputError, OSError):  # a run meets it again
             choice(mechanics.solver.linear)  # loads the library: `run` limits the threads of those alone that are loaded
         _keep_memory()
 
     def ready(self, test: int = 0) -> Model | SpecimenModel:
         """The model of a test; making it takes seconds."""
-        mechanics = self.mechanics.of(test)
-        name = mechanics.tests[0].name
-        if name not in self._models:
-            self._models[name] = ready_model(mechanics)
-        return self._models[name]
+        with self._used(self.mechanics.of(test)) as model:
+            return model
 
     def run(self, request: RunRequest) -> Run:
-        """The Run of a request.
+        """The Run of a request. An exception from the code of a material becomes the run's cause.
 
         Parameters
         ----------
@@ -72,15 +76,20 @@ class Bench:
         ------
         MemoryError
         """
+        started = time.perf_counter()
         with threadpool_limits(1):
-            model, name = self.ready(request.test), self.mechanics.of(request.test).tests[0].name
-            del self._models[name]  # a model that is broken off is not used again
             try:
-                finished = run(model, self.mechanics, request, Deadline(self.limit))
+                result, pressed = self._result(request)
             except OutOfTime:
                 return out_of_time(self.limit)
-            self._models[name] = model
-            return finished
+            except (ConvergenceError, MaterialError) as error:
+                return Run(None, " ".join(str(error).split()), time.perf_counter() - started, {})
+        force = _with_seen(_where(pressed, result.force), result.seen)
+        seconds, facts = time.perf_counter() - started, result.facts.as_json()
+        if not np.isfinite(force).all():
+            return Run(None, "its force is not a finite number", seconds, facts)
+        names = request.sensitivities
+        return Run(force, None, seconds, facts, _of_all(names, result, pressed) if names else None)
 
     def run_at_last(self, request: RunRequest) -> Run:
         """The Run of a request, tried again where memory ran out."""
@@ -88,6 +97,51 @@ class Bench:
             with contextlib.suppress(MemoryError):
                 return self.run(request)
         return Run(None, MEMORY, 0.0, {}, lost=True)
+
+    def _result(self, request: RunRequest) -> tuple[TestResult, Bools]:
+        """The TestResult of a request, and the displacements of the test at which the indenter presses; before contact, F = 0."""
+        law, test = self.mechanics.law, self.mechanics.tests[request.test]
+        at = split_point(law, request.parameters)
+        mechanics = self.mechanics.changed(at.changes).of(request.test)
+        with blamed(law):
+            material, depths = law(**at.parameters), test.depths - (0.0 if test.specimen else at.offset)
+            kappa = mechanics.material.bulk_moduli(material)
+        pressed = depths > 0
+        in_time = test.in_time(mechanics.material)
+        fibres = mechanics.fibres(test)
+        observed = None if test.observed is None else test.observed.later(at.offset)
+        way = fibres.angle, fibres.dip, fibres.families
+        press = Press(material, kappa, way[0], depths[pressed], "", request.sensitivities, in_time, *way[1:], observed)
+        with self._used(mechanics) as model:
+            return model.run(press, None, Deadline(self.limit)), pressed
+
+    @contextlib.contextmanager
+    def _used(self, mechanics: Mechanics) -> Iterator[Model | SpecimenModel]:
+        """The model of mechanics, kept unless a run on it is broken off."""
+        specimen = mechanics.tests[0].specimen
+        if specimen is not None:
+            yield SpecimenModel(specimen)
+            return
+        model = self._taken(mechanics.setup)
+        try:
+            yield model
+        except (ConvergenceError, MaterialError):
+            self._keep(model)  # its run has failed, but was not broken off
+            raise
+        self._keep(model)
+
+    def _taken(self, setup: Setup) -> Model:
+        """A model of a setup: one of those that are kept, which is not among them any more, or a new one."""
+        for number in reversed(range(len(self._models))):
+            model = served_by(self._models[number], setup)
+            if model is not None:
+                del self._models[number]
+                return model
+        return ready_model(setup)
+
+    def _keep(self, model: Model) -> None:
+        most = self._own + (OTHERS if model.body.n_dofs < THREADS_PAY else 0)
+        self._models = [*self._models, model][-most:]
 
 
 def _keep_memory() -> None:
@@ -99,80 +153,25 @@ def _keep_memory() -> None:
         libc.mallopt(M_TRIM_THRESHOLD, 2**30)
 
 
-def ready_model(mechanics: Mechanics) -> Model | SpecimenModel:
-    """The Model of mechanics, after one linear solution; of a test without an indenter its SpecimenModel.
+def ready_model(setup: Setup) -> Model:
+    """The Model of a setup, after one linear solution.
 
     The first solution fixes the order of elimination of the linear solver, which depends on the numbers in the matrix: with the
     same first solution in every process, later runs agree in every process. It is that of a gel under the untouched indenter, so
-    that it does not depend on the start of a search.
+    that it depends on the mesh alone.
 
     Parameters
     ----------
-    mechanics : Mechanics
+    setup : Setup
 
     Returns
     -------
-    Model or SpecimenModel
+    Model
     """
-    specimen = mechanics.tests[0].specimen
-    if specimen is not None:
-        return SpecimenModel(specimen)
-    setup = mechanics.setup
     model, gel = Model(setup), typed(FIRST, ["mu"])(mu=1.0)
     with contextlib.suppress(ConvergenceError, MaterialError):
-        model.stiffness(gel, mechanics.material.bulk_modulus(1.0), 0)
+        model.stiffness(gel, FIRST_BULK, 0)
     return model
-
-
-def run(model: Model | SpecimenModel, mechanics: Mechanics, request: RunRequest, deadline: Deadline = NEVER) -> Run:
-    """The Run of a request on the model of the mechanics. An exception from the code of a material becomes the run's cause.
-
-    Parameters
-    ----------
-    model : Model or SpecimenModel
-    mechanics : Mechanics
-    request : RunRequest
-    deadline : Deadline
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    OutOfTime, MemoryError
-    """
-    started = time.perf_counter()
-    try:
-        result, pressed = _result(model, mechanics, request, deadline)
-    except (ConvergenceError, MaterialError) as error:
-        return Run(None, " ".join(str(error).split()), time.perf_counter() - started, {})
-    force = _with_seen(_where(pressed, result.force), result.seen)
-    seconds, facts = time.perf_counter() - started, result.facts.as_json()
-    if not np.isfinite(force).all():
-        return Run(None, "its force is not a finite number", seconds, facts)
-    names = request.sensitivities
-    return Run(force, None, seconds, facts, _of_all(names, result, pressed) if names else None)
-
-
-def _result(
-    model: Model | SpecimenModel, mechanics: Mechanics, request: RunRequest, deadline: Deadline
-) -> tuple[TestResult, Bools]:
-    """The TestResult of a request, and the displacements of the test at which the indenter presses; before contact, F = 0."""
-    test, law = mechanics.tests[request.test], mechanics.law
-    at = split_point(law, request.parameters)
-    before, mechanics = mechanics.of(request.test), mechanics.changed(at.changes).of(request.test)
-    model = model if at.same_model and before.kept == mechanics.kept else ready_model(mechanics)
-    with blamed(law):
-        material, depths = law(**at.parameters), test.depths - (0.0 if test.specimen else at.offset)
-        kappa = mechanics.material.bulk_moduli(material)
-    pressed = depths > 0
-    in_time = test.in_time(mechanics.material)
-    fibres = mechanics.fibres(test)
-    observed = None if test.observed is None else test.observed.later(at.offset)
-    way = fibres.angle, fibres.dip, fibres.families
-    press = Press(material, kappa, way[0], depths[pressed], "", request.sensitivities, in_time, *way[1:], observed)
-    return model.run(press, None, deadline), pressed
 
 
 def _where(pressed: Bools, values: Array | float) -> Array:

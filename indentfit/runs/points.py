@@ -16,14 +16,12 @@ if TYPE_CHECKING:
     from indentfit.case import Case, Test
 
 UNITS = {"friction": "1", "bulk_ratio": "1", "thickness": "mm", "offset": "mm", "fibre_angle": "degrees"}
-TURNED = "sample.fibre_angle"
 KEYS = {
     "friction": "indenter.friction",
     "bulk_ratio": "material.bulk_ratio",
     "thickness": "sample.thickness",
-    "fibre_angle": TURNED,
+    "fibre_angle": "sample.fibre_angle",
 }
-OF_MODEL = ("sample.", "indenter.", "mesh.", "solver.")  # a change of these keys needs another model, but see `same_model`
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,6 @@ class SplitPoint:
     changes: dict[str, Any]
     parameters: dict[str, float]
     offset: float
-
-    @property
-    def same_model(self) -> bool:
-        """Whether the model without the changes can compute the point, unless its fibres keep another symmetry: only bulk modulus,
-        displacements and the angle of the fibres change."""
-        return not any(key.startswith(OF_MODEL) for key in self.changes if key != TURNED)
 
 
 def split_point(law: type[Material], point: Point) -> SplitPoint:
