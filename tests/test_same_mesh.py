@@ -1,4 +1,4 @@
-"""Models that serve other setups: runs that differ in friction or the angle of the fibres share a mesh, and their bits do not change."""
+"""Models that serve other setups: runs that differ in friction or the angle of the fibres share a mesh, with unchanged bits."""
 
 import numpy as np
 import pytest
