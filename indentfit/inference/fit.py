@@ -39,12 +39,12 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import Progress
 from indentfit.inverse.wide import of_records, uncertain_inputs, with_offset_of_records
 from indentfit.runs.closed_form import OF_LAW, OF_MISFIT, closed_forms, left_out
-from indentfit.runs.forward import Evaluation, ForwardModel
+from indentfit.runs.forward import Evaluation
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.parted import Parted
 from indentfit.runs.pieces import Piece, mesh_of
 from indentfit.runs.points import UNITS
-from indentfit.runs.pool import RunPool
+from indentfit.runs.pool import RunPool, apart
 from indentfit.runs.relaxing import BULK, Relaxing, elastic_case, with_bulk
 
 Change = Callable[[InverseProblem, Mapping[str, float]], InverseProblem | None]  # another problem at parameters, or none
@@ -180,7 +180,7 @@ def fit_with_runs(
             finer = refined(case, problem, watched, solved, correction, whole.part(SHARE_OF_FIT, SHARE_OF_FIT))
             solved, watched = finer.solved, finer.solved.model or watched
             known = certainty(stated, problem, watched, solved, whole.part(SHARE_OF_FIT, 1))
-        work = _Work(ready.pieces, pool, _facts_at(model, problem, solved.optimum.best), finer)
+        work = _Work(ready.pieces, pool, _facts_near(watched, problem, solved.optimum.best), finer)
     result = _with_samples(_result(case, problem, solved, known, work, models), samples)
     if gross is not None:
         result = without_meaning(result, gross)
@@ -304,12 +304,13 @@ def _weights_of_points(case: Case) -> Iterator[str]:
             )
 
 
-def _facts_at(model: ForwardModel, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:
-    """The facts of the runs at the optimum, one for each test; the model knows these runs already."""
+def _facts_near(watched: Watched, problem: InverseProblem, best: Candidate | None) -> tuple[SolveFacts, ...]:
+    """The facts of the runs that are nearest to the optimum, one for each test."""
     if best is None:
         return ()
-    evaluation = model.evaluate([problem.at_reference(best.parameters)])[0]
-    return tuple(SolveFacts.from_json(facts) for facts in evaluation.facts)
+    point = problem.at_reference(best.parameters)
+    nearest = min((known for known in watched.known if known.forces), key=lambda known: apart(known.parameters, point))
+    return tuple(SolveFacts.from_json(facts) for facts in nearest.facts)
 
 
 def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certainty, work: _Work, models: Models) -> FitResult:

@@ -54,11 +54,11 @@ class JointWalk:
         self.others = [] if held else near[:OTHERS]
         self.value = float(fit.mode.z[n])
 
-    def profile(self) -> JointPath:
-        """The JointPath of the coordinate."""
+    def profile(self, shown: int = SHOWN) -> JointPath:
+        """The JointPath of the coordinate, with a number of values to be shown beside those that its ends take."""
         ends = self.ends()
         reach = BEYOND * max(ends[1] - ends[0], LEAST)
-        for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), SHOWN):
+        for unit in np.linspace(max(ends[0] - reach, 0.0), min(ends[1] + reach, 1.0), shown):
             self.chi2(float(unit))
         units = np.array([u for u in sorted(self.walked) if ends[0] - 1.01 * reach <= u <= ends[1] + 1.01 * reach])
         chi2 = np.array([max(self.chi2(float(unit)), 0.0) for unit in units])
@@ -87,10 +87,10 @@ class JointWalk:
         return self.climber.climb(z, self.fixed)
 
 
-def joint_profiles(fit: JointFit, numbers: Sequence[int] | None = None) -> dict[int, JointPath]:
-    """The profiles of coordinates, by their numbers; by default of the free parameters."""
+def joint_profiles(fit: JointFit, numbers: Sequence[int] | None = None, shown: int = SHOWN) -> dict[int, JointPath]:
+    """The profiles of coordinates, by their numbers; by default of the free parameters. `shown` is as of `JointWalk.profile`."""
     wanted = range(len(fit.posterior.curves.free)) if numbers is None else numbers
-    return {n: JointWalk(fit, n).profile() for n in wanted}
+    return {n: JointWalk(fit, n).profile(shown) for n in wanted}
 
 
 def _chi2(end: tuple[Array, float]) -> float:

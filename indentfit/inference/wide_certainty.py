@@ -222,7 +222,9 @@ def _alone(case: Case, fit: WideFit, singles: Sequence[JointFit | None]) -> dict
         curves = single.posterior.curves
         force = curves.at(single.mode.z)[0][curves.slices[n]]
         rows = {}
-        as_whole = WideAlternative(test.name, {}, 1.0, single, joint_profiles(single), drawn(single, case.fit.seed, SCOUTS))
+        as_whole = WideAlternative(
+            test.name, {}, 1.0, single, joint_profiles(single, shown=0), drawn(single, case.fit.seed, SCOUTS)
+        )
         for k, name in enumerate(curves.free):
             value, span = values_of(single, k, single.mode.z[[k]])[0], span_of(single, k, as_whole.interval(k))
             rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))

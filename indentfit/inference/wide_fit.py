@@ -275,7 +275,7 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
         if fit is None:
             continue
         scouts = drawn(fit, case.fit.seed, SCOUTS) if len(stated) > 1 else undrawn(fit)
-        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit), scouts))
+        tried.append(WideAlternative(name, changes, prior, fit, joint_profiles(fit, shown=0), scouts))
     if not tried:
         return None
     weighed = weighed_alternatives(tried)
@@ -386,7 +386,7 @@ def _ends_proved(
     fit = known.fit
     curves = fit.posterior.curves
     if not ends:
-        return replace(known, draws=drawn(fit, seed))
+        return replace(known, paths=joint_profiles(fit), draws=drawn(fit, seed))
     proofs = _ends_run(known, ends, model, progress.of_runs("runs at the ends of profiles"))
     confirmed = {k: tuple(proof.end for proof in proofs if proof.number == k) for k in known.paths}
     surrogate = learn(curves.problem, model.known, exact=True) or fit.surrogate

@@ -31,7 +31,7 @@ def uncertain_in(case: Case, fit: WideFit) -> UncertainInputs:
     ranges = _ranges(fit)
     sd = np.sqrt(np.diag(covar))
     rows: dict[str, InputShare] = {}
-    paths = joint_profiles(joint, range(p, curves.size))
+    paths = joint_profiles(joint, range(p, curves.size), shown=0)
     whole = [fit.best.paths[k] for k in range(p)]
     for n, known in enumerate(curves.inputs, start=p):
         effect = ranges * covar[:p, n] / sd[n]

@@ -32,6 +32,7 @@ ROUNDS = 8  # largest number of rounds of prediction and proof
 SCANNED = 1024  # places of a scan
 SHOWN = 8  # largest number of optima of a scan
 KNOWN = 2e-3  # of the ranges: a place nearer to a run needs no proof
+TWIN = 1e-4  # of the ranges: that run stands for an optimum so near to it, since the polish goes on from there
 RIVAL, APART = 1.25, 0.05  # a rival's objective at most, relative to the best; its distance, of the ranges
 RIVALS = 2
 PEOPLE, GENERATIONS = 80, 60  # of a search on the surrogate, by default
@@ -132,8 +133,9 @@ def explore(
     surrogate, held_out = _proved(problem, model, surrogate, options, progress.part(SHARE_OF_DESIGN, 1))
     searched = search(problem, surrogate, sized(options, PEOPLE, GENERATIONS), SILENT)
     best, *rivals = _optima(problem, surrogate, [searched.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
-    runs = judged(problem, model, [optimum.parameters for optimum in [best, *rivals]])
-    confirmed = [run for run in runs if run]
+    ran = surrogate.known_places()
+    apart = [optimum for optimum in (best, *rivals) if surrogate.distance(problem.place(optimum.parameters), ran) > TWIN]
+    confirmed = [run for run in judged(problem, model, [optimum.parameters for optimum in apart]) if run]
     confirmed = sorted([*confirmed, _best_known(problem, model)], key=by_objective)
     message = f"{searched.message} on a surrogate of {len(surrogate.training)} runs"
     history = tuple(step.at(model.runs) for step in searched.history)
