@@ -150,7 +150,8 @@ def certainty(case: Case, problem: InverseProblem, model: Watched, solved: Solve
     singles = alone_unless_in_doubt(alone_unless_proved(findings.tests_alone, optimum.success), recording(case))
     findings = replace(findings, tests_alone=singles)
     estimates = with_seen(case, estimates, optimum.best.parameters)
-    published = published_comparison(solution, estimates, _learned(problem, model, exploration) if problem.searched else None)
+    there = published_objective(solution, _learned(problem, model, exploration) if problem.searched else None)
+    published = published_comparison(case, there, estimates)
     noise = noise_of(problem, alone_known)
     exact = _what_ifs(solution, model, exploration, estimates)
     return Certainty(
@@ -421,24 +422,31 @@ def mesh_size(case: Case, model: ForwardModel) -> MeshSize | None:
     return MeshSize(elements, ORDER[case.solver.element] / dimensions)
 
 
-def published_comparison(
-    solution: Solution, estimates: dict[str, ParameterEstimate], surrogate: Surrogate | None = None
-) -> PublishedComparison | None:
-    """The published parameters that the case names: their objective for these curves, and whether each lies in its interval. A run
-    gives the objective, or a surrogate that knows it within PREDICTED."""
+def published_objective(solution: Solution, surrogate: Surrogate | None = None) -> tuple[float | None, float | None]:
+    """The objective of the published parameters that the case names for these curves, mN, and its error, by a surrogate that knows
+    it within PREDICTED, else by a run, whose error is None; None where none are named or the run fails."""
     published = solution.case.fit.published
     if not published:
-        return None
+        return None, None
     point = {**solution.best.parameters, **published}
-    predicted: tuple[float | None, float | None] | None = None
     if surrogate is not None and set(published) <= set(solution.problem.free):
         predicted = _predicted_objective(solution.problem, surrogate, point)
-    if predicted is None:
-        run = evaluate_at_reference(solution.problem, solution.model, [point])[0]
-        predicted = solution.problem.judge(point, run.forces).objective if run.forces else None, None
+        if predicted is not None:
+            return predicted
+    run = evaluate_at_reference(solution.problem, solution.model, [point])[0]
+    return solution.problem.judge(point, run.forces).objective if run.forces else None, None
+
+
+def published_comparison(
+    case: Case, objective: tuple[float | None, float | None], estimates: dict[str, ParameterEstimate]
+) -> PublishedComparison | None:
+    """The published parameters that the case names, with their `published_objective`, and whether each lies in its interval."""
+    published = case.fit.published
+    if not published:
+        return None
     intervals = {name: estimates[name].interval for name in published if name in estimates}
     inside = {name: bool(between[0] <= published[name] <= between[1]) for name, between in intervals.items() if between}
-    return PublishedComparison(dict(published), predicted[0], inside, predicted[1])
+    return PublishedComparison(dict(published), objective[0], inside, objective[1])
 
 
 def _predicted_objective(problem: InverseProblem, surrogate: Surrogate, point: dict[str, float]) -> tuple[float, float] | None:

@@ -149,7 +149,7 @@ def fit_with_runs(
         problem = _with_bulk(case, problem, pool, problem.start)
         model = Parted.of(pool, elastic) if problem.kernel is None else Relaxing(pool, problem.kernel)
         watched = Watched(model)
-        wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if ready.widens else None
+        wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE), near) if ready.widens else None
         correction = MeshCorrection(case if case.fit.uncertain.mesh and case.indentations else None)
         part = whole.part(0, SHARE_OF_FIT)
         solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
@@ -163,7 +163,7 @@ def fit_with_runs(
             if there is not None and there.kernel is not None:
                 problem, model = there, Relaxing(pool, there.kernel)
                 watched, correction = Watched(model), MeshCorrection(correction.case)
-                wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE)) if wide is not None else None
+                wide = wide_fit(case, problem, watched, whole.part(0, SHARE_OF_WIDE), near) if wide is not None else None
                 solved = wide.solved() if wide is not None else solve(problem, watched, case.fit, part, correction)
         if _worse(solved.optimum.best, first[-1].optimum.best):  # the model's ratio is not that of the sample
             problem, model, watched, correction, wide, solved = first

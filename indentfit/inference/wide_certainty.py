@@ -1,13 +1,13 @@
 """What a WideFit says: estimates with their intervals, shares of the inputs, single tests, and notes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from indentfit.arrays import Array
 from indentfit.case import Case
-from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison
+from indentfit.inference.certainty import Certainty, Findings, mesh_size, published_comparison, published_objective
 from indentfit.inference.curve_bands import law_misfit
 from indentfit.inference.density import Density
 from indentfit.inference.draws import drawn
@@ -45,6 +45,7 @@ from indentfit.inverse.exploration import Watched, facts_of
 from indentfit.inverse.methods import Solved
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import InverseProblem
+from indentfit.runs.aside import aside
 
 COORDINATES = (
     "uncertain inputs are coordinates of the fit: intervals are the smallest sets that hold 95 % of the posterior of parameters, "
@@ -83,20 +84,22 @@ def wide_certainty(case: Case, problem: InverseProblem, model: Watched, solved: 
     narrow = replace(problem, scale=None)
     known = identifiability(narrow, best, slopes)
     profiles = {name: _profile(fit, n) for n, name in enumerate(problem.free)}
+    singles = _singles(case, fit)
+    waited = _alone(case, fit, singles)
     uncertain = uncertain_in(case, fit)
+    at_inputs = replace(problem, start={**problem.start, **uncertain.at})  # type: ignore[dict-item]
+    objective = published_objective(Solution(case, at_inputs, model, best, known))
     noise = _noise(fit)
     limited = limits(uncertain, noise, problem.free, mesh_size(case, model))
-    singles = _singles(case, fit)
-    alone = _alone(case, fit, singles)
     predicted = joint_predictions(fit.best.fit, singles, case.fit.seed)
     pressed = [test.kind == "indentation" for test in case.tests]
     reconciling = joint_agreement(fit.best.fit, singles, predicted, pressed)
     estimates = {name: _estimate(fit, n, known, uncertain, limited[name]) for n, name in enumerate(problem.free)}
+    alone = waited()
     estimates = unless_proved(against_each_other(estimates, predicted, alone), solved.optimum.success)
     estimates = with_seen(case, unless_in_doubt(estimates, recording(case)), best.parameters)
     alone = alone_unless_in_doubt(alone_unless_proved(alone, solved.optimum.success), recording(case))
-    at_inputs = replace(problem, start={**problem.start, **uncertain.at})  # type: ignore[dict-item]
-    published = published_comparison(Solution(case, at_inputs, model, best, known), estimates)
+    published = published_comparison(case, objective, estimates)
     exact = _what_ifs(case, fit, model, known, estimates)
     return Certainty(
         known=known,
@@ -212,24 +215,27 @@ def _singles(case: Case, fit: WideFit) -> list[JointFit | None]:
     ]
 
 
-def _alone(case: Case, fit: WideFit, singles: Sequence[JointFit | None]) -> dict[str, TestAlone]:
-    """The parameters that each test determines alone."""
+def _alone(case: Case, fit: WideFit, singles: Sequence[JointFit | None]) -> Callable[[], dict[str, TestAlone]]:
+    """Begins with the parameters that each test determines alone, and gives a function that waits for them."""
     limit = limit_of(tuple(_noise(fit).values()))
-    alone = {}
-    for n, (test, single) in enumerate(zip(fit.problem.tests, singles, strict=True)):
-        if single is None:
-            continue
-        curves = single.posterior.curves
-        force = curves.at(single.mode.z)[0][curves.slices[n]]
-        rows = {}
-        as_whole = WideAlternative(
-            test.name, {}, 1.0, single, joint_profiles(single, shown=0), drawn(single, case.fit.seed, SCOUTS)
-        )
-        for k, name in enumerate(curves.free):
-            value, span = values_of(single, k, single.mode.z[[k]])[0], span_of(single, k, as_whole.interval(k))
-            rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))
-        alone[test.name] = TestAlone(rmse(test, force), None, rows)
-    return alone
+    tests = zip(fit.problem.tests, singles, strict=True)
+    begun = {
+        test.name: aside(_alone_in, case, fit, n, single, limit) for n, (test, single) in enumerate(tests) if single is not None
+    }
+    return lambda: {name: value() for name, value in begun.items()}
+
+
+def _alone_in(case: Case, fit: WideFit, n: int, single: JointFit, limit: Limit) -> TestAlone:
+    """The parameters that test n determines alone."""
+    curves, test = single.posterior.curves, fit.problem.tests[n]
+    force = curves.at(single.mode.z)[0][curves.slices[n]]
+    rows = {}
+    paths, draws = joint_profiles(single, shown=0), drawn(single, case.fit.seed, SCOUTS)
+    as_whole = WideAlternative(test.name, {}, 1.0, single, paths, draws)
+    for k, name in enumerate(curves.free):
+        value, span = values_of(single, k, single.mode.z[[k]])[0], span_of(single, k, as_whole.interval(k))
+        rows[name] = AloneEstimate(value, span, verdict(value, span, fit.problem.free[name], "", limit))
+    return TestAlone(rmse(test, force), None, rows)
 
 
 def _preferred(fit: WideFit) -> Iterator[str]:

@@ -4,7 +4,7 @@ Inputs with a prior are coordinates (`joint`). The base has two values: each is 
 a parameter is that of the mixture, and may be in pieces.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -48,6 +48,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, UncertainInput, alternatives, listed_inputs, uncertain_inputs, widened_problem
+from indentfit.runs.aside import aside
 from indentfit.runs.forward import Evaluation, Report
 
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
@@ -95,12 +96,7 @@ class WideFit:
 
     def candidate(self) -> Candidate:
         """The optimum of the best alternative: its point, and the curves with offset, gain and correction for the mesh."""
-        fit = self.best.fit
-        curves = fit.posterior.curves
-        force = curves.at(fit.mode.z)[0]
-        forces = tuple(force[rows] for rows in curves.slices)
-        judged = replace(self.problem, scale=None).judge(curves.point(fit.mode.z), forces)
-        return judged
+        return _candidate(self.problem, self.best.fit)
 
     def derivatives(self) -> tuple[Array, ...]:
         """Derivatives of these curves by the free parameters, mN per range, one array (n, n_free) for each test."""
@@ -146,6 +142,12 @@ class WideFit:
         shares = np.concatenate([known.probability * known.draws.shares for known in self.alternatives])
         middle = np.average(np.concatenate(values), weights=shares)
         return float(np.sqrt(np.average((np.concatenate(values) - middle) ** 2, weights=shares)))
+
+
+def _candidate(problem: InverseProblem, fit: JointFit) -> Candidate:
+    curves = fit.posterior.curves
+    force = curves.at(fit.mode.z)[0]
+    return replace(problem, scale=None).judge(curves.point(fit.mode.z), tuple(force[rows] for rows in curves.slices))
 
 
 def pieces_of(alternatives: Sequence[WideAlternative], n: int, several: bool = False) -> tuple[Interval, ...]:
@@ -244,7 +246,13 @@ def _learnable(options: Fit) -> bool:
     return options.method in SEARCHES and not options.direct and options.profiles
 
 
-def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Progress = SILENT) -> WideFit | None:
+def wide_fit(
+    case: Case,
+    problem: InverseProblem,
+    model: Watched,
+    progress: Progress = SILENT,
+    near: Callable[[Case, Mapping[str, float]], object] | None = None,
+) -> WideFit | None:
     """The fit of a case whose inputs are uncertain; None where the mechanics fails too often.
 
     Parameters
@@ -254,6 +262,8 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     problem : InverseProblem
     model : Watched
     progress : Progress
+    near : function
+        Called with the case and with the point of the optimum before the last draws, where one alternative is certain.
 
     Returns
     -------
@@ -282,7 +292,13 @@ def wide_fit(case: Case, problem: InverseProblem, model: Watched, progress: Prog
     ends = _telling_ends(weighed)
     shares = [progress.part(0.8 + 0.2 * n / len(weighed), 0.8 + 0.2 * (n + 1) / len(weighed)) for n in range(len(weighed))]
     pairs = zip(weighed, ends, shares, strict=True)
-    proved = [_ends_proved(known, wanted, model, case.fit.seed, share) for known, wanted, share in pairs]
+    proved = []
+    for known, wanted, share in pairs:
+        last = _ends_proved(known, wanted, model, case.fit.seed, share)
+        if near is not None and known.probability >= mixture.CERTAIN:
+            near(case, _candidate(problem, last.fit).parameters)
+        paths = aside(joint_profiles, last.fit)
+        proved.append(replace(last, draws=drawn(last.fit, case.fit.seed), paths=paths()))
     return WideFit(problem, tuple(weighed_alternatives(proved)), mesh, elements)
 
 
@@ -382,11 +398,11 @@ def _ends_proved(
     known: WideAlternative, ends: Sequence[tuple[int, Array]], model: Watched, seed: int, progress: Progress
 ) -> WideAlternative:
     """The alternative on a surrogate that has learnt runs at ends of its profiles, and what the runs say of earlier profiles. Where
-    these runs move the optimum, it is proved again."""
+    these runs move the optimum, it is proved again. Its profiles and draws are still the earlier ones."""
     fit = known.fit
     curves = fit.posterior.curves
     if not ends:
-        return replace(known, paths=joint_profiles(fit), draws=drawn(fit, seed))
+        return known
     proofs = _ends_run(known, ends, model, progress.of_runs("runs at the ends of profiles"))
     confirmed = {k: tuple(proof.end for proof in proofs if proof.number == k) for k in known.paths}
     surrogate = learn(curves.problem, model.known, exact=True) or fit.surrogate
@@ -397,7 +413,7 @@ def _ends_proved(
         last = fit  # smooth residuals tell their level so little that a small change of the surrogate may lead away from the points
     if fit.reached and not last.reached:  # the runs moved the optimum away from the place that was proved
         last = joint_fit(curves.problem, curves.inputs, model, last.error, seed, progress.part(0.9, 1), LIMIT, last) or last
-    return replace(known, fit=last, paths=joint_profiles(last), draws=drawn(last, seed), confirmed=confirmed)
+    return replace(known, fit=last, confirmed=confirmed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.settings import SearchSettings, sized
 from indentfit.inverse.surrogate import Surrogate, learn
+from indentfit.runs.aside import aside
 from indentfit.runs.forward import Evaluation, ForwardModel, Report
 
 MANY = 4  # largest number of free parameters for which a surrogate is worth its runs
@@ -108,7 +109,12 @@ class Watched:
 
 
 def explore(
-    problem: InverseProblem, model: Watched, options: Fit, search: GlobalSearch, progress: Progress = SILENT
+    problem: InverseProblem,
+    model: Watched,
+    options: Fit,
+    search: GlobalSearch,
+    progress: Progress = SILENT,
+    meanwhile: Callable[[Mapping[str, float]], object] | None = None,
 ) -> Exploration:
     """Explore the ranges of an inverse problem by a global search on a surrogate.
 
@@ -121,6 +127,9 @@ def explore(
     search : function
         `genetic.search`, or a search of `evolution`.
     progress : Progress
+    meanwhile : function
+        Called beside the global search with the parameters of the best run, which proved the surrogate's prediction: mostly the
+        search ends there.
 
     Returns
     -------
@@ -131,7 +140,10 @@ def explore(
     if surrogate is None:
         return Exploration(None, Search(None, (), "too few runs succeeded"))
     surrogate, held_out = _proved(problem, model, surrogate, options, progress.part(SHARE_OF_DESIGN, 1))
-    searched = search(problem, surrogate, sized(options, PEOPLE, GENERATIONS), SILENT)
+    waited = aside(search, problem, surrogate, sized(options, PEOPLE, GENERATIONS), SILENT)
+    if meanwhile is not None and held_out[-1].right:
+        meanwhile(_best_known(problem, model).parameters)
+    searched = waited()
     best, *rivals = _optima(problem, surrogate, [searched.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
     ran = surrogate.known_places()
     apart = [optimum for optimum in (best, *rivals) if surrogate.distance(problem.place(optimum.parameters), ran) > TWIN]

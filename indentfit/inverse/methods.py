@@ -1,6 +1,6 @@
 """The methods that a case can ask for: a global search and its polish, or least squares from several starts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from scipy.stats import qmc
@@ -89,7 +89,11 @@ def global_search(
             solved = local_search(problem, model, options, progress, correction)
             return replace(solved, said=f"{many} are many for a surrogate: {solved.said}")
         name += f" on the forward model itself, {many} being many for a surrogate"
-    exploration = _explored(problem, model, options, search, progress.part(0, SHARE_OF_SEARCH))
+
+    def correct(parameters: Mapping[str, float]) -> None:  # its runs are known when the search ends there
+        MeshCorrection(correction.case).of(problem, model, parameters)
+
+    exploration = _explored(problem, model, options, search, progress.part(0, SHARE_OF_SEARCH), correct)
     went = exploration.search
     said = f"{name}: {went.message}"
     if went.best is None:
@@ -203,10 +207,17 @@ def local_search(
     return solved_again(problem, model, solved, options, progress) if correction.error else solved
 
 
-def _explored(problem: InverseProblem, model: Watched, options: Fit, search: GlobalSearch, progress: Progress) -> Exploration:
+def _explored(
+    problem: InverseProblem,
+    model: Watched,
+    options: Fit,
+    search: GlobalSearch,
+    progress: Progress,
+    meanwhile: Callable[[Mapping[str, float]], object],
+) -> Exploration:
     """The global search on a surrogate, or on the model itself where the case asks for a direct search or parameters are many."""
     if not options.direct and problem.searched and len(problem.elastic.free) <= MANY:
-        return explore(problem, model, options, search, progress)
+        return explore(problem, model, options, search, progress, meanwhile)
     return Exploration(None, search(problem, model, sized(options, PEOPLE, GENERATIONS), progress))
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from indentfit.axes import MOTION
+from indentfit.curve import Curve
 from indentfit.errors import OutputError
 from indentfit.inference.result import FitResult
 from indentfit.report.displacement_files import FILE as DISPLACEMENTS
@@ -18,6 +19,7 @@ from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
 from indentfit.report.time_curves import fit_over_time
+from indentfit.runs.aside import aside
 
 
 def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrite: bool = False) -> None:
@@ -60,27 +62,36 @@ def fill_fit(
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
     if fields is not None:
         fields.of(result)
+    pictures = aside(_draw, folder, result)  # the report has its own
     written = _fill(folder, result)
     if fields is not None and (said := fields.ended()):
         warn(said)
     write_report(folder)
+    pictures()
     return written
 
 
 def _fill(folder: Path, result: FitResult) -> dict[str, Any]:
-    """Write all files but the stresses and the report."""
+    """Write all files but the stresses, the pictures of curves and parameters, and the report."""
     assert result.case is not None  # `fill_fit` refuses it
     again = copy_case(result.whole_case or result.case, folder)
     seen = fields_of(result)
     displacements = {"displacements": {known.test: known.as_json() for known in seen}} if seen else {}
     written = stamped({**result.as_json(), **displacements, "overrides": list(again), "case": case_json(result.case)})
     write_json(folder / "result.json", written)
-    curves, measured = (
-        {name: curve for name, curve in known.items() if curve.shown != MOTION} for known in (result.curves, result.measured)
-    )
-    write_curves(folder / "curves.csv", curves, measured)
+    write_curves(folder / "curves.csv", *_of_force(result))
     if seen:
         write_displacements(folder / DISPLACEMENTS, seen)
+    if result.samples is not None:
+        write_netcdf(result.samples, result.measured, folder / "posterior.nc")
+        corner(result.samples, folder / "posterior")
+    return written
+
+
+def _draw(folder: Path, result: FitResult) -> None:
+    """Draw the pictures of the curves and of the parameters."""
+    assert result.case is not None  # `fill_fit` refuses it
+    curves, measured = _of_force(result)
     force_displacement(list(measured.items()), list(curves.items()), folder / "fit", result.case.synthetic)
     if any(curve.time is not None for curve in curves.values()):
         fit_over_time(list(measured.items()), list(curves.items()), folder / "force_time")
@@ -90,7 +101,11 @@ def _fill(folder: Path, result: FitResult) -> dict[str, Any]:
         law_misfits(result, folder / "law_misfit")
     if result.correlation and len(result.free) > 1:
         correlations(result.free, result.correlation, folder / "correlation")
-    if result.samples is not None:
-        write_netcdf(result.samples, result.measured, folder / "posterior.nc")
-        corner(result.samples, folder / "posterior")
-    return written
+
+
+def _of_force(result: FitResult) -> tuple[dict[str, Curve], dict[str, Curve]]:
+    """The fitted and the measured curves of a result, without those of tests whose rig held the force."""
+    fitted, measured = (
+        {name: curve for name, curve in known.items() if curve.shown != MOTION} for known in (result.curves, result.measured)
+    )
+    return fitted, measured
