@@ -496,7 +496,8 @@ def test_published_values_are_run_where_the_surrogate_does_not_know_their_object
     whole, pool, surrogate, best, known = explored
     case = white_matter().model_copy(update={"fit": Fit(published=values)})
     before = pool.evaluations
-    comparison = certainty.published_comparison(Solution(case, whole, pool, best, known), {}, surrogate)
+    there = certainty.published_objective(Solution(case, whole, pool, best, known), surrogate)
+    comparison = certainty.published_comparison(case, there, {})
     used = pool.evaluations - before
     point = {**best.parameters, **values}
     exact = whole.judge(point, pool.evaluate([whole.at_reference(point)])[0].forces).objective

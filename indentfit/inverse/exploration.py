@@ -145,15 +145,21 @@ def explore(
         meanwhile(_best_known(problem, model).parameters)
     searched = waited()
     best, *rivals = _optima(problem, surrogate, [searched.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
-    ran = surrogate.known_places()
-    apart = [optimum for optimum in (best, *rivals) if surrogate.distance(problem.place(optimum.parameters), ran) > TWIN]
-    confirmed = [run for run in judged(problem, model, [optimum.parameters for optimum in apart]) if run]
+    apart = [optimum.parameters for optimum in (best, *rivals) if not _has_twin(problem, surrogate, optimum)]
+    confirmed = [run for run in judged(problem, model, apart) if run]
     confirmed = sorted([*confirmed, _best_known(problem, model)], key=by_objective)
     message = f"{searched.message} on a surrogate of {len(surrogate.training)} runs"
     history = tuple(step.at(model.runs) for step in searched.history)
     surrogate = learn(problem, model.known) or surrogate
     facts = facts_of(surrogate, held_out)
     return Exploration(surrogate, Search(confirmed[0], history, message), tuple(confirmed[1 : 1 + len(rivals)]), facts)
+
+
+def _has_twin(problem: InverseProblem, surrogate: Surrogate, optimum: Candidate) -> bool:
+    """Whether a run stands for an optimum. None does where some of the searched parameters change no run, as those of a relaxation:
+    the runs were judged at other values of these."""
+    place = problem.place(optimum.parameters)
+    return surrogate.of_runs(place).size == place.size and surrogate.distance(place, surrogate.known_places()) <= TWIN
 
 
 def facts_of(surrogate: Surrogate, held_out: Sequence[Proof] = ()) -> SurrogateFacts:

@@ -133,9 +133,9 @@ class _Library:
         pattern, self._analysed_with = self._pattern, self._threads()
         self._handle, self._marks = np.zeros(64, dtype=np.int64), pattern.marks.copy()
         self._settings = np.zeros(64, dtype=np.int32)
-        # own values; METIS; perturb pivots below 1e-8; in double precision Bunch-Kaufman pivots, in single precision those of the
-        # diagonal: factors are made in 0.83 of the time, and a body's tangent has no need of others until it loses its stability
-        self._settings[[0, 1, 9, 20]] = 1, 2, 8, self.kind is not np.float32
+        # own values; METIS; perturb pivots below 1e-8; Bunch-Kaufman pivots: those of the diagonal take 0.83 of the time, but
+        # fibres across the indenter make tangents indefinite, and a deep run was lost
+        self._settings[[0, 1, 9, 20]] = 1, 2, 8, 1
         self._settings[FILL] = -1  # asks for the number
         self._settings[35] = 2 if pattern.surface.size else 0  # Schur complement together with the whole factor
         self._settings[27] = self.kind is np.float32

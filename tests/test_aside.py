@@ -1,0 +1,78 @@
+"""Calls beside the work of a command: the value, the error, and what happens where a copy is lost or none can be made."""
+
+import os
+import signal
+
+import pytest
+
+from indentfit.errors import CaseError
+from indentfit.runs import aside as module
+from indentfit.runs.aside import aside
+
+
+@pytest.fixture
+def copies(monkeypatch):
+    """This process may make copies of itself."""
+    monkeypatch.setattr(module, "is_prepared", lambda: True)
+    monkeypatch.setattr(module, "cores", lambda: 2)
+
+
+def process_and(value):
+    return os.getpid(), value
+
+
+def refused(value):
+    raise CaseError([f"{value} is refused"])
+
+
+def killed_in(parent):
+    """7, but a copy is killed."""
+    if os.getpid() != parent:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 7
+
+
+def test_a_copy_has_the_value_and_ends(copies):
+    first, second = aside(process_and, "a"), aside(process_and, "b")
+    (one, a), (other, b) = first(), second()
+    assert (a, b) == ("a", "b")
+    assert len({one, other, os.getpid()}) == 3
+    for process in (one, other):
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
+def test_the_error_of_a_copy_is_that_of_the_call(copies):
+    with pytest.raises(CaseError, match="3 is refused"):
+        aside(refused, 3)()
+
+
+def test_a_call_whose_copy_was_killed_is_made_here(copies):
+    assert aside(killed_in, os.getpid())() == 7
+
+
+def test_a_value_that_cannot_be_sent_is_an_error_and_no_endless_wait(copies):
+    with pytest.raises(Exception, match="pickle"):
+        aside(lambda: lambda: 0)()
+
+
+def test_a_call_whose_copy_cannot_be_made_is_made_here(copies, monkeypatch):
+    def no_process(self):
+        raise BlockingIOError("Resource temporarily unavailable")
+
+    monkeypatch.setattr("multiprocessing.context.ForkProcess.start", no_process)
+    assert aside(process_and, 1)() == (os.getpid(), 1)
+
+
+def test_only_a_command_that_has_prepared_its_server_makes_copies():
+    assert aside(process_and, 1)() == (os.getpid(), 1)
+
+
+def test_a_copy_does_not_hear_an_interrupt(copies):
+    """Ctrl-C reaches all processes of a terminal; the parent alone decides what ends."""
+    assert aside(interrupted)() == "not heard"
+
+
+def interrupted():
+    os.kill(os.getpid(), signal.SIGINT)
+    return "not heard"
