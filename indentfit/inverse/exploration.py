@@ -30,6 +30,7 @@ MANY = 4  # largest number of free parameters for which a surrogate is worth its
 ERROR = 0.02  # largest error of a prediction that counts as right, over the misfit
 FINEST = 3e-4  # the solver's own error, over the measured forces' root mean square
 ROUNDS = 8  # largest number of rounds of prediction and proof
+OF_ROUND = 2  # runs of a round: one point of two tests, or two of a single one
 SCANNED = 1024  # places of a scan
 SHOWN = 8  # largest number of optima of a scan
 KNOWN = 2e-3  # of the ranges: a place nearer to a run needs no proof
@@ -243,8 +244,8 @@ def _proved(
 
 
 def _worth_proving(problem: InverseProblem, surrogate: Surrogate, options: Fit) -> list[dict[str, float]]:
-    """Two points to run: the surrogate's optimum, unless it was run already, and the good places that are farthest from all runs.
-    A round of one point would leave a worker idle."""
+    """The points of a round: the surrogate's optimum, unless it was run already, and good places that are farthest from all runs, for
+    OF_ROUND runs at least. More points made intervals no better: with three times the runs they were the same."""
     known = surrogate.known_places()
     wanted: list[dict[str, float]] = []
     for best in _optima(problem, surrogate, _scan(problem, surrogate, options.seed)[:3]):
@@ -255,7 +256,7 @@ def _worth_proving(problem: InverseProblem, surrogate: Surrogate, options: Fit) 
         return [_scan(problem, surrogate, options.seed)[0].parameters]
     places, squares = scanned(problem, surrogate, options.seed)
     places = places[squares <= 1.5**2 * squares.min()]
-    while len(wanted) < 2:
+    while len(wanted) * len(problem.tests) < OF_ROUND:
         farthest = places[int(np.argmax([surrogate.distance(place, known) for place in places]))]
         wanted.append(parameters_of(problem, farthest))
         known = np.vstack([known, surrogate.of_runs(farthest)])
