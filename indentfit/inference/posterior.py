@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dgesv
 
 from indentfit.arrays import Array, Ints
 from indentfit.inference.discrepancy import LawError
@@ -367,19 +368,31 @@ def _box_step(J: Array, residuals: Array, z: Array, damping: float) -> Array:
     """The step of Levenberg and Marquardt from z within the box 0..1: coordinates that it would push through a bound stop there,
     and the others make up for that."""
     A, g = J.T @ J, J.T @ residuals
-    A.flat[:: z.size + 1] *= 1 + damping
-    A.flat[:: z.size + 1] += damping * (1e-9 * A.trace() + 1e-12)
-    step = np.linalg.solve(A, -g)
+    diagonal = np.einsum("ii->i", A)
+    diagonal *= 1 + damping
+    diagonal += damping * (1e-9 * diagonal.sum() + 1e-12)
+    step = _solution(A, -g)
     free = np.ones(z.size, dtype=bool)
     for _ in range(z.size):
-        beyond = free & ((z + step < 0) | (z + step > 1))
+        ends = z + step
+        beyond = free & ((ends < 0) | (ends > 1))
         if not beyond.any():
             break
-        step[beyond] = np.clip(z[beyond] + step[beyond], 0, 1) - z[beyond]
+        step[beyond] = np.clip(ends[beyond], 0, 1) - z[beyond]
         free &= ~beyond
-        if free.any():
-            step[free] = np.linalg.solve(A[np.ix_(free, free)], -g[free] - A[np.ix_(free, ~free)] @ step[~free])
+        own, others = np.flatnonzero(free), np.flatnonzero(~free)
+        if own.size:
+            rows = A[own]
+            step[own] = _solution(rows[:, own], -g[own] - rows[:, others] @ step[others])
     return np.asarray(step)
+
+
+def _solution(A: Array, b: Array) -> Array:
+    """x with A x = b, as `numpy.linalg.solve` gives and raises it, without its checks, which take longer for a few unknowns."""
+    x, wrong = dgesv(A, b)[2:]
+    if wrong:
+        raise np.linalg.LinAlgError("Singular matrix")
+    return np.asarray(x)
 
 
 def noise_at(posterior: Posterior, z: Array) -> NoiseModel:

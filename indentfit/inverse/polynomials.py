@@ -154,19 +154,31 @@ def by_units(places: Array, betas: Array, degree: int) -> list[Array]:
 def at_place(place: Array, betas: Array, degree: int) -> Array:
     """The polynomials at one place (d,) in units of the ranges, and their derivatives by each parameter there, (1 + d,
     coefficients): the same as `values` and `by_units`, for searches that ask place by place."""
-    degrees, d = _degrees(len(betas), degree), len(betas)
-    warped = [_warped(u, beta) for u, beta in zip(place.tolist(), betas.tolist(), strict=True)]
-    t, ahead = np.array(warped).T
-    V, slopes = np.ones((d, degree + 1)), np.zeros((d, degree + 1))
-    if degree:
-        V[:, 1], slopes[:, 1] = t, 1.0
-    for n in range(2, degree + 1):
-        V[:, n] = 2 * t * V[:, n - 1] - V[:, n - 2]
-        slopes[:, n] = 2 * V[:, n - 1] + 2 * t * slopes[:, n - 1] - slopes[:, n - 2]
-    columns = np.arange(d)
-    factors = np.broadcast_to(V[columns[:, None], degrees], (1 + d, d, degrees.shape[1])).copy()
-    factors[1 + columns, columns] = (ahead[:, None] * slopes)[columns[:, None], degrees]
-    return np.asarray(factors.prod(axis=1))
+    d, (ordinary, derived) = len(betas), _from_powers(degree)
+    t, ahead = np.array([_warped(u, beta) for u, beta in zip(place.tolist(), betas.tolist(), strict=True)]).T
+    raised = t[:, None] ** np.arange(degree + 1)
+    places = _places(d, degree)
+    V, slopes = (raised @ ordinary).take(places), (ahead[:, None] * (raised @ derived)).take(places)
+    rows = np.ones((1 + d, places.shape[1]))
+    for k in range(d):  # each row but the first has the slope of its own parameter, and the values of all others
+        rows[1 + k] = rows[0] * slopes[k]
+        rows[: 1 + k] *= V[k]
+    return rows
+
+
+@functools.cache
+def _from_powers(degree: int) -> tuple[Array, Array]:
+    """Matrices that make the Chebyshev polynomials, and their derivatives, of the powers of a number."""
+    ordinary = np.array([np.pad(chebyshev.cheb2poly(row), (0, degree + 1))[: degree + 1] for row in np.eye(degree + 1)]).T
+    derived = np.zeros_like(ordinary)
+    derived[:-1] = np.arange(1, degree + 1)[:, None] * ordinary[1:]
+    return ordinary, derived
+
+
+@functools.cache
+def _places(d: int, degree: int) -> Ints:
+    """Where the polynomials of each variable stand in a flattened (d, degree + 1), for each product of them, (d, coefficients)."""
+    return _degrees(d, degree) + (degree + 1) * np.arange(d)[:, None]
 
 
 def _warped(u: float, beta: float) -> tuple[float, float]:
