@@ -1,6 +1,7 @@
 """Values between the equilibria of a path, and how far they are in doubt there."""
 
 import numpy as np
+import pytest
 
 from indentfit.fem.interpolation import Interpolant
 
@@ -25,3 +26,15 @@ def test_a_first_force_that_is_not_positive_leaves_the_later_ones_their_doubt():
     assert np.all(doubt >= 0.5 * error) and error.max() > 0.01
     early = np.array([0.15, 0.2, 0.24])
     assert np.all(late.doubt(early) == 1) and np.abs(late(early) / steep(early) - 1).max() > 0.3
+
+
+def test_a_path_of_few_steps_goes_on_in_shorter_ones_where_a_step_fails(run):
+    """Four steps were halved once, and then went on at full length through a fold of the sharp edge: a loose step, and a force that
+    was 2.5 % too small."""
+    deep = ("material.parameters={mu=1.49,zeta=4.68,phi=0.68}", "indenter.friction=0.5", "indenter.edge_radius=0")
+    depths = np.linspace(0.66 / 25, 0.66, 25)
+    few, many = run(*deep, angle=0, depths=depths), run(*deep, "solver.max_step=0.0825", angle=0, depths=depths)
+    assert few.facts.cutbacks and not few.facts.loose_steps
+    assert few.facts.tries == many.facts.tries == 1
+    assert few.force[4:] == pytest.approx(many.force[4:], rel=5e-3)
+    assert few.force[-1] == pytest.approx(many.force[-1], rel=1e-3)

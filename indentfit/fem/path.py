@@ -83,6 +83,8 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
             there, iterations, ahead = _step(newton, increment, here, short)
         except ConvergenceError as error:
             step, begun = step if depth == begun else (depth - here.depth) / 2, np.inf
+            if newton.controls.first_steps < FIRST_STEPS:
+                largest = min(largest, last / FIRST_STEPS)  # few steps are too long for this path: a longer one could lose the fold
             loading = loading.softened() if short else loading
             _cut_back(newton, step < SMALLEST_STEP * last, depth, error)
             continue
