@@ -2,6 +2,9 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -76,3 +79,59 @@ def test_a_copy_does_not_hear_an_interrupt(copies):
 def interrupted():
     os.kill(os.getpid(), signal.SIGINT)
     return "not heard"
+
+
+PARENT = """
+import sys, time
+from indentfit.runs import aside
+aside.is_prepared, aside.cores = lambda: True, lambda: 2
+signal_of_others = __import__("signal").signal
+signal_of_others(15, lambda *_: print("noted", flush=True))  # a command only takes note of the first signal
+
+def large():
+    print(__import__("os").getpid(), flush=True)
+    return bytes(2**20)
+
+value = aside.aside(large)
+time.sleep(0.5)
+WHAT
+"""
+
+
+def parent(what):
+    """A process that has made a copy whose value does not fit into a pipe, and the number of the copy."""
+    process = subprocess.Popen([sys.executable, "-c", PARENT.replace("WHAT", what)], stdout=subprocess.PIPE, text=True)
+    return process, int(process.stdout.readline())
+
+
+def gone(process, seconds=10.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_a_parent_that_does_not_wait_for_its_copy_ends_and_so_does_the_copy():
+    """The copy waited for ever for somebody to read its value, and the parent for the copy."""
+    process, copy = parent("raise SystemExit(3)")
+    try:
+        assert process.wait(20) == 3
+    finally:
+        process.kill()
+    assert gone(copy)
+    assert "noted" not in process.stdout.read()
+
+
+def test_a_copy_does_not_outlive_a_parent_that_was_killed():
+    process, copy = parent("time.sleep(60)")
+    process.kill()
+    process.wait()
+    assert gone(copy)
+
+
+def test_a_value_larger_than_a_pipe_arrives(copies):
+    assert aside(bytes, 2**20)() == bytes(2**20)

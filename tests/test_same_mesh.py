@@ -95,3 +95,11 @@ def test_an_axisymmetric_model_serves_other_friction(made):
         same(run, Bench(mechanics_of(case)).run(request(point, ("friction",), friction=friction)))
         for run, friction in zip(runs, (0.0, 0.4), strict=True)
     )
+
+
+def test_a_run_that_needed_sharper_factors_leaves_none_to_the_next_ones():
+    shared = Bench(mechanics_of(read_case(WHITE_MATTER, COARSE)))
+    first = shared.run(request(POINT, friction=0.3))
+    for solver in (shared._models[-1].solver, shared._models[-1].exact):
+        assert solver.sharpen()
+    assert same(shared.run(request(POINT, friction=0.3)), first)

@@ -201,6 +201,27 @@ def test_the_stiffest_corner_is_run_only_where_the_curves_may_lie(truth, runs_th
         assert explored.search.best.parameters[name] == pytest.approx(value, rel=0.02)
 
 
+def test_runs_on_another_mesh_are_no_best_run():
+    """Made beside the search for the error of the mesh, a run that lay nearer to the curves became the optimum."""
+    whole, pool = problem(bent(1, 0.3)), Watched(Formula())
+
+    def on_another_mesh(parameters):
+        exact = tuple(test.curve.force for test in whole.tests)
+        pool.known.append(Evaluation({**parameters, "mesh.wider": 1.4}, exact, None, 0.0, ({}, {})))
+
+    explored = explore(whole, pool, Fit(), genetic.search, SILENT, on_another_mesh)
+    assert sum("mesh.wider" in known.parameters for known in pool.known) == 1
+    assert "mesh.wider" not in explored.search.best.parameters
+    assert explored.search.best.objective > 0.01
+
+
+def test_a_rival_is_another_optimum_than_the_best():
+    whole, pool = problem(bent(1, 0.3)), Watched(Formula())
+    explored = explore(whole, pool, Fit(), genetic.search, SILENT)
+    best = whole.units(explored.search.best.parameters)
+    assert all(np.abs(whole.units(rival.parameters) - best).max() > 0.05 for rival in explored.rivals)
+
+
 def test_what_was_held_out_was_not_known():
     """The errors stated are those of predictions: the run of each is no run of the first ones."""
     whole, pool = problem(bent(1, 0.3)), Watched(Formula())

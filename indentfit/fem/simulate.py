@@ -203,7 +203,6 @@ class Model:
         largest = self.setup.solver.max_step or step_of_few(self.body.n_dofs, float(press.depths[-1]))
         controls = Controls(self._tolerance, largest, first_steps(self.setup), np.inf, deadline or NEVER, progress)
         loading = self._loading(replace(press, sensitivities=()), self._springs(press.material, press.fibre))
-        self.solver.forget()
         with _threads(self.body.n_dofs), blamed(type(press.material)):
             return path(self.equations, loading, self._newton(controls))
 
@@ -212,7 +211,6 @@ class Model:
         press = Press(material, kappa, angle, np.zeros(0))
         springs = self._springs(material, press.fibre).scaled(RIGID)  # one linear solve: nothing can chatter
         loading = self._loading(press, springs)
-        self.solver.forget()
         return self.body.copies * untouched(self.equations, loading, self._newton(Controls(self.setup.solver.tolerance))).stiffness
 
     def mesh_facts(self) -> MeshFacts:
@@ -293,7 +291,6 @@ class Model:
         started, before = time.perf_counter(), self._linear_work
         loading = self._loading(press, self._springs(press.material, press.fibre).scaled(attempt.springs))
         newton = self._newton(replace(controls, first_steps=attempt.steps * controls.first_steps))
-        self.solver.forget()
 
         def result(path: Sequence[Equilibrium], press: Press) -> TestResult:
             facts = self._facts(path, newton.work, self._linear_work.since(before), time.perf_counter() - started)
@@ -345,7 +342,10 @@ class Model:
         return self.solver.work.plus(self.exact.work)
 
     def _newton(self, controls: Controls) -> Newton:
+        """Newton's iteration of one run, which knows nothing of the runs before it."""
         compile_ahead(self.setup)
+        self.solver.begin()
+        self.exact.begin()
         return Newton(self.solver, self.exact, controls, Work())
 
     def _loading(self, press: Press, springs: Springs) -> Loading:

@@ -44,7 +44,7 @@ from indentfit.runs.ledger import Ledger
 from indentfit.runs.parted import Parted
 from indentfit.runs.pieces import Piece, mesh_of
 from indentfit.runs.points import UNITS
-from indentfit.runs.pool import RunPool, apart
+from indentfit.runs.pool import RunPool
 from indentfit.runs.relaxing import BULK, Relaxing, elastic_case, with_bulk
 
 Change = Callable[[InverseProblem, Mapping[str, float]], InverseProblem | None]  # another problem at parameters, or none
@@ -309,7 +309,18 @@ def _facts_near(watched: Watched, problem: InverseProblem, best: Candidate | Non
     if best is None:
         return ()
     point = problem.at_reference(best.parameters)
-    nearest = min((known for known in watched.known if known.forces), key=lambda known: apart(known.parameters, point))
+    texts = {name: value for name, value in point.items() if isinstance(value, str)}
+    numbers = [name for name in point if name not in texts]
+    runs = [known for known in watched.known if known.forces and known.parameters.keys() == point.keys()]
+    runs = [known for known in runs if all(known.parameters[name] == value for name, value in texts.items())]
+    if not runs:
+        return ()
+    places, place = (
+        np.array([[each[name] for name in numbers] for each in known], dtype=float)
+        for known in ([known.parameters for known in runs], [point])
+    )
+    apart = np.abs(places - place) / np.maximum(np.ptp(places, axis=0), 1e-300)
+    nearest = runs[int(np.argmin(apart.max(axis=1, initial=0.0)))]
     return tuple(SolveFacts.from_json(facts) for facts in nearest.facts)
 
 

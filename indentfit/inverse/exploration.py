@@ -141,26 +141,44 @@ def explore(
     if surrogate is None:
         return Exploration(None, Search(None, (), "too few runs succeeded"))
     surrogate, held_out = _proved(problem, model, surrogate, options, progress.part(SHARE_OF_DESIGN, 1))
+    spent = model.runs
     waited = aside(search, problem, surrogate, sized(options, PEOPLE, GENERATIONS), SILENT)
     if meanwhile is not None and held_out[-1].right:
         meanwhile(_best_known(problem, model).parameters)
     searched = waited()
     best, *rivals = _optima(problem, surrogate, [searched.best, *_scan(problem, surrogate, options.seed)[: RIVALS + 1]])
-    apart = [optimum.parameters for optimum in (best, *rivals) if not _has_twin(problem, surrogate, optimum)]
-    confirmed = [run for run in judged(problem, model, apart) if run]
-    confirmed = sorted([*confirmed, _best_known(problem, model)], key=by_objective)
+    confirmed = sorted([*_confirmed(problem, model, [best, *rivals]), _best_known(problem, model)], key=by_objective)
     message = f"{searched.message} on a surrogate of {len(surrogate.training)} runs"
-    history = tuple(step.at(model.runs) for step in searched.history)
+    history = tuple(step.at(spent) for step in searched.history)
     surrogate = learn(problem, model.known) or surrogate
     facts = facts_of(surrogate, held_out)
-    return Exploration(surrogate, Search(confirmed[0], history, message), tuple(confirmed[1 : 1 + len(rivals)]), facts)
+    first = confirmed[0]
+    others = [run for run in confirmed if np.abs(problem.units(run.parameters) - problem.units(first.parameters)).max() > APART]
+    return Exploration(surrogate, Search(first, history, message), tuple(others[: len(rivals)]), facts)
 
 
-def _has_twin(problem: InverseProblem, surrogate: Surrogate, optimum: Candidate) -> bool:
-    """Whether a run stands for an optimum. None does where some of the searched parameters change no run, as those of a relaxation:
-    the runs were judged at other values of these."""
-    place = problem.place(optimum.parameters)
-    return surrogate.of_runs(place).size == place.size and surrogate.distance(place, surrogate.known_places()) <= TWIN
+def _confirmed(problem: InverseProblem, model: Watched, optima: Sequence[Candidate]) -> list[Candidate]:
+    """Runs at optima; a run that is known stands for an optimum beside it."""
+    twins = [_twin(problem, model, optimum) for optimum in optima]
+    runs = judged(problem, model, [optimum.parameters for optimum, twin in zip(optima, twins, strict=True) if twin is None])
+    return [known for known in (*twins, *runs) if known is not None]
+
+
+def _twin(problem: InverseProblem, model: Watched, optimum: Candidate) -> Candidate | None:
+    """The run within TWIN of an optimum, if there is one. There is none where the material relaxes: the runs were judged at other
+    values of the parameters that change no run."""
+    place, runs = problem.place(optimum.parameters), _on_own_mesh(problem, model)
+    if problem.kernel is not None or not place.size:
+        return None
+    nearest = min(runs, key=lambda run: float(np.abs(problem.place(run.parameters) - place).max()))
+    if np.abs(problem.place(nearest.parameters) - place).max() > TWIN:
+        return None
+    return problem.judge_best_scale(nearest.parameters, nearest.forces or ())
+
+
+def _on_own_mesh(problem: InverseProblem, model: Watched) -> list[Evaluation]:
+    """The runs so far without those on another mesh, which are there for the error of the mesh."""
+    return [run for run in model.known if run.forces is not None and run.parameters.keys() == problem.start.keys()]
 
 
 def facts_of(surrogate: Surrogate, held_out: Sequence[Proof] = ()) -> SurrogateFacts:
@@ -308,5 +326,5 @@ def _optima(problem: InverseProblem, surrogate: Surrogate, starts: Sequence[Cand
 
 def _best_known(problem: InverseProblem, model: Watched) -> Candidate:
     """The best of all runs so far, so that the result of a search is never worse than a run on its way."""
-    candidates = [problem.judge_best_scale(run.parameters, run.forces) for run in model.known if run.forces is not None]
-    return min(candidates, key=by_objective)
+    runs = _on_own_mesh(problem, model)
+    return min((problem.judge_best_scale(run.parameters, run.forces or ()) for run in runs), key=by_objective)

@@ -2,18 +2,18 @@
 
 A copy needs no imports and gets its arguments for nothing. It is safe where the process forks on Linux, has numerical libraries of
 one thread, and the function neither prints nor runs the mechanics: only a command that has prepared its server (runs/start.py)
-makes copies. Elsewhere the function is called when its value is asked for.
+makes copies. Elsewhere the function is called when its value is asked for. A copy that nobody waits for ends with the command.
 """
 
 import functools
 import multiprocessing
 import os
-import signal
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from indentfit.machine import cores
+from indentfit.runs.isolated import begin_as_child
 from indentfit.runs.start import is_prepared
 
 Returned = TypeVar("Returned")
@@ -38,7 +38,7 @@ def aside(function: Callable[..., Returned], *arguments: Any) -> Callable[[], Re
         return functools.partial(function, *arguments)
     copies = multiprocessing.get_context("fork")
     ours, theirs = copies.Pipe(duplex=False)
-    copy = copies.Process(target=_answer, args=(theirs, function, arguments), daemon=True)
+    copy = copies.Process(target=_answer, args=(ours, theirs, function, arguments), daemon=True)
     try:
         copy.start()
     except OSError:  # too many processes, or no memory for one more
@@ -60,9 +60,10 @@ def aside(function: Callable[..., Returned], *arguments: Any) -> Callable[[], Re
     return value
 
 
-def _answer(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+def _answer(parents: Connection, pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     """In the copy: send the value, or the error, and end without the endings that the parent's libraries have registered."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its copies
+    parents.close()  # a copy that reads its own pipe would wait for ever where nobody else does
+    begin_as_child()
     try:
         try:
             pipe.send((function(*arguments), None))

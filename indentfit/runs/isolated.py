@@ -51,7 +51,7 @@ def _called(
     environment: contextlib.AbstractContextManager[object],
 ) -> Iterator[Callable[[], Returned]]:
     """Context as of `beside`; the environment is that of the process' start alone."""
-    with ProcessPoolExecutor(1, start, initializer=_begin) as executor:
+    with ProcessPoolExecutor(1, start, initializer=begin_as_child) as executor:
         try:
             with environment, deaf_to_interrupts():
                 future = executor.submit(function, *arguments)
@@ -95,8 +95,10 @@ def available_memory() -> int | None:
     return min(limits, default=None)
 
 
-def _begin() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
+def begin_as_child() -> None:
+    """In a process that works for another one: be deaf to Ctrl-C, which is for the parent; end at SIGTERM, or with the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

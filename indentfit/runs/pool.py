@@ -229,7 +229,7 @@ class RunPool:
 
         def expected(request: RunRequest) -> tuple[float, float, float]:
             point, test = request.parameters, self.case.tests[request.test]
-            nearest = min(((apart(point, other), took) for of, other, took in ran if of == request.test), default=(0.0, np.inf))
+            nearest = min(((_apart(point, other), took) for of, other, took in ran if of == request.test), default=(0.0, np.inf))
             return nearest[1], float(self.case.outputs(test)[-1]), test.direction
 
         return sorted(requests, key=expected, reverse=True)
@@ -262,8 +262,8 @@ def _finite(run: Run, names: tuple[str, ...]) -> dict[str, Array]:
     return {name: given[name] for name in names if np.isfinite(given[name]).all()}
 
 
-def apart(point: Point, other: Point) -> float:
-    """The distance of two points: the sum of relative differences; a value that only one point has, or a text, counts 1."""
+def _apart(point: Point, other: Point) -> float:
+    """Distance of two points: the sum of relative differences; a value that only one point has, or a text, counts 1."""
     pairs = [(point.get(name), other.get(name)) for name in point.keys() | other.keys()]
     return sum(_relative(a, b) for a, b in pairs if a != b)
 

@@ -78,6 +78,7 @@ class LinearSolver:
     ) -> None:
         self.work = LinearWork()
         self._factoriser = _factoriser(choice(kind, n_dofs), near_null, np.asarray(surface, dtype=int), small)
+        self._usual = self._factoriser
         self._factor: Factor | None = None
         self._steps_when_new = 0
 
@@ -88,6 +89,10 @@ class LinearSolver:
     def bulk(self, kappa: float, mu: float) -> float:
         """The bulk modulus, kPa, that tangents should be assembled with."""
         return self._factoriser.bulk(kappa, mu)
+
+    def begin(self) -> None:
+        """Begin a run as if none had been before it: without a factor, and without the sharper ones that an earlier run needed."""
+        self._factoriser, self._factor = self._usual, None
 
     def forget(self) -> None:
         """Factorise again at the next solve."""
