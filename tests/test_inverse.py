@@ -331,8 +331,9 @@ def test_no_equilibrium_is_a_cause_too(case, monkeypatch):
     def never(*_, **__):
         raise ConvergenceError("the fibres buckle", 0.1, 3, 4)
 
-    model = SimpleNamespace(run=never)
-    run = bench.run(model, mechanics_of(case()), RunRequest(tuple(case().start_values().items()), 0))
+    model = SimpleNamespace(run=never, body=SimpleNamespace(n_dofs=1))
+    monkeypatch.setattr(bench, "ready_model", lambda setup: model)
+    run = bench.Bench(mechanics_of(case())).run(RunRequest(tuple(case().start_values().items()), 0))
     assert run.force is None
     assert "the fibres buckle" in run.cause
 
