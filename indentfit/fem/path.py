@@ -84,7 +84,7 @@ def _follow(path: list[Equilibrium], equations: Equations, loading: Loading, new
         except ConvergenceError as error:
             step, begun = step if depth == begun else (depth - here.depth) / 2, np.inf
             if newton.controls.first_steps < FIRST_STEPS:
-                largest = min(largest, last / FIRST_STEPS)  # few steps are too long for this path: a longer one could lose the fold
+                largest = min(largest, last / FIRST_STEPS)  # full steps would leave the path again at its next fold
             loading = loading.softened() if short else loading
             _cut_back(newton, step < SMALLEST_STEP * last, depth, error)
             continue

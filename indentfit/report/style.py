@@ -4,7 +4,7 @@ from typing import Any
 
 PIXELS = 1.6  # of a page, for a point of a figure: text of 8 points is 13 pixels high, on every figure
 DOTS = 220  # of an inch of the pictures of stresses
-# Runs of equal pixels alone (zlib's strategy 3): files are a tenth larger than usual, and take a third of the time.
+# Runs of equal pixels alone (zlib's strategy 3): 5 to 19 % larger files than by the usual level 6, in 0.3 to 0.7 of its time.
 PNG = {"compress_level": 1, "compress_type": 3}
 COLUMN = 90 / 25.4  # inches: one column of a journal
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe and Ito 2008
