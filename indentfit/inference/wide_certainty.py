@@ -45,7 +45,7 @@ from indentfit.inverse.exploration import Watched, facts_of
 from indentfit.inverse.methods import Solved
 from indentfit.inverse.objective import rmse
 from indentfit.inverse.problem import InverseProblem
-from indentfit.runs.aside import aside
+from indentfit.runs.copied import in_copy
 
 COORDINATES = (
     "uncertain inputs are coordinates of the fit: intervals are the smallest sets that hold 95 % of the posterior of parameters, "
@@ -220,7 +220,7 @@ def _alone(case: Case, fit: WideFit, singles: Sequence[JointFit | None]) -> Call
     limit = limit_of(tuple(_noise(fit).values()))
     tests = zip(fit.problem.tests, singles, strict=True)
     begun = {
-        test.name: aside(_alone_in, case, fit, n, single, limit) for n, (test, single) in enumerate(tests) if single is not None
+        test.name: in_copy(_alone_in, case, fit, n, single, limit) for n, (test, single) in enumerate(tests) if single is not None
     }
     return lambda: {name: value() for name, value in begun.items()}
 

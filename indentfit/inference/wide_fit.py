@@ -48,7 +48,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.surrogate import learn
 from indentfit.inverse.wide import MOST, UncertainInput, alternatives, listed_inputs, uncertain_inputs, widened_problem
-from indentfit.runs.aside import aside
+from indentfit.runs.copied import in_copy
 from indentfit.runs.forward import Evaluation, Report
 
 CONCERNS = 25.0  # growth of chi2 beyond which the curves rule a place out, so that an error of its prediction matters no more
@@ -297,7 +297,7 @@ def wide_fit(
         last = _ends_proved(known, wanted, model, case.fit.seed, share)
         if near is not None and known.probability >= mixture.CERTAIN:
             near(case, _candidate(problem, last.fit).parameters)
-        paths = aside(joint_profiles, last.fit)
+        paths = in_copy(joint_profiles, last.fit)
         proved.append(replace(last, draws=drawn(last.fit, case.fit.seed), paths=paths()))
     return WideFit(problem, tuple(weighed_alternatives(proved)), mesh, elements)
 

@@ -23,7 +23,7 @@ from indentfit.inverse.problem import Candidate, InverseProblem
 from indentfit.inverse.progress import SILENT, Progress
 from indentfit.inverse.settings import SearchSettings, sized
 from indentfit.inverse.surrogate import Surrogate, learn
-from indentfit.runs.aside import aside
+from indentfit.runs.copied import in_copy
 from indentfit.runs.forward import Evaluation, ForwardModel, Report
 
 MANY = 4  # largest number of free parameters for which a surrogate is worth its runs
@@ -142,7 +142,7 @@ def explore(
         return Exploration(None, Search(None, (), "too few runs succeeded"))
     surrogate, held_out = _proved(problem, model, surrogate, options, progress.part(SHARE_OF_DESIGN, 1))
     spent = model.runs
-    waited = aside(search, problem, surrogate, sized(options, PEOPLE, GENERATIONS), SILENT)
+    waited = in_copy(search, problem, surrogate, sized(options, PEOPLE, GENERATIONS), SILENT)
     if meanwhile is not None and held_out[-1].right:
         meanwhile(_best_known(problem, model).parameters)
     searched = waited()

@@ -19,7 +19,7 @@ from indentfit.report.plots import correlations, force_displacement, profiles
 from indentfit.report.posterior_files import corner, write_netcdf
 from indentfit.report.schema import case_json
 from indentfit.report.time_curves import fit_over_time
-from indentfit.runs.aside import aside
+from indentfit.runs.copied import in_copy
 
 
 def write_fit(result: FitResult, path: str | Path, fields: bool = True, overwrite: bool = False) -> None:
@@ -62,7 +62,7 @@ def fill_fit(
         raise OutputError(f"{folder}: this result was read from a file, without its case; copy its folder instead")
     if fields is not None:
         fields.of(result)
-    pictures = aside(_draw, folder, result)  # the report has its own
+    pictures = in_copy(_draw, folder, result)  # the report has its own
     written = _fill(folder, result)
     if fields is not None and (said := fields.ended()):
         warn(said)

@@ -1,4 +1,4 @@
-"""A function call beside the work of a command, in a copy of its process, so that the second core does not wait for the first.
+"""A function call in a copy of a command's process, so that the second core does not wait for the first.
 
 A copy needs no imports and gets its arguments for nothing. It is safe where the process forks on Linux, has numerical libraries of
 one thread, and the function neither prints nor runs the mechanics: only a command that has prepared its server (runs/start.py)
@@ -19,8 +19,8 @@ from indentfit.runs.start import is_prepared
 Returned = TypeVar("Returned")
 
 
-def aside(function: Callable[..., Returned], *arguments: Any) -> Callable[[], Returned]:
-    """Begin with function(*arguments).
+def in_copy(function: Callable[..., Returned], *arguments: Any) -> Callable[[], Returned]:
+    """Begin with function(*arguments) in a copy of this process.
 
     Parameters
     ----------

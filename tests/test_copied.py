@@ -9,8 +9,8 @@ import time
 import pytest
 
 from indentfit.errors import CaseError
-from indentfit.runs import aside as module
-from indentfit.runs.aside import aside
+from indentfit.runs import copied as module
+from indentfit.runs.copied import in_copy
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def killed_in(parent):
 
 
 def test_a_copy_has_the_value_and_ends(copies):
-    first, second = aside(process_and, "a"), aside(process_and, "b")
+    first, second = in_copy(process_and, "a"), in_copy(process_and, "b")
     (one, a), (other, b) = first(), second()
     assert (a, b) == ("a", "b")
     assert len({one, other, os.getpid()}) == 3
@@ -47,16 +47,16 @@ def test_a_copy_has_the_value_and_ends(copies):
 
 def test_the_error_of_a_copy_is_that_of_the_call(copies):
     with pytest.raises(CaseError, match="3 is refused"):
-        aside(refused, 3)()
+        in_copy(refused, 3)()
 
 
 def test_a_call_whose_copy_was_killed_is_made_here(copies):
-    assert aside(killed_in, os.getpid())() == 7
+    assert in_copy(killed_in, os.getpid())() == 7
 
 
 def test_a_value_that_cannot_be_sent_is_an_error_and_no_endless_wait(copies):
     with pytest.raises(Exception, match="pickle"):
-        aside(lambda: lambda: 0)()
+        in_copy(lambda: lambda: 0)()
 
 
 def test_a_call_whose_copy_cannot_be_made_is_made_here(copies, monkeypatch):
@@ -64,16 +64,16 @@ def test_a_call_whose_copy_cannot_be_made_is_made_here(copies, monkeypatch):
         raise BlockingIOError("Resource temporarily unavailable")
 
     monkeypatch.setattr("multiprocessing.context.ForkProcess.start", no_process)
-    assert aside(process_and, 1)() == (os.getpid(), 1)
+    assert in_copy(process_and, 1)() == (os.getpid(), 1)
 
 
 def test_only_a_command_that_has_prepared_its_server_makes_copies():
-    assert aside(process_and, 1)() == (os.getpid(), 1)
+    assert in_copy(process_and, 1)() == (os.getpid(), 1)
 
 
 def test_a_copy_does_not_hear_an_interrupt(copies):
     """Ctrl-C reaches all processes of a terminal; the parent alone decides what ends."""
-    assert aside(interrupted)() == "not heard"
+    assert in_copy(interrupted)() == "not heard"
 
 
 def interrupted():
@@ -83,8 +83,8 @@ def interrupted():
 
 PARENT = """
 import sys, time
-from indentfit.runs import aside
-aside.is_prepared, aside.cores = lambda: True, lambda: 2
+from indentfit.runs import copied
+copied.is_prepared, copied.cores = lambda: True, lambda: 2
 signal_of_others = __import__("signal").signal
 signal_of_others(15, lambda *_: print("noted", flush=True))  # a command only takes note of the first signal
 
@@ -92,7 +92,7 @@ def large():
     print(__import__("os").getpid(), flush=True)
     return bytes(2**20)
 
-value = aside.aside(large)
+value = copied.in_copy(large)
 time.sleep(0.5)
 WHAT
 """
@@ -134,4 +134,4 @@ def test_a_copy_does_not_outlive_a_parent_that_was_killed():
 
 
 def test_a_value_larger_than_a_pipe_arrives(copies):
-    assert aside(bytes, 2**20)() == bytes(2**20)
+    assert in_copy(bytes, 2**20)() == bytes(2**20)
