@@ -113,7 +113,8 @@ class Model:
         kind = choice("auto" if multigrid_in_plane else setup.solver.linear, 0 if setup.in_plane else self.body.n_dofs)
         modes = self.fixed.freed(rigid_body_modes(self.body.points())) if kind == "pyamg" else None
         # the second one is for derivatives: they do not touch the path's factors
-        self.solver, self.exact = (LinearSolver(kind, modes, self.contact.surface, small=setup.in_plane) for _ in range(2))
+        rows = {"surface": self.contact.surface, "held": self.fixed.dofs}
+        self.solver, self.exact = (LinearSolver(kind, modes, small=setup.in_plane, **rows) for _ in range(2))
         self.equations = Equations(self.body, self.contact, self.fixed)
         self._observed: tuple[bytes, sp.csr_matrix] = b"", sp.csr_matrix((0, self.body.n_dofs))
         self.setup_seconds = time.perf_counter() - started

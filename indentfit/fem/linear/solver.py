@@ -61,6 +61,8 @@ class LinearSolver:
         Size of the system, for the choice of "auto".
     small : bool
         Whether factors are small, as those of a plane are: they may be in double precision.
+    held : dofs (n_h,)
+        Those whose rows and columns are zero beside the diagonal.
 
     Raises
     ------
@@ -75,9 +77,11 @@ class LinearSolver:
         surface: Ints | Sequence[int] = (),
         n_dofs: int = 0,
         small: bool = False,
+        held: Ints | Sequence[int] = (),
     ) -> None:
         self.work = LinearWork()
-        self._factoriser = _factoriser(choice(kind, n_dofs), near_null, np.asarray(surface, dtype=int), small)
+        on_surface, at_rest = np.asarray(surface, dtype=int), np.asarray(held, dtype=int)
+        self._factoriser = _factoriser(choice(kind, n_dofs), near_null, on_surface, at_rest, small)
         self._usual = self._factoriser
         self._factor: Factor | None = None
         self._steps_when_new = 0
@@ -248,12 +252,12 @@ class LinearSolver:
         )
 
 
-def _factoriser(name: str, near_null: Array | None, surface: Ints, small: bool) -> Factoriser:
+def _factoriser(name: str, near_null: Array | None, surface: Ints, held: Ints, small: bool) -> Factoriser:
     """The library of a name; each is loaded where it is used only."""
     if name == "pardiso":
         from indentfit.fem.linear.pardiso import Pardiso
 
-        return Pardiso(surface, small=small)
+        return Pardiso(surface, held, small=small)
     if name == "pyamg":
         from indentfit.fem.linear.multigrid import Multigrid
 
