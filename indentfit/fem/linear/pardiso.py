@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg as dense
 import scipy.sparse as sp
 
-from indentfit.arrays import Array, Ints
+from indentfit.arrays import Array, Bools, Ints
 from indentfit.fem.linear.direct import STIFFEST, DirectFactor, DirectFactoriser
 from indentfit.fem.linear.factor import Apply, OnSurface
 from indentfit.fem.linear.tangent import Tangent
@@ -230,18 +230,18 @@ class _Interface:
 
     def __init__(self, S: Array, kind: type = float) -> None:
         self.S, self._kind = S, kind
-        self._factorised: tuple[Array, Any] | None = None  # C, and LU factors of S + C
+        self._loaded: _Loaded | None = None
+        self._factorised: tuple[Array, Apply] | None = None  # C, and the inverse of S + C
 
     def inverse(self, C: Array) -> Apply:
         """r -> (S + C)⁻¹ r, up to small changes of C; infinities where it is singular, which the caller's residual shows."""
         if self._factorised is None:
             return self._factorize(C)
-        C0, lu = self._factorised
+        C0, solved = self._factorised
         change = C - C0
         dofs = np.flatnonzero(np.abs(change).max(axis=0) > self.UNCHANGED * np.abs(C).max(initial=0))
         if dofs.size > self.FEW * C.shape[0]:
             return self._factorize(C)
-        solved = functools.partial(_solved, lu)
         return _corrected(solved, change[np.ix_(dofs, dofs)], dofs, C.shape[0]) if dofs.size else solved
 
     def nearly_exact(self, C: Array) -> Apply:
@@ -249,14 +249,62 @@ class _Interface:
         if C.shape[0] > self.SMALL:
             return self.inverse(C)
         if self._factorised is not None and np.array_equal(self._factorised[0], C):
-            return functools.partial(_solved, self._factorised[1])
+            return self._factorised[1]
         return self._factorize(C)
 
     def _factorize(self, C: Array) -> Apply:
-        getrf = dense.lapack.sgetrf if self._kind is np.float32 else dense.lapack.dgetrf  # S is no more exact than its numbers
-        factors = getrf(np.asfortranarray(self.S + C, dtype=self._kind), overwrite_a=True)[:2]
-        self._factorised = C, factors
-        return functools.partial(_solved, factors)
+        places = np.divmod(np.flatnonzero(C), C.shape[1])
+        loaded = np.zeros(len(C), dtype=bool) if self._loaded is None else self._loaded.marks.copy()
+        loaded[places[0]] = loaded[places[1]] = True
+        if self._loaded is None or not np.array_equal(loaded, self._loaded.marks):
+            self._loaded = _Loaded(self.S, loaded, self._kind)
+        self._factorised = C, self._loaded.inverse(C, *places)
+        return self._factorised[1]
+
+
+class _Loaded:
+    """S on those dofs that the contact has acted on since S was made; the others are eliminated, once, as C has nothing there.
+
+    Of the dofs under a strip and on the sides that it overhangs two thirds are loaded: a new C then costs a third.
+    """
+
+    def __init__(self, S: Array, marks: Bools, kind: type) -> None:
+        self.marks, self._kind = marks, kind
+        self._on, self._off, self._number = np.flatnonzero(marks), np.flatnonzero(~marks), np.cumsum(marks) - 1
+        S = S.astype(kind)  # it is no more exact than PARDISO's numbers
+        self._rest, between = _lu(S[np.ix_(self._off, self._off)].T), S[np.ix_(self._off, self._on)]
+        self._follow = _solved(self._rest, between)  # how the others move when the loaded dofs do, but for the sign
+        self._S = (S[np.ix_(self._on, self._on)] - between.T @ self._follow).T  # symmetric, and in LAPACK's order
+
+    def inverse(self, C: Array, rows: Ints, columns: Ints) -> Apply:
+        """r (n,) or (k, n) -> (S + C)⁻¹ r, of C that is zero but for these rows and columns."""
+        on, off, loaded = self._on, self._off, self._S.copy(order="F")
+        loaded[self._number[rows], self._number[columns]] += C[rows, columns]
+        factors = _lu(loaded)
+
+        def solved(r: Array) -> Array:
+            r = r.T.astype(self._kind)
+            x = np.empty(r.shape)
+            with np.errstate(all="ignore"):
+                x[on] = moved = _solved(factors, r[on] - self._follow.T @ r[off])
+                x[off] = _solved(self._rest, r[off]) - self._follow @ moved
+            return x.T
+
+        return solved
+
+
+def _lu(matrix: Array) -> Any:
+    """LU factors of a matrix that LAPACK may overwrite; None where it has no rows."""
+    getrf = dense.lapack.sgetrf if matrix.dtype == np.float32 else dense.lapack.dgetrf
+    return getrf(matrix, overwrite_a=True)[:2] if matrix.size else None
+
+
+def _solved(factors: Any, r: Array) -> Array:
+    """Solutions (n,) or (n, k) by LU factors of their precision; infinities or NaN where they are singular."""
+    if factors is None:
+        return r
+    getrs = dense.lapack.sgetrs if factors[0].dtype == np.float32 else dense.lapack.dgetrs
+    return getrs(*factors, r)[0]
 
 
 def _corrected(solved: Apply, D: Array, dofs: Ints, n: int) -> Apply:
@@ -271,8 +319,3 @@ def _corrected(solved: Apply, D: Array, dofs: Ints, n: int) -> Apply:
         return x - dense.lu_solve(small, D @ x[..., dofs].T, check_finite=False).T @ W
 
     return corrected
-
-
-def _solved(factors: Any, r: Array) -> Array:
-    with np.errstate(all="ignore"):
-        return dense.lu_solve(factors, r.T.astype(factors[0].dtype), check_finite=False).T.astype(float)

@@ -183,6 +183,8 @@ class LinearSolver:
         The factor at hand, if there is one, is that of the tangent: its solutions are refined, all at once, and where they do not
         become exact enough GMRES is used.
         """
+        if not forces.any():
+            return np.zeros_like(forces)
         if self._factor is None:
             self.renew(tangent)
         assert self._factor is not None
