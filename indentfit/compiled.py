@@ -4,11 +4,12 @@ import inspect
 import math
 import os
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -118,4 +119,14 @@ def one_blas_thread() -> AbstractContextManager[Any]:
     """Context in which NumPy's OpenBLAS has one thread. Its threads wait actively: the many products of small matrices of a fit
     take a twelfth more processor time with two, and those of relaxation functions of many terms ten times. Results are also the
     same with any number of cores. The limit is that of the process: where two fits run in threads, the first that ends lifts it."""
-    return ThreadpoolController().select(internal_api="openblas").limit(limits=1)
+    return libraries().select(internal_api="openblas").limit(limits=1)
+
+
+def libraries() -> ThreadpoolController:
+    """The libraries with threads of their own. The search for them takes 1.4 ms: it is made anew where a module was imported."""
+    return _libraries(len(sys.modules))
+
+
+@lru_cache(maxsize=1)
+def _libraries(_modules: int) -> ThreadpoolController:
+    return ThreadpoolController()

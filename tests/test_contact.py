@@ -113,7 +113,7 @@ def test_a_separated_point_carries_nothing():
     contact, solid = contact_of(STRIP, 0.5)
     touch = contact.touch(shifted(solid, [0.01, -0.001, 0.02]), 0.0, contact.rest(), SPRINGS)
     assert not touch.touching.any() and not touch.slipping.any()
-    assert not touch.traction.any() and not touch.D.any()
+    assert not touch.traction.any() and not touch.stiffness.any()
     assert contact.force(touch) == 0
     assert not contact.residual(touch).any()
 
@@ -165,7 +165,7 @@ def test_a_point_that_sticks_to_a_rounded_edge_is_held_against_rolling_off():
     assert round_.any()
     n = touch.normal[round_]
     along = np.stack([np.zeros(len(n)), -n[:, 2], n[:, 1]], axis=-1)
-    held = np.einsum("pi,pij,pj->p", along, touch.D[round_], along)
+    held = np.einsum("pi,pij,pj->p", along, touch.stiffness[round_], along)
     assert held.min() > 500 / 0.2
 
 
@@ -174,7 +174,7 @@ def test_a_light_touch_slides_with_f_times_p_too():
     contact, solid = contact_of(STRIP, 0.5)
     touch = contact.touch(shifted(solid, [0, 0, 0.002]), DEPTH / 50, contact.rest(), SPRINGS)
     assert_allclose(touch.friction, np.broadcast_to([0, 0, 0.2], touch.friction.shape), atol=1e-12)
-    assert_allclose(touch.D[..., 0, 0], 100.0, rtol=1e-12)
+    assert_allclose(touch.stiffness[..., 0, 0], 100.0, rtol=1e-12)
     aside = np.broadcast_to([1.0, 0, 0], contact.X.shape)
     change = contact.change(touch, SPRINGS, Springs(0.0, 0.0), 0.0, contact.no_change(), aside)
     assert_allclose(change.friction, np.broadcast_to([100.0, 0, 0], aside.shape), atol=1e-9)
@@ -428,7 +428,7 @@ def test_traction_is_differentiated_exactly(name, friction):
     for other in (*ahead, *behind):  # no point changes its state within the difference
         assert np.array_equal(other.touching, here.touching) and np.array_equal(other.slipping, here.slipping)
     D = np.stack([(a.traction - b.traction) / (2 * h) for a, b in zip(ahead, behind, strict=True)], axis=-1)
-    assert np.max(np.abs(here.D - D)) < 1e-7 * np.max(np.abs(D))
+    assert np.max(np.abs(here.stiffness - D)) < 1e-7 * np.max(np.abs(D))
 
 
 @pytest.mark.parametrize("name", ["rounded strip", "rounded cylinder", "sphere"])
@@ -491,7 +491,7 @@ def test_the_tangent_at_rest_changes_with_the_springs_as_differences_say(name, f
     springs = [Springs(SPRINGS.normal + s * 70.0, SPRINGS.tangential - s * 30.0) for s in (1, 0, -1)]
     more, rest, less = (contact.touch(np.zeros(solid.n_dofs), 0.0, contact.rest(), stiffness) for stiffness in springs)
     assert rest.touching.any()
-    assert_allclose(contact.stiffness_change(rest, Springs(70.0, -30.0)), (more.D - less.D) / 2, atol=1e-9)
+    assert_allclose(contact.stiffness_change(rest, Springs(70.0, -30.0)), (more.stiffness - less.stiffness) / 2, atol=1e-9)
 
 
 def fields(history):

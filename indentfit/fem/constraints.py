@@ -53,7 +53,8 @@ class Fixed:
 
     def restore(self, values: Array, constrained: Array) -> None:
         """Put the held rows and columns of CSR values `constrained` into `values`."""
-        values[self._entries] = constrained[self._entries]
+        values[self._entries] = 0
+        values[self._held] = constrained[self._held]
 
     def constrain(self, residual: Array, values: Array) -> None:
         """Zero the held rows and columns in place and put a typical stiffness on their diagonal."""

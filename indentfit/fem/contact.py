@@ -53,6 +53,7 @@ Two measures keep a corner of the surface from folding up where the body itself 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -164,15 +165,14 @@ class ContactFace:
         """Displacements (n_f, n_q, 3), mm, at the contact points, from the displacements u (n,) of all nodes."""
         return self.points.field(u)
 
-    def touch(self, u: Array, depth: float, history: History, springs: Springs, derivative: bool = True) -> ContactState:
-        """The contact at displacements u (n,) and a depth, both in mm, after a history; `derivative`: whether D is computed."""
+    def touch(self, u: Array, depth: float, history: History, springs: Springs) -> ContactState:
+        """The contact at displacements u (n,) and a depth, both in mm, after a history."""
         place = self.X + self.field(u) + depth * UP
         trial = self._trial(place, history, springs)
         T, n, p = trial.along, trial.distance.normal, trial.pressure
         if trial.slipping.any():
             limit = self._limit(p)
             T = np.where(trial.slipping, limit / trial.size, 1.0)[..., None] * T
-        D = self._derivative(trial, self._normal(springs)) if derivative else None
         return ContactState(
             place=place,
             gap=trial.distance.gap,
@@ -185,7 +185,7 @@ class ContactFace:
             slipping=trial.slipping,
             history=history,
             unilateral=~self.tied,
-            D=D,
+            derivative=functools.partial(self._derivative, trial, self._normal(springs)),
         )
 
     def _trial(self, place: Array, history: History, springs: Springs) -> _Trial:

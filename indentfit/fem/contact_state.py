@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -68,8 +70,8 @@ class ContactState:
         The history at the start of the step.
     unilateral : array of bool (n_f, 1)
         False where a point is tied.
-    D : array (n_f, n_q, 3, 3), kPa/mm, or None
-        Derivative of the traction by the position; None where `touch` was called without it.
+    derivative : function
+        What makes `stiffness`, where it is asked for: most states are those of a search along a line.
     """
 
     place: Array
@@ -83,13 +85,12 @@ class ContactState:
     slipping: Bools
     history: History = field(repr=False)
     unilateral: Bools = field(repr=False)
-    D: Array | None = field(repr=False)
+    derivative: Callable[[], Array] = field(repr=False)
 
-    @property
+    @functools.cached_property
     def stiffness(self) -> Array:
-        """D, in a state that has it."""
-        assert self.D is not None
-        return self.D
+        """Derivative (n_f, n_q, 3, 3), kPa/mm, of the traction by the position."""
+        return self.derivative()
 
     def advanced(self, rate: Array | None = None, stride: Stride = NO_STRIDE) -> History:
         """History for a step of the depth: multipliers extrapolated with the traction's rate.

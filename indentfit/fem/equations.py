@@ -194,9 +194,9 @@ class Increment:
         """The same depth after another history."""
         return replace(self, history=history, changes=changes)
 
-    def contact(self, u: Array, derivative: bool = True) -> ContactState:
+    def contact(self, u: Array) -> ContactState:
         """State of the contact at displacements u (n,)."""
-        return self.equations.face.touch(u, self.depth, self.history, self.loading.springs, derivative)
+        return self.equations.face.touch(u, self.depth, self.history, self.loading.springs)
 
     def linearised(self, at: Iterate) -> "Linearisation":
         """Residual and tangent at an iterate."""
@@ -253,7 +253,7 @@ class Increment:
             residual = body.residual(at.u, state, self.loading.material, at.pressure, fibre)
         if self.loading.memory is not None:
             residual += self.loading.memory.forces(at.u)
-        residual += self.equations.face.residual(self.contact(at.u, derivative=False))
+        residual += self.equations.face.residual(self.contact(at.u))
         if dampers is not None:
             residual += dampers.forces(at.u)
         residual[self.equations.fixed.dofs] = 0

@@ -8,9 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
-from threadpoolctl import ThreadpoolController
 
-from indentfit.compiled import one_blas_thread
+from indentfit.compiled import libraries, one_blas_thread
 from indentfit.errors import ConvergenceError, IndentfitError, OutOfTime
 from indentfit.fem.ahead import compile_ahead
 from indentfit.fem.asked import along, seen_along, sensitivities_along
@@ -113,8 +112,8 @@ class Model:
         kind = choice("auto" if multigrid_in_plane else setup.solver.linear, 0 if setup.in_plane else self.body.n_dofs)
         modes = self.fixed.freed(rigid_body_modes(self.body.points())) if kind == "pyamg" else None
         # the second one is for derivatives: they do not touch the path's factors
-        rows = {"surface": self.contact.surface, "held": self.fixed.dofs}
-        self.solver, self.exact = (LinearSolver(kind, modes, small=setup.in_plane, **rows) for _ in range(2))
+        solver = functools.partial(LinearSolver, kind, modes, self.contact.surface, small=setup.in_plane, held=self.fixed.dofs)
+        self.solver, self.exact = solver(), solver()
         self.equations = Equations(self.body, self.contact, self.fixed)
         self._observed: tuple[bytes, sp.csr_matrix] = b"", sp.csr_matrix((0, self.body.n_dofs))
         self.setup_seconds = time.perf_counter() - started
@@ -465,7 +464,7 @@ class Model:
 def _threads(n_dofs: int) -> Any:
     """Context in which libraries use one thread on small meshes, and on large meshes all threads but those of NumPy's OpenBLAS.
     OpenBLAS' threads wait actively and slow the solver's threads down: a path takes 1.5 times as long."""
-    return ThreadpoolController().limit(limits=1) if n_dofs < THREADS_PAY else one_blas_thread()
+    return libraries().limit(limits=1) if n_dofs < THREADS_PAY else one_blas_thread()
 
 
 def _reach(part: TestResult | None) -> float:

@@ -11,9 +11,9 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from indentfit.arrays import Array, Bools
+from indentfit.compiled import libraries
 from indentfit.errors import ConvergenceError, InputError, MaterialError, OutOfTime
 from indentfit.fem.deadline import Deadline
 from indentfit.fem.linear.choice import choice
@@ -77,7 +77,7 @@ class Bench:
         MemoryError
         """
         started = time.perf_counter()
-        with threadpool_limits(1):
+        with libraries().limit(limits=1):
             try:
                 result, pressed = self._result(request)
             except OutOfTime:

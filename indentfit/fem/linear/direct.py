@@ -7,6 +7,8 @@ GMRES, a forward and a backward solve each, do where a factorisation costs as mu
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -86,12 +88,17 @@ class DirectFactor:
         assert self.inverse_around is not None
         return self._mixed(self.inverse_around(solve), kappa, bulk, mu)
 
+    @cached_property
+    def _transposed(self) -> Any:
+        assert self.dilatation is not None
+        return self.dilatation.T
+
     def _mixed(self, apply: Apply, kappa: Moduli, tangent_bulk: Moduli, mu: Moduli) -> Apply:
         """The form with pressures of an inverse, for a tangent with these moduli."""
         if self.dilatation is None:
             return apply
         B, bulk = self.dilatation, self.bulk
-        n, BT = B.shape[1], B.T
+        n, BT = B.shape[1], self._transposed
         rest = np.maximum(0.0, 1 - bulk / kappa) / (bulk + SCHUR * mu)  # flexibility that the factor lacks
         enough = np.logical_and(np.greater_equal(bulk, tangent_bulk), np.equal(tangent_bulk, kappa))
         flexibility = np.where(enough, 1 / bulk, 1 / kappa + rest)

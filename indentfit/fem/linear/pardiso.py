@@ -253,7 +253,7 @@ class _Interface:
         return self._factorize(C)
 
     def _factorize(self, C: Array) -> Apply:
-        places = np.divmod(np.flatnonzero(C), C.shape[1])
+        places = np.divmod(np.flatnonzero(C != 0), C.shape[1])  # NumPy finds numbers that are not zero six times slower
         loaded = np.zeros(len(C), dtype=bool) if self._loaded is None else self._loaded.marks.copy()
         loaded[places[0]] = loaded[places[1]] = True
         if self._loaded is None or not np.array_equal(loaded, self._loaded.marks):
