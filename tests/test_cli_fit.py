@@ -18,7 +18,7 @@ from indentfit.experiment.measured import read_case
 from indentfit.fem.simulate import Model
 from indentfit.inference.fit import fit
 from indentfit.inference.result import WeightsFit
-from indentfit.report import lasting
+from indentfit.report import lasting_fit
 from indentfit.report.text import weights_lines
 
 
@@ -108,7 +108,7 @@ def test_a_scan_of_weights_is_a_table_of_fits():
 
 def test_a_folder_that_exists_is_refused_before_any_run(case, tmp_path, monkeypatch):
     (tmp_path / "gel-result").mkdir()
-    monkeypatch.setattr(lasting, "fit", lambda *_, **__: pytest.fail("a run was started"))
+    monkeypatch.setattr(lasting_fit, "fit", lambda *_, **__: pytest.fail("a run was started"))
     done = run(case)
     assert done.exit_code == 2
     assert "gel-result" in done.stderr

@@ -118,7 +118,7 @@ def _fit(
     require_fittable(case)
     refuse_existing(place.output, place.overwrite)
     prepare_for(case, cluster)  # the server imports what workers need while this process imports what the fit needs
-    from indentfit.report.lasting import fit_in_folder, refuse_unfinished
+    from indentfit.report.lasting_fit import fit_in_folder, refuse_unfinished
 
     refuse_unfinished(place, samples=False)
     warn(case.warnings())
@@ -154,7 +154,7 @@ def _fit_samples(
     from indentfit.inference.population_fit import require_positive
     from indentfit.report.conduct import Conduct
     from indentfit.report.folder import json_text, refuse_existing
-    from indentfit.report.lasting import fit_population_in_folder, fit_samples_in_folder, refuse_unfinished
+    from indentfit.report.lasting_fit import fit_population_in_folder, fit_samples_in_folder, refuse_unfinished
     from indentfit.report.vtu import file_names
     from indentfit.runs.start import prepare_for
 

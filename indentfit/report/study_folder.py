@@ -1,7 +1,7 @@
 """The result folders of a sweep, a mesh-check, a design and a simulation."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from indentfit.case import Case
 from indentfit.errors import OutputError
@@ -15,9 +15,11 @@ from indentfit.report.schema import case_json
 from indentfit.report.solved import Solved
 from indentfit.report.time_curves import depth_over_time, force_over_time, write_time_curves
 from indentfit.runs.simulated import SimulatedCase
-from indentfit.study.design import Design
 from indentfit.study.mesh_check import MeshCheck
 from indentfit.study.sweep import Sweep
+
+if TYPE_CHECKING:  # other studies need none of its inference, half a second of imports
+    from indentfit.study.design import Design
 
 
 def write_study(study: Sweep | MeshCheck, path: str | Path, overwrite: bool = False) -> None:
@@ -42,7 +44,7 @@ def fill_study(folder: Path, study: Sweep | MeshCheck) -> dict[str, Any]:
     return written
 
 
-def write_design(design: Design, path: str | Path, overwrite: bool = False) -> None:
+def write_design(design: "Design", path: str | Path, overwrite: bool = False) -> None:
     """Write the result folder of a design, whole or not at all. Raises OutputError."""
     case = _case_of(design, Path(path))
     with result_folder(path, overwrite) as folder:
@@ -82,7 +84,7 @@ def write_simulation(simulated: SimulatedCase, path: str | Path, choice: FieldCh
         write_report(folder)
 
 
-def _case_of(result: Sweep | MeshCheck | Design, place: Path) -> Case:
+def _case_of(result: "Sweep | MeshCheck | Design", place: Path) -> Case:
     if result.case is None:
         raise OutputError(f"{place}: this result was read from a file, without its case; copy its folder instead")
     return result.case

@@ -1,15 +1,20 @@
 """Sweeps, mesh-checks and designs as text for a terminal, and as small tables for a notebook."""
 
+from __future__ import annotations
+
 import html
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from indentfit.digits import Scale, sizes
 from indentfit.study.convergence import Approach, Index
-from indentfit.study.design import Design, FurtherPair
-from indentfit.study.further import FurtherTest
 from indentfit.study.mesh_check import MeshCheck, MeshResult
 from indentfit.study.refit import Refit
 from indentfit.study.sweep import Sweep, SweepPoint
+
+if TYPE_CHECKING:  # other studies need none of its inference, half a second of imports
+    from indentfit.study.design import Design, FurtherPair
+    from indentfit.study.further import FurtherTest
 
 Row = list[str]
 LEARNS = (

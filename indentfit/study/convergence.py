@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
-from scipy.stats import f as fisher
+from scipy.special import fdtri
 
 from indentfit.arrays import Array
 
@@ -201,7 +201,7 @@ def _interval(h: Array, f: Array) -> tuple[float, float]:
         squares = np.sum((f * np.sqrt(weights) - columns @ solution) ** 2)
         fits.append((solution[0], squares, np.linalg.inv(columns.T @ columns)[0, 0]))
     value, squares, share = np.array(fits).T
-    largest = squares.min() * (1 + fisher.ppf(0.95, 1, freedom) / freedom)
+    largest = squares.min() * (1 + fdtri(1, freedom, 0.95) / freedom)
     half = np.sqrt(np.maximum(largest - squares, 0) * share)
     allowed = squares <= largest
     return float((value - half)[allowed].min()), float((value + half)[allowed].max())

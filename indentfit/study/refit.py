@@ -6,7 +6,6 @@ from typing import Any
 
 from indentfit.case import Case, require_fittable
 from indentfit.errors import IndentfitError, LedgerError, Stopped, WorkerError
-from indentfit.inference.fit import fit
 from indentfit.study.runs import Execution
 
 
@@ -77,6 +76,8 @@ def _part(progress: Callable[[float, str], object], start: float, share: float, 
 
 
 def _refit(label: str, case: Case, execution: Execution, report: Callable[..., None]) -> Refit:
+    from indentfit.inference.fit import fit  # here: a study without refits needs no inference, half a second of imports
+
     try:
         result = fit(case, report, execution.ledger_of(case), execution.cluster, execution.stop)
     except (LedgerError, Stopped, WorkerError):
