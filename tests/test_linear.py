@@ -225,3 +225,16 @@ def test_a_bench_loads_the_library_before_its_threads_are_limited(tmp_path):
     pytest.importorskip("pypardiso")
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], cwd=tmp_path, capture_output=True, text=True)
     assert (done.stdout.strip(), done.stderr) == ("True", "")
+
+
+def test_the_contact_acts_on_loaded_dofs_alone_and_more_of_them_may_come():
+    rng, n = np.random.default_rng(3), 40
+    half = rng.normal(size=(n, n))
+    S = half @ half.T + n * np.eye(n)
+    interface = pardiso._Interface(S)
+    for loaded in ([], [3, 4, 5], [3, 5], [0, 3, 39], range(n)):
+        C = np.zeros((n, n))
+        C[np.ix_(loaded, loaded)] = 20 * rng.normal(size=(len(loaded),) * 2)  # slip is not symmetric
+        r = rng.normal(size=(2, n))
+        assert interface.nearly_exact(C)(r) == pytest.approx(np.linalg.solve(S + C, r.T).T, rel=1e-9, abs=1e-12)
+        assert interface.nearly_exact(C)(r[0]) == pytest.approx(np.linalg.solve(S + C, r[0]), rel=1e-9, abs=1e-12)
