@@ -223,8 +223,9 @@ def _neighbours(number: Callable[[float], int], elements: int, finest: float, co
     return np.exp(low), np.exp(high)
 
 
+@functools.lru_cache(maxsize=512)
 def _count(task: _Task, size: float, scaled: bool = True) -> int:
-    """Number of elements at a size, without merging the patches."""
+    """Number of elements at a size, without merging the patches. Bisections for one mesh begin at the same sizes."""
     plane, layers = _parts(task, size, scaled=scaled)
     return sum((patch.shape[1] - 1) * (patch.shape[2] - 1) for patch in plane) * (layers.size - 1)
 
