@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from indentfit import Case, Indenter, MaterialChoice, Mesh, Sample, Test, simulate
-from indentfit.fem.facts import SolveFacts, said_of_stability
+from indentfit.fem.facts import SolveFacts, said_of_paths
 from indentfit.fem.stability import remedy
 from indentfit.material import least_shear_modulus, load
 
@@ -70,7 +70,7 @@ def test_a_simulation_says_where_its_law_loses_its_stability(c20, unstable):
     )
     assert (facts.unstable_from is not None) == (facts.unstable > 0) == unstable
     assert SolveFacts.from_json(facts.as_json()) == facts
-    said = list(said_of_stability([("press", facts)]))
+    said = list(said_of_paths([("press", facts)]))
     assert len(said) == unstable and all("the law loses its stability in test 'press': from" in sentence for sentence in said)
 
 

@@ -9,6 +9,7 @@ the factor, a fifth of one of Newton's. Where it is slow, a new factor is made; 
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,9 +37,10 @@ SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step of the contact's own iteration, trie
 
 @dataclass(frozen=True)
 class Approach:
-    """The forces of an iterate whose residual is within the tolerance, and how many factors were made on the way."""
+    """The forces of an iterate whose residual is within the tolerance, and how many steps led there and factors were made."""
 
     here: Balance
+    steps: int
     new_factors: int
 
     @property
@@ -51,21 +53,28 @@ class Approach:
         return FOR_A_FACTOR * self.new_factors
 
 
-def approached(increment: Increment, at: Iterate, solver: LinearSolver, controls: Controls) -> Approach | None:
+def approached(
+    increment: Increment, at: Iterate, solver: LinearSolver, controls: Controls, shorter: Sequence[float] = ()
+) -> Approach | None:
     """The Approach from an iterate; None where the iteration leads nowhere, or no factor that goes around the contact is at hand.
+
+    shorter: shares of a step that are tried, one after the other, where the whole step leads far away.
 
     Raises OutOfTime.
     """
     if not solver.goes_around:
         return None
-    best, sizes, steps, made = None, [], _Steps(), 0
-    for _ in range(MOST):
+    best, sizes, steps, made, step, shares = None, [], _Steps(), 0, None, list(shorter)
+    for steps_made in range(MOST):
         controls.deadline.check()
         here = increment.balance(at, solver.dilatation)
         if here is None or (best is not None and not here.unbalanced < LOST * best.unbalanced):
-            return None
+            if best is None or step is None or not shares:
+                return None
+            at, sizes, steps = best.at.moved(shares.pop(0), step), [best.unbalanced], _Steps()
+            continue
         if here.unbalanced <= SAFE * controls.tolerance * here.contact_force:
-            return Approach(here, made)
+            return Approach(here, steps_made, made)
         best = here if best is None or here.unbalanced < best.unbalanced else best
         sizes.append(here.unbalanced)
         slow = len(sizes) > PATIENCE and here.unbalanced > sizes[0] * PACE ** (len(sizes) - 1)
@@ -75,7 +84,8 @@ def approached(increment: Increment, at: Iterate, solver: LinearSolver, controls
                 return None
             at, sizes, steps, made = best.at, [], _Steps(), made + 1
             continue
-        at = at.moved(1.0, steps.accelerated(change, LEASH * increment.leash))
+        step, shares = steps.accelerated(change, LEASH * increment.leash), list(shorter)
+        at = at.moved(1.0, step)
     return None
 
 

@@ -180,6 +180,8 @@ class Increment:
         Largest motion of a point in one iteration.
     led : Led or None
         Where the points of layers that slide have been laid on facets, if the path is differentiated.
+    dampers : Dampers or None
+        Dampers whose forces belong to the residual.
     """
 
     equations: Equations
@@ -189,10 +191,16 @@ class Increment:
     changes: tuple[History, ...] | None = ()
     leash: float = np.inf
     led: Led | None = field(default=None, repr=False)
+    dampers: Dampers | None = field(default=None, repr=False)
 
     def after(self, history: History, changes: tuple[History, ...] | None = None) -> "Increment":
         """The same depth after another history."""
         return replace(self, history=history, changes=changes)
+
+    def damped(self, damping: float, u: Array) -> "Increment":
+        """The equations of an implicit step of time from displacements u (n,); damping: in units of shear modulus times size."""
+        coefficients = damping * self.loading.material.shear_modulus * self.equations.fixed.sizes
+        return replace(self, dampers=Dampers(coefficients, u))
 
     def contact(self, u: Array) -> ContactState:
         """State of the contact at displacements u (n,)."""
@@ -208,6 +216,9 @@ class Increment:
         if loading.memory is not None:
             residual += loading.memory.forces(at.u)
             values += loading.memory.matrix.data
+        if self.dampers is not None:
+            residual += self.dampers.forces(at.u)
+            values[fixed.diagonal] += self.dampers.coefficients
         contact = self.contact(at.u)
         forces = face.residual(contact)
         residual += forces
@@ -239,12 +250,14 @@ class Increment:
         residual = body.residual(at.u, state, loading.material, at.pressure, loading.fibre) + forces
         if loading.memory is not None:
             residual += loading.memory.forces(at.u)
+        if self.dampers is not None:
+            residual += self.dampers.forces(at.u)
         gap = body.pressure(state, loading.volumetric) - at.pressure
         whole = residual + dilatation.T @ gap.ravel()
         return Balance(at, fixed.freed(residual), gap, contact, _norm(fixed.freed(whole)), _norm(forces))
 
-    def merit(self, at: Iterate, dampers: Dampers | None = None) -> float:
-        """Norm of the residual, mN, at an iterate with the forces of dampers; infinite where an element is inside out."""
+    def merit(self, at: Iterate) -> float:
+        """Norm of the residual, mN, at an iterate; infinite where an element is inside out."""
         body, fibre = self.equations.body, self.loading.fibre
         state = body.state(at.u, fibre)
         if not state.valid:
@@ -254,8 +267,8 @@ class Increment:
         if self.loading.memory is not None:
             residual += self.loading.memory.forces(at.u)
         residual += self.equations.face.residual(self.contact(at.u))
-        if dampers is not None:
-            residual += dampers.forces(at.u)
+        if self.dampers is not None:
+            residual += self.dampers.forces(at.u)
         residual[self.equations.fixed.dofs] = 0
         size = float(_norm(residual))
         return size if np.isfinite(size) else np.inf
@@ -351,13 +364,16 @@ class Linearisation:
         """Newton's change of the iterate: du (n,), and the corresponding change of the iterated pressures."""
         return Iterate(du, self.pressure - self.at.pressure + self.increment.linear_pressure(self.dilatation, du))
 
-    def damped(self, dampers: Dampers) -> Tangent:
-        """The tangent with dampers at the dofs."""
-        body, diagonal = self.increment.equations.body, self.increment.equations.fixed.diagonal
+    def damped(self, increment: "Increment") -> "Linearisation":
+        """The linearisation at the same iterate of this increment with dampers, which have not moved yet."""
+        assert increment.dampers is not None
+        body, diagonal = increment.equations.body, increment.equations.fixed.diagonal
         whole, factorised = self.tangent.whole.data.copy(), self.tangent.factorised.data.copy()
-        whole[diagonal] += dampers.coefficients
-        factorised[diagonal] += dampers.coefficients
-        return replace(self.tangent, whole=body.matrix(whole), body=body.matrix(factorised))
+        whole[diagonal] += increment.dampers.coefficients
+        factorised[diagonal] += increment.dampers.coefficients
+        return replace(
+            self, increment=increment, tangent=replace(self.tangent, whole=body.matrix(whole), body=body.matrix(factorised))
+        )
 
     def failure(self, share: float, iteration: int, cause: str | None = None) -> ConvergenceError:
         """The error of an iteration that ends with a residual of a share of the contact force; it states the contact's state."""

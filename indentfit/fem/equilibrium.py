@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 import scipy.sparse as sp
 
 from indentfit.arrays import Array
@@ -13,6 +14,8 @@ from indentfit.fem.deadline import Deadline
 from indentfit.fem.directions import Direction
 from indentfit.fem.equations import Balance, Increment, Iterate, Linearisation
 from indentfit.fem.linear.solver import LinearSolver
+
+WILD = 5.0  # motion of a point over that of the last step: a tangent that is nearly singular leads nowhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +77,14 @@ class Equilibrium:
 
     @property
     def whole_force(self) -> float:
-        """The force, mN, with what is missing: its error is of the second order in the springs' deflection and the residual."""
-        return self.force + self.withheld + self.residual_error
+        """The force, mN, with what is missing: its error is of the second order in the springs' deflection and the residual. By a
+        motion that is wild nobody knows what the residual withholds: nothing is added for it, and the residual error is stated."""
+        return self.force + self.withheld + (0.0 if self.wild else self.residual_error)
+
+    @property
+    def wild(self) -> bool:
+        """Whether the motion is that of a tangent which is nearly singular."""
+        return bool(np.abs(self.motion).max() > WILD * max(1.0, np.abs(self.course).max()))
 
     def rested(self, there: Balance, increment: Increment, dilatation: sp.csr_matrix) -> "Equilibrium":
         """The equilibrium at the same depth that balanced forces are, after a time, with this one's motion; dilatation: that by

@@ -37,7 +37,8 @@ class SolveFacts:
         Share of the last force that is missing because of the contact springs' deflection; `force` has it added back where the
         path is smooth (sensitivity.Secants).
     residual_error : float
-        Largest share of the force that a step's remaining residual withholds, and that is added back.
+        Largest share of the force that a step's remaining residual withholds, by the tangent; it is added back, unless the tangent
+        is nearly singular (`Equilibrium.wild`).
     edge_slip : float
         Largest motion of the material under a sharp edge away from the edge, as a share of the indenter's half-width; 0 where
         the edge is rounded.
@@ -204,9 +205,15 @@ def said_of_tries(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
             yield f"test {name!r}: {facts.first_failure}; {MAY_BE_OFF}"
 
 
-def said_of_stability(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
-    """A sentence for each of the tests, (name, facts), in whose sample the law loses its stability."""
+def said_of_paths(tests: Iterable[tuple[str, SolveFacts]]) -> Iterator[str]:
+    """Sentences for each of the tests, (name, facts), that has loose steps, or in whose sample the law loses its stability."""
     for name, facts in tests:
+        if facts.loose_steps:
+            number = "1 step is" if facts.loose_steps == 1 else f"{facts.loose_steps} steps are"
+            yield (
+                f"test {name!r}: {number} loose: accepted with up to {facts.largest_residual:.2%} of the contact force unbalanced, "
+                f"by which a force may err by {facts.residual_error:.2%}"
+            )
         if facts.unstable_from is not None:
             yield (
                 f"{UNSTABLE}test {name!r}: from {quantity(facts.unstable_from, 'mm', 3)} on, its shear stress falls as the shear "

@@ -7,7 +7,7 @@ import numpy as np
 from indentfit.arrays import Array
 from indentfit.fem.contact_first import approached
 from indentfit.fem.controls import Controls, Work
-from indentfit.fem.equations import Dampers, Increment, Iterate, Linearisation
+from indentfit.fem.equations import Increment, Iterate, Linearisation
 from indentfit.fem.equilibrium import Equilibrium, equilibrium_of
 from indentfit.fem.linear.solver import LinearSolver
 
@@ -89,7 +89,6 @@ def line_search(
     du: Array,
     iteration: int,
     growth: float = GROWTH,
-    dampers: Dampers | None = None,
     before: float | None = None,
 ) -> Searched:
     """The iterate after the longest of the SHARES of a step with an acceptable residual.
@@ -104,8 +103,6 @@ def line_search(
         After the fourth, the residual has to fall.
     growth : float
         Growth of the residual that is acceptable in the first four iterations.
-    dampers : Dampers
-        Dampers whose forces belong to the residual.
     before : float, mN
         The residual at the linearisation, where it is known.
 
@@ -119,11 +116,11 @@ def line_search(
         Every step turns an element inside out.
     """
     increment, at, change = here.increment, here.at, here.change(du)
-    before = increment.merit(at, dampers) if before is None else before
+    before = increment.merit(at) if before is None else before
     tried = []
     longest = min(1.0, increment.leash / max(np.abs(du).max(), 1e-300))
     for share in longest * SHARES:
-        merit = increment.merit(at.moved(share, change), dampers)
+        merit = increment.merit(at.moved(share, change))
         tried.append((merit, -share))
         if merit < (1.0 if iteration > 3 else growth) * before:
             break

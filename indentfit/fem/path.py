@@ -30,7 +30,6 @@ TURN = 1.15  # ratio of the stiffnesses after and before a step, from which the 
 # friction steps are shorter from the start, and still shorter ones make points chatter.
 LONGEST_STEEP, CUBE, STEEP = 1 / 23, 3.0, 0.25
 CRAWLED = "{iterations} iterations led no further"
-WILD = 5.0  # motion of a point over that of the last step: a tangent that is nearly singular leads nowhere
 EASY, HARD = 6, 10  # iterations below which the step grows, above which it shrinks
 
 
@@ -171,9 +170,8 @@ def _laid(increment: Increment, here: Equilibrium) -> Increment:
 def _predicted(increment: Increment, here: Equilibrium) -> Iterate:
     """The iterate on the path's tangent; the step is shortened where it would turn an element inside out."""
     body, fibre = increment.equations.body, increment.loading.fibre
-    wild = np.abs(here.motion).max() > WILD * max(1.0, np.abs(here.course).max())
     for share in (1.0, 0.5, 0.25, 0.0):
-        u = here.u + share * (increment.depth - here.depth) * (here.course if wild else here.motion)
+        u = here.u + share * (increment.depth - here.depth) * (here.course if here.wild else here.motion)
         if body.state(u, fibre).valid:
             return Iterate(u, here.pressure + increment.linear_pressure(body.dilatation_map(here.u), u - here.u))
     raise ConvergenceError(INVERTED, increment.depth)

@@ -17,7 +17,7 @@ from indentfit.case.uses import require_case
 from indentfit.compiled import one_blas_thread
 from indentfit.curve import Curve
 from indentfit.digits import quantity
-from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_stability, said_of_tries
+from indentfit.fem.facts import MeshFacts, SolveFacts, said_of_paths, said_of_tries
 from indentfit.inference.accepted import accepted
 from indentfit.inference.certainty import Certainty, certainty
 from indentfit.inference.identifiability import Identifiability
@@ -369,7 +369,7 @@ def _result(case: Case, problem: InverseProblem, solved: Solved, known: Certaint
             *far_from_model(beside.differences, by_mesh=beside.by_mesh),
             *_at_least_bulk(models, problem, best, known),
             *holds,
-            *said_of_stability(zip([test.name for test in case.tests], work.facts, strict=False)),
+            *said_of_paths(zip([test.name for test in case.tests], work.facts, strict=False)),
         ),
         taken_as_known=known.taken_as_known,
         law_misfit=known.law_misfit,

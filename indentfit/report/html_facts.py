@@ -30,7 +30,7 @@ FACTS = {
     "run_seconds": "Time of all runs (s)",
     "loose_steps": "Loose steps (accepted at a residual above the tolerance)",
     "penalty_error": "Penalty error of the contact, share of the force, added back",
-    "residual_error": "Largest residual, share of the force, added back",
+    "residual_error": "Largest residual, share of the force, added back where its effect is known",
     "edge_slip": "Slip across the sharp edge, share of the half-width",
     "nfev": "Sets of parameters",
     "runs": "Solves of one test",

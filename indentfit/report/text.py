@@ -9,7 +9,7 @@ from indentfit.axes import MOTION
 from indentfit.case import Case
 from indentfit.case.laws import has_fibres, isotropic_moduli
 from indentfit.digits import Scale, plainly, quantity
-from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_stability, said_of_tries
+from indentfit.fem.facts import MeshFacts, SolverFacts, said_of_paths, said_of_tries
 from indentfit.fem.result import ForceError, Simulation, TestResult, TimeCurve
 from indentfit.inference.plain import Interval
 from indentfit.inference.result import FitResult
@@ -53,7 +53,7 @@ def simulation_lines(simulation: Simulation, case: Case, material: Material) -> 
     yield from _solver(simulation.solver)
     yield from _contact(simulation) if simulation.mesh.elements else ()
     tries = said_of_tries((test.name, test.facts) for test in simulation.tests if not test.unfinished)
-    for sentence in (*tries, *said_of_stability((test.name, test.facts) for test in simulation.tests)):
+    for sentence in (*tries, *said_of_paths((test.name, test.facts) for test in simulation.tests)):
         yield f"note      {sentence}"
     for test in simulation.tests:
         if test.unfinished:
