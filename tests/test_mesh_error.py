@@ -12,7 +12,7 @@ from indentfit.case import Indenter, Mesh, Sample, Solver
 from indentfit.case.materials import LARGEST_BULK_RATIO
 from indentfit.errors import CaseError, ConvergenceError
 from indentfit.experiment.measured import read_case
-from indentfit.fem import meridian_mesh
+from indentfit.fem import meridian_mesh, mesh_error
 from indentfit.fem.mesh import quarter
 from indentfit.fem.mesh_error import FLOOR, folded, left_by_correction, second, with_mesh_errors
 from indentfit.fem.meshing import count
@@ -243,7 +243,11 @@ def test_bricks_that_meet_a_ball_with_few_nodes_say_so_at_small_depths():
 def test_a_force_of_a_second_try_on_a_coarser_mesh_is_judged_by_a_mesh_that_is_coarser_still(monkeypatch):
     """Once the second mesh was that of the first try's: the force of the second try was compared with itself, and 0.2 % stated."""
     depth, exact = 1e-4, 10.95337 * 0.5 * 1e-4
-    run, numbers = Model._run, []
+    run, judged, numbers, factors = Model._run, mesh_error.force_error, [], []
+
+    def factor_seen(test, other, mesh, setup):
+        factors.append(mesh.factor)
+        return judged(test, other, mesh, setup)
 
     def fails_on_the_first_mesh(self, attempt, press, controls):
         numbers.append(self.mesh.nelements)
@@ -252,10 +256,14 @@ def test_a_force_of_a_second_try_on_a_coarser_mesh_is_judged_by_a_mesh_that_is_c
         return run(self, attempt, press, controls)
 
     monkeypatch.setattr(Model, "_run", fails_on_the_first_mesh)
+    monkeypatch.setattr(mesh_error, "force_error", factor_seen)
     punch = {"shape": "cylinder", "diameter": 1.0, "friction": 0}
     test = stated(punch, "sliding", [depth / 2, depth], 0.45, elements=200)
     assert test.facts.tries == 2 and test.facts.elements <= 0.6 * numbers[0]
     assert test.mesh_error.elements < 0.75 * test.facts.elements
+    monkeypatch.setattr(Model, "_run", run)
+    stated(punch, "sliding", [depth / 2, depth], 0.45, elements=test.facts.elements)
+    assert factors[0] == pytest.approx(2.5 * factors[1])  # nobody knows what the finer mesh would have shown
     assert abs(test.force[-1] - exact) <= test.mesh_error.band[-1] + 1e-3 * exact
 
 
