@@ -1,4 +1,4 @@
-"""Models that serve other setups: runs that differ in friction or the angle of the fibres share a mesh, with unchanged bits."""
+"""Models that serve other setups: runs that differ in friction, angle, springs or steps share a mesh, with unchanged bits."""
 
 import numpy as np
 import pytest
@@ -46,6 +46,20 @@ def test_runs_of_other_friction_share_a_model_and_have_the_bits_of_a_model_of_th
         assert same(run, Bench(mechanics).run(request(POINT, friction=friction)))
     assert runs[0.0].force[-1] < 0.99 * runs[1.0].force[-1]  # (2.6 % less)
     assert shared.run(request(POINT, friction=0.5)).force.tolist() == runs[0.5].force.tolist()
+
+
+def test_runs_of_other_springs_steps_and_tolerance_share_a_model_and_have_the_bits_of_a_model_of_their_own(made):
+    mechanics = mechanics_of(read_case(WHITE_MATTER, COARSE))
+    shared, ways = Bench(mechanics), ({}, {"penalty": 0.3}, {"max_step": 0.02}, {"tolerance": 1e-5}, {})
+    keys = [{f"solver.{name}": value for name, value in way.items()} for way in ways]
+    runs = [shared.run(request(POINT, ("zeta",), **changed)) for changed in keys]
+    assert len(made) == 1
+    for changed, run in zip(keys, runs, strict=True):
+        assert run.cause is None
+        assert same(run, Bench(mechanics).run(request(POINT, ("zeta",), **changed)))
+    forces = [run.force[-1] for run in runs]
+    assert forces[0] == forces[4] and len(set(forces)) == 4
+    assert runs[2].facts["steps"] > 2 * runs[0].facts["steps"]
 
 
 def test_runs_on_two_bases_make_each_model_once(made):

@@ -26,6 +26,7 @@ from indentfit.runs.forward import simulate
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.points import setup_of
 from indentfit.study import mesh_family, mesh_measurement, runs
+from indentfit.study.mesh_check import mesh_check
 from indentfit.study.mesh_family import estimate, own_checks, own_family
 from indentfit.study.mesh_measurement import Measured, measure
 from indentfit.study.runs import Execution
@@ -371,6 +372,21 @@ def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, t
         resumed.stdout.replace(str(tmp_path / "out"), str(tmp_path / "whole")) == whole.stdout
         and "resumed: 6 runs" in resumed.stderr
     )
+
+
+def test_changes_of_springs_steps_and_edge_are_those_of_simulate(tmp_path):
+    """Real mechanics, by workers that share models; a value that the mechanics refuses is told with its cause."""
+    own, other = (*SMALL, "mesh.elements=24"), {"solver.penalty": [0.1], "solver.max_step": [0.01], "indenter.edge_radius": [0.3]}
+    case = read_case(QUICK, own)
+    checked = mesh_check(case, ["mesh.elements=20", "mesh.elements=24"], other, execution=Execution(workers=2))
+    base = [test.force[-1] for test in simulate(case, mesh_error=False).tests]
+    assert [change.key for change in checked.changes] == list(other)
+    for change in checked.changes:
+        tests = simulate(read_case(QUICK, (*own, f"{change.key}={change.value}")), mesh_error=False).tests
+        assert change.cause is None and list(change.changes) == [test.name for test in tests]
+        for test, first in zip(tests, base, strict=True):
+            assert change.changes[test.name] == pytest.approx(test.force[-1] / first - 1, abs=2e-5)
+    assert max(map(abs, checked.changes[2].changes.values())) > 1e-3 > max(map(abs, checked.changes[0].changes.values())) > 0
 
 
 @pytest.mark.campaign  # the suite's time; a killed sweep, and a killed check in the same process, are in it

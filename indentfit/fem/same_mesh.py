@@ -9,6 +9,8 @@ from indentfit.fem.setup import Setup
 from indentfit.fem.simulate import Model
 from indentfit.fem.symmetry import held_motions
 
+OF_A_RUN = {"penalty": 1.0, "max_step": None, "tolerance": 1e-3}  # keys of the solver on which no mesh and no factor depends
+
 
 def served_by(model: Model, setup: Setup) -> Model | None:
     """A model of a setup that has the mesh and the linear solvers of another model.
@@ -22,8 +24,8 @@ def served_by(model: Model, setup: Setup) -> Model | None:
     Returns
     -------
     Model or None
-        None where more differs than the coefficient of friction and the angle of the fibres, or where these change the mesh or the
-        motions that are held.
+        None where more differs than the coefficient of friction, the angle of the fibres, and the solver's penalty, longest step
+        and tolerance, or where these change the mesh or the motions that are held.
     """
     if setup == model.setup:
         return model
@@ -43,4 +45,5 @@ def _meshed(setup: Setup) -> Setup:
     friction = setup.indenter.friction if setup.indenter.friction == "stick" else 1.0
     sample, indenter = setup.sample.with_key("fibre_angle", 0.0), setup.indenter.with_key("friction", friction)
     block = None if setup.block is None else (setup.block[0].with_key("fibre_angle", 0.0), setup.block[1])
-    return replace(setup, sample=sample, indenter=indenter, block=block)
+    solver = setup.solver.model_copy(update=OF_A_RUN)
+    return replace(setup, sample=sample, indenter=indenter, block=block, solver=solver)

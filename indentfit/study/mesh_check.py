@@ -17,11 +17,12 @@ from indentfit.case import Case
 from indentfit.case.uses import require_case
 from indentfit.curve import Curve
 from indentfit.inverse.objective import Target, equation_one, rmse
+from indentfit.runs.forward import Evaluation
 from indentfit.study.convergence import UNRELIABLE, Approach, Index, fitted, grid_convergence_index
 from indentfit.study.mesh_family import MeshCheckPlan, own_checks, own_family, plan_mesh_check
-from indentfit.study.mesh_measurement import Measured, measure_all
+from indentfit.study.mesh_measurement import Measured, costs_of, is_small, measure_all
 from indentfit.study.refit import Refit, refits
-from indentfit.study.runs import Execution
+from indentfit.study.runs import Execution, evaluate_elastic
 from indentfit.study.sweep import stiffness
 
 METHOD = (
@@ -245,7 +246,7 @@ def mesh_check(
     refit : bool
         Whether the free parameters are also fitted anew on each mesh.
     execution : Execution
-        Ledger and progress; runs are made one after the other, each in a process of its own.
+        Ledger and progress; each mesh of the family is run in a process of its own, with no other beside it.
 
     Returns
     -------
@@ -266,7 +267,11 @@ def mesh_check(
 def run_mesh_check(plan: MeshCheckPlan, wanted: float, refit: bool, execution: Execution) -> MeshCheck:
     """The MeshCheck of a MeshCheckPlan; the other arguments are those of `mesh_check`."""
     case = plan.case
-    measured = measure_all(plan.cases, execution, len(plan.family))
+    family, others = [on_mesh for _, on_mesh in plan.family], plan.cases[len(plan.family) :]
+    costs = costs_of(plan.cases)
+    first = float(costs[: len(family)].sum() / costs.sum())
+    measured = measure_all(family, execution.part(0.0, first))
+    changed = _evaluated(others, execution.part(first, 1.0)) if others else ()
     meshes = tuple(_mesh_results(case, plan, measured))
     quantities = tuple(_quantities(case, [mesh.measured for mesh in meshes]))
     chosen, verdict = _verdict(meshes, quantities, wanted)
@@ -280,7 +285,7 @@ def run_mesh_check(plan: MeshCheckPlan, wanted: float, refit: bool, execution: E
         linear=case.solver.linear,
         meshes=meshes,
         quantities=quantities,
-        changes=tuple(_changes(case, measured[len(plan.family) :], plan.others)),
+        changes=tuple(_changes(case, changed, plan.others)),
         chosen=chosen,
         verdict=verdict,
         refits=refits(plan.family, execution) if refit else (),
@@ -331,10 +336,15 @@ def _misfits(case: Case, measured: Measured) -> tuple[dict[str, float] | None, f
     return errors, equation_one([target for target, _ in targets], [force for _, force in targets])
 
 
-def _changes(case: Case, measured: Sequence[Measured], others: Sequence[tuple[str, float, Case]]) -> Iterator[Change]:
-    """Changes of the last forces by each key's value against the case itself, which was measured first."""
-    for (key, value, _), changed in zip(others, measured[1:], strict=True):
-        own = measured[0]
+def _evaluated(cases: Sequence[Case], execution: Execution) -> Sequence[Measured | Evaluation]:
+    """The forces of cases whose cost is not told: those of small meshes are computed by workers, as those of a sweep are."""
+    return evaluate_elastic(cases, execution) if all(map(is_small, cases)) else measure_all(cases, execution)
+
+
+def _changes(case: Case, evaluated: Sequence[Measured | Evaluation], others: Sequence[tuple[str, float, Case]]) -> Iterator[Change]:
+    """Changes of the last forces by each key's value against the case itself, which was evaluated first."""
+    for (key, value, _), changed in zip(others, evaluated[1:], strict=True):
+        own = evaluated[0]
         if changed.forces is None or own.forces is None:
             yield Change(key, value, None, changed.cause or own.cause)
             continue

@@ -1,9 +1,8 @@
 """The tests of a case on one mesh: their forces and their cost, measured in a process of its own."""
 
 import contextlib
-import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -16,7 +15,6 @@ from indentfit.fem.linear.pardiso import THREADS_PAY
 from indentfit.fem.meshing import size
 from indentfit.fem.result import Simulation
 from indentfit.fem.simulate import Model
-from indentfit.machine import cores
 from indentfit.runs.isolated import DIED, Died, beside, isolated, peak_memory
 from indentfit.runs.ledger import Ledger
 from indentfit.runs.pieces import pieces_of, together
@@ -83,46 +81,28 @@ class Measured:
         return cls(forces=forces, **{name: value[name] for name in cls.__dataclass_fields__ if name != "forces" and name in value})
 
 
-def measure_all(cases: Sequence[Case], execution: Execution, alone: int = 0) -> list[Measured]:
-    """Measured of each case, each in a process of its own; progress by estimated cost.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-    execution : Execution
-    alone : int
-        How many cases, the first ones, are measured with no other beside them, because their processor time is told. Of the others,
-        small ones share the cores.
-
-    Returns
-    -------
-    list of Measured
-    """
-    costs = np.array([estimate(case)[1] ** (4 / 3) for case in cases])
-    ledgers = [execution.ledger_of(case) for case in cases]
-    known = {n: run for n, case in enumerate(cases) if (run := _recorded(case, ledgers[n])) is not None}
-    with contextlib.ExitStack() as processes:
-        begun: dict[int, tuple[contextlib.ExitStack, Callable[[], Measured]]] = {}
-        for n, case in enumerate(cases):
-            if n in known:
-                continue
+def measure_all(cases: Sequence[Case], execution: Execution) -> list[Measured]:
+    """Measured of each case, one after the other, each in a process of its own; progress by estimated cost."""
+    costs = costs_of(cases)
+    known = []
+    for n, case in enumerate(cases):
+        ledger = execution.ledger_of(case)
+        measured = _recorded(case, ledger)
+        if measured is None:
             execution.progress(costs[:n].sum() / costs.sum(), f"mesh {n + 1} of {len(cases)}")
-            if _is_small(case):
-                ahead = [m for m in range(n, len(cases)) if m not in known and _is_small(cases[m])]
-                for m in ahead[: 1 if n < alone else cores()]:
-                    if m not in begun:
-                        process = processes.enter_context(contextlib.ExitStack())
-                        begun[m] = process, process.enter_context(beside(measure, cases[m]))
-                known[n] = _or_cause(case, begun[n][1])
-                begun[n][0].close()
-            else:
-                known[n] = _or_cause(case, functools.partial(isolated, measure, case))
-            if (ledger := ledgers[n]) is not None and known[n].cause != DIED:  # what kills a process is the machine's fault
-                _keep(case, ledger, known[n])
-    return [known[n] for n in range(len(cases))]
+            measured = _measured(case)
+            if ledger is not None and measured.cause != DIED:  # what kills a process is the machine's fault
+                _keep(case, ledger, measured)
+        known.append(measured)
+    return known
 
 
-def _is_small(case: Case) -> bool:
+def costs_of(cases: Sequence[Case]) -> Array:
+    """What each case costs (n,), in units of its own."""
+    return np.array([estimate(case)[1] ** (4 / 3) for case in cases])
+
+
+def is_small(case: Case) -> bool:
     """Whether a second thread would not pay: the processes of such meshes have one."""
     return estimate(case)[1] < THREADS_PAY
 
@@ -177,10 +157,14 @@ def _keep(case: Case, ledger: Ledger, measured: Measured) -> None:
         ledger.add(case.start_values() | {MEASURED: True}, test, Run(force, measured.cause, measured.cpu_seconds, facts))
 
 
-def _or_cause(case: Case, value: Callable[[], Measured]) -> Measured:
+def _measured(case: Case) -> Measured:
+    """Measured of a case in a process of its own, with the cause of its failure in place of forces."""
     elements, dofs, _ = estimate(case)
     try:
-        return value()
+        if not is_small(case):
+            return isolated(measure, case)
+        with beside(measure, case) as value:
+            return value()
     except (IndentfitError, Died) as error:
         cause = DIED if isinstance(error, Died) else " ".join(str(error).split())
         return Measured(elements, dofs, None, None, cause=cause)

@@ -1,6 +1,6 @@
 """Forward runs of many variants of a case: on the worker processes of a fit, and through its ledger."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -50,6 +50,14 @@ class Execution:
         """The ledger's view of one of its cases."""
         return None if self.ledger is None else self.ledger.of(case)
 
+    def part(self, begin: float, end: float) -> "Execution":
+        """This execution for a part of a study, whose progress goes from one share of the whole to another."""
+
+        def report(share: float, note: str = "") -> None:
+            self.progress(begin + (end - begin) * share, note)
+
+        return replace(self, progress=report)
+
 
 def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluation]:
     """Evaluations of the tests of each case, at its fixed parameters and the start values of its free ones.
@@ -65,16 +73,30 @@ def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluati
     """
     for case in cases:
         require_known_motions(case, "a sweep")
-    groups = _groups([elastic_case(case.of_forces) for case in cases])
+    by_bulk = {n for n, case in enumerate(cases) if _compressible(case)}
+    elastic = evaluate_elastic([case.of_forces for case in cases], execution, by_bulk)
+    return [_in_ramp(case, evaluation) for case, evaluation in zip(cases, elastic, strict=True)]
+
+
+def evaluate_elastic(cases: Sequence[Case], execution: Execution, by_bulk: Collection[int] = ()) -> list[Evaluation]:
+    """Evaluations as of `evaluate_cases`, without relaxation: where a material relaxes, forces are elastic, on a grid of depths.
+
+    by_bulk: numbers of cases whose runs also bring the derivative by the bulk modulus.
+
+    Raises
+    ------
+    Stopped, WorkerError, LedgerError
+    """
+    groups = _groups([elastic_case(case) for case in cases])
     evaluations: dict[int, Evaluation] = {}
     total, before = sum(len(points) * len(first.tests) for first, points in groups), 0
     for first, points in groups:
         report = _counting(execution, before, total)
         with RunPool(first, execution.workers, execution.ledger_of(first), execution.cluster, execution.stop) as pool:
-            asked = [BULK] if any(_compressible(cases[n]) for n in points) else []
+            asked = [BULK] if not points.keys().isdisjoint(by_bulk) else []
             evaluations |= zip(points, pool.evaluate(list(points.values()), report, asked), strict=True)
         before += len(points) * len(first.tests)
-    return [_in_ramp(case, evaluations[n]) for n, case in enumerate(cases)]
+    return [evaluations[n] for n in range(len(cases))]
 
 
 def _in_ramp(case: Case, evaluation: Evaluation) -> Evaluation:
