@@ -19,6 +19,7 @@ from indentfit.outlines import beyond, beyond_change, chain
 from indentfit.report.displacement_files import read_displacements as read_fitted
 from indentfit.runs.mechanics import _outline_seen
 from indentfit.runs.points import setup_of
+from indentfit.study.mesh_check import mesh_check
 
 THICKNESS, RADIUS = 3.0, 5.0
 SYMMETRIC = {  # of each part, a linear motion that its symmetry allows
@@ -371,3 +372,12 @@ def test_an_outline_in_a_plane_that_the_solution_leaves_is_refused(law):
     )
     with pytest.raises(CaseError, match="outline = true: lies in the plane x = 0, about which the fibres of the test are not"):
         Case(sample=setup().sample, indenter=setup().indenter, material=material, tests=[test], fit={"method": "least_squares"})
+
+
+def test_a_mesh_check_tells_changes_of_the_force_beside_a_field():
+    """Runs of a case with a field bring displacements behind the forces: the last number of a run is not the last force."""
+    field = MeasuredField(file=surface(-np.linspace(0.2, 0.01, 20)))
+    family, other = ["mesh.elements=60", "mesh.elements=80"], {"indenter.diameter": [4.4]}
+    changes = [mesh_check(gel(measured), family, other).changes[0].changes["press"] for measured in (field, None)]
+    assert changes[0] == changes[1]
+    assert 1.1**0.5 - 1 < changes[0] < 1.1**2 - 1  # between a half-space (Hertz) and a thin bonded layer of constant volume

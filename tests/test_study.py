@@ -374,8 +374,8 @@ def test_a_killed_check_does_not_measure_again_what_it_has(ideal, monkeypatch, t
     )
 
 
-def test_changes_of_springs_steps_and_edge_are_those_of_simulate(tmp_path):
-    """Real mechanics, by workers that share models; a value that the mechanics refuses is told with its cause."""
+def test_changes_of_springs_steps_and_edge_are_those_of_simulate():
+    """Real mechanics, by workers that share models."""
     own, other = (*SMALL, "mesh.elements=24"), {"solver.penalty": [0.1], "solver.max_step": [0.01], "indenter.edge_radius": [0.3]}
     case = read_case(QUICK, own)
     checked = mesh_check(case, ["mesh.elements=20", "mesh.elements=24"], other, execution=Execution(workers=2))

@@ -74,7 +74,7 @@ def evaluate_cases(cases: Sequence[Case], execution: Execution) -> list[Evaluati
     for case in cases:
         require_known_motions(case, "a sweep")
     by_bulk = {n for n, case in enumerate(cases) if _compressible(case)}
-    elastic = evaluate_elastic([case.of_forces for case in cases], execution, by_bulk)
+    elastic = evaluate_elastic(cases, execution, by_bulk)
     return [_in_ramp(case, evaluation) for case, evaluation in zip(cases, elastic, strict=True)]
 
 
@@ -87,7 +87,7 @@ def evaluate_elastic(cases: Sequence[Case], execution: Execution, by_bulk: Colle
     ------
     Stopped, WorkerError, LedgerError
     """
-    groups = _groups([elastic_case(case) for case in cases])
+    groups = _groups([elastic_case(case.of_forces) for case in cases])
     evaluations: dict[int, Evaluation] = {}
     total, before = sum(len(points) * len(first.tests) for first, points in groups), 0
     for first, points in groups:
